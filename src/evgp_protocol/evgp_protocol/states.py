@@ -1,0 +1,42 @@
+"""
+The race states and their strictness (§3.A).
+
+Only the states live here: no wire, no rule, no clock. Everything else in the project
+compares states through ``stricter`` and never by hand.
+"""
+
+from __future__ import annotations
+
+import enum
+
+
+class RaceState(enum.Enum):
+    """
+    A race state of the proposal (§3.A); the value is its name on the wire.
+
+    The members stand in the order of their strictness, loosest first.
+    """
+
+    GREEN_GREEN = 'GREEN_GREEN'
+    GRID_ACTIVE = 'GRID_ACTIVE'
+    IN_GARAGE = 'IN_GARAGE'
+    RED_FLAG = 'RED_FLAG'
+    RED_RED = 'RED_RED'
+
+    @property
+    def strictness(self) -> int:
+        """Return the rank of this state, from 0 (GREEN_GREEN) to 4 (RED_RED)."""
+        return _STRICTNESS[self]
+
+    @property
+    def is_red(self) -> bool:
+        """Return whether this state makes a kart stop: RED_FLAG or RED_RED."""
+        return self is RaceState.RED_FLAG or self is RaceState.RED_RED
+
+
+_STRICTNESS = {state: rank for rank, state in enumerate(RaceState)}
+
+
+def stricter(one: RaceState, other: RaceState) -> RaceState:
+    """Return the stricter of two states (§2.C)."""
+    return one if _STRICTNESS[one] >= _STRICTNESS[other] else other
