@@ -1,0 +1,32 @@
+"""Build file of the ament_python package evgp_kart_bridge."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'evgp_kart_bridge'
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    packages=find_packages(exclude=['test']),
+    package_data={PACKAGE: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        (f'share/{PACKAGE}/launch', glob('launch/*.launch.py')),
+        (f'share/{PACKAGE}/config', glob('config/*.yaml')),
+    ],
+    install_requires=['setuptools'],
+    zip_safe=False,
+    maintainer='EVGP race control maintainers',
+    maintainer_email='maintainers@users.noreply.h-seed-31a65fc7.example',
+    description="The kart's side of the EVGP race control: gives the autonomy stack the race state to obey.",
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'kart_bridge_node = evgp_kart_bridge.node:main',
+            'example_stack = evgp_kart_bridge.example_stack:main',
+        ],
+    },
+)

@@ -1,0 +1,1 @@
+"""The EVGP race control: race rules, kart server, record and the node for the officials."""

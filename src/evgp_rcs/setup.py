@@ -1,0 +1,31 @@
+"""Build file of the ament_python package evgp_rcs."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'evgp_rcs'
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    packages=find_packages(exclude=['test']),
+    package_data={PACKAGE: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        (f'share/{PACKAGE}/launch', glob('launch/*.launch.py')),
+        (f'share/{PACKAGE}/config', glob('config/*.yaml')),
+    ],
+    install_requires=['setuptools'],
+    zip_safe=False,
+    maintainer='EVGP race control maintainers',
+    maintainer_email='maintainers@users.noreply.h-seed-31a65fc7.example',
+    description='The EVGP race control: race rules, kart server, record and the node for the officials.',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'rcs_node = evgp_rcs.node:main',
+        ],
+    },
+)
