@@ -1,0 +1,986 @@
+"""
+The rules of the race: who is sent what, which command is allowed, and why not.
+
+Rules of what lives in this file:
+
+- Pure. No clock, socket, ROS, thread, file or log. Every input brings its time, in seconds
+  of one monotonic clock; nothing here ever asks for the time.
+- One owner. A ``Race`` is used by one thread; it needs no lock.
+- One table (``COMMANDS``, at the end) says for every official's command to whom it goes, when
+  it is refused and why, what the official must state, and what it does. Availability is read
+  from the same table that judges the command, so the two cannot differ.
+
+Theory of operation. The race has a state, and each kart may have a *hold* (RED_FLAG or RED_RED)
+on its own account. What a kart is sent follows from these two alone (``_commanded``): in the
+race, the stricter of them; outside the race, IN_GARAGE or its hold. After every change the karts
+concerned are *redirected*: a kart whose state changes gets a new ``Order`` with a serial number
+of its own, and its acknowledgement falls. An acknowledgement counts only if it names the state
+of the kart's present order and was heard under that order's serial. So nothing said before a
+command, nor on an earlier connection, can count for it.
+
+Holds only ever grow; they fall in two places, ``_race_in_garage`` and ``_release_kart``, both
+an official's explicit act. Nothing sets GREEN_GREEN but ``_green_green``.
+
+Section numbers (§) are those of the EVGP proposal.
+"""
+
+from __future__ import annotations
+
+import copy
+import enum
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+from evgp_protocol.states import RaceState, stricter
+
+IN_GARAGE = RaceState.IN_GARAGE
+GRID_ACTIVE = RaceState.GRID_ACTIVE
+GREEN_GREEN = RaceState.GREEN_GREEN
+RED_FLAG = RaceState.RED_FLAG
+RED_RED = RaceState.RED_RED
+
+
+class CommandKind(enum.Enum):
+    """What an official can command (§4.B); the value is its name in messages to officials."""
+
+    ALL_KILL = 'ALL_KILL'
+    RED_FLAG = 'RED_FLAG'
+    GRID_ACTIVE = 'GRID_ACTIVE'
+    GREEN_GREEN = 'GREEN_GREEN'
+    RACE_OVER = 'RACE_OVER'
+    IN_GARAGE = 'IN_GARAGE'
+    OPEN_TRACK = 'OPEN_TRACK'
+    CLOSE_TRACK = 'CLOSE_TRACK'
+    RECORD_MSR = 'RECORD_MSR'
+    KART_RED_RED = 'KART_RED_RED'
+    KART_RED_FLAG = 'KART_RED_FLAG'
+    KART_FINISH = 'KART_FINISH'
+    KART_IN_GARAGE = 'KART_IN_GARAGE'
+    JOIN_RACE = 'JOIN_RACE'
+    LEAVE_RACE = 'LEAVE_RACE'
+
+
+class EventKind(enum.Enum):
+    """What can happen in a race."""
+
+    COMMAND = 'COMMAND'
+    RACE_STATE = 'RACE_STATE'
+    KART_STATE = 'KART_STATE'
+    ACKNOWLEDGED = 'ACKNOWLEDGED'
+    REPORTED = 'REPORTED'
+    CONNECTED = 'CONNECTED'
+    DISCONNECTED = 'DISCONNECTED'
+    ALERT_RAISED = 'ALERT_RAISED'
+    ALERT_CLEARED = 'ALERT_CLEARED'
+    ALL_ACKNOWLEDGED = 'ALL_ACKNOWLEDGED'
+    FINISHED = 'FINISHED'
+
+
+class AlertKind(enum.Enum):
+    """What an official must act on."""
+
+    NOT_READY = 'NOT_READY'
+    GREEN_UNACKNOWLEDGED = 'GREEN_UNACKNOWLEDGED'
+    FLAG_UNACKNOWLEDGED = 'FLAG_UNACKNOWLEDGED'
+    RED_UNACKNOWLEDGED = 'RED_UNACKNOWLEDGED'
+    KART_LOST = 'KART_LOST'
+    LOST_IN_MOTION = 'LOST_IN_MOTION'
+    TRACK_UNSAFE = 'TRACK_UNSAFE'
+
+
+MSR_ALERTS = frozenset(
+    {
+        AlertKind.FLAG_UNACKNOWLEDGED,
+        AlertKind.RED_UNACKNOWLEDGED,
+        AlertKind.LOST_IN_MOTION,
+        AlertKind.TRACK_UNSAFE,
+    }
+)
+"""The alerts whose answer is the Master Safety Remote (§2.B)."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """
+    An official's command (§4.B).
+
+    :param kind: which command.
+    :param kart: the kart it is for; ``None`` for a command to the race, to all, or to the track.
+    :param statement: the official makes the statement that the command asks for, if it asks.
+    """
+
+    kind: CommandKind
+    kart: int | None = None
+    statement: bool = False
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the official is told: whether the command was accepted, and one sentence."""
+
+    success: bool
+    message: str
+
+
+@dataclass(frozen=True)
+class Order:
+    """
+    A state to send to a kart, at once and then again with every beat (§4.C).
+
+    :param serial: rises with every order to this kart; what the kart says counts for this order
+        only if it was heard under this number.
+    """
+
+    kart: int
+    state: RaceState
+    serial: int
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened: to whom (``kart`` 0 is no single kart), and in one sentence."""
+
+    kind: EventKind
+    text: str
+    kart: int = 0
+    state: RaceState | None = None
+    command: CommandKind | None = None
+    success: bool = True
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one input changed, and what must now be sent to whom."""
+
+    orders: tuple[Order, ...]
+    events: tuple[Event, ...]
+    answer: Answer | None = None
+
+
+@dataclass(frozen=True)
+class Alert:
+    """Something an official must act on, since when (s), in one sentence."""
+
+    kind: AlertKind
+    kart: int
+    since: float
+    text: str
+
+    @property
+    def use_msr(self) -> bool:
+        """Return whether the answer is the Master Safety Remote (§2.B)."""
+        return self.kind in MSR_ALERTS
+
+
+@dataclass(frozen=True)
+class Availability:
+    """
+    Whether a command would be accepted now.
+
+    :param reason: why it would be refused; empty if it would be accepted.
+    :param statement: what the official must state with it; empty if nothing.
+    """
+
+    kind: CommandKind
+    kart: int
+    reason: str
+    statement: str
+
+    @property
+    def available(self) -> bool:
+        """Return whether the command would be accepted, its statement being made."""
+        return not self.reason
+
+
+@dataclass(frozen=True)
+class TrackAccess:
+    """Whether officials have opened the track, and whether humans may be on it (§3.A)."""
+
+    open: bool
+    allowed: bool
+    reason: str
+    msr_used: bool
+
+
+@dataclass(frozen=True)
+class RaceTimes:
+    """
+    The times of the rules, in seconds.
+
+    :param finish_delays: for place 1, 2, … how long a kart that finished drives on before its
+        RED_FLAG (§4.B FINISH); the last one serves all further places. Longest first, so that
+        who finishes later finds the line clear.
+    :param finish_stop: how long a finished kart has to acknowledge its RED_FLAG before the race
+        goes over without it (§3.A: 10-15 s to come to a stop).
+    :param auto_race_over: whether the race goes over by itself after the last finish (§3.C).
+    :param ready_alert: GRID_ACTIVE not acknowledged (§3.A: 2 minutes).
+    :param green_alert: GREEN_GREEN not acknowledged (§3.A: 30 s).
+    :param flag_alert: RED_FLAG not acknowledged (§3.A: 10-15 s).
+    :param red_alert: RED_RED not acknowledged (§3.A: "a reasonable time").
+    """
+
+    finish_delays: tuple[float, ...] = (6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
+    finish_stop: float = 15.0
+    auto_race_over: bool = True
+    ready_alert: float = 120.0
+    green_alert: float = 30.0
+    flag_alert: float = 15.0
+    red_alert: float = 5.0
+
+    def finish_delay(self, place: int) -> float:
+        """Return the delay, in seconds, of a finishing place from 1; 0 if none is configured."""
+        if not self.finish_delays:
+            return 0.0
+        return self.finish_delays[min(place, len(self.finish_delays)) - 1]
+
+
+@dataclass(slots=True)
+class Kart:
+    """
+    One kart of the roster. Only the rules write here; everybody else reads.
+
+    :param hold: RED_FLAG or RED_RED while the kart is held on its own account.
+    :param sent: what it is sent; while it is not connected, what it would be sent.
+    :param sent_since: when that was first commanded; a reconnection does not renew it.
+    :param serial: the number of the present order.
+    :param acknowledged: it acknowledged the present order.
+    :param reported: what it said last on this connection, asked or unasked.
+    :param may_be_moving: it was sent GREEN_GREEN and has acknowledged no stop since.
+    :param lost_since: since when it is missing, if it dropped out of a race under way.
+    :param place: finishing place from 1; 0 while not finished.
+    :param finish_due: when its finish becomes a RED_FLAG; ``None`` if nothing is due.
+    """
+
+    number: int
+    team: str = ''
+    in_race: bool = False
+    connected: bool = False
+    hold: RaceState | None = None
+    hold_reason: str = ''
+    sent: RaceState = IN_GARAGE
+    sent_since: float = 0.0
+    serial: int = 0
+    acknowledged: bool = False
+    reported: RaceState | None = None
+    may_be_moving: bool = False
+    lost_since: float | None = None
+    place: int = 0
+    finish_due: float | None = None
+
+    def __str__(self) -> str:
+        """Return how officials call this kart."""
+        return f'kart {self.number} ({self.team})' if self.team else f'kart {self.number}'
+
+    @property
+    def stopped(self) -> bool:
+        """Return whether it has acknowledged, on its present connection, the red it is sent."""
+        return self.acknowledged and self.sent.is_red
+
+
+class Race:
+    """
+    The state of one race and of every kart of the roster (§3, §4.B).
+
+    Feed it with ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``; each
+    returns the orders to send and the events that happened. Times are seconds of one monotonic
+    clock and never go back.
+
+    :param karts: every kart of the roster, each number once.
+    :param times: the times of the rules.
+    :param now: the time, in seconds.
+    :raises ValueError: if two karts have the same number.
+    """
+
+    def __init__(
+        self, karts: Iterable[Kart], times: RaceTimes = RaceTimes(), now: float = 0.0
+    ) -> None:
+        """Begin in IN_GARAGE, as §3.B has it."""
+        self.times = times
+        self.karts: dict[int, Kart] = {}
+        for kart in karts:
+            if kart.number in self.karts:
+                raise ValueError(f'kart {kart.number} is in the roster twice')
+            self.karts[kart.number] = kart
+            kart.sent_since = now
+        self.state = IN_GARAGE
+        self.state_since = now
+        self.over = False
+        self.places_given = 0
+        self.grid_was_last = False
+        self.track_open = False
+        self.msr_used = False
+        self._told_all_acknowledged = False
+        self._alerts: dict[tuple[AlertKind, int], Alert] = {}
+        self._orders: list[Order] = []
+        self._events: list[Event] = []
+
+    def copy(self) -> Race:
+        """Return a race of the same state that goes its own way, to try an input on."""
+        twin = copy.copy(self)
+        twin.karts = {number: copy.copy(kart) for number, kart in self.karts.items()}
+        twin._alerts = dict(self._alerts)
+        twin._orders = []
+        twin._events = []
+        return twin
+
+    # ----- inputs -------------------------------------------------------------------------
+
+    def command(self, command: Command, now: float) -> Outcome:
+        """
+        Judge an official's command and, if it is allowed, put it in force (§4.B).
+
+        :returns: an outcome with an answer; a refused command changes nothing.
+        """
+        rule = COMMANDS[command.kind]
+        kart: Kart | None = None
+        refusal = ''
+        if rule.to_one_kart:
+            kart = self.karts.get(command.kart) if command.kart is not None else None
+            if kart is None:
+                refusal = self._unknown_kart(command)
+        refusal = refusal or rule.refusal(self, kart)
+        statement = '' if refusal else rule.statement(self, kart)
+        if statement and not command.statement:
+            refusal = f'state that {statement}'
+            if kart is not None and not kart.acknowledged:
+                refusal = (
+                    f'{kart} has not acknowledged {kart.sent.value} on its present connection: '
+                    f'wait for it, or state that {statement}'
+                )
+        if refusal:
+            answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
+        else:
+            self.grid_was_last = rule.leaves_grid_last(self)
+            answer = Answer(True, f'{rule.effect(self, kart, now)}.')
+        self._events.append(
+            Event(
+                EventKind.COMMAND,
+                answer.message,
+                kart=command.kart or 0,
+                command=command.kind,
+                success=answer.success,
+            )
+        )
+        return self._outcome(answer)
+
+    def connected(self, number: int, now: float) -> Outcome:
+        """
+        Take note that a kart of the roster connected (§3.B, §4.A).
+
+        A kart that is connected already is being replaced, which counts as a disconnect first.
+
+        :raises KeyError: if the roster has no such kart.
+        """
+        kart = self.karts[number]
+        if kart.connected:
+            self._drop(kart, 'a new connection from its address took its place', now)
+        kart.connected = True
+        kart.lost_since = None
+        kart.reported = None
+        self._events.append(Event(EventKind.CONNECTED, f'{_capital(kart)} connected', kart=number))
+        self._redirect(kart, now, anew=True)
+        return self._outcome()
+
+    def disconnected(self, number: int, reason: str, now: float) -> Outcome:
+        """
+        Take note that a kart's connection is gone (§3.E, §4.D).
+
+        :param reason: how it went, for the officials.
+        :raises KeyError: if the roster has no such kart.
+        """
+        kart = self.karts[number]
+        if kart.connected:
+            self._drop(kart, reason, now)
+        return self._outcome()
+
+    def heard(self, number: int, serial: int, state: RaceState, now: float) -> Outcome:
+        """
+        Take what a kart says: an acknowledgement if it is one, else a report (§3.A, §4.C).
+
+        :param serial: the kart's order that had been sent when the frame began to arrive.
+        :raises KeyError: if the roster has no such kart.
+        """
+        kart = self.karts[number]
+        if not kart.connected:
+            return self._outcome()
+        counts = state is kart.sent and serial == kart.serial
+        if counts and not kart.acknowledged:
+            kart.acknowledged = True
+            if state.is_red:
+                kart.may_be_moving = False
+            self._tell(
+                EventKind.ACKNOWLEDGED, f'{_capital(kart)} acknowledged {state.value}', kart, state
+            )
+        elif state is not kart.reported:
+            self._tell(
+                EventKind.REPORTED,
+                f'{_capital(kart)} says {state.value}; it is being sent {kart.sent.value}',
+                kart,
+                state,
+            )
+        kart.reported = state
+        return self._outcome()
+
+    def tick(self, now: float) -> Outcome:
+        """
+        Let time pass: finishes that are due, the race going over by itself, and the alerts.
+
+        Alerts are only told; they never act.
+        """
+        for kart in self.karts.values():
+            if kart.finish_due is not None and now >= kart.finish_due:
+                kart.finish_due = None
+                self._hold(kart, RED_FLAG, f'finished in place {kart.place}', now)
+        due = self._race_over_due()
+        if due is not None and now >= due:
+            self.over = True
+            self._go(RED_RED, now, ': race over, every kart of the race has finished')
+        self._tell_all_acknowledged()
+        self._tell_alerts(now)
+        return self._outcome()
+
+    # ----- what there is to see -----------------------------------------------------------
+
+    def next_deadline(self, now: float) -> float | None:
+        """Return the earliest time after ``now`` at which a tick may change anything (s)."""
+        times = [kart.finish_due for kart in self.karts.values() if kart.finish_due is not None]
+        over = self._race_over_due()
+        if over is not None:
+            times.append(over)
+        times.extend(due for _, _, due in self._alert_conditions() if due is not None)
+        return min((time for time in times if time > now), default=None)
+
+    def availability(self, kind: CommandKind, number: int = 0) -> Availability:
+        """
+        Return whether a command would be accepted now, and why not.
+
+        :param number: the kart, for a command to one kart.
+        :raises KeyError: if the command is to one kart and the roster has no such kart.
+        """
+        rule = COMMANDS[kind]
+        kart = self.karts[number] if rule.to_one_kart else None
+        reason = rule.refusal(self, kart)
+        return Availability(kind, number, reason, '' if reason else rule.statement(self, kart))
+
+    def alerts(self, now: float) -> list[Alert]:
+        """Return what officials must act on at this time, newest first."""
+        alerts = []
+        for kind, kart, due in self._alert_conditions():
+            if due is not None and due > now:
+                continue
+            number = kart.number if kart else 0
+            told = self._alerts.get((kind, number))
+            since = due if due is not None else told.since if told else now
+            alerts.append(Alert(kind, number, since, self._alert_text(kind, kart)))
+        alerts.sort(key=lambda alert: alert.since, reverse=True)
+        return alerts
+
+    def track_access(self) -> TrackAccess:
+        """
+        Return whether humans may be on the track now, and why or why not (§3.A).
+
+        The proposal's conditions speak of connected karts. A kart that was lost in motion is
+        counted too: only the MSR, or the statement that it was made safe by hand, answers for it.
+        """
+        allowed, reason = self._humans_allowed()
+        return TrackAccess(self.track_open, allowed, reason, self.msr_used)
+
+    # ----- what a kart is sent ------------------------------------------------------------
+
+    def _commanded(self, kart: Kart) -> RaceState:
+        own = self.state if kart.in_race else IN_GARAGE
+        return own if kart.hold is None else stricter(own, kart.hold)
+
+    def _redirect(self, kart: Kart, now: float, anew: bool = False) -> None:
+        """Send the kart what follows from the race and its hold; its old ack falls."""
+        state = self._commanded(kart)
+        changed = state is not kart.sent
+        if not (changed or anew):
+            return
+        if changed:
+            kart.sent = state
+            kart.sent_since = now
+        kart.serial += 1
+        kart.acknowledged = False
+        if kart.connected:
+            if state is GREEN_GREEN:
+                kart.may_be_moving = True
+            self._orders.append(Order(kart.number, state, kart.serial))
+            self._tell(
+                EventKind.KART_STATE, f'{_capital(kart)} is sent {state.value}', kart, state
+            )
+
+    def _hold(self, kart: Kart, hold: RaceState, reason: str, now: float) -> None:
+        if kart.hold is None or hold.strictness > kart.hold.strictness:
+            kart.hold = hold
+            kart.hold_reason = reason
+        self._redirect(kart, now)
+
+    def _unhold(self, kart: Kart) -> None:
+        kart.hold = None
+        kart.hold_reason = ''
+        kart.may_be_moving = False
+        kart.finish_due = None
+        kart.lost_since = None
+
+    def _go(self, state: RaceState, now: float, why: str = '') -> None:
+        if state is not self.state:
+            self.state = state
+            self.state_since = now
+            self._told_all_acknowledged = False
+            self._events.append(
+                Event(EventKind.RACE_STATE, f'The race is in {state.value}{why}', state=state)
+            )
+        for kart in self.racing():
+            self._redirect(kart, now)
+
+    def _drop(self, kart: Kart, reason: str, now: float) -> None:
+        kart.connected = False
+        kart.acknowledged = False
+        kart.reported = None
+        under_way = kart.in_race and self.state is not IN_GARAGE
+        if under_way or kart.may_be_moving:
+            kart.lost_since = now
+        self._events.append(
+            Event(
+                EventKind.DISCONNECTED,
+                f'{_capital(kart)} disconnected: {reason}',
+                kart=kart.number,
+            )
+        )
+        if under_way and self.state is not GRID_ACTIVE:
+            self._hold(kart, RED_RED, f'lost its connection in {self.state.value}', now)
+
+    # ----- the effects of the commands ----------------------------------------------------
+
+    def _all_kill(self, kart: Kart | None, now: float) -> str:
+        for each in self.karts.values():
+            self._hold(each, RED_RED, 'ALL_KILL', now)
+        self._go(RED_RED, now)
+        return f'RED_RED is sent to all karts ({self._how_many(self.karts.values())})'
+
+    def _red_flag(self, kart: Kart | None, now: float) -> str:
+        self._go(stricter(self.state, RED_FLAG), now)
+        if self.state is not RED_FLAG:
+            return f'The race is in {self.state.value} already, which is stricter than RED_FLAG'
+        return f'RED_FLAG is sent to the karts of the race ({self._how_many(self.racing())})'
+
+    def _grid_active(self, kart: Kart | None, now: float) -> str:
+        self.track_open = False
+        self.msr_used = False
+        self._go(GRID_ACTIVE, now)
+        return (
+            f'GRID_ACTIVE is sent to the karts of the race ({self._how_many(self.racing())}); '
+            'the track is closed to humans'
+        )
+
+    def _green_green(self, kart: Kart | None, now: float) -> str:
+        self._go(GREEN_GREEN, now)
+        return f'GREEN_GREEN is sent to the karts of the race ({self._how_many(self.racing())})'
+
+    def _race_over(self, kart: Kart | None, now: float) -> str:
+        self.over = True
+        self._go(RED_RED, now)
+        return f'Race over: RED_RED is sent to the race ({self._how_many(self.racing())})'
+
+    def _race_in_garage(self, kart: Kart | None, now: float) -> str:
+        kept: list[Kart] = []
+        for each in self.karts.values():
+            each.place = 0
+            each.finish_due = None
+            if each.stopped or each.hold is None:
+                self._unhold(each)
+            else:
+                kept.append(each)
+        self.places_given = 0
+        self.over = False
+        self.msr_used = False
+        self._go(IN_GARAGE, now)
+        for each in self.karts.values():
+            self._redirect(each, now)
+        message = 'IN_GARAGE is sent to the karts of the race'
+        if kept:
+            message += f'; still held until released alone: {_listed(kept)}'
+        return message
+
+    def _open_track(self, kart: Kart | None, now: float) -> str:
+        self.track_open = True
+        return f'The track is open to humans: {self._humans_allowed()[1]}'
+
+    def _close_track(self, kart: Kart | None, now: float) -> str:
+        self.track_open = False
+        return 'The track is closed to humans'
+
+    def _record_msr(self, kart: Kart | None, now: float) -> str:
+        # The MSR's relay may give the power back later: by then every kart must be told to stop.
+        self._all_kill(None, now)
+        self.msr_used = True
+        return 'The use of the MSR is recorded, and RED_RED is sent to all karts'
+
+    def _kart_red_red(self, kart: Kart | None, now: float) -> str:
+        assert kart is not None
+        self._hold(kart, RED_RED, 'RED_RED by an official', now)
+        return f'{_capital(kart)} is held in RED_RED' + self._if_absent(kart)
+
+    def _kart_red_flag(self, kart: Kart | None, now: float) -> str:
+        assert kart is not None
+        self._hold(kart, RED_FLAG, 'RED_FLAG by an official', now)
+        return f'{_capital(kart)} is held in {kart.sent.value}' + self._if_absent(kart)
+
+    def _kart_finish(self, kart: Kart | None, now: float) -> str:
+        assert kart is not None
+        self.places_given += 1
+        kart.place = self.places_given
+        delay = self.times.finish_delay(kart.place)
+        kart.finish_due = now + delay
+        text = f'{_capital(kart)} finished in place {kart.place}; RED_FLAG follows in {delay:g} s'
+        self._events.append(Event(EventKind.FINISHED, text, kart=kart.number))
+        return text
+
+    def _release_kart(self, kart: Kart | None, now: float) -> str:
+        assert kart is not None
+        self._unhold(kart)
+        out = kart.in_race and self.state is not IN_GARAGE
+        if out:
+            kart.in_race = False
+        self._redirect(kart, now)
+        return f'{_capital(kart)} is released to IN_GARAGE' + (
+            ' and is out of the race' if out else ''
+        )
+
+    def _join_race(self, kart: Kart | None, now: float) -> str:
+        assert kart is not None
+        kart.in_race = True
+        self._redirect(kart, now)
+        return f'{_capital(kart)} is in the race'
+
+    def _leave_race(self, kart: Kart | None, now: float) -> str:
+        assert kart is not None
+        held = self.state is not IN_GARAGE
+        kart.in_race = False
+        if held:
+            self._hold(kart, RED_RED, 'taken out of the race on the grid', now)
+            return f'{_capital(kart)} is out of the race and held in RED_RED'
+        self._redirect(kart, now)
+        return f'{_capital(kart)} is out of the race'
+
+    # ----- why a command is refused: one phrase, or nothing -------------------------------
+
+    def _never(self, kart: Kart | None) -> str:
+        return ''
+
+    def _no_grid_active(self, kart: Kart | None) -> str:
+        if self.state is not IN_GARAGE:
+            return f'the race is in {self.state.value}; bring it to IN_GARAGE first'
+        racing = list(self.racing())
+        if not racing:
+            return 'no kart is in the race'
+        held = [each for each in racing if each.hold is not None]
+        if held:
+            reasons = [f'{each}: {each.hold_reason}' for each in held]
+            return f'held and to be released first: {_cut(reasons)}'
+        return ''
+
+    def _no_green_green(self, kart: Kart | None) -> str:
+        if self.state is not GRID_ACTIVE:
+            return f'the race is in {self.state.value}; GREEN_GREEN follows GRID_ACTIVE'
+        if not self.grid_was_last:
+            return (
+                'another command was given after GRID_ACTIVE; '
+                'bring the race to IN_GARAGE and send GRID_ACTIVE again'
+            )
+        racing = list(self.racing())
+        if not racing:
+            return 'no kart is in the race'
+        missing = [
+            f'{each}: ' + ('no GRID_ACTIVE yet' if each.connected else 'not connected')
+            for each in racing
+            if not (each.connected and each.acknowledged)
+        ]
+        return f'waiting for {_cut(missing)}' if missing else ''
+
+    def _no_race_over(self, kart: Kart | None) -> str:
+        return 'the race is in IN_GARAGE; nothing is under way' if self.state is IN_GARAGE else ''
+
+    def _no_in_garage(self, kart: Kart | None) -> str:
+        if self.state is GRID_ACTIVE:
+            return ''
+        if self.state is IN_GARAGE:
+            return 'the race is in IN_GARAGE already'
+        if self.state is not RED_RED:
+            return f'the race is in {self.state.value}; send RACE_OVER or ALL_KILL first'
+        missing = [
+            f'{each}: no {each.sent.value} acknowledged yet'
+            for each in self.racing()
+            if each.connected and not each.acknowledged
+        ]
+        return f'waiting for {_cut(missing)}' if missing else ''
+
+    def _no_open_track(self, kart: Kart | None) -> str:
+        allowed, reason = self._humans_allowed()
+        return '' if allowed else reason
+
+    def _no_finish(self, kart: Kart | None) -> str:
+        assert kart is not None
+        if not kart.in_race:
+            return f'{kart} is not in the race'
+        if self.state is not GREEN_GREEN:
+            return f'the race is in {self.state.value}; a kart finishes in GREEN_GREEN'
+        if kart.place:
+            return f'{kart} has finished already, in place {kart.place}'
+        return ''
+
+    def _no_release(self, kart: Kart | None) -> str:
+        assert kart is not None
+        if kart.sent is IN_GARAGE:
+            return f'{kart} is in IN_GARAGE already'
+        if not kart.sent.is_red:
+            return f'{kart} is being sent {kart.sent.value}; stop it first with RED_RED'
+        return ''
+
+    def _no_join(self, kart: Kart | None) -> str:
+        assert kart is not None
+        if kart.in_race:
+            return f'{kart} is in the race already'
+        if self.state is not IN_GARAGE:
+            return f'the race is in {self.state.value}; karts join in IN_GARAGE'
+        return ''
+
+    def _no_leave(self, kart: Kart | None) -> str:
+        assert kart is not None
+        if not kart.in_race:
+            return f'{kart} is not in the race'
+        if self.state not in (IN_GARAGE, GRID_ACTIVE):
+            return (
+                f'the race is in {self.state.value}; karts leave in IN_GARAGE or GRID_ACTIVE. '
+                'Stop it with RED_RED instead'
+            )
+        return ''
+
+    # ----- what the official must state ---------------------------------------------------
+
+    def _nothing_to_state(self, kart: Kart | None) -> str:
+        return ''
+
+    def _state_track_clear(self, kart: Kart | None) -> str:
+        return 'the track is clear of humans'
+
+    def _state_track_safe(self, kart: Kart | None) -> str:
+        return 'the track is safe for humans'
+
+    def _state_msr_used(self, kart: Kart | None) -> str:
+        return 'the Master Safety Remote was used'
+
+    def _state_made_safe(self, kart: Kart | None) -> str:
+        assert kart is not None
+        return '' if kart.stopped else f'{kart} was made safe by hand'
+
+    # ----- derived ------------------------------------------------------------------------
+
+    def racing(self) -> Iterator[Kart]:
+        """Yield the karts of the race, in the order of the roster."""
+        return (kart for kart in self.karts.values() if kart.in_race)
+
+    def _humans_allowed(self) -> tuple[bool, str]:
+        if self.msr_used:
+            return True, 'the Master Safety Remote was used'
+        if self.state in (GRID_ACTIVE, GREEN_GREEN):
+            return False, f'the race is in {self.state.value}'
+        unsafe: list[str] = []
+        for kart in self.karts.values():
+            if kart.connected:
+                if not (kart.sent is IN_GARAGE or kart.stopped):
+                    unsafe.append(f'{kart} has not acknowledged {kart.sent.value}')
+            elif kart.may_be_moving:
+                unsafe.append(f'{kart} was lost in motion: use the MSR')
+        if unsafe:
+            return False, _cut(unsafe)
+        if self.state is IN_GARAGE:
+            return True, 'every connected kart is in IN_GARAGE or has acknowledged its stop'
+        return True, 'every connected kart has acknowledged its stop or is in IN_GARAGE'
+
+    def _race_over_due(self) -> float | None:
+        """Return when the race goes over by itself; None while a finish is outstanding (§3.C)."""
+        if not self.times.auto_race_over or self.state not in (GREEN_GREEN, RED_FLAG):
+            return None
+        due = None
+        for kart in self.racing():
+            if not kart.place or kart.finish_due is not None:
+                return None
+            stopped = kart.sent_since if kart.stopped else kart.sent_since + self.times.finish_stop
+            due = stopped if due is None else max(due, stopped)
+        return due
+
+    def _tell_all_acknowledged(self) -> None:
+        if self.state is IN_GARAGE:
+            return
+        racing = list(self.racing())
+        waited_for = racing if self.state is GRID_ACTIVE else [k for k in racing if k.connected]
+        acknowledged = bool(waited_for) and all(kart.acknowledged for kart in waited_for)
+        news = acknowledged and not self._told_all_acknowledged
+        self._told_all_acknowledged = acknowledged
+        if news:
+            self._events.append(
+                Event(
+                    EventKind.ALL_ACKNOWLEDGED,
+                    f'Every connected kart of the race has acknowledged; {_NEXT[self.state]}',
+                    state=self.state,
+                )
+            )
+
+    def _alert_conditions(self) -> Iterator[tuple[AlertKind, Kart | None, float | None]]:
+        """
+        Yield each alert that holds or will hold if nothing changes, and from when.
+
+        No time means that it holds now, since whenever it was first seen.
+        """
+        for kart in self.karts.values():
+            if kart.lost_since is not None and not kart.connected:
+                lost = AlertKind.LOST_IN_MOTION if kart.may_be_moving else AlertKind.KART_LOST
+                yield lost, kart, kart.lost_since
+            if kart.acknowledged:
+                continue
+            if kart.sent is GRID_ACTIVE:
+                yield AlertKind.NOT_READY, kart, kart.sent_since + self.times.ready_alert
+            elif not kart.connected:
+                continue
+            elif kart.sent is GREEN_GREEN:
+                since = kart.sent_since + self.times.green_alert
+                yield AlertKind.GREEN_UNACKNOWLEDGED, kart, since
+            elif kart.sent is RED_FLAG:
+                since = kart.sent_since + self.times.flag_alert
+                yield AlertKind.FLAG_UNACKNOWLEDGED, kart, since
+            elif kart.sent is RED_RED:
+                since = kart.sent_since + self.times.red_alert
+                yield AlertKind.RED_UNACKNOWLEDGED, kart, since
+        if self.track_open and not self._humans_allowed()[0]:
+            yield AlertKind.TRACK_UNSAFE, None, None
+
+    def _alert_text(self, kind: AlertKind, kart: Kart | None) -> str:
+        if kind is AlertKind.TRACK_UNSAFE:
+            return f'Clear the track, or use the MSR: {self._humans_allowed()[1]}'
+        assert kart is not None
+        if kind is AlertKind.LOST_IN_MOTION:
+            return f'Use the MSR: {kart} lost its connection while it may have been moving'
+        if kind is AlertKind.KART_LOST:
+            return f'{_capital(kart)} lost its connection'
+        text = f'{_capital(kart)} has not acknowledged {kart.sent.value}'
+        if kind in MSR_ALERTS:
+            return f'Use the MSR: {kart} has not acknowledged {kart.sent.value}'
+        return text if kart.connected else f'{text}: it is not connected'
+
+    def _tell_alerts(self, now: float) -> None:
+        current = {(alert.kind, alert.kart): alert for alert in self.alerts(now)}
+        for key, alert in current.items():
+            if key not in self._alerts:
+                self._events.append(Event(EventKind.ALERT_RAISED, alert.text, kart=alert.kart))
+        for key, alert in self._alerts.items():
+            if key not in current:
+                self._events.append(
+                    Event(EventKind.ALERT_CLEARED, f'No longer: {alert.text}', kart=alert.kart)
+                )
+        self._alerts = current
+
+    def _tell(self, kind: EventKind, text: str, kart: Kart, state: RaceState) -> None:
+        self._events.append(Event(kind, text, kart=kart.number, state=state))
+
+    def _unknown_kart(self, command: Command) -> str:
+        numbers = ', '.join(str(number) for number in sorted(self.karts)) or 'no kart'
+        refusal = f'no kart {command.kart} in the roster, which has {numbers}'
+        if command.kind in (CommandKind.KART_RED_RED, CommandKind.KART_RED_FLAG):
+            refusal += '; ALL_KILL stops every kart'
+        return refusal
+
+    def _how_many(self, karts: Iterable[Kart]) -> str:
+        listed = list(karts)
+        absent = [kart for kart in listed if not kart.connected]
+        return f'{len(listed)}' + (f', not connected: {_listed(absent)}' if absent else '')
+
+    def _if_absent(self, kart: Kart) -> str:
+        return '' if kart.connected else ', but it is not connected'
+
+    def _outcome(self, answer: Answer | None = None) -> Outcome:
+        outcome = Outcome(tuple(self._orders), tuple(self._events), answer)
+        self._orders = []
+        self._events = []
+        return outcome
+
+
+_NEXT = {
+    GRID_ACTIVE: 'GREEN_GREEN may be sent',
+    GREEN_GREEN: 'the race is on',
+    RED_FLAG: 'RACE_OVER may be sent',
+    RED_RED: 'IN_GARAGE may be sent when the track is safe for humans',
+}
+
+
+def _cut(phrases: list[str]) -> str:
+    """Join at most four phrases; an official can act on no more at once."""
+    shown = phrases if len(phrases) <= 4 else [*phrases[:3], f'and {len(phrases) - 3} more karts']
+    return '; '.join(shown)
+
+
+def _listed(karts: Iterable[Kart]) -> str:
+    return _cut([str(kart) for kart in karts])
+
+
+def _capital(kart: Kart) -> str:
+    text = str(kart)
+    return text[:1].upper() + text[1:]
+
+
+@dataclass(frozen=True)
+class Rule:
+    """
+    One row of the table of commands (§4.B).
+
+    :param effect: puts the command in force and returns what the official is told.
+    :param refusal: why the command is refused now; empty if it is not.
+    :param statement: what the official must state; empty if nothing.
+    :param to_one_kart: it concerns one kart of the roster.
+    :param is_command: §4.B's "last button pressed": GREEN_GREEN is refused after it.
+    """
+
+    effect: Callable[[Race, Kart | None, float], str]
+    refusal: Callable[[Race, Kart | None], str] = Race._never
+    statement: Callable[[Race, Kart | None], str] = Race._nothing_to_state
+    to_one_kart: bool = False
+    is_command: bool = True
+
+    def leaves_grid_last(self, race: Race) -> bool:
+        """Return whether GRID_ACTIVE is the last command when this one has been given."""
+        if self.effect is Race._grid_active:
+            return True
+        return race.grid_was_last and not self.is_command
+
+
+COMMANDS: dict[CommandKind, Rule] = {
+    # The stops: never refused.
+    CommandKind.ALL_KILL: Rule(Race._all_kill),
+    CommandKind.RED_FLAG: Rule(Race._red_flag),
+    CommandKind.KART_RED_RED: Rule(Race._kart_red_red, to_one_kart=True),
+    CommandKind.KART_RED_FLAG: Rule(Race._kart_red_flag, to_one_kart=True),
+    CommandKind.RECORD_MSR: Rule(Race._record_msr, statement=Race._state_msr_used),
+    # The race.
+    CommandKind.GRID_ACTIVE: Rule(
+        Race._grid_active, Race._no_grid_active, Race._state_track_clear
+    ),
+    CommandKind.GREEN_GREEN: Rule(Race._green_green, Race._no_green_green),
+    CommandKind.RACE_OVER: Rule(Race._race_over, Race._no_race_over),
+    CommandKind.IN_GARAGE: Rule(Race._race_in_garage, Race._no_in_garage, Race._state_track_safe),
+    # One kart.
+    CommandKind.KART_FINISH: Rule(Race._kart_finish, Race._no_finish, to_one_kart=True),
+    CommandKind.KART_IN_GARAGE: Rule(
+        Race._release_kart, Race._no_release, Race._state_made_safe, to_one_kart=True
+    ),
+    # Membership and the track are no commands to a kart: they leave GRID_ACTIVE the last one.
+    CommandKind.JOIN_RACE: Rule(
+        Race._join_race, Race._no_join, to_one_kart=True, is_command=False
+    ),
+    CommandKind.LEAVE_RACE: Rule(
+        Race._leave_race, Race._no_leave, to_one_kart=True, is_command=False
+    ),
+    CommandKind.OPEN_TRACK: Rule(Race._open_track, Race._no_open_track, is_command=False),
+    CommandKind.CLOSE_TRACK: Rule(Race._close_track, is_command=False),
+}
+"""Every command of §4.B: what it does, when it is refused, what the official must state."""
