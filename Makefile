@@ -1,0 +1,51 @@
+# The commands of the project. Each sets up first what is not set up yet (.venv, build/, install/).
+#
+#   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
+#   ARGS='...'          passed on to what test and demo run
+
+IN_WORKSPACE := setup/in-workspace
+
+# What `make run` starts race control with; relative to where make was called.
+ROSTER := src/evgp_rcs/config/karts.yaml
+PARAMS := src/evgp_rcs/config/rcs.yaml
+
+# Nodes on this machine find each other, and no one else's: a test must not command a real kart.
+demo test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+
+.PHONY: help setup demo test run lint format clean
+
+help:
+	@echo 'make demo    set up and show a race: race control, karts and their stacks'
+	@echo 'make test    set up and run every test             (ARGS="-k roster")'
+	@echo 'make run     start race control for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml)'
+	@echo 'make lint    check style and types'
+	@echo 'make format  put the code into shape, as far as a tool can'
+	@echo 'make setup   set up only'
+	@echo 'make clean   remove all that the set-up made'
+
+setup:
+	$(IN_WORKSPACE) true
+
+demo:
+	$(IN_WORKSPACE) python demo/run.py $(ARGS)
+
+test:
+	$(IN_WORKSPACE) python -m pytest $(ARGS)
+
+run:
+	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_node --ros-args \
+	  --params-file '$(abspath $(PARAMS))' -p 'roster:=$(abspath $(ROSTER))'
+
+lint:
+	$(IN_WORKSPACE) ruff check
+	$(IN_WORKSPACE) ruff format --check
+	$(IN_WORKSPACE) flake8
+	$(IN_WORKSPACE) pydocstyle setup src test
+	$(IN_WORKSPACE) mypy
+
+format:
+	$(IN_WORKSPACE) ruff check --fix
+	$(IN_WORKSPACE) ruff format
+
+clean:
+	rm -rf .venv build install log

@@ -1,0 +1,386 @@
+"""
+Set up the environment and the workspace: .venv, then build/ and install/.
+
+Needs the standard library only, and parses on any Python 3.7 or later, so that a Python that
+cannot be used can still say so. Decisions are functions of their arguments and are tested;
+whatever touches the machine stands below them.
+
+There are two ways to have ROS 2 Jazzy. With one sourced (ROS_DISTRO=jazzy) it is used as it
+stands, its interpreter and its colcon too, and .venv only adds the tests' and checks' tools to
+it. This way has been tested in its decisions only, never against an installed Jazzy. Without
+one, .venv holds ROS itself, from wheels.
+
+What has been made is marked by a stamp that is removed before and written after the making, so
+that a half-made environment is never taken for a whole one.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import fcntl
+import hashlib
+import importlib.util
+import os
+import pathlib
+import platform
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+import time
+from typing import Iterable, Mapping, NoReturn, Sequence
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+VENV = ROOT / '.venv'
+BUILD = ROOT / 'build'
+INSTALL = ROOT / 'install'
+LOG = ROOT / 'log'
+VENV_STAMP = VENV / '.stamp'
+# In build/, since install/ links into it: either of them missing means building again.
+BUILD_STAMP = BUILD / '.stamp'
+
+# There are wheels of Jazzy for these, on x86-64 Linux with glibc 2.28 or later, and no others.
+WHEEL_PYTHONS = ('3.11', '3.12')
+OLDEST_GLIBC = (2, 28)
+
+# What a sourced Jazzy must offer beside rclpy, and what brings it on Ubuntu.
+SOURCED_MODULES = {
+    'colcon_core': 'python3-colcon-common-extensions',
+    'pytest': 'python3-pytest',
+    'yaml': 'python3-yaml',
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class Interpreter:
+    """What matters of a Python interpreter and the machine it runs on."""
+
+    executable: str
+    version: str  # '3.12'
+    implementation: str  # 'CPython'
+    platform: str  # 'Linux x86_64'
+    glibc: tuple[int, ...]  # (2, 36); empty where the C library is another one
+    has_venv: bool  # whether `python -m venv` can install pip
+    has_headers: bool  # whether C extensions can be compiled against it
+    modules: frozenset[str]  # those of rclpy and SOURCED_MODULES that it finds
+
+
+@dataclasses.dataclass(frozen=True)
+class Stamp:
+    """What .venv was made from and with; two equal stamps need no new making."""
+
+    key: str
+    version: str
+
+
+def is_sourced(environment: Mapping[str, str]) -> bool:
+    """Return whether an installed Jazzy is to be used, rather than wheels."""
+    return environment.get('ROS_DISTRO') == 'jazzy'
+
+
+def why_no_ros(environment: Mapping[str, str]) -> str | None:
+    """Return why the sourced ROS cannot be used, None where it is Jazzy or there is none."""
+    distribution = environment.get('ROS_DISTRO')
+    if distribution in (None, '', 'jazzy'):
+        return None
+    return (
+        f'ROS 2 {distribution} is sourced in this shell, and this needs Jazzy; '
+        'use a shell with Jazzy sourced, or with no ROS at all.'
+    )
+
+
+def why_unfit(python: Interpreter, *, sourced: bool) -> str | None:
+    """
+    Return why the set-up cannot use this interpreter and what to install, in one sentence.
+
+    None where it can. With a sourced Jazzy its own interpreter is right whatever its version.
+    """
+    debian = 'on Debian or Ubuntu with'
+    where = f'Python {python.version} ({python.executable})'
+    if not python.has_venv:
+        return (
+            f'{where} cannot make virtual environments; install its venv module, '
+            f"{debian} 'apt-get install python{python.version}-venv'."
+        )
+    if sourced:
+        if 'rclpy' not in python.modules:
+            return (
+                f'ROS_DISTRO is jazzy but {where} finds no rclpy; source the setup.bash of your '
+                'ROS 2 Jazzy, or unset ROS_DISTRO to use wheels.'
+            )
+        missing = [apt for name, apt in SOURCED_MODULES.items() if name not in python.modules]
+        if missing:
+            return f"{where} lacks modules; install them with 'apt-get install {' '.join(missing)}'."
+        return None
+    if python.platform != 'Linux x86_64' or python.glibc < OLDEST_GLIBC:
+        glibc = '.'.join(map(str, python.glibc)) or 'none'
+        return (
+            f'This machine is {python.platform} with glibc {glibc}, and there are wheels of '
+            'ROS 2 Jazzy only for Linux x86_64 with glibc 2.28 or later; install ROS 2 Jazzy '
+            'itself, source its setup.bash and try again.'
+        )
+    if python.version not in WHEEL_PYTHONS or python.implementation != 'CPython':
+        return (
+            f'There are no wheels of ROS 2 Jazzy for {python.implementation} {python.version} '
+            f'({python.executable}); install CPython {" or ".join(WHEEL_PYTHONS)}.'
+        )
+    if not python.has_headers:
+        return (
+            f'{where} has no Python.h, which the message packages are compiled with; install it, '
+            f"{debian} 'apt-get install python{python.version}-dev'."
+        )
+    return None
+
+
+def why_no_compiler(found: Mapping[str, bool]) -> str | None:
+    """Return which of the compilers (C, C++) is missing and how to install it, None if neither."""
+    missing = [language for language, is_there in found.items() if not is_there]
+    if not missing:
+        return None
+    return (
+        f'No {" and no ".join(missing)} compiler found; install one, '
+        "on Debian or Ubuntu with 'apt-get install g++'."
+    )
+
+
+def is_kept(made: Stamp | None, wanted: Stamp, *, chosen: bool) -> bool:
+    """
+    Return whether the environment of stamp made will do where wanted is asked for.
+
+    Unless the Python was chosen by name, one made with another fitting version is kept.
+    """
+    if made is None or made.key != wanted.key:
+        return False
+    return made.version == wanted.version or not chosen
+
+
+def repaired(text: str, include: str, site_packages: str) -> str:
+    """
+    Return a CMake file of the wheels with this machine's Python in place of their builder's.
+
+    The wheels name the folders of the machine that built them, which exist on no other.
+    """
+    builder = r'/opt/python/cp3\d+-cp3\d+'
+    text = re.sub(rf'{builder}/include/python3\.\d+', lambda _: include, text)
+    return re.sub(rf'{builder}/lib/python3\.\d+/site-packages', lambda _: site_packages, text)
+
+
+def build_inputs(source: pathlib.Path) -> Iterable[tuple[str, bytes]]:
+    """
+    Yield what a change of must lead to a new build: (path, what matters of the content).
+
+    Python modules are not among it: --symlink-install puts links to them in install/. Of launch
+    and configuration files, which are linked too, only the coming and going matters.
+    """
+    for path in sorted(source.glob('*/**/*')):
+        if not path.is_file() or '__pycache__' in path.parts:
+            continue
+        inside = path.relative_to(source)
+        if path.suffix in ('.msg', '.srv', '.action') or path.name in (
+            'CMakeLists.txt',
+            'package.xml',
+            'setup.cfg',
+            'setup.py',
+        ):
+            yield str(inside), path.read_bytes()
+        elif inside.parts[1] in ('config', 'launch', 'resource'):
+            yield str(inside), b''
+
+
+def digest(parts: Iterable[tuple[str, bytes]]) -> str:
+    """Return one hash over named contents."""
+    sha = hashlib.sha256()
+    for name, content in parts:
+        sha.update(f'{name}\0{len(content)}\0'.encode())
+        sha.update(content)
+    return sha.hexdigest()
+
+
+# From here on everything touches the machine.
+
+
+def this_interpreter() -> Interpreter:
+    """Return what matters of the interpreter that runs this file."""
+    name, release = platform.libc_ver()
+    header = pathlib.Path(sysconfig.get_path('include'), 'Python.h')
+    modules = ['rclpy', *SOURCED_MODULES]
+    return Interpreter(
+        executable=sys.executable,
+        version='{}.{}'.format(*sys.version_info),
+        implementation=platform.python_implementation(),
+        platform=f'{platform.system()} {platform.machine()}',
+        glibc=tuple(map(int, release.split('.'))) if name == 'glibc' else (),
+        has_venv=importlib.util.find_spec('ensurepip') is not None,
+        has_headers=header.is_file(),
+        modules=frozenset(m for m in modules if importlib.util.find_spec(m) is not None),
+    )
+
+
+def stop(reason: str) -> NoReturn:
+    """End the set-up with one sentence to the user."""
+    sys.stderr.write(f'{reason}\n')
+    raise SystemExit(1)
+
+
+def run_quietly(
+    what: str, command: Sequence[object], environment: Mapping[str, str] | None = None
+) -> None:
+    """
+    Run a command under a line that says what it does, and show what it says only if it fails.
+
+    A failure ends the set-up.
+    """
+    sys.stderr.write(f'{what} ...')
+    sys.stderr.flush()
+    began = time.monotonic()
+    done = subprocess.run(
+        [str(word) for word in command],
+        cwd=ROOT,
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
+    if done.returncode == 0:
+        sys.stderr.write(f' {time.monotonic() - began:.0f} s\n')
+        return
+    sys.stderr.write(' failed:\n')
+    sys.stderr.flush()
+    sys.stderr.buffer.write(done.stdout)
+    stop(
+        f'{what} failed, see above; run the same command again once the cause is gone '
+        "('make clean' first, to start from nothing)."
+    )
+
+
+def read_stamp(path: pathlib.Path) -> Stamp | None:
+    """Return the stamp in a file, None where there is none or it is damaged."""
+    try:
+        return Stamp(*path.read_text().split())
+    except (OSError, TypeError, UnicodeDecodeError):
+        return None
+
+
+def make_venv(python: Interpreter, *, sourced: bool) -> None:
+    """Make .venv anew and install what is locked into it."""
+    # What was built against the old one names its folders.
+    for old in (VENV, BUILD, INSTALL):
+        shutil.rmtree(old, ignore_errors=True)
+    flags = ['--system-site-packages'] if sourced else []
+    run_quietly(
+        f'Making .venv with Python {python.version}',
+        [sys.executable, '-m', 'venv', *flags, VENV],
+    )
+    setup = ROOT / 'setup'
+    pip = [VENV / 'bin/python', '-m', 'pip', '--disable-pip-version-check', 'install']
+    pip += ['--no-input', '--require-hashes', '--only-binary', ':all:']
+    if sourced:
+        # Not its dependencies: those that are not in the lock are the sourced ROS's own.
+        run_quietly(
+            'Installing the test tools', [*pip, '--no-deps', '-r', setup / 'tools.txt']
+        )
+        return
+    run_quietly('Installing the build tools', [*pip, '-r', setup / 'build.txt'])
+    run_quietly(
+        'Installing ROS 2 Jazzy from wheels, about a minute',
+        [*pip, '--no-binary', 'empy', '--no-build-isolation', '-r', setup / 'ros.txt'],
+    )
+    repair_wheels()
+
+
+def repair_wheels() -> None:
+    """Put this machine's folders into the CMake files of the wheels just installed."""
+    include = sysconfig.get_path('include')
+    site_packages = sysconfig.get_path('purelib', 'venv', vars={'base': str(VENV)})
+    changed = 0
+    for path in sorted((VENV / 'share').glob('**/*.cmake')):
+        old = path.read_text()
+        new = repaired(old, include, site_packages)
+        if '/opt/python/' in new:
+            stop(f'{path} names a folder of its builder that the set-up does not know to repair.')
+        if new != old:
+            path.write_text(new)
+            changed += 1
+    if not changed:
+        stop('The CMake files of the ROS wheels are not as expected: there is nothing to repair.')
+
+
+def build_workspace(*, sourced: bool) -> None:
+    """Build src/ into build/ and install/ with colcon."""
+    environment = dict(os.environ)
+    command: list[object] = ['colcon', 'build']
+    if not sourced:
+        reason = why_no_compiler(
+            {
+                'C': any(map(shutil.which, (os.environ.get('CC', 'cc'), 'gcc', 'clang'))),
+                'C++': any(map(shutil.which, (os.environ.get('CXX', 'c++'), 'g++', 'clang++'))),
+            }
+        )
+        if reason:
+            stop(reason)
+        environment['AMENT_PREFIX_PATH'] = environment['CMAKE_PREFIX_PATH'] = str(VENV)
+        environment['PATH'] = f'{VENV / "bin"}{os.pathsep}{environment["PATH"]}'
+        command = [VENV / 'bin/colcon', 'build']
+    command += ['--base-paths', 'src', '--symlink-install']
+    if not sourced:
+        command += ['--cmake-args', f'-DPython3_EXECUTABLE={VENV / "bin/python"}']
+    run_quietly('Building the workspace', command, environment)
+
+
+def prepare(python: Interpreter, *, sourced: bool, chosen: bool) -> None:
+    """Make .venv and build the workspace where what is there does not do."""
+    locks = ['tools.txt'] if sourced else ['build.txt', 'ros.txt']
+    key = digest(
+        # The root is part of it, since both venv and colcon write absolute paths.
+        [('root', str(ROOT).encode()), ('sourced', str(sourced).encode())]
+        + [(name, (ROOT / 'setup' / name).read_bytes()) for name in locks]
+    )
+    wanted = Stamp(key, python.version)
+    made = read_stamp(VENV_STAMP) if (VENV / 'bin/python').exists() else None
+    if made is None or not is_kept(made, wanted, chosen=chosen):
+        VENV_STAMP.unlink(missing_ok=True)
+        make_venv(python, sourced=sourced)
+        VENV_STAMP.write_text(f'{wanted.key} {wanted.version}\n')
+        made = wanted
+
+    built = Stamp(digest([(made.key, b''), *build_inputs(ROOT / 'src')]), made.version)
+    if read_stamp(BUILD_STAMP) != built or not (INSTALL / 'setup.bash').exists():
+        BUILD_STAMP.unlink(missing_ok=True)
+        build_workspace(sourced=sourced)
+        BUILD_STAMP.write_text(f'{built.key} {built.version}\n')
+
+
+def main() -> None:
+    """Set up, or with --fit say whether this interpreter can."""
+    parser = argparse.ArgumentParser(description='Set up .venv and build the workspace.')
+    parser.add_argument(
+        '--fit',
+        action='store_true',
+        help='only print this interpreter, or why it cannot be used (exit status 1)',
+    )
+    arguments = parser.parse_args()
+
+    sourced = is_sourced(os.environ)
+    python = this_interpreter()
+    reason = why_no_ros(os.environ) or why_unfit(python, sourced=sourced)
+    if arguments.fit:
+        print(reason or python.executable)
+        raise SystemExit(1 if reason else 0)
+    if reason:
+        stop(reason)
+
+    if not sourced:
+        # Nothing of another workspace that this shell may have sourced gets into this one.
+        for name in ('COLCON_PREFIX_PATH', 'PYTHONPATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE'):
+            os.environ.pop(name, None)
+
+    # Two at once (a test run in one terminal, the demonstration in another) take turns.
+    turn = os.open(ROOT / 'setup', os.O_RDONLY)
+    fcntl.flock(turn, fcntl.LOCK_EX)
+    prepare(python, sourced=sourced, chosen=bool(os.environ.get('PYTHON')))
+
+
+if __name__ == '__main__':
+    main()
