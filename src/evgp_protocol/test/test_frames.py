@@ -1,0 +1,313 @@
+"""What the decoder makes of bytes, held against a second decoder that is too simple to err."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import itertools
+import pickle
+import re
+import sys
+import tracemalloc
+from types import FrameType
+from typing import Any
+
+from evgp_protocol import frames
+from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame, StateFrame
+from evgp_protocol.states import RaceState
+from hypothesis import example, given
+from hypothesis import strategies as st
+import pytest
+
+Event = StateFrame | MalformedFrame
+NAMES = {state.value.encode(): state for state in RaceState}
+
+
+def reference(stream: bytes, ready: bool = False) -> list[tuple[Any, ...]]:
+    """
+    Decode a whole stream byte by byte, as the rules are worded, without any speed.
+
+    :return: ``('state', state)`` or ``('malformed', raw)`` for each event.
+    """
+    names = {**NAMES, b'READY': RaceState.GRID_ACTIVE} if ready else NAMES
+    events: list[tuple[Any, ...]] = []
+    place = 'between'
+    frame: list[int] = []
+    for byte in stream:
+        if byte == ord('$'):
+            if place == 'in':
+                events.append(('malformed', bytes(frame)))
+            place, frame = 'in', [byte]
+        elif place == 'between':
+            if byte not in b' \t\r\n':
+                events.append(('malformed', bytes([byte])))
+                place = 'skipping'
+        elif place == 'in':
+            frame.append(byte)
+            if byte == ord(';'):
+                name = bytes(frame[1:-1])
+                known = name in names
+                events.append(('state', names[name]) if known else ('malformed', bytes(frame)))
+                place = 'between'
+            elif byte > 127 or len(frame) == 32:
+                events.append(('malformed', bytes(frame)))
+                place = 'skipping'
+    return events
+
+
+def comparable(events: list[Event]) -> list[tuple[Any, ...]]:
+    return [
+        ('state', event.state) if isinstance(event, StateFrame) else ('malformed', event.raw)
+        for event in events
+    ]
+
+
+def decode(pieces: list[bytes], ready: bool = False) -> list[Event]:
+    decoder = FrameDecoder(ready_is_grid_active=ready)
+    return [event for piece in pieces for event in decoder.feed(piece)]
+
+
+def cut(stream: bytes, places: list[int]) -> list[bytes]:
+    marks = [0, *sorted(place % (len(stream) + 1) for place in places), len(stream)]
+    return [stream[begin:end] for begin, end in itertools.pairwise(marks)]
+
+
+valid = st.sampled_from([encode(state) for state in RaceState])
+# Mostly the bytes that mean something, so that Hypothesis meets the rules and not only noise.
+rubbish = st.one_of(
+    st.binary(max_size=70),
+    st.text('$;$; \n\rARED_G', max_size=40).map(str.encode),
+    st.sampled_from(
+        [
+            b'$',
+            b';',
+            b' \r\n\t',
+            b'$;',
+            b'$READY;',
+            b'$red_red;',
+            b'$RED_RED ;',
+            b'RED_RED;',
+            b'$RED_',
+            b'$' + b'A' * 30 + b';',
+            b'$' + b'A' * 31 + b';',
+            b'$' + b'A' * 31,
+            b'$' + b'A' * 30,
+            b'$\xff;',
+            b'\x00',
+        ]
+    ),
+)
+streams = st.lists(st.one_of(valid, rubbish), max_size=12).map(b''.join)
+
+
+@given(st.sampled_from(RaceState))
+def test_what_is_encoded_is_decoded(state: RaceState) -> None:
+    assert decode([encode(state)]) == [StateFrame(state)]
+
+
+def test_frame_is_the_proposals_example() -> None:
+    assert encode(RaceState.GRID_ACTIVE) == b'$GRID_ACTIVE;'
+
+
+@given(streams, st.booleans())
+@example(b'$' + b'A' * 30 + b';$RED_RED;', False)
+@example(b'$' + b'A' * 31 + b';$RED_RED;', False)
+def test_whole_stream_equals_the_reference(stream: bytes, ready: bool) -> None:
+    assert comparable(decode([stream], ready)) == reference(stream, ready)
+
+
+@given(streams, st.lists(st.integers(0, 1000), max_size=30))
+def test_cuts_do_not_change_the_events(stream: bytes, places: list[int]) -> None:
+    assert decode(cut(stream, places)) == decode([stream])
+
+
+@given(streams)
+def test_one_byte_at_a_time_gives_the_same_events(stream: bytes) -> None:
+    assert decode([bytes([byte]) for byte in stream]) == decode([stream])
+
+
+@pytest.mark.parametrize(
+    'stream',
+    [
+        b'$RED_RED;$RED_',  # a frame and the beginning of one
+        b'x $;\n$RED_RED;',  # stray, space in the stray run, an empty name
+        b'$RED$RED_FLAG;',  # cut off by the next
+        b'$\xff;$RED_RED;',  # not ASCII, skipped with its end
+        b'; $$;\xff$ ;\r\n$',  # ends, starts and spaces
+    ],
+    ids=repr,
+)
+def test_every_cut_of_a_short_stream_gives_the_same_events(stream: bytes) -> None:
+    expected = reference(stream)
+    inner = range(1, len(stream))
+    for size in range(len(stream)):
+        for places in itertools.combinations(inner, size):
+            assert comparable(decode(cut(stream, list(places)))) == expected, places
+
+
+@pytest.mark.parametrize('length', range(1, 5))
+def test_every_short_stream_of_telling_bytes_equals_the_reference(length: int) -> None:
+    pieces = [b'$', b';', b' ', b'x', b'\x80', b'RED_RED', b'A' * 29]
+    for chosen in itertools.product(pieces, repeat=length):
+        stream = b''.join(chosen)
+        assert comparable(decode([stream])) == reference(stream), stream
+        assert comparable(decode(list(chosen))) == reference(stream), chosen
+
+
+@given(rubbish, st.sampled_from(RaceState))
+def test_valid_frame_behind_rubbish_is_found(noise: bytes, state: RaceState) -> None:
+    events = decode([noise, encode(state)])
+    assert events[-1] == StateFrame(state)
+
+
+@given(streams)
+def test_every_kind_of_buffer_is_accepted(stream: bytes) -> None:
+    expected = FrameDecoder().feed(stream)
+    assert FrameDecoder().feed(bytearray(stream)) == expected
+    assert FrameDecoder().feed(memoryview(stream)) == expected
+
+
+def test_buffer_may_be_reused_after_feed() -> None:
+    decoder = FrameDecoder()
+    buffer = bytearray(b'$RED_')
+    decoder.feed(buffer)
+    buffer[:] = b'XXXXX'
+    assert decoder.feed(b'RED;') == [StateFrame(RaceState.RED_RED)]
+
+
+def test_ready_counts_only_where_it_is_asked_for() -> None:
+    assert decode([b'$READY;'], ready=True) == [StateFrame(RaceState.GRID_ACTIVE)]
+    assert [type(event) for event in decode([b'$READY;'])] == [MalformedFrame]
+
+
+def test_space_between_frames_is_no_event() -> None:
+    assert decode([b' \t\r\n$RED_RED;\r\n \t']) == [StateFrame(RaceState.RED_RED)]
+
+
+def test_forgotten_dollar_is_seen_at_its_first_byte() -> None:
+    decoder = FrameDecoder()
+    assert len(decoder.feed(b'G')) == 1
+    assert decoder.feed(b'RID_ACTIVE; \nGRID_ACTIVE;') == []
+
+
+@pytest.mark.parametrize(
+    ('stream', 'word'),
+    [
+        (b'GRID_ACTIVE;', 'outside'),
+        (b'$GRID_$', 'cut off'),
+        (b'$' + b'A' * 40, '32 bytes'),
+        (b'$RED\xe9', 'ASCII'),
+        (b'$PURPLE;', 'name of a race state'),
+    ],
+)
+def test_reason_names_the_mistake(stream: bytes, word: str) -> None:
+    (event,) = decode([stream])
+    assert isinstance(event, MalformedFrame)
+    assert word in event.reason
+
+
+@given(streams, st.lists(st.integers(0, 1000), max_size=30))
+def test_raw_is_bounded_and_from_the_stream(stream: bytes, places: list[int]) -> None:
+    for event in decode(cut(stream, places)):
+        if isinstance(event, MalformedFrame):
+            assert 1 <= len(event.raw) <= 32
+            assert event.raw in stream
+
+
+@given(streams, st.lists(st.integers(0, 1000), max_size=30))
+def test_in_frame_says_whether_a_frame_is_open(stream: bytes, places: list[int]) -> None:
+    decoder = FrameDecoder()
+    seen = b''
+    for piece in cut(stream, places):
+        decoder.feed(piece)
+        seen += piece
+        # A frame is open exactly when a '$' now would be reported as cutting one off.
+        cuts_one_off = len(reference(seen + b'$')) > len(reference(seen))
+        assert decoder.in_frame == cuts_one_off
+
+
+NOISES = [b'$', b';', b'A', b' ', b'\xff', b'$A', b'$RED_RED;', b'$' + b'A' * 40, b'x;', b'\xff$']
+
+
+@pytest.mark.parametrize('noise', NOISES, ids=repr)
+def test_memory_is_bounded_whatever_arrives(noise: bytes) -> None:
+    decoder = FrameDecoder()
+    piece = (noise * 4096)[:4096]
+    decoder.feed(piece)
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        for _ in range(50):
+            decoder.feed(piece)
+            assert len(pickle.dumps(decoder._frame)) < 100
+        grown = tracemalloc.get_traced_memory()[0] - before
+    finally:
+        tracemalloc.stop()
+    assert grown < 2048
+
+
+class Examined:
+    """Counts the bytes that the searches of the decoder look at."""
+
+    def __init__(self) -> None:
+        self.bytes = 0
+
+    def counting(self, find: Callable[..., re.Match[bytes] | None]) -> Callable[..., Any]:
+        def counted(data: bytes, begin: int, end: int | None = None) -> re.Match[bytes] | None:
+            end = len(data) if end is None else end
+            found = find(data, begin, end)
+            self.bytes += (found.end() if found else end) - begin
+            return found
+
+        return counted
+
+
+@given(data=st.data())
+@pytest.mark.parametrize('size', [1, 2, 7, 33, 4096])
+def test_each_byte_is_looked_at_once(size: int, data: st.DataObject) -> None:
+    stream = data.draw(streams) * 3
+    with pytest.MonkeyPatch.context() as patch:
+        counter = Examined()
+        for name in ('_find_no_space', '_find_first', '_find_last'):
+            patch.setattr(frames, name, counter.counting(getattr(frames, name)))
+        decode([stream[at : at + size] for at in range(0, len(stream), size)])
+    assert counter.bytes == len(stream)
+
+
+def lines(run: Callable[[], object]) -> int:
+    """Count the lines of frames.py that are executed while `run` runs."""
+    count = 0
+
+    def trace(frame: FrameType, event: str, argument: object) -> Callable[..., Any] | None:
+        nonlocal count
+        if frame.f_code.co_filename != frames.__file__:
+            return None
+        count += event == 'line'
+        return trace
+
+    before = sys.gettrace()
+    sys.settrace(trace)
+    try:
+        run()
+    finally:
+        sys.settrace(before)
+    return count
+
+
+@pytest.mark.parametrize('noise', NOISES, ids=repr)
+@pytest.mark.parametrize(('size', 'length'), [(1, 512), (31, 512), (4096, 4096)])
+def test_work_is_linear_in_the_bytes(noise: bytes, size: int, length: int) -> None:
+    def cost(length: int) -> int:
+        stream = (noise * length)[:length]
+        pieces = [stream[at : at + size] for at in range(0, length, size)]
+        return lines(lambda: decode(pieces))
+
+    once, eightfold = cost(length), cost(8 * length)
+    assert once > 0
+    assert eightfold <= 8 * once + 100
+
+
+def test_ordinary_input_costs_no_loop_per_byte() -> None:
+    count = 300
+    stream = encode(RaceState.GREEN_GREEN) * count
+    assert lines(lambda: decode([stream])) < 3 * len(stream)
+    assert lines(lambda: decode([stream])) < 30 * count
