@@ -139,23 +139,23 @@ class FrameDecoder:
             if len(self._frame) == MAX_FRAME_BYTES:
                 self._give_up(f"no ';' within {MAX_FRAME_BYTES} bytes", events)
             return end
-        last = found.group()
+        last, end = found.group(), found.end()
+        self._frame += data[at:end]
         if last == _FIRST:
-            raw = self._frame + data[at : found.start()]
+            cut_off = MalformedFrame("cut off by the '$' of the next frame", self._frame[:-1])
+            events.append(cut_off)
             self._frame = _FIRST
-            events.append(MalformedFrame("cut off by the '$' of the next frame", raw))
-            return found.end()
-        self._frame += data[at : found.end()]
+            return end
         if last != b';':
             self._give_up('a byte that is not ASCII in a frame', events)
-            return found.end()
+            return end
         state = self._states.get(self._frame[1:-1])
         if state is not None:
             events.append(StateFrame(state))
         else:
             events.append(MalformedFrame('not the name of a race state', self._frame))
         self._frame = b''
-        return found.end()
+        return end
 
     def _give_up(self, reason: str, events: list[StateFrame | MalformedFrame]) -> None:
         """Report the frame so far, and skip what is left of it up to the next ``$``."""

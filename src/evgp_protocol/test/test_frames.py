@@ -71,6 +71,10 @@ def cut(stream: bytes, places: list[int]) -> list[bytes]:
     return [stream[begin:end] for begin, end in itertools.pairwise(marks)]
 
 
+def in_pieces(stream: bytes, size: int) -> list[bytes]:
+    return cut(stream, list(range(size, len(stream), size)))
+
+
 valid = st.sampled_from([encode(state) for state in RaceState])
 # Mostly the bytes that mean something, so that Hypothesis meets the rules and not only noise.
 rubbish = st.one_of(
@@ -269,7 +273,7 @@ def test_each_byte_is_looked_at_once(size: int, data: st.DataObject) -> None:
         counter = Examined()
         for name in ('_find_no_space', '_find_first', '_find_last'):
             patch.setattr(frames, name, counter.counting(getattr(frames, name)))
-        decode([stream[at : at + size] for at in range(0, len(stream), size)])
+        decode(in_pieces(stream, size))
     assert counter.bytes == len(stream)
 
 
@@ -298,7 +302,7 @@ def lines(run: Callable[[], object]) -> int:
 def test_work_is_linear_in_the_bytes(noise: bytes, size: int, length: int) -> None:
     def cost(length: int) -> int:
         stream = (noise * length)[:length]
-        pieces = [stream[at : at + size] for at in range(0, length, size)]
+        pieces = in_pieces(stream, size)
         return lines(lambda: decode(pieces))
 
     once, eightfold = cost(length), cost(8 * length)
