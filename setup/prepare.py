@@ -17,6 +17,7 @@ that a half-made environment is never taken for a whole one.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable, Mapping, Sequence
 import dataclasses
 import fcntl
 import hashlib
@@ -30,7 +31,7 @@ import subprocess
 import sys
 import sysconfig
 import time
-from typing import Iterable, Mapping, NoReturn, Sequence
+from typing import NoReturn
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 VENV = ROOT / '.venv'
@@ -112,7 +113,8 @@ def why_unfit(python: Interpreter, *, sourced: bool) -> str | None:
             )
         missing = [apt for name, apt in SOURCED_MODULES.items() if name not in python.modules]
         if missing:
-            return f"{where} lacks modules; install them with 'apt-get install {' '.join(missing)}'."
+            packages = ' '.join(missing)
+            return f"{where} lacks modules; install them with 'apt-get install {packages}'."
         return None
     if python.platform != 'Linux x86_64' or python.glibc < OLDEST_GLIBC:
         glibc = '.'.join(map(str, python.glibc)) or 'none'
@@ -278,9 +280,7 @@ def make_venv(python: Interpreter, *, sourced: bool) -> None:
     pip += ['--no-input', '--require-hashes', '--only-binary', ':all:']
     if sourced:
         # Not its dependencies: those that are not in the lock are the sourced ROS's own.
-        run_quietly(
-            'Installing the test tools', [*pip, '--no-deps', '-r', setup / 'tools.txt']
-        )
+        run_quietly('Installing the test tools', [*pip, '--no-deps', '-r', setup / 'tools.txt'])
         return
     run_quietly('Installing the build tools', [*pip, '-r', setup / 'build.txt'])
     run_quietly(

@@ -21,7 +21,7 @@ setup(
     zip_safe=False,
     maintainer='EVGP race control maintainers',
     maintainer_email='maintainers@users.noreply.h-seed-31a65fc7.example',
-    description="The kart's side of the EVGP race control: gives the autonomy stack the race state to obey.",
+    description="The kart's side of the EVGP race control: tells the stack the state to obey.",
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

@@ -21,7 +21,7 @@ setup(
     zip_safe=False,
     maintainer='EVGP race control maintainers',
     maintainer_email='maintainers@users.noreply.h-seed-31a65fc7.example',
-    description='The EVGP race control: race rules, kart server, record and the node for the officials.',
+    description='The EVGP race control: rules, kart server, record and node for the officials.',
     license='Apache-2.0',
     entry_points={
         'console_scripts': [

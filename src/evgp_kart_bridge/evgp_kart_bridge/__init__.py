@@ -1,1 +1,1 @@
-"""The kart's side of the EVGP race control: gives the autonomy stack the race state to obey."""
+"""The kart's side of the EVGP race control: tells the stack the state to obey."""

@@ -1,1 +1,1 @@
-"""The EVGP race control: race rules, kart server, record and the node for the officials."""
+"""The EVGP race control: rules, kart server, record and node for the officials."""

@@ -1,0 +1,291 @@
+"""The roster file: what is read from it, and how each fault in it is told (§3.F, §4.A)."""
+
+from __future__ import annotations
+
+import pathlib
+import re
+
+from evgp_rcs.roster import load_roster, MAX_BYTES, parse_roster, Roster, RosterEntry, RosterError
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+SHIPPED = pathlib.Path(__file__).parent.parent / 'config' / 'karts.yaml'
+
+TWO_KARTS = """\
+karts:
+  - number: 1
+    team: Georgia Tech
+    address: 10.0.0.1
+    in_race: true
+  - number: 2
+    team: Purdue
+    address: 10.0.0.2
+    in_race: false
+"""
+
+
+def fault_of(text: str) -> str:
+    """Return what the refusal of a roster says."""
+    with pytest.raises(RosterError) as refusal:
+        parse_roster(text, 'karts.yaml')
+    return str(refusal.value)
+
+
+def fault_of_two_karts_with(old: str, new: str) -> str:
+    """Return what the refusal says of TWO_KARTS with one thing changed."""
+    assert old in TWO_KARTS
+    return fault_of(TWO_KARTS.replace(old, new, 1))
+
+
+def test_a_right_roster_gives_its_karts_in_the_order_of_the_file() -> None:
+    assert parse_roster(TWO_KARTS, 'karts.yaml') == Roster(
+        (
+            RosterEntry(1, 'Georgia Tech', '10.0.0.1', True),
+            RosterEntry(2, 'Purdue', '10.0.0.2', False),
+        )
+    )
+
+
+def test_the_shipped_roster_is_right() -> None:
+    assert len(load_roster(SHIPPED).entries) == 3
+
+
+def test_the_refusal_of_a_double_address_is_one_sentence_an_official_can_act_on() -> None:
+    assert fault_of_two_karts_with('10.0.0.2', '10.0.0.1') == (
+        "karts.yaml:8: kart 2: address 10.0.0.1 is already kart 1's (line 4); "
+        'give every kart its own address'
+    )
+
+
+def test_the_refusal_of_a_double_number_names_both_lines() -> None:
+    assert fault_of_two_karts_with('number: 2', 'number: 1') == (
+        'karts.yaml:6: kart 1: number 1 is already taken (line 2); give every kart its own number'
+    )
+
+
+@pytest.mark.parametrize('number', ['0', '1000', '-1', '010', '1_0', '0x1', '1.0', '1:30'])
+def test_a_number_that_is_not_from_1_to_999_in_decimal_is_refused(number: str) -> None:
+    assert fault_of_two_karts_with('number: 2', f'number: {number}') == (
+        f'karts.yaml:6: kart entry 2: number {number} is not one; '
+        'give a whole number from 1 to 999, without quotes'
+    )
+
+
+@pytest.mark.parametrize('number', ["'2'", 'true', 'two', '', '~', '[2]', '{2: 2}'])
+def test_a_number_of_another_type_is_refused(number: str) -> None:
+    fault = fault_of_two_karts_with('number: 2', f'number: {number}')
+    assert fault.startswith('karts.yaml:6: kart entry 2: number ')
+
+
+@pytest.mark.parametrize('number', [1, 999])
+def test_a_number_at_the_end_of_the_range_is_taken(number: int) -> None:
+    text = TWO_KARTS.replace('number: 2', 'number: 2').replace('number: 1', f'number: {number}')
+    assert parse_roster(text, 'karts.yaml').entries[0].number == number
+
+
+@pytest.mark.parametrize(
+    'team', ['', "''", "'  '", '~', '42', 'yes', '[]', '"a\\nb"', '"\\ud800"', 'x' * 65]
+)
+def test_a_team_without_a_name_that_can_be_shown_is_refused(team: str) -> None:
+    fault = fault_of_two_karts_with('team: Purdue', f'team: {team}')
+    assert fault.startswith('karts.yaml:7: kart 2: team ')
+
+
+@pytest.mark.parametrize('team', ["'42'", '日本チーム', 'Gefährt', 'a: b'])
+def test_a_team_may_be_any_printable_name(team: str) -> None:
+    text = TWO_KARTS.replace('team: Purdue', f"team: '{team.strip(chr(39))}'")
+    assert parse_roster(text, 'karts.yaml').entries[1].team == team.strip("'")
+
+
+@pytest.mark.parametrize(
+    'address',
+    ['kart2.local', '10.0.0', '10.0.0.256', '10.0.0.02', '10.0.0.2/24', '10.0.0.2:12017', '10.2'],
+)
+def test_an_address_that_is_none_is_refused(address: str) -> None:
+    assert fault_of_two_karts_with('10.0.0.2', address) == (
+        f'karts.yaml:8: kart 2: address {address} is no IPv4 address; '
+        "give the kart's own IPv4 address, such as 192.168.1.101"
+    )
+
+
+@pytest.mark.parametrize(
+    'address', ['', '~', '167772162', 'true', '[10.0.0.2]', '"::1"', 'fe80::1']
+)
+def test_an_address_of_another_kind_is_refused(address: str) -> None:
+    fault = fault_of_two_karts_with('10.0.0.2', address)
+    assert fault.startswith('karts.yaml:8: kart 2: address ')
+
+
+@pytest.mark.parametrize(
+    ('address', 'kind'),
+    [
+        ('0.0.0.0', 'an unspecified or broadcast'),  # noqa: S104
+        ('255.255.255.255', 'an unspecified or broadcast'),
+        ('224.0.0.1', 'a multicast'),
+    ],
+)
+def test_an_address_no_kart_can_have_is_refused(address: str, kind: str) -> None:
+    fault = fault_of_two_karts_with('10.0.0.2', address)
+    assert fault.startswith(f'karts.yaml:8: kart 2: address {address} is {kind} address')
+
+
+@pytest.mark.parametrize('word', ['1', "'true'", 'maybe', '', '[true]'])
+def test_in_race_other_than_true_or_false_is_refused(word: str) -> None:
+    fault = fault_of_two_karts_with('in_race: false', f'in_race: {word}')
+    assert fault.startswith('karts.yaml:9: kart 2: in_race ')
+
+
+@pytest.mark.parametrize('word', ['false', 'False', 'no', 'off'])
+def test_every_way_to_say_false_in_yaml_keeps_a_kart_out_of_the_race(word: str) -> None:
+    text = TWO_KARTS.replace('in_race: true', f'in_race: {word}')
+    assert parse_roster(text, 'karts.yaml').entries[0].in_race is False
+
+
+def test_an_unknown_field_is_refused_with_those_there_are() -> None:
+    assert fault_of_two_karts_with('team: Purdue', 'name: Purdue') == (
+        "karts.yaml:7: kart entry 2 has the unknown field 'name'; "
+        "it has 'number', 'team', 'address', 'in_race'"
+    )
+
+
+def test_a_missing_field_is_refused_at_the_kart_that_lacks_it() -> None:
+    assert fault_of_two_karts_with('    address: 10.0.0.2\n', '') == (
+        "karts.yaml:6: kart entry 2 has no 'address'; "
+        "give it 'number', 'team', 'address', 'in_race'"
+    )
+
+
+def test_a_field_given_twice_is_refused() -> None:
+    assert fault_of_two_karts_with('    team: Purdue\n', '    team: A\n    team: B\n') == (
+        "karts.yaml:8: kart entry 2 has 'team' already (line 7); give it once"
+    )
+
+
+def test_an_unknown_field_of_the_file_is_refused() -> None:
+    assert fault_of(TWO_KARTS + 'port: 12017\n') == (
+        "karts.yaml:10: the roster has the unknown field 'port'; it has 'karts'"
+    )
+
+
+@pytest.mark.parametrize(
+    ('text', 'fault'),
+    [
+        ('', "karts.yaml: is empty; list the karts under 'karts:'"),
+        ('# nothing yet\n', "karts.yaml: is empty; list the karts under 'karts:'"),
+        ('\nkarts: []\n', "karts.yaml:2: 'karts' is empty; list at least one kart"),
+        ('{}\n', "karts.yaml:1: the roster has no 'karts'; give it 'karts'"),
+        ('- 1\n', "karts.yaml:1: the roster is not a mapping; give it 'karts'"),
+        (
+            'karts: 3\n',
+            "karts.yaml:1: 'karts' is not a list; begin each kart with '- number: ...'",
+        ),
+        (
+            'karts:\n  - 3\n',
+            'karts.yaml:2: kart entry 1 is not a mapping; '
+            "give it 'number', 'team', 'address', 'in_race'",
+        ),
+    ],
+)
+def test_a_file_that_is_no_list_of_karts_is_refused(text: str, fault: str) -> None:
+    assert fault_of(text) == fault
+
+
+@pytest.mark.parametrize(
+    ('text', 'beginning'),
+    [
+        ('karts:\n  - number: [1\n', 'karts.yaml:3: is not YAML ('),
+        ('karts:\n\t- number: 1\n', 'karts.yaml:2: is not YAML ('),
+        ('karts:\n  - team: a\x00b\n', 'karts.yaml:2: is not YAML (the character #x0000'),
+        ('karts:\n  - "\\UFFFFFFFF"\n', 'karts.yaml: is not YAML ('),
+        (TWO_KARTS + '---\n' + TWO_KARTS, 'karts.yaml:10: is not YAML ('),
+    ],
+)
+def test_what_is_not_yaml_is_refused(text: str, beginning: str) -> None:
+    assert fault_of(text).startswith(beginning)
+
+
+@pytest.mark.parametrize('text', ['karts:\n  - &one {}\n', 'karts:\n  - *one\n'])
+def test_anchors_and_aliases_are_refused(text: str) -> None:
+    assert fault_of(text) == 'karts.yaml:2: anchors (&, *) are not used here; write it out'
+
+
+@pytest.mark.parametrize('tag', ['!!int', '!', '!!python/object/apply:os.getcwd'])
+def test_tags_are_refused(tag: str) -> None:
+    fault = fault_of_two_karts_with('number: 2', f'number: {tag} 2')
+    assert fault == 'karts.yaml:6: tags (!) are not used here; leave it out'
+
+
+def test_a_deep_nest_is_refused_without_being_followed() -> None:
+    assert fault_of('[' * 100_000).startswith('karts.yaml:1: is nested too deep')
+
+
+def test_a_text_too_large_for_a_roster_is_refused_unread() -> None:
+    assert fault_of('#' * (MAX_BYTES + 1)).startswith('karts.yaml: is larger than')
+
+
+def test_a_file_too_large_for_a_roster_is_refused_unread(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / 'karts.yaml'
+    path.write_bytes(b'#' * (MAX_BYTES + 1))
+    with pytest.raises(RosterError, match='is larger than'):
+        load_roster(path)
+
+
+@pytest.mark.parametrize('name', ['absent.yaml', '.', 'null\0byte'])
+def test_a_file_that_cannot_be_read_is_refused_by_its_name(
+    tmp_path: pathlib.Path, name: str
+) -> None:
+    with pytest.raises(RosterError, match=r'name a readable file$') as refusal:
+        load_roster(tmp_path / name)
+    assert str(refusal.value).startswith(f'{tmp_path / name}: ')
+
+
+def test_a_file_that_is_not_utf_8_is_refused_with_the_line(tmp_path: pathlib.Path) -> None:
+    path = tmp_path / 'karts.yaml'
+    path.write_bytes(TWO_KARTS.replace('Purdue', 'Gefährt').encode('latin-1'))
+    with pytest.raises(RosterError) as refusal:
+        load_roster(path)
+    assert str(refusal.value) == (
+        f'{path}:7: is not UTF-8 text (byte 0xe4); save the file as UTF-8'
+    )
+
+
+@pytest.mark.parametrize('end', ['\n', '\r\n'])
+@pytest.mark.parametrize('mark', ['', '\ufeff'])
+def test_a_file_of_any_editor_is_read(tmp_path: pathlib.Path, end: str, mark: str) -> None:
+    path = tmp_path / 'karts.yaml'
+    path.write_bytes((mark + TWO_KARTS).replace('\n', end).encode())
+    assert load_roster(path) == parse_roster(TWO_KARTS, 'karts.yaml')
+
+
+def refusal_of_anything(text: str) -> str:
+    """Parse a text that may be anything; return what the refusal says, '' if there is none."""
+    try:
+        assert parse_roster(text, 'karts.yaml').entries
+    except RosterError as error:
+        return str(error)
+    return ''
+
+
+ONE_LINE = re.compile(r'(karts\.yaml(:\d+)?: .+)?')
+
+TEXTS_YAML_GIVES_A_MEANING_TO = st.text(
+    alphabet='kartsnumbe: -[]{}&*!|>%@`"\'\\\n\t#~?,<=.0123456789xUu'
+)
+
+ROSTERS_WITH_A_STRETCH_REPLACED = st.builds(
+    lambda at, length, new: TWO_KARTS[:at] + new + TWO_KARTS[at + length :],
+    st.integers(0, len(TWO_KARTS)),
+    st.integers(0, 20),
+    st.one_of(
+        st.text(max_size=5),
+        st.sampled_from(
+            ['\n', '    team: ', '  - number: ', 'karts:', '&a', '*a', '!!int ', '"\\u', '? ']
+        ),
+    ),
+)
+
+
+@given(st.one_of(st.text(), TEXTS_YAML_GIVES_A_MEANING_TO, ROSTERS_WITH_A_STRETCH_REPLACED))
+def test_any_text_is_a_roster_or_refused_in_one_line(text: str) -> None:
+    assert ONE_LINE.fullmatch(refusal_of_anything(text))
