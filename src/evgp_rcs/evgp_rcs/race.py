@@ -26,10 +26,10 @@ Section numbers (§) are those of the EVGP proposal.
 
 from __future__ import annotations
 
-import copy
-import enum
 from collections.abc import Callable, Iterable, Iterator
+import copy
 from dataclasses import dataclass
+import enum
 
 from evgp_protocol.states import RaceState, stricter
 
@@ -70,6 +70,8 @@ class EventKind(enum.Enum):
     REPORTED = 'REPORTED'
     CONNECTED = 'CONNECTED'
     DISCONNECTED = 'DISCONNECTED'
+    REFUSED_CONNECTION = 'REFUSED_CONNECTION'
+    MALFORMED = 'MALFORMED'
     ALERT_RAISED = 'ALERT_RAISED'
     ALERT_CLEARED = 'ALERT_CLEARED'
     ALL_ACKNOWLEDGED = 'ALL_ACKNOWLEDGED'
@@ -352,14 +354,16 @@ class Race:
         else:
             self.grid_was_last = rule.leaves_grid_last(self)
             answer = Answer(True, f'{rule.effect(self, kart, now)}.')
-        self._events.append(
+        # The cause stands before its effects.
+        self._events.insert(
+            0,
             Event(
                 EventKind.COMMAND,
                 answer.message,
                 kart=command.kart or 0,
                 command=command.kind,
                 success=answer.success,
-            )
+            ),
         )
         return self._outcome(answer)
 
@@ -984,3 +988,14 @@ COMMANDS: dict[CommandKind, Rule] = {
     CommandKind.CLOSE_TRACK: Rule(Race._close_track, is_command=False),
 }
 """Every command of §4.B: what it does, when it is refused, what the official must state."""
+
+STOPS = frozenset(
+    {
+        CommandKind.ALL_KILL,
+        CommandKind.RED_FLAG,
+        CommandKind.KART_RED_RED,
+        CommandKind.KART_RED_FLAG,
+        CommandKind.RECORD_MSR,
+    }
+)
+"""The commands that are never refused to a kart of the roster, and never wait behind another."""

@@ -1,0 +1,125 @@
+"""
+The race in ROS messages: what the rules say, in the words of ``evgp_rcs_msgs``.
+
+Nothing is decided here. A copy of the race goes in, a message comes out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+import enum
+from typing import Any
+
+from builtin_interfaces.msg import Duration, Time
+from evgp_protocol.states import RaceState
+from evgp_rcs.kart_server import StampedEvent
+from evgp_rcs.race import AlertKind, CommandKind, COMMANDS, EventKind, Kart, Race
+from evgp_rcs_msgs import msg
+
+NS = 1_000_000_000
+
+
+def _constants(kinds: Iterable[enum.Enum], message: Any) -> dict[enum.Enum, int]:
+    return {kind: int(getattr(message, kind.name)) for kind in kinds}
+
+
+_STATE = _constants(RaceState, msg.RaceState)
+_COMMAND = _constants(CommandKind, msg.CommandAvailability)
+_EVENT = _constants(EventKind, msg.RaceEvent)
+_ALERT = _constants(AlertKind, msg.Alert)
+
+_TO_ONE_KART = [kind for kind, rule in COMMANDS.items() if rule.to_one_kart]
+_TO_ALL = [kind for kind, rule in COMMANDS.items() if not rule.to_one_kart]
+
+
+def state_message(state: RaceState | None) -> msg.RaceState:
+    """Return a state as a message; None is UNKNOWN."""
+    return msg.RaceState(state=_STATE[state] if state is not None else msg.RaceState.UNKNOWN)
+
+
+def time_message(ns: int) -> Time:
+    """Return a wall time, in ns since the epoch, as a message."""
+    return Time(sec=ns // NS, nanosec=ns % NS)
+
+
+def race_message(race: Race, now: float, wall_ns: int, addresses: dict[int, str]) -> msg.Race:
+    """
+    Return the whole race as one message.
+
+    :param now: the race's clock when the race was copied (s).
+    :param wall_ns: the wall time of that moment (ns since the epoch).
+    :param addresses: the address of each kart of the roster.
+    """
+
+    def wall(monotonic: float) -> Time:
+        return time_message(max(0, wall_ns + round((monotonic - now) * NS)))
+
+    def availability(kind: CommandKind, number: int = 0) -> msg.CommandAvailability:
+        available = race.availability(kind, number)
+        return msg.CommandAvailability(
+            command=_COMMAND[kind],
+            available=available.available,
+            reason=available.reason,
+            statement=available.statement,
+        )
+
+    def status(kart: Kart) -> msg.KartStatus:
+        return msg.KartStatus(
+            number=kart.number,
+            team=kart.team,
+            address=addresses.get(kart.number, ''),
+            in_race=kart.in_race,
+            connected=kart.connected,
+            sent=state_message(kart.sent),
+            sent_since=wall(kart.sent_since),
+            acknowledged=kart.acknowledged,
+            reported=state_message(kart.reported),
+            hold=state_message(kart.hold),
+            hold_reason=kart.hold_reason,
+            may_be_moving=kart.may_be_moving,
+            place=kart.place,
+            commands=[availability(kind, kart.number) for kind in _TO_ONE_KART],
+        )
+
+    access = race.track_access()
+    return msg.Race(
+        stamp=time_message(wall_ns),
+        state=state_message(race.state),
+        state_since=wall(race.state_since),
+        over=race.over,
+        karts=[status(race.karts[number]) for number in sorted(race.karts)],
+        commands=[availability(kind) for kind in _TO_ALL],
+        track=msg.TrackAccess(
+            open=access.open,
+            allowed=access.allowed,
+            reason=access.reason,
+            msr_used=access.msr_used,
+        ),
+        alerts=[
+            msg.Alert(
+                kind=_ALERT[alert.kind],
+                kart=alert.kart,
+                use_msr=alert.use_msr,
+                text=alert.text,
+                since=wall(alert.since),
+            )
+            for alert in race.alerts(now)
+        ],
+    )
+
+
+def event_message(stamped: StampedEvent) -> msg.RaceEvent:
+    """Return an event as a message."""
+    event = stamped.event
+    monotonic_ns = round(stamped.monotonic * NS)
+    return msg.RaceEvent(
+        sequence=stamped.sequence,
+        stamp=time_message(stamped.wall_ns),
+        monotonic=Duration(sec=monotonic_ns // NS, nanosec=monotonic_ns % NS),
+        kind=_EVENT[event.kind],
+        kart=event.kart,
+        command=_COMMAND[event.command] if event.command is not None else 0,
+        success=event.success,
+        state=state_message(event.state),
+        text=event.text,
+    )

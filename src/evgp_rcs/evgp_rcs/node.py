@@ -1,0 +1,432 @@
+"""
+The ``rcs`` node: race control as ROS topics and services (§4.B).
+
+Three threads, each with its own work, and no state shared between them:
+
+- the kart server's thread owns the race and the sockets (``kart_server``);
+- the executor's threads take officials' service calls, hand each to the kart server and wait for
+  its answer; the stops have a callback group of their own, so none waits behind another call;
+- the teller's thread (``Teller``) publishes the race and its events, and logs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import concurrent.futures
+import pathlib
+import queue
+import signal
+import sys
+import threading
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from evgp_rcs.kart_server import KartServer, KartServerError, ServerSettings, StampedEvent
+from evgp_rcs.messages import event_message, race_message
+from evgp_rcs.parameters import ParameterError, Parameters
+from evgp_rcs.race import (
+    Answer,
+    Command,
+    CommandKind,
+    EventKind,
+    Kart,
+    Race,
+    RaceTimes,
+    STOPS,
+)
+from evgp_rcs.roster import load_roster, Roster, RosterError
+from evgp_rcs_msgs import msg, srv
+import rclpy
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.callback_groups import (
+    CallbackGroup,
+    MutuallyExclusiveCallbackGroup,
+    ReentrantCallbackGroup,
+)
+from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from std_srvs.srv import SetBool, Trigger
+
+ANSWER_TIMEOUT = 2.0
+"""How long an official's call waits for the kart server before it says so, seconds."""
+
+RACE_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Of ``~/race``: a late subscriber gets the present race at once."""
+
+EVENTS_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=200,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Of ``~/events``: a late subscriber gets the last 200 events."""
+
+DIAGNOSTICS_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""Of ``/diagnostics``, as diagnostic aggregators expect it."""
+
+
+class RcsNode(Node):
+    """
+    Race control's node.
+
+    :param on_failure: is called, in another thread, when race control cannot go on: every kart
+        has been sent RED_RED and the process should end.
+    :raises ParameterError: if a parameter is wrong.
+    :raises RosterError: if the roster is.
+    :raises KartServerError: if the karts' port cannot be listened at.
+    """
+
+    def __init__(self, on_failure: Callable[[BaseException], None], **node_options: Any) -> None:
+        """Read the parameters and the roster, listen for karts, and offer the services."""
+        super().__init__(
+            'rcs', automatically_declare_parameters_from_overrides=True, **node_options
+        )
+        settings, times, roster = read_settings(Parameters(self))
+        race = Race(
+            [
+                Kart(number=entry.number, team=entry.team, in_race=entry.in_race)
+                for entry in roster.entries
+            ],
+            times,
+            now=time.monotonic(),
+        )
+        self._teller = Teller(self, roster)
+        self._server = KartServer(
+            race,
+            {entry.address: entry.number for entry in roster.entries},
+            settings,
+            on_events=self._teller.put,
+            on_copy=self._teller.put,
+            on_failure=on_failure,
+        )
+        self._offer_services()
+        self._server.start()
+        self._teller.start()
+        self.get_logger().info(
+            f'Race control listens for {len(roster.entries)} karts at '
+            f'{self._server.address[0]}, port {self._server.address[1]}'
+        )
+
+    @property
+    def kart_port(self) -> int:
+        """Return the TCP port at which karts connect."""
+        return self._server.address[1]
+
+    def close(self) -> None:
+        """Send every kart RED_RED, close their connections, and tell what is left to tell."""
+        self._server.stop()
+        self._teller.stop()
+
+    # ----- services -----------------------------------------------------------------------
+
+    def _offer_services(self) -> None:
+        stops = ReentrantCallbackGroup()
+        others = MutuallyExclusiveCallbackGroup()
+        offer = self._offer
+        # The stops first: of requests that are ready together, these are taken first.
+        offer(stops, '~/all_kill', Trigger, CommandKind.ALL_KILL)
+        offer(stops, '~/red_flag', Trigger, CommandKind.RED_FLAG)
+        offer(stops, '~/kart/red_red', srv.KartCommand, CommandKind.KART_RED_RED)
+        offer(stops, '~/kart/red_flag', srv.KartCommand, CommandKind.KART_RED_FLAG)
+        offer(stops, '~/record_msr', Trigger, CommandKind.RECORD_MSR, lambda request: True)
+        offer(others, '~/race_over', Trigger, CommandKind.RACE_OVER)
+        offer(others, '~/green_green', Trigger, CommandKind.GREEN_GREEN)
+        offer(
+            others,
+            '~/grid_active',
+            srv.GridActive,
+            CommandKind.GRID_ACTIVE,
+            lambda request: bool(request.track_clear),
+        )
+        offer(
+            others,
+            '~/in_garage',
+            srv.InGarage,
+            CommandKind.IN_GARAGE,
+            lambda request: bool(request.track_safe),
+        )
+        offer(others, '~/kart/finish', srv.KartCommand, CommandKind.KART_FINISH)
+        offer(
+            others,
+            '~/kart/in_garage',
+            srv.KartInGarage,
+            CommandKind.KART_IN_GARAGE,
+            lambda request: bool(request.made_safe_by_hand),
+        )
+        offer(
+            others,
+            '~/set_in_race',
+            srv.SetInRace,
+            lambda request: CommandKind.JOIN_RACE if request.in_race else CommandKind.LEAVE_RACE,
+        )
+        offer(
+            others,
+            '~/set_track_open',
+            SetBool,
+            lambda request: CommandKind.OPEN_TRACK if request.data else CommandKind.CLOSE_TRACK,
+        )
+
+    def _offer(
+        self,
+        group: CallbackGroup,
+        name: str,
+        service: Any,
+        kind: CommandKind | Callable[[Any], CommandKind],
+        statement: Callable[[Any], bool] = lambda request: False,
+    ) -> None:
+        def serve(request: Any, response: Any) -> Any:
+            answer = self._command(
+                Command(
+                    kind if isinstance(kind, CommandKind) else kind(request),
+                    getattr(request, 'kart', None),
+                    statement(request),
+                )
+            )
+            response.success = answer.success
+            response.message = answer.message
+            return response
+
+        self.create_service(service, name, serve, callback_group=group)
+
+    def _command(self, command: Command) -> Answer:
+        try:
+            return self._server.submit(command).result(ANSWER_TIMEOUT)
+        except KartServerError as error:
+            return Answer(False, f'{command.kind.value} was not given: {error}.')
+        except concurrent.futures.TimeoutError:
+            return Answer(
+                False,
+                f'{command.kind.value} is not answered after {ANSWER_TIMEOUT:g} s'
+                + ('; use the MSR.' if command.kind in STOPS else '; look at the race.'),
+            )
+
+
+def read_settings(parameters: Parameters) -> tuple[ServerSettings, RaceTimes, Roster]:
+    """
+    Declare every parameter of race control and read the roster it names.
+
+    :raises ParameterError: if a parameter is wrong.
+    :raises RosterError: if the roster is.
+    """
+    declare = parameters.declare
+
+    def seconds(name: str, default: float, meaning: str) -> float:
+        return declare(name, default, f'{meaning} for so long, s.', (0.1, 3600))
+
+    path = declare('roster', '', 'The file that lists the karts, see config/karts.yaml.')
+    settings = ServerSettings(
+        host=declare(
+            'address', '0.0.0.0', 'The IPv4 address at which karts connect; 0.0.0.0: every one.'
+        ),
+        port=declare('port', 12017, 'The TCP port at which karts connect; 0: any.', (0, 65535)),
+        beat_rate=declare(
+            'beat_rate', 20.0, 'Frames per second to each kart, Hz (§4.C: at least 10).', (10, 100)
+        ),
+        send_timeout=declare(
+            'send_timeout',
+            1.0,
+            'A kart that leaves bytes unanswered so long is lost, s.',
+            (0.2, 10),
+        ),
+    )
+    times = RaceTimes(
+        finish_delays=tuple(
+            declare(
+                'finish_delays',
+                list(RaceTimes().finish_delays),
+                'From FINISH to RED_FLAG for place 1, 2, …; the last for all further, s, 0-60.',
+            )
+        ),
+        finish_stop=seconds('finish_stop', 15.0, 'A finished kart may not acknowledge RED_FLAG'),
+        auto_race_over=declare(
+            'auto_race_over', True, 'Once every kart has finished, the race goes over by itself.'
+        ),
+        ready_alert=seconds('ready_alert', 120.0, 'Alert: GRID_ACTIVE is not acknowledged'),
+        green_alert=seconds('green_alert', 30.0, 'Alert: GREEN_GREEN is not acknowledged'),
+        flag_alert=seconds('flag_alert', 15.0, 'Alert: RED_FLAG is not acknowledged'),
+        red_alert=seconds('red_alert', 5.0, 'Alert: RED_RED is not acknowledged'),
+    )
+    parameters.refuse_unknown()
+    for delay in times.finish_delays:
+        if not 0.0 <= delay <= 60.0:
+            raise ParameterError(
+                f'parameter finish_delays: {delay:g} is not possible. '
+                'Give each place a delay from 0 to 60 s'
+            )
+    if not path:
+        raise ParameterError(
+            'parameter roster is missing. Name the file that lists the karts, '
+            'as in: --ros-args -p roster:=config/karts.yaml'
+        )
+    return settings, times, load_roster(pathlib.Path(path))
+
+
+class Teller:
+    """
+    Publishes what the kart server hands over, in a thread of its own.
+
+    Events go out each, in order; of several copies of the race only the newest does.
+    """
+
+    def __init__(self, node: RcsNode, roster: Roster) -> None:
+        """Create the publishers; nothing is published before ``start``."""
+        self._node = node
+        self._addresses = {entry.number: entry.address for entry in roster.entries}
+        self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
+        self._events = node.create_publisher(msg.RaceEvent, '~/events', EVENTS_QOS)
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
+        self._queue: queue.SimpleQueue[tuple[Any, ...] | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name='teller', daemon=True)
+        self._told_diagnostics = 0.0
+
+    def put(self, *news: Any) -> None:
+        """Take events, or a copy of the race with its time, from the kart server's thread."""
+        self._queue.put(news)
+
+    def start(self) -> None:
+        """Begin to publish."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Publish what is still to be told, and return."""
+        if self._thread.ident is not None:
+            self._queue.put(None)
+            self._thread.join()
+
+    def _run(self) -> None:
+        last = False
+        while not last:
+            waiting = [self._queue.get()]
+            while not self._queue.empty():
+                waiting.append(self._queue.get())
+            newest: tuple[Race, float] | None = None
+            for news in waiting:
+                if news is None:
+                    last = True
+                elif len(news) == 1:
+                    for stamped in news[0]:
+                        self._tell(stamped)
+                else:
+                    newest = news[0], news[1]
+            if newest is not None:
+                self._tell_race(*newest)
+
+    def _tell(self, stamped: StampedEvent) -> None:
+        event = stamped.event
+        log = self._node.get_logger()
+        if event.kind is EventKind.ALERT_RAISED or not event.success:
+            log.warning(event.text)
+        elif event.kind not in (EventKind.KART_STATE, EventKind.FINISHED):  # the command says it
+            log.info(event.text)
+        self._events.publish(event_message(stamped))
+
+    def _tell_race(self, race: Race, now: float) -> None:
+        wall_ns = time.time_ns() - round((time.monotonic() - now) * 1e9)
+        self._race.publish(race_message(race, now, wall_ns, self._addresses))
+        if now - self._told_diagnostics >= 1.0:
+            self._told_diagnostics = now
+            self._diagnostics.publish(self._diagnostic(race, now))
+
+    def _diagnostic(self, race: Race, now: float) -> DiagnosticArray:
+        name = self._node.get_fully_qualified_name().lstrip('/')
+        alerts = race.alerts(now)
+        level, summary = DiagnosticStatus.OK, f'The race is in {race.state.value}'
+        if alerts:
+            level, summary = DiagnosticStatus.WARN, alerts[0].text
+        msr = [alert for alert in alerts if alert.use_msr]
+        if msr:
+            level, summary = DiagnosticStatus.ERROR, msr[0].text
+        array = DiagnosticArray()
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        array.status = [
+            DiagnosticStatus(
+                level=level,
+                name=f'{name}: race',
+                message=summary,
+                hardware_id='rcs',
+                values=[
+                    KeyValue(key='race state', value=race.state.value),
+                    KeyValue(key='alerts', value=str(len(alerts))),
+                ],
+            ),
+            *(
+                DiagnosticStatus(
+                    level=DiagnosticStatus.OK
+                    if kart.connected or not kart.in_race
+                    else DiagnosticStatus.WARN,
+                    name=f'{name}: kart {kart.number}',
+                    message='connected' if kart.connected else 'not connected',
+                    hardware_id=self._addresses[kart.number],
+                    values=[
+                        KeyValue(key='team', value=kart.team),
+                        KeyValue(key='sent', value=kart.sent.value),
+                        KeyValue(key='acknowledged', value=str(kart.acknowledged).lower()),
+                    ],
+                )
+                for kart in race.karts.values()
+            ),
+        ]
+        return array
+
+
+def main(args: list[str] | None = None) -> int:
+    """
+    Run race control until SIGINT or SIGTERM; every kart is sent RED_RED at the end.
+
+    :returns: 0 after an orderly end, 1 after a failure, 2 if a setting is wrong.
+    """
+    ending = threading.Event()
+    failures: list[BaseException] = []
+
+    def fail(error: BaseException) -> None:
+        failures.append(error)
+        ending.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ending.set())
+    try:
+        rclpy.init(args=args, signal_handler_options=rclpy.SignalHandlerOptions.NO)
+        node = RcsNode(fail)
+    except (RCLError, ParameterError, RosterError, KartServerError) as error:
+        print(f'rcs: {error}', file=sys.stderr)
+        rclpy.try_shutdown()
+        return 2
+    executor = MultiThreadedExecutor(num_threads=4)
+    executor.add_node(node)
+
+    def spin() -> None:
+        # Not in the main thread: Python runs signal handlers only there, and only when it is free.
+        try:
+            executor.spin()
+        except ExternalShutdownException:
+            ending.set()
+        except BaseException as error:  # noqa: BLE001 - raised again by the main thread
+            fail(error)
+
+    spinning = threading.Thread(target=spin, name='executor', daemon=True)
+    spinning.start()
+    ending.wait()
+    node.close()
+    executor.shutdown()
+    spinning.join()
+    node.destroy_node()
+    rclpy.try_shutdown()
+    if failures:
+        raise RuntimeError('race control failed; every kart was sent RED_RED') from failures[0]
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

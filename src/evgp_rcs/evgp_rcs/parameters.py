@@ -1,0 +1,91 @@
+"""
+Parameters of a node: declared with meaning and range, read-only, and refused in one sentence.
+
+``rclpy`` ignores a parameter nobody declared, so a misspelt key in a file would silently leave
+the default in force. Here it is refused at start, with the name that was probably meant.
+"""
+
+from __future__ import annotations
+
+import difflib
+from typing import TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+
+T = TypeVar('T', bool, int, float, str, list[float])
+
+_ROS_OWN = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
+_IN_WORDS = {
+    bool: 'true or false',
+    int: 'a whole number',
+    float: 'a number with a point',
+    str: 'a text',
+}
+
+
+class ParameterError(ValueError):
+    """A parameter is wrong; the text says which one, why, and what would be right."""
+
+
+class Parameters:
+    """
+    The parameters of one node, all of them declared through here.
+
+    :param node: made with ``automatically_declare_parameters_from_overrides=True``, by which
+        it tells which parameters it was given.
+    """
+
+    def __init__(self, node: Node) -> None:
+        """Take note of what the node was given, before anything is declared."""
+        self._node = node
+        self._given = {
+            name
+            for name in node.get_parameters_by_prefix('')
+            if name.split('.')[0] not in _ROS_OWN
+        }
+        for name in self._given:
+            node.undeclare_parameter(name)
+        self._declared: list[str] = []
+
+    def declare(
+        self, name: str, default: T, meaning: str, limits: tuple[float, float] | None = None
+    ) -> T:
+        """
+        Declare a read-only parameter and return its value.
+
+        :param meaning: what it is, with its unit.
+        :param limits: the least and the greatest value of a number.
+        :raises ParameterError: if the value given is of another type or outside the limits.
+        """
+        descriptor = ParameterDescriptor(description=meaning, read_only=True)
+        right = _IN_WORDS.get(type(default), 'a list of numbers with points, as [1.0, 2.0]')
+        if limits is not None:
+            least, greatest = limits
+            right += f' from {least:g} to {greatest:g}'
+            if isinstance(default, int):
+                descriptor.integer_range = [
+                    IntegerRange(from_value=int(least), to_value=int(greatest), step=1)
+                ]
+            else:
+                descriptor.floating_point_range = [
+                    FloatingPointRange(from_value=float(least), to_value=float(greatest))
+                ]
+        self._declared.append(name)
+        try:
+            value: T = self._node.declare_parameter(name, default, descriptor).value
+        except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+            raise ParameterError(f'parameter {name}: {error}. Give {right}') from error
+        return value
+
+    def refuse_unknown(self) -> None:
+        """
+        Refuse what was given and never declared; call it after the last ``declare``.
+
+        :raises ParameterError: if there is such a parameter.
+        """
+        for name in sorted(self._given - set(self._declared)):
+            meant = difflib.get_close_matches(name, self._declared, n=1)
+            known = f'did you mean {meant[0]}?' if meant else f'known: {", ".join(self._declared)}'
+            raise ParameterError(f'parameter {name} is unknown; {known}')
