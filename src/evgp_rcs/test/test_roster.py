@@ -274,15 +274,15 @@ TEXTS_YAML_GIVES_A_MEANING_TO = st.text(
 )
 
 ROSTERS_WITH_A_STRETCH_REPLACED = st.builds(
-    lambda at, length, new: TWO_KARTS[:at] + new + TWO_KARTS[at + length :],
+    lambda at, new, end: TWO_KARTS[:at] + new + TWO_KARTS[end:],
     st.integers(0, len(TWO_KARTS)),
-    st.integers(0, 20),
     st.one_of(
         st.text(max_size=5),
         st.sampled_from(
             ['\n', '    team: ', '  - number: ', 'karts:', '&a', '*a', '!!int ', '"\\u', '? ']
         ),
     ),
+    st.integers(0, len(TWO_KARTS)),
 )
 
 

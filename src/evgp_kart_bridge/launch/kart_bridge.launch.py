@@ -1,0 +1,41 @@
+"""Start a kart's bridge: ros2 launch evgp_kart_bridge kart_bridge.launch.py host:=192.168.1.10 ."""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the description that `ros2 launch` looks for."""
+    config = PathJoinSubstitution([FindPackageShare('evgp_kart_bridge'), 'config'])
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument('host', description='The address of race control.'),
+            DeclareLaunchArgument(
+                'params_file',
+                default_value=PathJoinSubstitution([config, 'kart_bridge.yaml']),
+                description='The file of the parameters.',
+            ),
+            DeclareLaunchArgument(
+                'namespace', default_value='', description='Where the node stands in the graph.'
+            ),
+            Node(
+                package='evgp_kart_bridge',
+                executable='kart_bridge_node',
+                name='kart_bridge',
+                namespace=LaunchConfiguration('namespace'),
+                parameters=[
+                    LaunchConfiguration('params_file'),
+                    {'host': ParameterValue(LaunchConfiguration('host'), value_type=str)},
+                ],
+                output='screen',
+                # A bridge that died comes back, in RED_RED, as every bridge starts (§3.E). Until
+                # then the stack stops because the bridge's topics have gone quiet.
+                respawn=True,
+                respawn_delay=1.0,
+            ),
+        ]
+    )

@@ -1,0 +1,44 @@
+"""Start race control: ros2 launch evgp_rcs rcs.launch.py roster:=karts.yaml ."""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the description that `ros2 launch` looks for."""
+    config = PathJoinSubstitution([FindPackageShare('evgp_rcs'), 'config'])
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                'roster',
+                default_value=PathJoinSubstitution([config, 'karts.yaml']),
+                description='The file that lists the karts.',
+            ),
+            DeclareLaunchArgument(
+                'params_file',
+                default_value=PathJoinSubstitution([config, 'rcs.yaml']),
+                description='The file of the parameters.',
+            ),
+            DeclareLaunchArgument(
+                'namespace', default_value='', description='Where the node stands in the graph.'
+            ),
+            Node(
+                package='evgp_rcs',
+                executable='rcs_node',
+                name='rcs',
+                namespace=LaunchConfiguration('namespace'),
+                parameters=[
+                    LaunchConfiguration('params_file'),
+                    {'roster': ParameterValue(LaunchConfiguration('roster'), value_type=str)},
+                ],
+                output='screen',
+                # A race control that died comes back, and its karts stay stopped until then.
+                respawn=True,
+                respawn_delay=1.0,
+            ),
+        ]
+    )
