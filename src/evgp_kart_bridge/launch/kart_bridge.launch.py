@@ -1,4 +1,4 @@
-"""Start a kart's bridge: ros2 launch evgp_kart_bridge kart_bridge.launch.py host:=192.168.1.10 ."""
+"""Start a kart's bridge: ros2 launch evgp_kart_bridge kart_bridge.launch.py host:=10.0.0.1 ."""
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument

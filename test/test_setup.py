@@ -1,0 +1,204 @@
+"""What the set-up decides, and what it says to a machine that it cannot be set up on."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.util
+import os
+import pathlib
+import re
+import subprocess
+import sys
+from types import ModuleType
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+
+
+def load_prepare() -> ModuleType:
+    """Return setup/prepare.py, which is no module of any package."""
+    spec = importlib.util.spec_from_file_location('prepare', ROOT / 'setup' / 'prepare.py')
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    # Its dataclasses look their annotations up by the module's name.
+    sys.modules['prepare'] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+prepare = load_prepare()
+
+FITTING = prepare.Interpreter(
+    executable='python3.12',
+    version='3.12',
+    implementation='CPython',
+    platform='Linux x86_64',
+    glibc=(2, 36),
+    has_venv=True,
+    has_headers=True,
+    modules=frozenset({'colcon_core', 'pytest', 'rclpy', 'yaml'}),
+)
+
+
+def test_python_3_12_with_all_it_takes_fits() -> None:
+    assert prepare.why_unfit(FITTING, sourced=False) is None
+
+
+@pytest.mark.parametrize(
+    ('change', 'advice'),
+    [
+        ({'version': '3.10'}, 'install CPython 3.11 or 3.12'),
+        ({'version': '3.13'}, 'install CPython 3.11 or 3.12'),
+        ({'implementation': 'PyPy'}, 'install CPython 3.11 or 3.12'),
+        ({'platform': 'Linux aarch64'}, 'install ROS 2 Jazzy itself'),
+        ({'platform': 'Darwin x86_64'}, 'install ROS 2 Jazzy itself'),
+        ({'glibc': ()}, 'install ROS 2 Jazzy itself'),
+        ({'glibc': (2, 27)}, 'install ROS 2 Jazzy itself'),
+        ({'has_venv': False}, "'apt-get install python3.12-venv'"),
+        ({'has_headers': False}, "'apt-get install python3.12-dev'"),
+    ],
+)
+def test_a_python_that_does_not_fit_is_told_what_to_install(
+    change: dict[str, object], advice: str
+) -> None:
+    assert advice in prepare.why_unfit(dataclasses.replace(FITTING, **change), sourced=False)
+
+
+def test_a_sourced_jazzy_is_used_whatever_the_machine() -> None:
+    arm = dataclasses.replace(FITTING, version='3.13', platform='Linux aarch64')
+    assert prepare.why_unfit(arm, sourced=True) is None
+
+
+@pytest.mark.parametrize(
+    ('missing', 'advice'),
+    [
+        ('rclpy', 'source the setup.bash of your ROS 2 Jazzy'),
+        ('pytest', "'apt-get install python3-pytest'"),
+        ('colcon_core', "'apt-get install python3-colcon-common-extensions'"),
+    ],
+)
+def test_a_sourced_jazzy_that_lacks_something_is_told_what(missing: str, advice: str) -> None:
+    python = dataclasses.replace(FITTING, modules=FITTING.modules - {missing})
+    assert advice in prepare.why_unfit(python, sourced=True)
+
+
+@pytest.mark.parametrize(
+    ('distribution', 'sourced'), [(None, False), ('', False), ('jazzy', True)]
+)
+def test_an_installed_ros_is_used_where_jazzy_is_sourced(
+    distribution: str | None, sourced: bool
+) -> None:
+    environment = {} if distribution is None else {'ROS_DISTRO': distribution}
+    assert prepare.is_sourced(environment) is sourced
+    assert prepare.why_no_ros(environment) is None
+
+
+def test_another_sourced_ros_is_refused() -> None:
+    assert 'Jazzy' in prepare.why_no_ros({'ROS_DISTRO': 'humble'})
+
+
+def test_a_missing_compiler_is_told_by_its_language() -> None:
+    assert prepare.why_no_compiler({'C': True, 'C++': False}) == (
+        "No C++ compiler found; install one, on Debian or Ubuntu with 'apt-get install g++'."
+    )
+
+
+def test_compilers_that_are_there_are_no_reason() -> None:
+    assert prepare.why_no_compiler({'C': True, 'C++': True}) is None
+
+
+@pytest.mark.parametrize(
+    ('made', 'chosen', 'kept'),
+    [
+        (None, False, False),  # nothing, or half-made
+        (('key', '3.12'), True, True),
+        (('other', '3.12'), False, False),  # another lock, or the checkout was moved
+        (('key', '3.11'), False, True),  # it came from PYTHON=python3.11 and is still good
+        (('key', '3.11'), True, False),
+    ],
+)
+def test_an_environment_is_kept_while_it_is_what_is_asked_for(
+    made: tuple[str, str] | None, chosen: bool, kept: bool
+) -> None:
+    found = None if made is None else prepare.Stamp(*made)
+    assert prepare.is_kept(found, prepare.Stamp('key', '3.12'), chosen=chosen) is kept
+
+
+@pytest.mark.parametrize('content', ['', 'key', 'key 3.12 more', None])
+def test_a_damaged_stamp_is_none(tmp_path: pathlib.Path, content: str | None) -> None:
+    if content is not None:
+        (tmp_path / 'stamp').write_text(content)
+    assert prepare.read_stamp(tmp_path / 'stamp') is None
+
+
+BROKEN = (
+    'INCLUDE "/opt/python/cp312-cp312/include/python3.12;'
+    '/opt/python/cp312-cp312/lib/python3.12/site-packages/numpy/_core/include"'
+)
+
+
+def test_the_folders_of_the_wheels_builder_become_those_of_this_machine() -> None:
+    assert prepare.repaired(BROKEN, 'inc', r'si\te') == r'INCLUDE "inc;si\te/numpy/_core/include"'
+
+
+def test_a_repaired_file_stays_as_it_is() -> None:
+    once = prepare.repaired(BROKEN, 'inc', 'site')
+    assert prepare.repaired(once, 'inc', 'site') == once
+
+
+@pytest.mark.parametrize(
+    ('path', 'rebuilds'),
+    [
+        ('package/msg/State.msg', True),
+        ('package/CMakeLists.txt', True),
+        ('package/setup.py', True),
+        ('package/package/module.py', False),
+        ('package/test/test_module.py', False),
+        ('package/config/parameters.yaml', False),
+        ('package/launch/node.launch.py', False),
+    ],
+)
+def test_a_changed_file_is_built_anew_where_a_link_does_not_do(
+    tmp_path: pathlib.Path, path: str, rebuilds: bool
+) -> None:
+    file = tmp_path / path
+    file.parent.mkdir(parents=True)
+    file.write_text('before')
+    before = prepare.digest(prepare.build_inputs(tmp_path))
+    file.write_text('after')
+    assert (prepare.digest(prepare.build_inputs(tmp_path)) != before) is rebuilds
+
+
+@pytest.mark.parametrize('path', ['package/config/new.yaml', 'package/launch/new.launch.py'])
+def test_a_new_file_that_gets_installed_is_built_anew(tmp_path: pathlib.Path, path: str) -> None:
+    before = prepare.digest(prepare.build_inputs(tmp_path))
+    (tmp_path / path).parent.mkdir(parents=True)
+    (tmp_path / path).touch()
+    assert prepare.digest(prepare.build_inputs(tmp_path)) != before
+
+
+def test_find_python_says_what_to_do_where_python_does_not_run() -> None:
+    done = subprocess.run(
+        [ROOT / 'setup' / 'find-python'],
+        env={**os.environ, 'PYTHON': 'no-such-python'},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (
+        1,
+        '',
+        'PYTHON=no-such-python does not run; name a Python 3.11 or 3.12.\n',
+    )
+
+
+def pins(lock: str) -> dict[str, str]:
+    """Return the versions that a lock file names, by package."""
+    text = (ROOT / 'setup' / lock).read_text()
+    return dict(re.findall(r'^([a-z0-9-]+)==(\S+)', text, re.MULTILINE))
+
+
+@pytest.mark.parametrize('lock', ['build.txt', 'tools.txt'])
+def test_the_locks_agree(lock: str) -> None:
+    assert pins(lock).items() <= pins('ros.txt').items()
