@@ -1,0 +1,96 @@
+"""
+Pytest fixtures for the parts of a race.
+
+Each fixture starts parts and ends them after the test, in reverse order, also when it failed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+import contextlib
+import pathlib
+
+import pytest
+
+from race_parts.domains import Domain
+from race_parts.kart import Bridge, Team
+from race_parts.official import Official
+from race_parts.race_control import address_of, RaceControl
+from race_parts.wire_kart import Acknowledges, WireKart
+
+StartRaceControl = Callable[..., RaceControl]
+JoinOfficial = Callable[[RaceControl], Official]
+ConnectKart = Callable[..., WireKart]
+StartBridge = Callable[..., Bridge]
+JoinTeam = Callable[[Bridge], Team]
+
+
+@pytest.fixture
+def parts() -> Iterator[contextlib.ExitStack]:
+    """Return the stack of all parts of this test: what is entered here ends with the test."""
+    with contextlib.ExitStack() as stack:
+        yield stack
+
+
+@pytest.fixture
+def start_race_control(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> StartRaceControl:
+    """Return a function that starts a race control on a ROS domain of its own."""
+
+    def start(
+        in_race: Iterable[int] = (1, 2), others: Iterable[int] = (), **parameters: object
+    ) -> RaceControl:
+        domain = parts.enter_context(Domain())
+        control = RaceControl(tmp_path, domain.number, in_race, others, parameters)
+        parts.callback(control.close)
+        return control
+
+    return start
+
+
+@pytest.fixture
+def join_official(parts: contextlib.ExitStack) -> JoinOfficial:
+    """Return a function that lets an official join a race control's domain."""
+
+    def join(control: RaceControl) -> Official:
+        official = Official(control.domain)
+        parts.callback(official.close)
+        return official
+
+    return join
+
+
+@pytest.fixture
+def connect_kart(parts: contextlib.ExitStack) -> ConnectKart:
+    """Return a function that connects a plain TCP kart, by its number in the roster."""
+
+    def connect(
+        control: RaceControl, number: int, acknowledges: Acknowledges = Acknowledges.NEVER
+    ) -> WireKart:
+        return parts.enter_context(WireKart(address_of(number), control.port, acknowledges))
+
+    return connect
+
+
+@pytest.fixture
+def start_bridge(parts: contextlib.ExitStack) -> StartBridge:
+    """Return a function that starts a kart's bridge on a ROS domain of its own."""
+
+    def start(port: int, number: int = 1, **parameters: object) -> Bridge:
+        domain = parts.enter_context(Domain())
+        bridge = Bridge(domain.number, port, address_of(number), parameters)
+        parts.callback(bridge.close)
+        return bridge
+
+    return start
+
+
+@pytest.fixture
+def join_team(parts: contextlib.ExitStack) -> JoinTeam:
+    """Return a function that lets a team's stack join the domain of its bridge."""
+
+    def join(bridge: Bridge) -> Team:
+        team = Team(bridge.domain)
+        parts.callback(team.close)
+        return team
+
+    return join

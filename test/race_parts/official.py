@@ -1,0 +1,170 @@
+"""An official: every command as a service call, and the race as officials see it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs import msg, srv
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from std_srvs.srv import SetBool, Trigger
+
+from race_parts.ros_side import RosSide
+
+
+def latched(depth: int) -> QoSProfile:
+    """Return the QoS of a reliable, latched topic of which the last `depth` are kept."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+
+
+SERVICES = {
+    'all_kill': Trigger,
+    'red_flag': Trigger,
+    'green_green': Trigger,
+    'race_over': Trigger,
+    'record_msr': Trigger,
+    'grid_active': srv.GridActive,
+    'in_garage': srv.InGarage,
+    'set_in_race': srv.SetInRace,
+    'set_track_open': SetBool,
+    'kart/red_red': srv.KartCommand,
+    'kart/red_flag': srv.KartCommand,
+    'kart/finish': srv.KartCommand,
+    'kart/in_garage': srv.KartInGarage,
+}
+"""Every command of an official, by the name of its service below ``/rcs/``."""
+
+_NAMES = {getattr(msg.RaceState, state.name): state for state in RaceState} | {
+    msg.RaceState.UNKNOWN: None
+}
+
+
+def state_of(message: msg.RaceState) -> RaceState | None:
+    """Return the race state of a message; None is UNKNOWN."""
+    return _NAMES[message.state]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What race control answered to a command."""
+
+    success: bool
+    message: str
+
+
+class Official(RosSide):
+    """
+    A client of a running race control, on its domain.
+
+    ``race`` is the newest snapshot, ``events`` every event heard, in order.
+    """
+
+    def __init__(self, domain: int, name: str = 'official') -> None:
+        """Join race control's domain."""
+        super().__init__(name, domain)
+        self.race: msg.Race | None = None
+        self.events: list[msg.RaceEvent] = []
+        self._clients = {
+            service: self.node.create_client(kind, f'/rcs/{service}')
+            for service, kind in SERVICES.items()
+        }
+        self.node.create_subscription(msg.Race, '/rcs/race', self._hear_race, latched(1))
+        self.node.create_subscription(msg.RaceEvent, '/rcs/events', self._hear_event, latched(200))
+        self.spin()
+
+    def call(self, service: str, **request: Any) -> Answer:
+        """
+        Give a command, such as ``call('kart/red_red', kart=7)``, and return its answer.
+
+        :raises AssertionError: if race control does not answer in time.
+        """
+        response: Any = self.request(self._clients[service], SERVICES[service].Request(**request))
+        return Answer(response.success, response.message)
+
+    def command(self, service: str, **request: Any) -> Answer:
+        """
+        Give a command that must be accepted.
+
+        :raises AssertionError: if it is refused; the text has the reason.
+        """
+        answer = self.call(service, **request)
+        assert answer.success, f'{service}: {answer.message}'
+        return answer
+
+    def wait_for_race(self, found: Callable[[msg.Race], object], what: str) -> msg.Race:
+        """
+        Return the first snapshot for which `found` is true.
+
+        :param what: what is awaited, for the message.
+        :raises AssertionError: if none comes in time.
+        """
+        self.wait_until(
+            lambda: self.race is not None and found(self.race),
+            lambda: f'{what}; the race: {self.race}',
+        )
+        assert self.race is not None
+        return self.race
+
+    def wait_for_event(self, found: Callable[[msg.RaceEvent], object], what: str) -> msg.RaceEvent:
+        """
+        Return the first event, heard already or still to come, for which `found` is true.
+
+        :raises AssertionError: if none comes in time.
+        """
+        return self.wait_until(
+            lambda: next((event for event in self.events if found(event)), None),
+            lambda: f'{what}; heard: {[event.text for event in self.events]}',
+        )
+
+    def wait_for_kart(
+        self, number: int, found: Callable[[msg.KartStatus], object], what: str
+    ) -> msg.KartStatus:
+        """
+        Return the first status of a kart for which `found` is true.
+
+        :raises AssertionError: if none comes in time.
+        """
+        race = self.wait_for_race(
+            lambda race: any(kart.number == number and found(kart) for kart in race.karts),
+            f'kart {number}: {what}',
+        )
+        return next(kart for kart in race.karts if kart.number == number)
+
+    def wait_for_acks(self, state: RaceState, *numbers: int) -> None:
+        """
+        Return once each of these karts is sent, and has acknowledged, this state.
+
+        :raises AssertionError: if that does not happen in time.
+        """
+        for number in numbers:
+            self.wait_for_kart(
+                number,
+                lambda kart: kart.acknowledged and state_of(kart.sent) is state,
+                f'{state.value} acknowledged',
+            )
+
+    def wait_for_connected(self, *numbers: int) -> None:
+        """
+        Return once each of these karts is connected.
+
+        :raises AssertionError: if that does not happen in time.
+        """
+        for number in numbers:
+            self.wait_for_kart(number, lambda kart: kart.connected, 'connected')
+
+    def _hear_race(self, race: msg.Race) -> None:
+        with self.news:
+            self.race = race
+            self.news.notify_all()
+
+    def _hear_event(self, event: msg.RaceEvent) -> None:
+        with self.news:
+            self.events.append(event)
+            self.news.notify_all()

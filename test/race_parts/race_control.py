@@ -1,0 +1,60 @@
+"""A running race control: the real node in a process, with a roster of loopback addresses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+import pathlib
+
+import yaml
+
+from race_parts.process import Process
+
+
+def address_of(number: int) -> str:
+    """Return the loopback address of a kart, by which race control knows it."""
+    return f'127.0.1.{number}'
+
+
+class RaceControl(Process):
+    """
+    A real ``rcs_node`` on a domain, listening at a port the system chose.
+
+    :param folder: where its roster is written.
+    :param in_race: the numbers (1 to 254) of the karts in the first race.
+    :param others: the numbers of the karts that are in the roster only.
+    :param parameters: more ROS parameters of the node.
+    """
+
+    def __init__(
+        self,
+        folder: pathlib.Path,
+        domain: int,
+        in_race: Iterable[int],
+        others: Iterable[int] = (),
+        parameters: Mapping[str, object] | None = None,
+    ) -> None:
+        """Start race control and wait until karts can connect."""
+        racing = set(in_race)
+        karts = [
+            {
+                'number': number,
+                'team': f'Team {number}',
+                'address': address_of(number),
+                'in_race': number in racing,
+            }
+            for number in sorted(racing | set(others))
+        ]
+        roster = folder / 'karts.yaml'
+        roster.write_text(yaml.safe_dump({'karts': karts}), encoding='utf-8')
+        self.domain = domain
+        super().__init__(
+            'evgp_rcs',
+            'rcs_node',
+            domain,
+            {'roster': roster, 'address': '127.0.0.1', 'port': 0, **(parameters or {})},
+        )
+        try:
+            self.port = int(self.wait_for_line(r'listens for .* port (\d+)')[1])
+        except BaseException:
+            self.close()
+            raise

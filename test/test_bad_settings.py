@@ -1,0 +1,83 @@
+"""Race control refuses a wrong setting at start, with one sentence and exit code 2."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+import pathlib
+import socket
+
+import pytest
+from race_parts.domains import Domain
+from race_parts.process import Process
+
+Refusal = Callable[..., str]
+
+ROSTER = 'karts: [{number: 1, team: One, address: 127.0.1.1, in_race: true}]'
+
+
+@pytest.fixture
+def refusal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Refusal:
+    """Return a function that starts race control and returns what it said when it refused."""
+    domain = parts.enter_context(Domain())
+    good = tmp_path / 'good.yaml'
+    good.write_text(ROSTER, encoding='utf-8')
+
+    def start(*arguments: str, roster_text: str | None = None, **parameters: object) -> str:
+        if roster_text is not None:
+            good.write_text(roster_text, encoding='utf-8')
+        given = {'roster': good, 'address': '127.0.0.1', 'port': 0, **parameters}
+        control = parts.enter_context(
+            Process('evgp_rcs', 'rcs_node', domain.number, given, arguments)
+        )
+        assert control.wait() == 2, control.output
+        assert 'Traceback' not in control.output
+        return control.output
+
+    return start
+
+
+def test_no_roster(refusal: Refusal) -> None:
+    assert 'parameter roster is missing' in refusal(roster="''")
+
+
+def test_a_roster_with_a_double_number_names_its_line(refusal: Refusal) -> None:
+    roster = (
+        'karts:\n'
+        '  - {number: 1, team: One, address: 127.0.1.1, in_race: true}\n'
+        '  - {number: 1, team: Two, address: 127.0.1.2, in_race: true}\n'
+    )
+    assert 'good.yaml:3:' in refusal(roster_text=roster)
+
+
+def test_a_value_outside_its_range_names_the_parameter_and_the_range(refusal: Refusal) -> None:
+    said = refusal(beat_rate=5.0)
+    assert 'parameter beat_rate' in said
+    assert 'from 10 to 100' in said
+
+
+def test_a_value_of_another_type_names_the_parameter(refusal: Refusal) -> None:
+    assert 'parameter send_timeout' in refusal(send_timeout='soon')
+
+
+def test_an_unknown_parameter_names_the_one_that_was_meant(refusal: Refusal) -> None:
+    assert 'parameter beat_rat is unknown; did you mean beat_rate?' in refusal(beat_rat=20.0)
+
+
+def test_a_negative_finish_delay_is_refused(refusal: Refusal) -> None:
+    assert 'parameter finish_delays: -1 is not possible' in refusal(finish_delays='[2.0, -1.0]')
+
+
+def test_a_parameter_file_that_is_no_yaml_is_refused(
+    refusal: Refusal, tmp_path: pathlib.Path
+) -> None:
+    path = tmp_path / 'rcs.yaml'
+    path.write_text('/**:\n  ros__parameters:\n    port: [1\n', encoding='utf-8')
+    assert str(path) in refusal('--params-file', str(path))
+
+
+def test_a_port_in_use_says_so(refusal: Refusal) -> None:
+    with socket.create_server(('127.0.0.1', 0)) as taken:
+        said = refusal(port=taken.getsockname()[1])
+    assert 'address already in use' in said
+    assert 'choose another address or port' in said

@@ -1,0 +1,218 @@
+"""Officials' commands over real DDS, on a running race control with plain TCP karts."""
+
+from __future__ import annotations
+
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs import msg
+from race_parts.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from race_parts.official import SERVICES, state_of
+from race_parts.wire_kart import Acknowledges
+
+GREEN_GREEN = RaceState.GREEN_GREEN
+GRID_ACTIVE = RaceState.GRID_ACTIVE
+IN_GARAGE = RaceState.IN_GARAGE
+RED_FLAG = RaceState.RED_FLAG
+RED_RED = RaceState.RED_RED
+
+
+def test_a_race_goes_from_the_garage_over_the_finish_back_to_the_garage(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 2), others=(3,), finish_delays='[0.2, 0.1]')
+    official = join_official(control)
+    karts = [connect_kart(control, number, Acknowledges.EACH_CHANGE) for number in (1, 2, 3)]
+    official.wait_for_connected(1, 2, 3)
+
+    official.command('grid_active', track_clear=True)
+    official.wait_for_acks(GRID_ACTIVE, 1, 2)
+    official.command('green_green')
+    official.wait_for_acks(GREEN_GREEN, 1, 2)
+    official.command('kart/finish', kart=2)
+    official.command('kart/finish', kart=1)
+    race = official.wait_for_race(lambda race: race.over, 'race over by itself')
+    assert [kart.place for kart in race.karts] == [2, 1, 0]
+    official.wait_for_acks(RED_RED, 1, 2)
+    official.command('in_garage', track_safe=True)
+    official.wait_for_race(lambda race: state_of(race.state) is IN_GARAGE, 'IN_GARAGE')
+
+    for kart in karts[:2]:
+        kart.wait_for_state(IN_GARAGE)
+        assert [state for _, state in kart.changes] == [
+            IN_GARAGE,
+            GRID_ACTIVE,
+            GREEN_GREEN,
+            RED_FLAG,
+            RED_RED,
+            IN_GARAGE,
+        ]
+    assert [state for _, state in karts[2].changes] == [IN_GARAGE]
+
+
+def test_all_kill_reaches_every_kart_of_the_roster(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 2), others=(3,))
+    official = join_official(control)
+    karts = [connect_kart(control, number) for number in (1, 2, 3)]
+    official.wait_for_connected(1, 2, 3)
+
+    official.command('all_kill')
+
+    for kart in karts:
+        kart.wait_for_state(RED_RED)
+
+
+def test_a_refused_command_says_why_and_changes_nothing(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 2))
+    official = join_official(control)
+    kart = connect_kart(control, 1)
+    official.wait_for_connected(1)
+    official.command('grid_active', track_clear=True)
+    kart.wait_for_state(GRID_ACTIVE)
+
+    answer = official.call('green_green')
+
+    assert not answer.success
+    assert answer.message == (
+        'GREEN_GREEN refused: waiting for kart 1 (Team 1): no GRID_ACTIVE yet; '
+        'kart 2 (Team 2): not connected.'
+    )
+    kart.wait_for_frames(3)
+    assert kart.state is GRID_ACTIVE
+
+
+def test_a_command_to_a_kart_that_is_not_in_the_roster_is_refused_with_the_numbers_there_are(
+    start_race_control: StartRaceControl, join_official: JoinOfficial
+) -> None:
+    official = join_official(start_race_control(in_race=(1, 2), others=(7,)))
+
+    answer = official.call('kart/finish', kart=9)
+
+    assert not answer.success
+    assert answer.message == 'KART_FINISH refused: no kart 9 in the roster, which has 1, 2, 7.'
+
+
+def test_a_finish_of_a_kart_outside_the_race_is_refused_by_name(
+    start_race_control: StartRaceControl, join_official: JoinOfficial
+) -> None:
+    official = join_official(start_race_control(in_race=(1,), others=(7,)))
+
+    answer = official.call('kart/finish', kart=7)
+
+    assert not answer.success
+    assert 'kart 7 (Team 7) is not in the race' in answer.message
+
+
+def test_what_loosens_needs_the_officials_statement(
+    start_race_control: StartRaceControl, join_official: JoinOfficial
+) -> None:
+    official = join_official(start_race_control())
+
+    answer = official.call('grid_active', track_clear=False)
+
+    assert not answer.success
+    assert answer.message == 'GRID_ACTIVE refused: state that the track is clear of humans.'
+
+
+def test_the_announced_reason_is_the_one_in_the_refusal(
+    start_race_control: StartRaceControl, join_official: JoinOfficial
+) -> None:
+    official = join_official(start_race_control())
+    race = official.wait_for_race(lambda race: True, 'a snapshot')
+    green = msg.CommandAvailability.GREEN_GREEN
+    announced = next(each for each in race.commands if each.command == green)
+
+    answer = official.call('green_green')
+
+    assert not announced.available
+    assert announced.reason in answer.message
+
+
+def test_every_stop_is_accepted_in_a_fresh_race_control(
+    start_race_control: StartRaceControl, join_official: JoinOfficial
+) -> None:
+    official = join_official(start_race_control())
+    stops = {'all_kill': {}, 'red_flag': {}, 'kart/red_red': {'kart': 1}}
+
+    refused = [
+        name
+        for name, request in {**stops, 'kart/red_flag': {'kart': 1}, 'record_msr': {}}.items()
+        if not official.call(name, **request).success
+    ]
+
+    assert refused == []
+
+
+def test_the_service_of_every_command_is_there(
+    start_race_control: StartRaceControl, join_official: JoinOfficial
+) -> None:
+    official = join_official(start_race_control())
+    official.command('all_kill')
+
+    offered = {name for name, _ in official.node.get_service_names_and_types()}
+
+    assert {f'/rcs/{name}' for name in SERVICES} <= offered
+
+
+def test_a_late_official_gets_the_race_and_its_past_events(
+    start_race_control: StartRaceControl, join_official: JoinOfficial
+) -> None:
+    control = start_race_control()
+    join_official(control).command('all_kill')
+
+    late = join_official(control)
+
+    late.wait_for_race(lambda race: state_of(race.state) is RED_RED, 'RED_RED')
+    late.wait_for_event(
+        lambda event: event.command == msg.CommandAvailability.ALL_KILL, 'the ALL_KILL'
+    )
+
+
+def test_events_are_numbered_without_a_gap(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control()
+    official = join_official(control)
+    connect_kart(control, 1, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1)
+
+    official.command('all_kill')
+    official.wait_for_acks(RED_RED, 1)
+
+    numbers = [event.sequence for event in official.events]
+    assert numbers == list(range(1, len(numbers) + 1))
+
+
+def test_humans_are_let_onto_the_track_only_when_every_kart_has_acknowledged_its_stop(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
+    kart = connect_kart(control, 1)
+    official.wait_for_connected(1)
+    official.command('all_kill')
+    kart.wait_for_state(RED_RED)
+    refused = official.call('set_track_open', data=True)
+
+    kart.say(RED_RED)
+    official.wait_for_acks(RED_RED, 1)
+    opened = official.call('set_track_open', data=True)
+
+    assert (refused.success, opened.success) == (False, True)
+    assert 'kart 1 (Team 1) has not acknowledged RED_RED' in refused.message
+
+
+def test_race_control_that_ends_sends_red_red_to_every_kart(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
+    kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1)
+
+    code = control.close()
+
+    kart.wait_for_end()
+    assert (code, kart.state) == (0, RED_RED)
