@@ -36,12 +36,14 @@ run:
 	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_node --ros-args \
 	  --params-file '$(abspath $(PARAMS))' -p 'roster:=$(abspath $(ROSTER))'
 
+# Every check runs, whatever those before it found.
 lint:
-	$(IN_WORKSPACE) ruff check
-	$(IN_WORKSPACE) ruff format --check
-	$(IN_WORKSPACE) flake8
-	$(IN_WORKSPACE) pydocstyle setup src test
-	$(IN_WORKSPACE) mypy
+	@failed=; \
+	for check in 'ruff check' 'ruff format --check' flake8 'pydocstyle setup src test' mypy; do \
+	  echo "$$check"; \
+	  $(IN_WORKSPACE) $$check || failed=1; \
+	done; \
+	test -z "$$failed"
 
 format:
 	$(IN_WORKSPACE) ruff check --fix

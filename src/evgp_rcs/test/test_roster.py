@@ -120,7 +120,7 @@ def test_an_address_of_another_kind_is_refused(address: str) -> None:
 @pytest.mark.parametrize(
     ('address', 'kind'),
     [
-        ('0.0.0.0', 'an unspecified or broadcast'),  # noqa: S104
+        ('0.0.0.0', 'an unspecified or broadcast'),
         ('255.255.255.255', 'an unspecified or broadcast'),
         ('224.0.0.1', 'a multicast'),
     ],
