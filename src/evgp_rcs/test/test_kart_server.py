@@ -1,0 +1,400 @@
+"""The kart server on real sockets, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import contextlib
+import socket
+import threading
+
+from evgp_protocol.frames import encode
+from evgp_protocol.states import RaceState
+from evgp_rcs.kart_server import KartServer, KartServerError, ServerSettings, StampedEvent
+from evgp_rcs.race import Answer, Command, CommandKind, Event, EventKind, Kart, Race
+import pytest
+
+PATIENCE = 20.0
+NO_BEAT = 0.001  # Hz: no second frame comes by itself while a test runs
+
+GRID_ACTIVE = RaceState.GRID_ACTIVE
+GREEN_GREEN = RaceState.GREEN_GREEN
+IN_GARAGE = RaceState.IN_GARAGE
+RED_RED = RaceState.RED_RED
+
+
+class Running:
+    """A server with three karts in its roster, 1 and 2 in the race, and what it told."""
+
+    def __init__(self, beat_rate: float) -> None:
+        self.events: list[Event] = []
+        self.failures: list[BaseException] = []
+        self.on_event: Callable[[Event], None] = lambda event: None
+        self._news = threading.Condition()
+        self.race = Race([Kart(1, 'A', True), Kart(2, 'B', True), Kart(3, 'C')])
+        self.server = KartServer(
+            self.race,
+            {f'127.0.2.{number}': number for number in (1, 2, 3)},
+            ServerSettings(host='127.0.0.1', port=0, beat_rate=beat_rate),
+            on_events=self._take,
+            on_copy=lambda race, now: None,
+            on_failure=self._fail,
+        )
+        self.server.start()
+
+    def give(self, kind: CommandKind, kart: int | None = None, statement: bool = True) -> Answer:
+        return self.server.submit(Command(kind, kart, statement)).result(PATIENCE)
+
+    def wait_for(self, kind: EventKind, kart: int = 0, count: int = 1) -> list[Event]:
+        def found() -> list[Event]:
+            return [each for each in self.events if (each.kind, each.kart) == (kind, kart)]
+
+        with self._news:
+            enough = self._news.wait_for(lambda: len(found()) >= count, PATIENCE)
+            assert enough, f'no {kind.value} of {kart}: {[each.text for each in self.events]}'
+            return found()
+
+    def wait_for_failure(self) -> BaseException:
+        with self._news:
+            assert self._news.wait_for(lambda: bool(self.failures), PATIENCE)
+        return self.failures[0]
+
+    def _take(self, stamped: list[StampedEvent]) -> None:
+        with self._news:
+            self.events += [each.event for each in stamped]
+            self._news.notify_all()
+        for each in stamped:
+            self.on_event(each.event)
+
+    def _fail(self, error: BaseException) -> None:
+        with self._news:
+            self.failures.append(error)
+            self._news.notify_all()
+
+
+@pytest.fixture
+def parts() -> Iterator[contextlib.ExitStack]:
+    with contextlib.ExitStack() as stack:
+        yield stack
+
+
+@pytest.fixture
+def run(parts: contextlib.ExitStack) -> Callable[..., Running]:
+    def start(beat_rate: float = 50.0) -> Running:
+        running = Running(beat_rate)
+        parts.callback(running.server.stop)
+        return running
+
+    return start
+
+
+@pytest.fixture
+def connect(parts: contextlib.ExitStack) -> Callable[..., socket.socket]:
+    """Return a function that connects from a kart's address, with a bounded receive buffer."""
+
+    def connection(running: Running, kart: int, receive_buffer: int = 0) -> socket.socket:
+        client = parts.enter_context(socket.socket())
+        client.settimeout(PATIENCE)
+        if receive_buffer:
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        client.bind((f'127.0.2.{kart}', 0))
+        client.connect(running.server.address)
+        return client
+
+    return connection
+
+
+def read_until(client: socket.socket, state: RaceState) -> bytes:
+    """Return everything up to and with the first frame of this state."""
+    wanted, heard = encode(state), b''
+    while wanted not in heard:
+        data = client.recv(4096)
+        assert data, f'the connection ended; heard {heard!r}'
+        heard += data
+    return heard
+
+
+def read_to_end(client: socket.socket) -> bytes:
+    """Return everything until the connection ends, in whatever way."""
+    heard = b''
+    with contextlib.suppress(ConnectionResetError):
+        while data := client.recv(4096):
+            heard += data
+    return heard
+
+
+Run = Callable[..., Running]
+Connect = Callable[..., socket.socket]
+
+
+def test_a_kart_is_sent_in_garage_as_it_connects(run: Run, connect: Connect) -> None:
+    client = connect(run(NO_BEAT), 1)
+    assert client.recv(4096) == encode(IN_GARAGE)
+
+
+def test_a_state_is_sent_again_and_again(run: Run, connect: Connect) -> None:
+    client = connect(run(), 1)
+    heard = b''
+    while heard.count(encode(IN_GARAGE)) < 10:
+        heard += client.recv(4096)
+    assert heard == encode(IN_GARAGE) * (len(heard) // len(encode(IN_GARAGE)))
+
+
+def test_a_change_does_not_wait_for_the_next_beat(run: Run, connect: Connect) -> None:
+    running = run(NO_BEAT)
+    client = connect(running, 1)
+    read_until(client, IN_GARAGE)
+    running.give(CommandKind.ALL_KILL)
+    assert read_until(client, RED_RED) == encode(RED_RED)
+
+
+def test_a_stop_has_been_written_when_it_is_answered(run: Run, connect: Connect) -> None:
+    running = run(NO_BEAT)
+    clients = [connect(running, kart) for kart in (1, 2, 3)]
+    for client in clients:
+        read_until(client, IN_GARAGE)
+    running.give(CommandKind.ALL_KILL)
+    for client in clients:
+        client.setblocking(False)  # it is there now, or recv raises
+        assert client.recv(4096) == encode(RED_RED)
+
+
+def test_an_address_outside_the_roster_gets_no_frame(run: Run, connect: Connect) -> None:
+    running = run()
+    assert read_to_end(connect(running, 9)) == b''
+    (event,) = running.wait_for(EventKind.REFUSED_CONNECTION)
+    assert '127.0.2.9' in event.text
+
+
+def test_an_address_that_hammers_the_port_is_told_of_a_bounded_number_of_times(
+    run: Run, connect: Connect
+) -> None:
+    running = run()
+    for _ in range(200):
+        read_to_end(connect(running, 9))
+    connect(running, 1)
+    running.wait_for(EventKind.CONNECTED, 1)
+    refused = [each for each in running.events if each.kind is EventKind.REFUSED_CONNECTION]
+    assert 1 <= len(refused) <= 20
+
+
+def test_a_second_connection_from_an_address_replaces_the_first(
+    run: Run, connect: Connect
+) -> None:
+    running = run()
+    first = connect(running, 1)
+    read_until(first, IN_GARAGE)
+    second = connect(running, 1)
+    read_until(second, IN_GARAGE)
+    read_to_end(first)
+    assert len(running.wait_for(EventKind.DISCONNECTED, 1)) == 1
+    running.give(CommandKind.ALL_KILL)
+    read_until(second, RED_RED)
+
+
+@pytest.fixture
+def green(run: Run, connect: Connect) -> tuple[Running, socket.socket, socket.socket]:
+    """Return a race in GREEN_GREEN with karts 1 and 2."""
+    running = run()
+    one, two = connect(running, 1), connect(running, 2)
+    running.wait_for(EventKind.CONNECTED, 1)
+    running.wait_for(EventKind.CONNECTED, 2)
+    running.give(CommandKind.GRID_ACTIVE)
+    for number, client in ((1, one), (2, two)):
+        read_until(client, GRID_ACTIVE)
+        client.sendall(encode(GRID_ACTIVE))
+        running.wait_for(EventKind.ACKNOWLEDGED, number)
+    assert running.give(CommandKind.GREEN_GREEN).success
+    read_until(one, GREEN_GREEN)
+    return running, one, two
+
+
+Green = tuple[Running, socket.socket, socket.socket]
+
+
+def test_a_kart_that_closes_in_a_race_is_held_in_red_red_when_it_is_back(
+    green: Green, connect: Connect
+) -> None:
+    running, one, _ = green
+    one.close()
+    running.wait_for(EventKind.DISCONNECTED, 1)
+    assert read_until(connect(running, 1), RED_RED) == encode(RED_RED)
+
+
+def test_a_kart_that_half_closes_is_disconnected(green: Green) -> None:
+    running, one, _ = green
+    one.shutdown(socket.SHUT_WR)
+    running.wait_for(EventKind.DISCONNECTED, 1)
+
+
+def test_a_kart_that_is_replaced_in_a_race_is_held_in_red_red(
+    green: Green, connect: Connect
+) -> None:
+    running, _, _ = green
+    assert read_until(connect(running, 1), RED_RED) == encode(RED_RED)
+
+
+def test_an_acknowledgement_that_waited_unread_when_the_command_came_counts_for_nothing(
+    run: Run, connect: Connect
+) -> None:
+    running = run(NO_BEAT)
+    client = connect(running, 1)
+    running.wait_for(EventKind.CONNECTED, 1)
+
+    def say_early(event: Event) -> None:
+        # In the server's own thread, between the connection of kart 2 and its next read: what
+        # kart 1 says now lies unread in the kernel when the command is judged.
+        if (event.kind, event.kart) == (EventKind.CONNECTED, 2):
+            client.sendall(encode(GRID_ACTIVE))
+            running.server.submit(Command(CommandKind.GRID_ACTIVE, statement=True))
+
+    running.on_event = say_early
+    other = connect(running, 2)
+    running.wait_for(EventKind.REPORTED, 1)
+    read_until(other, GRID_ACTIVE)
+    other.sendall(encode(GRID_ACTIVE))
+    running.wait_for(EventKind.ACKNOWLEDGED, 2)
+
+    refused = running.give(CommandKind.GREEN_GREEN)
+    client.sendall(encode(GRID_ACTIVE))
+    running.wait_for(EventKind.ACKNOWLEDGED, 1)
+    accepted = running.give(CommandKind.GREEN_GREEN)
+
+    assert (refused.success, accepted.success) == (False, True)
+
+
+def test_an_acknowledgement_that_began_before_the_command_counts_for_nothing(
+    run: Run, connect: Connect
+) -> None:
+    running = run(NO_BEAT)
+    client = connect(running, 1)
+    running.wait_for(EventKind.CONNECTED, 1)
+    # The report says that the bytes behind it have been read too: one segment, one read.
+    client.sendall(encode(RED_RED) + b'$GRID_AC')
+    running.wait_for(EventKind.REPORTED, 1)
+    running.give(CommandKind.GRID_ACTIVE)
+    client.sendall(b'TIVE;')
+    running.wait_for(EventKind.REPORTED, 1, count=2)
+    client.sendall(encode(GRID_ACTIVE))
+    running.wait_for(EventKind.ACKNOWLEDGED, 1)
+    acknowledged = [each for each in running.events if each.kind is EventKind.ACKNOWLEDGED]
+    assert len(acknowledged) == 1
+
+
+def test_ready_counts_as_grid_active(run: Run, connect: Connect) -> None:
+    running = run()
+    client = connect(running, 1)
+    running.wait_for(EventKind.CONNECTED, 1)
+    running.give(CommandKind.GRID_ACTIVE)
+    read_until(client, GRID_ACTIVE)
+    client.sendall(b'$READY;')
+    (event,) = running.wait_for(EventKind.ACKNOWLEDGED, 1)
+    assert event.state is GRID_ACTIVE
+
+
+def test_a_malformed_frame_is_told_and_changes_nothing(run: Run, connect: Connect) -> None:
+    running = run()
+    client = connect(running, 1)
+    read_until(client, IN_GARAGE)
+    client.sendall(b'$GREEN;')
+    (event,) = running.wait_for(EventKind.MALFORMED, 1)
+    assert "b'$GREEN;'" in event.text
+    assert running.race.state is IN_GARAGE
+
+
+def test_while_one_kart_floods_the_others_get_their_frames_and_the_stop(
+    run: Run, connect: Connect
+) -> None:
+    running = run()
+    loud, quiet = connect(running, 1), connect(running, 2)
+    running.wait_for(EventKind.CONNECTED, 1)
+    read_until(quiet, IN_GARAGE)
+    loud.setblocking(False)
+    over = threading.Event()
+
+    def flood() -> None:
+        rubbish = (b'$' * 100 + b'\x00\xff;' + encode(GREEN_GREEN) + encode(RED_RED)) * 200
+        while not over.is_set():
+            with contextlib.suppress(BlockingIOError):
+                loud.send(rubbish)
+            over.wait(0.001)
+
+    flooding = threading.Thread(target=flood)
+    flooding.start()
+    try:
+        heard = b''
+        while heard.count(encode(IN_GARAGE)) < 10:
+            heard += quiet.recv(4096)
+        running.give(CommandKind.ALL_KILL)
+        read_until(quiet, RED_RED)
+    finally:
+        over.set()
+        flooding.join()
+
+
+def test_a_kart_that_never_reads_is_dropped_and_the_others_are_not(
+    run: Run, connect: Connect
+) -> None:
+    running = run(beat_rate=2000.0)
+    connect(running, 1, receive_buffer=1024)
+    other = connect(running, 2)
+    gone = threading.Event()
+
+    def read() -> None:
+        while not gone.is_set():
+            other.recv(65536)
+
+    reading = threading.Thread(target=read)
+    reading.start()
+    try:
+        running.wait_for(EventKind.DISCONNECTED, 1)
+    finally:
+        gone.set()
+        reading.join()
+    assert not any(
+        (each.kind, each.kart) == (EventKind.DISCONNECTED, 2) for each in running.events
+    )
+
+
+def test_an_error_nobody_foresaw_sends_red_red_to_every_kart_and_ends_the_server(
+    run: Run, connect: Connect, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    running = run()
+    client = connect(running, 3)
+    read_until(client, IN_GARAGE)
+
+    def broken(now: float) -> None:
+        raise ZeroDivisionError('a fault put in by the test')
+
+    monkeypatch.setattr(running.race, 'tick', broken)
+
+    assert read_to_end(client).endswith(encode(RED_RED))
+    assert isinstance(running.wait_for_failure(), ZeroDivisionError)
+
+
+def test_a_server_that_stops_sends_red_red_first(run: Run, connect: Connect) -> None:
+    running = run(NO_BEAT)
+    client = connect(running, 3)
+    read_until(client, IN_GARAGE)
+    running.server.stop()
+    assert read_to_end(client) == encode(RED_RED)
+
+
+def test_a_command_to_a_stopped_server_says_use_the_msr(run: Run) -> None:
+    running = run()
+    running.server.stop()
+    with pytest.raises(KartServerError, match='use the MSR'):
+        running.server.submit(Command(CommandKind.ALL_KILL))
+
+
+def test_a_port_in_use_is_refused_with_what_to_do() -> None:
+    with socket.create_server(('127.0.0.1', 0)) as taken:
+        server = KartServer(
+            Race([]),
+            {},
+            ServerSettings(host='127.0.0.1', port=taken.getsockname()[1]),
+            on_events=lambda events: None,
+            on_copy=lambda race, now: None,
+            on_failure=lambda error: None,
+        )
+        with pytest.raises(KartServerError, match='choose another address or port'):
+            server.start()
