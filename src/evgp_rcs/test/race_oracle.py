@@ -1,0 +1,988 @@
+"""
+An oracle for the rules of the race, and an exhaustive search that puts every question to it.
+
+The oracle is a second reading of spec.md and design.md §3. It calls nothing of ``race`` to form
+its opinion: it has its own order of strictness, its own judgement of every command and its own
+expectation of every effect. It looks at the rules from outside (``look``), before and after an
+input, and says what is wrong (``Violation``). ``PROPERTIES`` names everything it looks for.
+
+The rules are a parameter (a module), so that the same search can be let loose on broken ones.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from dataclasses import dataclass, field
+import math
+import operator
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from evgp_protocol.states import RaceState
+
+GREEN_GREEN = RaceState.GREEN_GREEN
+GRID_ACTIVE = RaceState.GRID_ACTIVE
+IN_GARAGE = RaceState.IN_GARAGE
+RED_FLAG = RaceState.RED_FLAG
+RED_RED = RaceState.RED_RED
+
+REDS = (RED_FLAG, RED_RED)
+UNDER_WAY = (GREEN_GREEN, RED_FLAG, RED_RED)
+
+# The oracle's own strictness, copied from design §3 and not taken from the code under test.
+RANK = {
+    state.value: rank
+    for rank, state in enumerate((GREEN_GREEN, GRID_ACTIVE, IN_GARAGE, RED_FLAG, RED_RED))
+}
+
+RACE_STOPS = ('ALL_KILL', 'RED_FLAG', 'RECORD_MSR')
+KART_STOPS = ('KART_RED_RED', 'KART_RED_FLAG')
+STOPS = (*RACE_STOPS, *KART_STOPS)
+RACE_COMMANDS = (
+    *RACE_STOPS,
+    'GRID_ACTIVE',
+    'GREEN_GREEN',
+    'RACE_OVER',
+    'IN_GARAGE',
+    'OPEN_TRACK',
+    'CLOSE_TRACK',
+)
+KART_COMMANDS = (*KART_STOPS, 'KART_FINISH', 'KART_IN_GARAGE', 'JOIN_RACE', 'LEAVE_RACE')
+# Bookkeeping that is no command to karts: §4.B's "last button pressed" does not mean these.
+NO_BUTTON = ('JOIN_RACE', 'LEAVE_RACE', 'OPEN_TRACK', 'CLOSE_TRACK')
+
+PROPERTIES = {
+    'stop-refused': 'S: a stop command is never refused',
+    'stop-idempotent': 'S: a stop sent twice changes nothing, and no acknowledgement falls',
+    'stop-loosens': 'S: a stop never loosens what any kart is sent',
+    'stop-at-once': 'S: a stop is in force for every kart concerned in the very same outcome',
+    'green-only-by-command': 'S: only an accepted GREEN_GREEN makes a kart be sent GREEN_GREEN',
+    'green-needs-grid': 'S: GREEN_GREEN only if GRID_ACTIVE was the last command',
+    'green-needs-acks': 'S: GREEN_GREEN only if every kart acknowledged this GRID_ACTIVE',
+    'red-loosened': 'S: only the two IN_GARAGE commands loosen a red',
+    'red-to-green': 'S: no way from red to GREEN_GREEN but by IN_GARAGE and a new GRID_ACTIVE',
+    'membership-loosens': 'S: joining and leaving never loosen a held kart',
+    'ack-old': 'S: only the present state under the present serial is an acknowledgement',
+    'ack-from-nothing': 'S: nothing but the kart itself sets its acknowledgement',
+    'ack-survives': 'S: an acknowledgement falls with a new order and with the connection',
+    'ack-deaf': 'a kart that says the present state under the present serial is heard',
+    'drop-not-held': 'S: a kart that drops in a race under way is held in RED_RED',
+    'hold-forgotten': 'S: a hold falls only with an acknowledged red, or by an official alone',
+    'order-wrong': 'S: a connected kart gets an order exactly when what it is sent changes',
+    'order-serial': 'S: serials rise, and the last order sent is the one that counts',
+    'sent-wrong': 'what a kart is sent is the sentence of design §3',
+    'track-open-in-motion': 'S: the track is never open in GRID_ACTIVE or GREEN_GREEN',
+    'track-access': 'the track may be opened exactly under the three conditions of §3.A',
+    'availability': 'announced availability is the table of design §3, and what happens',
+    'statement': 'a command that asks for a statement is refused without it, and only then',
+    'refused-changes': 'S: a refused command changes nothing and orders nothing',
+    'refusal-silent': 'a refusal says which command, and names each kart that fails, up to three',
+    'effect': 'every input has the whole effect of design §3, and no other',
+    'alerts': 'the alerts are those of design §3',
+    'alerts-act': 'S: looking, and alerts, change nothing',
+    'deadline': 'nothing changes by time before the announced next deadline',
+    'false-news': 'what is announced as possible now is possible now',
+    'stuck': 'the officials can bring every state home, karts answering or not',
+    'abstraction': 'states that the search takes for one behave as one',
+}
+"""Every property the oracle looks for, under the name by which a violation is reported."""
+
+
+class Violation(AssertionError):
+    """The rules broke a property."""
+
+    def __init__(self, name: str, detail: str) -> None:
+        """Name the property and say how it broke."""
+        assert name in PROPERTIES, name
+        super().__init__(f'[{name}] {PROPERTIES[name]}: {detail}')
+        self.name = name
+
+
+class KartView(NamedTuple):
+    """What the oracle sees of one kart."""
+
+    number: int
+    in_race: bool
+    connected: bool
+    hold: RaceState | None
+    sent: RaceState
+    since: float
+    serial: int
+    acked: bool
+    moving: bool
+    place: int
+    finish_at: float | None
+
+
+class View(NamedTuple):
+    """What the oracle sees of the race."""
+
+    state: RaceState
+    track_open: bool
+    msr_used: bool
+    over: bool
+    places: int
+    karts: tuple[KartView, ...]
+
+
+class KartFacts(NamedTuple):
+    """
+    What the oracle remembers of one kart, from the inputs alone.
+
+    :param ready: it answered the present GRID_ACTIVE on its present connection.
+    :param lost: it dropped in a race under way and nobody has answered for it since.
+    :param phase: 0 after a red, 1 after IN_GARAGE, 2 after IN_GARAGE and then GRID_ACTIVE.
+    :param missing: since when it is missing, if it dropped from a race or in motion.
+    """
+
+    ready: bool = False
+    lost: bool = False
+    phase: int = 1
+    missing: float | None = None
+
+
+class Facts(NamedTuple):
+    """What the oracle remembers: whether GRID_ACTIVE was the last button, and of each kart."""
+
+    grid_last: bool
+    karts: tuple[KartFacts, ...]
+
+
+class Input(NamedTuple):
+    """One input: a command, a connection change, something a kart says, or time."""
+
+    what: str
+    kind: str = ''
+    kart: int = 0
+    statement: bool = False
+    serial: int = 0
+    state: RaceState | None = None
+
+
+class Judgement(NamedTuple):
+    """The oracle's opinion on a command: allowed, needing a statement, and who is in the way."""
+
+    allowed: bool
+    needs_statement: bool = False
+    culprits: tuple[int, ...] = ()
+
+
+_KART = operator.attrgetter(
+    'number',
+    'in_race',
+    'connected',
+    'hold',
+    'sent',
+    'sent_since',
+    'serial',
+    'acknowledged',
+    'may_be_moving',
+    'place',
+    'finish_due',
+)
+_RACE = operator.attrgetter('state', 'track_open', 'msr_used', 'over', 'places_given')
+
+
+def look(race: Any) -> View:
+    """Return what the oracle sees of a race."""
+    karts = tuple([KartView._make(_KART(kart)) for kart in race.karts.values()])
+    return View(*_RACE(race), karts)
+
+
+def remember(view: View) -> Facts:
+    """Return the memory with which the oracle begins, before anything has happened."""
+    return Facts(False, tuple(KartFacts() for _ in view.karts))
+
+
+# ----- the oracle's reading of design §3 --------------------------------------------------
+
+
+def _strictness(state: RaceState) -> int:
+    return RANK[state._value_]
+
+
+def _stricter(one: RaceState, other: RaceState | None) -> RaceState:
+    return one if other is None or _strictness(one) >= _strictness(other) else other
+
+
+def _humans_allowed(view: View) -> tuple[bool, list[int]]:
+    """§3.A's three conditions, per kart; a kart lost in motion counts as unacknowledged."""
+    if view.msr_used:
+        return True, []
+    if view.state in (GRID_ACTIVE, GREEN_GREEN):
+        return False, []
+    unsafe = [
+        kart.number
+        for kart in view.karts
+        if (kart.connected and kart.sent is not IN_GARAGE and not (kart.acked and _red(kart)))
+        or (not kart.connected and kart.moving)
+    ]
+    return not unsafe, unsafe
+
+
+def _red(kart: KartView) -> bool:
+    return kart.sent is RED_FLAG or kart.sent is RED_RED
+
+
+def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
+    """Return what the table of design §3 says of a command now."""
+    if kind in STOPS:
+        return Judgement(True, kind == 'RECORD_MSR')
+    racing = [kart for kart in view.karts if kart.in_race]
+    state = view.state
+    if kind == 'GRID_ACTIVE':
+        held = tuple(kart.number for kart in racing if kart.hold is not None)
+        allowed = state is IN_GARAGE and bool(racing) and not held
+        return Judgement(allowed, True, held if state is IN_GARAGE else ())
+    if kind == 'GREEN_GREEN':
+        missing = tuple(
+            kart.number
+            for kart, memory in zip(view.karts, facts.karts)
+            if kart.in_race and not (kart.connected and memory.ready and kart.acked)
+        )
+        in_time = state is GRID_ACTIVE and facts.grid_last
+        return Judgement(in_time and bool(racing) and not missing, False, missing * in_time)
+    if kind == 'RACE_OVER':
+        return Judgement(state is not IN_GARAGE)
+    if kind == 'IN_GARAGE':
+        silent = tuple(kart.number for kart in racing if kart.connected and not kart.acked)
+        if state is RED_RED:
+            return Judgement(not silent, True, silent)
+        return Judgement(state is GRID_ACTIVE, True)
+    if kind == 'OPEN_TRACK':
+        allowed, unsafe = _humans_allowed(view)
+        return Judgement(allowed, False, tuple(unsafe))
+    if kind == 'CLOSE_TRACK':
+        return Judgement(True)
+    kart = next(kart for kart in view.karts if kart.number == number)
+    if kind == 'KART_FINISH':
+        return Judgement(kart.in_race and state is GREEN_GREEN and not kart.place)
+    if kind == 'KART_IN_GARAGE':
+        return Judgement(_red(kart), not (kart.connected and kart.acked))
+    if kind == 'JOIN_RACE':
+        return Judgement(not kart.in_race and state is IN_GARAGE)
+    assert kind == 'LEAVE_RACE', kind
+    return Judgement(kart.in_race and state in (IN_GARAGE, GRID_ACTIVE))
+
+
+def expect(view: View, given: Input, now: float, times: Any) -> View:
+    """Return the race after an input that is accepted, as design §3 has it; serials apart."""
+    state, track_open, msr_used, over, places, karts = view
+    what, kind, number = given.what, given.kind, given.kart
+    after = [kart._asdict() for kart in karts]
+    mine = [kart for kart in after if kart['number'] == number]
+    anew = 0
+
+    def hold(chosen: list[dict[str, Any]], red: RaceState) -> None:
+        for each in chosen:
+            each['hold'] = _stricter(red, each['hold'])
+
+    def drop(each: dict[str, Any]) -> None:
+        each['connected'] = each['acked'] = False
+        if each['in_race'] and state in UNDER_WAY:
+            each['hold'] = RED_RED
+
+    if what == 'connected':
+        if mine[0]['connected']:
+            drop(mine[0])
+        mine[0]['connected'] = True
+        anew = number
+    elif what == 'disconnected':
+        if mine[0]['connected']:
+            drop(mine[0])
+    elif what == 'heard':
+        each = mine[0]
+        if each['connected'] and (given.state, given.serial) == (each['sent'], each['serial']):
+            each['acked'] = True
+            if given.state in REDS:
+                each['moving'] = False
+    elif what == 'tick':
+        for each in after:
+            if each['finish_at'] is not None and now >= each['finish_at']:
+                each['finish_at'] = None
+                hold([each], RED_FLAG)
+        _settle(state, after, 0, now)
+        if _race_is_over(state, after, now, times):
+            state, over = RED_RED, True
+    elif kind in ('ALL_KILL', 'RECORD_MSR'):
+        state, msr_used = RED_RED, msr_used or kind == 'RECORD_MSR'
+        hold(after, RED_RED)
+    elif kind == 'RED_FLAG':
+        state = _stricter(state, RED_FLAG)
+    elif kind == 'KART_RED_RED':
+        hold(mine, RED_RED)
+    elif kind == 'KART_RED_FLAG':
+        hold(mine, RED_FLAG)
+    elif kind == 'GRID_ACTIVE':
+        state, track_open, msr_used = GRID_ACTIVE, False, False
+    elif kind == 'GREEN_GREEN':
+        state = GREEN_GREEN
+    elif kind == 'RACE_OVER':
+        state, over = RED_RED, True
+    elif kind == 'IN_GARAGE':
+        state, over, msr_used, places = IN_GARAGE, False, False, 0
+        for each in after:
+            each['place'], each['finish_at'] = 0, None
+            if each['acked'] and each['sent'] in REDS:
+                each['hold'] = None
+    elif kind == 'KART_FINISH':
+        places += 1
+        mine[0]['place'] = places
+        delays = times.finish_delays
+        mine[0]['finish_at'] = now + delays[min(places, len(delays)) - 1]
+    elif kind == 'KART_IN_GARAGE':
+        mine[0].update(hold=None, moving=False, finish_at=None)
+        if state is not IN_GARAGE:
+            mine[0]['in_race'] = False
+    elif kind == 'JOIN_RACE':
+        mine[0]['in_race'] = True
+    elif kind == 'LEAVE_RACE':
+        mine[0]['in_race'] = False
+        if state is GRID_ACTIVE:
+            hold(mine, RED_RED)
+    elif kind == 'OPEN_TRACK':
+        track_open = True
+    else:
+        assert kind == 'CLOSE_TRACK', given
+        track_open = False
+    _settle(state, after, anew, now)
+    seen = tuple([KartView(**each) for each in after])
+    return View(state, track_open, msr_used, over, places, seen)
+
+
+def _settle(state: RaceState, karts: list[dict[str, Any]], anew: int, now: float) -> None:
+    """Give every kart what the sentence of design §3 says."""
+    for kart in karts:
+        sent = _stricter(state if kart['in_race'] else IN_GARAGE, kart['hold'])
+        if sent is not kart['sent']:
+            kart['sent'], kart['since'], kart['acked'] = sent, now, False
+            if sent is GREEN_GREEN:
+                kart['moving'] = True
+        if kart['number'] == anew:
+            kart['acked'] = False
+
+
+def _race_is_over(state: RaceState, karts: list[dict[str, Any]], now: float, times: Any) -> bool:
+    if not times.auto_race_over or state not in (GREEN_GREEN, RED_FLAG):
+        return False
+    racing = [kart for kart in karts if kart['in_race']]
+    return bool(racing) and all(
+        kart['place']
+        and kart['finish_at'] is None
+        and (
+            (kart['acked'] and kart['sent'] in REDS)
+            or now >= kart['since'] + times.finish_stop
+        )
+        for kart in racing
+    )
+
+
+def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple[str, int]]:
+    """Return the alerts of design §3: which, and of which kart."""
+    alerts = set()
+    for kart, memory in zip(view.karts, facts.karts):
+        age = now - kart.since
+        if memory.missing is not None:
+            alerts.add(('LOST_IN_MOTION' if kart.moving else 'KART_LOST', kart.number))
+        if kart.acked:
+            continue
+        if kart.sent is GRID_ACTIVE and age >= times.ready_alert:
+            alerts.add(('NOT_READY', kart.number))
+        if not kart.connected:
+            continue
+        if kart.sent is GREEN_GREEN and age >= times.green_alert:
+            alerts.add(('GREEN_UNACKNOWLEDGED', kart.number))
+        if kart.sent is RED_FLAG and age >= times.flag_alert:
+            alerts.add(('FLAG_UNACKNOWLEDGED', kart.number))
+        if kart.sent is RED_RED and age >= times.red_alert:
+            alerts.add(('RED_UNACKNOWLEDGED', kart.number))
+    if view.track_open and not _humans_allowed(view)[0]:
+        alerts.add(('TRACK_UNSAFE', 0))
+    return alerts
+
+
+def learn(
+    before: View, facts: Facts, given: Input, success: bool, after: View, now: float
+) -> Facts:
+    """Return what the oracle remembers after an input."""
+    grid_last = facts.grid_last
+    if given.what == 'command' and success and given.kind not in NO_BUTTON:
+        grid_last = given.kind == 'GRID_ACTIVE'
+    karts = []
+    for old, kart, memory in zip(before.karts, after.karts, facts.karts):
+        ready, lost, phase, missing = memory
+        if given.what == 'command' and success:
+            if given.kind == 'GRID_ACTIVE':
+                ready = False
+            if given.kind == 'IN_GARAGE' and (old.hold is None or (old.acked and _red(old))):
+                lost, missing = False, None
+            if given.kind == 'KART_IN_GARAGE' and given.kart == kart.number:
+                lost, missing = False, None
+        if given.kart == kart.number:
+            if given.what == 'connected' or given.what == 'disconnected':
+                ready = False
+                if old.connected and old.in_race and before.state in UNDER_WAY:
+                    lost = True
+            if given.what == 'disconnected' and old.connected:
+                if old.moving or (old.in_race and before.state is not IN_GARAGE):
+                    missing = now
+            if given.what == 'connected':
+                missing = None
+            if given.what == 'heard' and old.connected and old.sent is GRID_ACTIVE:
+                ready = ready or (given.state is GRID_ACTIVE and given.serial == old.serial)
+        if kart.sent is RED_RED or kart.sent is RED_FLAG:
+            phase = 0
+        elif kart.sent is IN_GARAGE:
+            phase = 1
+        elif kart.sent is GRID_ACTIVE and phase == 1:
+            phase = 2
+        karts.append(KartFacts(ready and kart.sent is GRID_ACTIVE, lost, phase, missing))
+    return Facts(grid_last, tuple(karts))
+
+
+# ----- the properties ---------------------------------------------------------------------
+
+
+def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
+    """Give an input to the rules, and return the outcome."""
+    if given.what == 'command':
+        kart = given.kart or None
+        command = rules.Command(rules.CommandKind[given.kind], kart, given.statement)
+        return race.command(command, now)
+    if given.what == 'connected':
+        return race.connected(given.kart, now)
+    if given.what == 'disconnected':
+        return race.disconnected(given.kart, 'end of file', now)
+    if given.what == 'heard':
+        return race.heard(given.kart, given.serial, given.state, now)
+    return race.tick(now)
+
+
+def check_input(
+    race: Any, before: View, facts: Facts, given: Input, outcome: Any, after: View, now: float
+) -> Facts:
+    """
+    Check one input and all that came of it, and return what there is to remember.
+
+    The S rules are asserted one by one and on their own, before the whole effect is compared:
+    they must hold even if the oracle's expectation of the effect were wrong.
+    """
+    what, kind, number = given.what, given.kind, given.kart
+    success = True
+    if what == 'command':
+        success = outcome.answer.success
+        opinion = judge(before, facts, kind, number)
+        if kind == 'GREEN_GREEN' and success:
+            if not facts.grid_last:
+                raise Violation('green-needs-grid', f'{facts} {before}')
+            if not all(
+                memory.ready and kart.connected
+                for kart, memory in zip(before.karts, facts.karts)
+                if kart.in_race
+            ):
+                raise Violation('green-needs-acks', f'{facts} {before}')
+        if kind in STOPS and (given.statement or kind != 'RECORD_MSR') and not success:
+            raise Violation('stop-refused', f'{given} in {before}: {outcome.answer.message}')
+        if success != (opinion.allowed and (given.statement or not opinion.needs_statement)):
+            name = 'statement' if opinion.allowed else 'availability'
+            raise Violation(name, f'{given} in {before}: {outcome.answer}')
+        if not success:
+            if after != before or outcome.orders:
+                raise Violation('refused-changes', f'{given}: {before} became {after}')
+            _check_refusal(race, given, opinion, outcome)
+            return facts
+    elif outcome.answer is not None:
+        raise Violation('effect', f'{given} has an answer')
+    _check_safety(before, facts, given, outcome, after)
+    memory = learn(before, facts, given, success, after, now)
+    _check_memory(before, after, memory)
+    expected = expect(before, given, now, race.times)
+    for kart, wanted in zip(after.karts, expected.karts):
+        if kart.sent is not wanted.sent:
+            raise Violation('sent-wrong', f'{given} in {before}: {kart}, expected {wanted}')
+        if kart.acked != wanted.acked:
+            name = 'ack-deaf' if wanted.acked and what == 'heard' else 'ack-old'
+            raise Violation(name, f'{given} in {before}: {kart}, expected {wanted}')
+        if kart._replace(serial=wanted.serial) != wanted:
+            raise Violation('effect', f'{given} in {before}: {kart}, expected {wanted}')
+    if after[:5] != expected[:5]:
+        raise Violation('effect', f'{given} in {before}: {after}, expected {expected}')
+    return memory
+
+
+def _check_safety(before: View, facts: Facts, given: Input, outcome: Any, after: View) -> None:
+    """Check the S rules that need no expectation of the effect."""
+    what, kind, number = given.what, given.kind, given.kart
+    ordered = {order.kart: order for order in outcome.orders}
+    if len(ordered) != len(outcome.orders):
+        raise Violation('order-wrong', f'two orders to one kart: {outcome.orders}')
+    for old, kart in zip(before.karts, after.karts):
+        this = number == kart.number
+        was, sent = old.sent, kart.sent
+        looser = sent is not was and _strictness(sent) < _strictness(was)
+        if looser and kind in STOPS:
+            raise Violation('stop-loosens', f'{given}: {old} became {kart}')
+        if looser and (was is RED_FLAG or was is RED_RED):
+            if kind in ('JOIN_RACE', 'LEAVE_RACE'):
+                raise Violation('membership-loosens', f'{given}: {old} became {kart}')
+            if not (kind == 'IN_GARAGE' or (kind == 'KART_IN_GARAGE' and this)):
+                raise Violation('red-loosened', f'{given}: {old} became {kart}')
+        if sent is GREEN_GREEN and was is not GREEN_GREEN and kind != 'GREEN_GREEN':
+            raise Violation('green-only-by-command', f'{given}: {old} became {kart}')
+        if kart.hold is not old.hold:
+            falls = kart.hold is None or (
+                old.hold is not None and _strictness(kart.hold) < _strictness(old.hold)
+            )
+            answered = kind == 'IN_GARAGE' and old.connected and old.acked and _red(old)
+            if falls and not (answered or (kind == 'KART_IN_GARAGE' and this)):
+                raise Violation('hold-forgotten', f'{given}: {old} became {kart}')
+        drops = this and old.connected and what in ('connected', 'disconnected')
+        if drops and old.in_race and before.state in UNDER_WAY:
+            if kart.hold is not RED_RED or sent is not RED_RED:
+                raise Violation('drop-not-held', f'{given} in {before.state}: {kart}')
+        # Orders, serials, acknowledgements.
+        order = ordered.get(kart.number)
+        anew = what == 'connected' and this
+        if (order is not None) != (kart.connected and (anew or sent is not was)):
+            raise Violation('order-wrong', f'{given}: {old} became {kart} with {order}')
+        if order is not None and (order.state is not sent or order.serial != kart.serial):
+            raise Violation('order-wrong', f'{given}: {kart} but {order}')
+        if order is not None and order.serial <= old.serial:
+            raise Violation('order-serial', f'{given}: {order} after {old}')
+        if kart.serial < old.serial:
+            raise Violation('order-serial', f'{given}: {old} became {kart}')
+        if order is None and kart.connected and kart.serial != old.serial:
+            raise Violation('order-serial', f'{given}: {old} became {kart} without an order')
+        if kart.acked:
+            if anew or sent is not was or not kart.connected or order is not None:
+                raise Violation('ack-survives', f'{given}: {old} became {kart}')
+            if not old.acked:
+                if what != 'heard' or not this:
+                    raise Violation('ack-from-nothing', f'{given}: {old} became {kart}')
+                if given.state is not was or given.serial != old.serial or not old.connected:
+                    raise Violation('ack-old', f'{given}: {old} became {kart}')
+        # Stops are in force at once.
+        if kind in ('ALL_KILL', 'RECORD_MSR') or (kind == 'KART_RED_RED' and this):
+            if sent is not RED_RED or kart.hold is not RED_RED:
+                raise Violation('stop-at-once', f'{given}: {kart}')
+        elif (kind == 'RED_FLAG' and kart.in_race) or (kind == 'KART_RED_FLAG' and this):
+            if not (sent is RED_FLAG or sent is RED_RED):
+                raise Violation('stop-at-once', f'{given}: {kart}')
+    if kind in RACE_STOPS and _strictness(after.state) < RANK[
+        'RED_FLAG' if kind == 'RED_FLAG' else 'RED_RED'
+    ]:
+        raise Violation('stop-at-once', f'{given}: the race is in {after.state}')
+    for event in outcome.events:
+        if event.kind.name == 'ALERT_RAISED' and not event.text:
+            raise Violation('alerts', 'an alert without a text')
+
+
+def _check_memory(before: View, after: View, facts: Facts) -> None:
+    """Check what the oracle remembers against what is sent now."""
+    for old, kart, memory in zip(before.karts, after.karts, facts.karts):
+        if kart.sent is GREEN_GREEN and memory.phase != 2:
+            raise Violation('red-to-green', f'{kart} {memory}')
+        if memory.lost and not (kart.hold is RED_RED and kart.sent is RED_RED):
+            raise Violation('hold-forgotten', f'lost, but {kart}')
+
+
+def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any) -> None:
+    """Check that a refusal says what an official can act on."""
+    message = outcome.answer.message
+    if not message.startswith(f'{given.kind} refused: ') or message.endswith('refused: .'):
+        raise Violation('refusal-silent', message)
+    named = opinion.culprits[:3]
+    if given.kind in KART_COMMANDS and 'the race is in' not in message:
+        named = (given.kart,)
+    for number in named:
+        if str(race.karts[number]) not in message:
+            raise Violation('refusal-silent', f'{message} does not name kart {number}')
+
+
+def check_news(rules: ModuleType, race: Any, outcome: Any) -> None:
+    """Check that an announcement of what may be sent now is true."""
+    kinds = rules.CommandKind
+    for event in outcome.events:
+        if event.kind is not rules.EventKind.ALL_ACKNOWLEDGED:
+            continue
+        for name in ('GREEN_GREEN', 'IN_GARAGE', 'RACE_OVER'):
+            if f'{name} may be sent' in event.text:
+                if not race.availability(kinds[name]).available:
+                    raise Violation('false-news', event.text)
+
+
+def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
+    """Check what must hold in every state, whatever the input was that led here."""
+    for kart in view.karts:
+        own = view.state if kart.in_race else IN_GARAGE
+        if kart.sent is not _stricter(own, kart.hold):
+            raise Violation('sent-wrong', f'{kart} while the race is in {view.state}')
+        if kart.acked and not kart.connected:
+            raise Violation('ack-survives', f'{kart}')
+    if view.track_open and view.state in (GRID_ACTIVE, GREEN_GREEN):
+        raise Violation('track-open-in-motion', f'{view}')
+    access = race.track_access()
+    allowed, unsafe = _humans_allowed(view)
+    if (access.open, access.allowed, access.msr_used) != (
+        view.track_open,
+        allowed,
+        view.msr_used,
+    ):
+        raise Violation('track-access', f'{access} in {view}')
+    if not access.reason or any(str(race.karts[n]) not in access.reason for n in unsafe[:3]):
+        raise Violation('track-access', f'{access} in {view}')
+    alerts = {(alert.kind.name, alert.kart) for alert in race.alerts(now)}
+    expected = expect_alerts(view, facts, now, race.times)
+    if alerts != expected:
+        raise Violation('alerts', f'{alerts}, expected {expected} in {view}')
+    race.next_deadline(now)
+    if look(race) != view:
+        raise Violation('alerts-act', f'{view} became {look(race)} by looking')
+
+
+def check_announced(
+    rules: ModuleType, race: Any, view: View, facts: Facts, kind: str, number: int
+) -> Judgement:
+    """Check the announced availability of a command against the oracle's judgement."""
+    opinion = judge(view, facts, kind, number)
+    told = race.availability(rules.CommandKind[kind], number)
+    if told.available != opinion.allowed or told.kart != number or told.kind.name != kind:
+        raise Violation('availability', f'{told}, expected {opinion} in {view}')
+    if told.available and bool(told.statement) != opinion.needs_statement:
+        raise Violation('statement', f'{told}, expected {opinion} in {view}')
+    return opinion
+
+
+# ----- the exhaustive search --------------------------------------------------------------
+
+
+class Scratch:
+    """
+    One race into which states are loaded, which is several times faster than ``Race.copy``.
+
+    It knows no attribute of the rules by name, only that karts are slotted and that lists and
+    dictionaries of the race hold nothing mutable.
+    """
+
+    def __init__(self, race: Any) -> None:
+        """Take a race to load states into."""
+        self.race = race
+        self.karts = list(race.karts.values())
+        self._names = self.karts[0].__slots__
+        self._getter = operator.attrgetter(*self._names)
+
+    def save(self) -> tuple[dict[str, Any], list[tuple[Any, ...]]]:
+        """Return the whole state."""
+        fields = {
+            name: value.copy() if isinstance(value, (list, dict)) else value
+            for name, value in self.race.__dict__.items()
+            if name != 'karts'
+        }
+        return fields, [self._getter(kart) for kart in self.karts]
+
+    def load(self, saved: tuple[dict[str, Any], list[tuple[Any, ...]]]) -> None:
+        """Go to a state."""
+        fields, karts = saved
+        own = self.race.__dict__
+        for name, value in fields.items():
+            own[name] = value.copy() if isinstance(value, (list, dict)) else value
+        for kart, values in zip(self.karts, karts):
+            for name, value in zip(self._names, values):
+                setattr(kart, name, value)
+
+
+@dataclass
+class Report:
+    """What a search did."""
+
+    states: int = 0
+    states_of_named_karts: int = 0
+    inputs: int = 0
+    transitions: int = 0
+    refusals: int = 0
+    pairs_compared: int = 0
+    by_state: Counter[str] = field(default_factory=Counter)
+    finished: bool = False
+
+    def __str__(self) -> str:
+        """Return the figures in a line or two."""
+        each = ', '.join(f'{name} {count}' for name, count in sorted(self.by_state.items()))
+        return (
+            f'{self.states} states ({self.states_of_named_karts} with the karts told apart), '
+            f'{self.inputs} inputs given: {self.transitions} taken, {self.refusals} refused; '
+            f'{len(PROPERTIES)} properties; {self.pairs_compared} pairs of states taken for one '
+            f'compared\n{each}'
+        )
+
+
+class Search:
+    """
+    Every reachable state, under every input, breadth first.
+
+    What is left out of a state's key (``_key``) because the rules do not read it:
+
+    - what a kart reported last, texts, the alerts told, since when a kart is missing, and
+      whether the race is over: only events and alerts are made of them;
+    - the age of what a kart is sent, but for the time until the race goes over by itself, which
+      reads it for a kart of the race that is being sent a red; alerts read it too, and do not act;
+    - the acknowledgement of IN_GARAGE and GREEN_GREEN: no rule asks for it;
+    - the number of a place: only whether a kart of the race has one (in GREEN_GREEN and
+      RED_FLAG: it is read nowhere else), and how many are given, up to the last delay that
+      differs (in GREEN_GREEN: FINISH is refused elsewhere);
+    - which kart is which: no rule knows a number, so states are taken for one if they differ by
+      a permutation of the karts.
+
+    That this is right is itself checked (``abstraction``): of the states that have one key, some
+    are tried under every input, and must lead to the same keys.
+
+    :param rules: the module of the rules.
+    :param racing: how many karts are in the race to begin with.
+    :param outside: how many are not.
+    :param times: keyword arguments of its ``RaceTimes``; small whole numbers, as time passes by
+        steps of 1.
+    :param compare: of the states met again, compare one in this many.
+    """
+
+    def __init__(
+        self,
+        rules: ModuleType,
+        racing: int = 2,
+        outside: int = 1,
+        times: dict[str, Any] | None = None,
+        compare: int = 4000,
+    ) -> None:
+        """Set the karts up, none connected, in IN_GARAGE."""
+        self.rules = rules
+        self.times = rules.RaceTimes(
+            **{
+                'finish_delays': (2.0, 1.0),
+                'finish_stop': 1.0,
+                'ready_alert': 1.0,
+                'green_alert': 1.0,
+                'flag_alert': 1.0,
+                'red_alert': 1.0,
+                **(times or {}),
+            }
+        )
+        karts = [
+            rules.Kart(number, in_race=number <= racing)
+            for number in range(1, racing + outside + 1)
+        ]
+        self.race = rules.Race(karts, self.times)
+        self.scratch = Scratch(self.race)
+        self.numbers = [kart.number for kart in karts]
+        self.compare = compare
+        self.report = Report()
+        self._met = 0
+
+    def _key(self, view: View, facts: Facts, now: float) -> tuple[Any, ...]:
+        state = view.state
+        green = state is GREEN_GREEN
+        timed = green or state is RED_FLAG
+        stop = self.times.finish_stop
+        karts = []
+        for kart, memory in zip(view.karts, facts.karts):
+            red = kart.sent is RED_FLAG or kart.sent is RED_RED
+            finishing = timed and kart.in_race
+            left = -1.0
+            if finishing and red and not kart.acked:
+                left = max(kart.since + stop - now, 0.0)
+            karts.append(
+                (
+                    kart.in_race,
+                    kart.connected,
+                    -1 if kart.hold is None else RANK[kart.hold._value_],
+                    kart.acked and (red or kart.sent is GRID_ACTIVE),
+                    kart.moving,
+                    finishing and kart.place > 0,
+                    -1.0 if kart.finish_at is None else max(kart.finish_at - now, 0.0),
+                    left,
+                    memory.ready,
+                    memory.phase,
+                )
+            )
+        karts.sort()
+        given = min(view.places, len(self.times.finish_delays) - 1) if green else 0
+        return (
+            RANK[state._value_],
+            facts.grid_last,
+            view.track_open,
+            view.msr_used,
+            given,
+            tuple(karts),
+        )
+
+    def run(self, most: int | None = None) -> Report:
+        """
+        Search until there is nothing new, or until ``most`` states have been searched.
+
+        :raises Violation: if the rules break a property, with the shortest way to it.
+        """
+        view = look(self.race)
+        facts = remember(view)
+        saved = self.scratch.save()
+        key = self._key(view, facts, 0.0)
+        # For each key the state that stands for it, and whence and by what it was reached.
+        self._seen: dict[tuple[Any, ...], tuple[Any, Facts, float]] = {key: (saved, facts, 0.0)}
+        self._parent: dict[tuple[Any, ...], tuple[tuple[Any, ...], Input] | None] = {key: None}
+        todo = deque([key])
+        while todo:
+            if most is not None and self.report.states >= most:
+                return self.report
+            key = todo.popleft()
+            try:
+                self._visit(key, todo)
+            except Violation as violation:
+                violation.add_note(f'after {self._way(key)}')
+                raise
+        self.report.finished = True
+        return self.report
+
+    def _way(self, key: tuple[Any, ...]) -> list[Input]:
+        way: list[Input] = []
+        step = self._parent[key]
+        while step is not None:
+            way.append(step[1])
+            step = self._parent[step[0]]
+        return way[::-1]
+
+    def _visit(self, key: tuple[Any, ...], todo: deque[tuple[Any, ...]]) -> None:
+        saved, facts, now = self._seen[key]
+        report, race, scratch = self.report, self.race, self.scratch
+        report.states += 1
+        permutations = math.factorial(len(self.numbers))
+        for count in Counter(key[-1]).values():
+            permutations //= math.factorial(count)
+        report.states_of_named_karts += permutations
+        scratch.load(saved)
+        view = look(race)
+        report.by_state[view.state.value] += 1
+        check_state(race, view, facts, now)
+        for given, after_time in self._inputs(view, facts, now):
+            outcome = give(self.rules, race, given, after_time)
+            after = look(race)
+            report.inputs += 1
+            learned = check_input(race, view, facts, given, outcome, after, after_time)
+            if outcome.answer is not None and not outcome.answer.success:
+                report.refusals += 1
+                if scratch.save() != saved:
+                    raise Violation('refused-changes', f'{given} in {view}')
+                continue
+            report.transitions += 1
+            if after == view and learned == facts:
+                # It changed nothing but what was reported and told.
+                scratch.load(saved)
+                continue
+            check_state(race, after, learned, after_time)
+            if given.kind in STOPS:
+                self._check_idempotent(given, after, after_time)
+            found = self._key(after, learned, after_time)
+            if found not in self._seen:
+                self._seen[found] = (scratch.save(), learned, after_time)
+                self._parent[found] = (key, given)
+                todo.append(found)
+            else:
+                self._met += 1
+                if self.compare and self._met % self.compare == 0:
+                    self._compare(found, (scratch.save(), learned, after_time))
+            scratch.load(saved)
+        self._check_homeward(saved, now)
+        self._check_deadline(saved, view, now)
+
+    def _inputs(self, view: View, facts: Facts, now: float) -> Any:
+        """Yield every input with its time; the rules are in the state of ``view`` meanwhile."""
+        announced = []
+        for kind in RACE_COMMANDS:
+            announced.append((kind, 0))
+        for kind in KART_COMMANDS:
+            announced.extend((kind, number) for number in self.numbers)
+        for kind, number in announced:
+            opinion = check_announced(self.rules, self.race, view, facts, kind, number)
+            if opinion.allowed and opinion.needs_statement:
+                yield Input('command', kind, number, False), now
+            yield Input('command', kind, number, True), now
+            if opinion.allowed and not opinion.needs_statement:
+                yield Input('command', kind, number, False), now
+        for kart in view.karts:
+            for state in RaceState:
+                yield Input('heard', '', kart.number, serial=kart.serial, state=state), now
+            yield Input('heard', '', kart.number, serial=kart.serial - 1, state=kart.sent), now
+            yield Input('connected', '', kart.number), now
+            yield Input('disconnected', '', kart.number), now
+        yield Input('tick'), now
+        yield Input('tick'), now + 1.0
+
+    def _command(self, kind: str, now: float, number: int = 0) -> Any:
+        return give(self.rules, self.race, Input('command', kind, number, True), now)
+
+    def _check_idempotent(self, given: Input, view: View, now: float) -> None:
+        """Give a stop that is in force a second time; the rules stay in the state of ``view``."""
+        again = give(self.rules, self.race, given, now)
+        if look(self.race) != view or again.orders or not again.answer.success:
+            raise Violation('stop-idempotent', f'{given} in {view}: {again}')
+
+    def _check_homeward(self, saved: Any, now: float) -> None:
+        """Bring the race home with karts that answer, and with karts that never do."""
+        race = self.race
+        self.scratch.load(saved)
+        for kart in race.karts.values():
+            if not kart.connected:
+                race.connected(kart.number, now)
+        self._command('ALL_KILL', now)
+        for kart in race.karts.values():
+            race.heard(kart.number, kart.serial, kart.sent, now)
+        self._check_home(self._command('IN_GARAGE', now))
+        # And the next race can begin.
+        for kart in race.karts.values():
+            if not kart.in_race:
+                self._command('JOIN_RACE', now, kart.number)
+        if not self._command('GRID_ACTIVE', now).answer.success:
+            raise Violation('stuck', f'no new race: {look(race)}')
+        self.scratch.load(saved)
+        self._command('ALL_KILL', now)
+        for number in self.numbers:
+            self._command('KART_IN_GARAGE', now, number)
+        self._check_home(self._command('IN_GARAGE', now))
+
+    def _check_home(self, outcome: Any) -> None:
+        view = look(self.race)
+        home = view.state is IN_GARAGE and not view.over and not view.msr_used
+        if not home or any(kart.hold or kart.sent is not IN_GARAGE for kart in view.karts):
+            raise Violation('stuck', f'{view}: {outcome.answer}')
+
+    def _check_deadline(self, saved: Any, view: View, now: float) -> None:
+        """Let the time pass until just before the announced deadline: nothing may change."""
+        race = self.race
+        self.scratch.load(saved)
+        race.tick(now)
+        settled = look(race)
+        alerts = {(alert.kind, alert.kart) for alert in race.alerts(now)}
+        deadline = race.next_deadline(now)
+        if deadline is not None and deadline <= now:
+            raise Violation('deadline', f'{deadline} is not after {now} in {settled}')
+        just_before = now + 1000.0 if deadline is None else (now + deadline) / 2
+        race.tick(just_before)
+        later = {(alert.kind, alert.kart) for alert in race.alerts(just_before)}
+        if look(race) != settled or later != alerts:
+            raise Violation('deadline', f'{settled} changed before {deadline}')
+
+    def _compare(self, key: tuple[Any, ...], other: tuple[Any, Facts, float]) -> None:
+        """Try two states of one key under every input: they must lead to the same keys."""
+        self.report.pairs_compared += 1
+        first = self._successors(*self._seen[key])
+        second = self._successors(*other)
+        if first != second:
+            raise Violation('abstraction', f'{self._seen[key]} and {other}: {first - second}')
+
+    def _successors(self, saved: Any, facts: Facts, now: float) -> Counter[tuple[Any, ...]]:
+        successors: Counter[tuple[Any, ...]] = Counter()
+        self.scratch.load(saved)
+        view = look(self.race)
+        for given, after_time in self._inputs(view, facts, now):
+            outcome = give(self.rules, self.race, given, after_time)
+            after = look(self.race)
+            success = outcome.answer is None or outcome.answer.success
+            learned = learn(view, facts, given, success, after, after_time)
+            successors[self._key(after, learned, after_time)] += 1
+            self.scratch.load(saved)
+        return successors
