@@ -11,7 +11,6 @@ import contextlib
 import pathlib
 
 import pytest
-
 from race_parts.domains import Domain
 from race_parts.kart import Bridge, Team
 from race_parts.official import Official

@@ -7,12 +7,11 @@ from typing import Any
 
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg, srv
-from std_msgs.msg import Bool
-from std_srvs.srv import SetBool
-
 from race_parts.official import Answer, latched, state_of
 from race_parts.process import Process
 from race_parts.ros_side import RosSide
+from std_msgs.msg import Bool
+from std_srvs.srv import SetBool
 
 
 class Bridge(Process):

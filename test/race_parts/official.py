@@ -8,10 +8,9 @@ from typing import Any
 
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg, srv
+from race_parts.ros_side import RosSide
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import SetBool, Trigger
-
-from race_parts.ros_side import RosSide
 
 
 def latched(depth: int) -> QoSProfile:
@@ -81,7 +80,7 @@ class Official(RosSide):
 
     def call(self, service: str, **request: Any) -> Answer:
         """
-        Give a command, such as ``call('kart/red_red', kart=7)``, and return its answer.
+        Give a command, such as 'kart/red_red' with ``kart=7``, and return its answer.
 
         :raises AssertionError: if race control does not answer in time.
         """

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 import pathlib
 
-import yaml
-
 from race_parts.process import Process
+import yaml
 
 
 def address_of(number: int) -> str:

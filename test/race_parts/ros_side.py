@@ -6,13 +6,12 @@ from collections.abc import Callable
 import threading
 from typing import TypeVar
 
+from race_parts.process import PATIENCE
 import rclpy
 from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
-
-from race_parts.process import PATIENCE
 
 T = TypeVar('T')
 

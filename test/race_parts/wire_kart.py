@@ -9,7 +9,6 @@ import time
 
 from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame, StateFrame
 from evgp_protocol.states import RaceState
-
 from race_parts.process import PATIENCE
 
 

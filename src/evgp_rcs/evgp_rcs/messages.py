@@ -90,7 +90,7 @@ def race_message(race: Race, now: float, wall_ns: int, addresses: dict[int, str]
         karts=[status(race.karts[number]) for number in sorted(race.karts)],
         commands=[availability(kind) for kind in _TO_ALL],
         track=msg.TrackAccess(
-            open=access.open,
+            open=access.is_open,
             allowed=access.allowed,
             reason=access.reason,
             msr_used=access.msr_used,

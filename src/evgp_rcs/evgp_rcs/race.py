@@ -198,7 +198,7 @@ class Availability:
 class TrackAccess:
     """Whether officials have opened the track, and whether humans may be on it (§3.A)."""
 
-    open: bool
+    is_open: bool
     allowed: bool
     reason: str
     msr_used: bool
@@ -369,7 +369,7 @@ class Race:
 
     def connected(self, number: int, now: float) -> Outcome:
         """
-        Take note that a kart of the roster connected (§3.B, §4.A).
+        Take note of a kart's new connection (§3.B, §4.A).
 
         A kart that is connected already is being replaced, which counts as a disconnect first.
 

@@ -1,0 +1,416 @@
+"""
+The arbiter: which race state the kart must obey now (§2.C, §3.A, §3.E).
+
+Three rules of what lives here:
+
+1. No clock, socket, ROS, thread or log. Each input brings its monotonic time in seconds, and
+   the same inputs always give the same outputs.
+2. All of the bridge's rules, and nothing else: the link and the node know none.
+3. Doubt means stop. Each rule may only be made stricter.
+
+Theory of operation. Every input first lets time pass: what was due by then happens before the
+input is judged, so a frame that comes after a silence that was too long comes too late. The
+verdict follows from a few facts:
+
+* *commanded*: the last frame on the present connection; none while there is no connection, or
+  no frame on it yet. A connection on which ``frame_timeout`` passes without a frame is lost.
+* *team stop*: the service, the remote's topic, or the remote's silence (``tsr_timeout``).
+* *armed*: GREEN_GREEN would be obeyed. This table is all that makes it so or ends it:
+
+  ================================================= =============================
+  a commanded GRID_ACTIVE is acknowledged           armed
+  GRID_ACTIVE, then GREEN_GREEN is commanded        as before
+  any other change of what is commanded             not armed
+  the connection is lost, or a new one made         not armed
+  a team stop begins                                not armed
+  ================================================= =============================
+
+* *slowing*: the kart was allowed to drive when RED_FLAG was commanded, and has since neither
+  acknowledged it, nor met a team stop, nor used up ``red_flag_drive_time``. So RED_FLAG lets a
+  moving kart steer itself to a stop, and never lets a standing one move.
+
+The state to obey is RED_RED without a command, under a team stop, and under a GREEN_GREEN that
+is not armed; otherwise it is what is commanded. So the release of a team stop, or the return of
+a lost connection, never makes a kart race.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+
+from evgp_protocol.states import RaceState, stricter
+
+ODOMETRY_FRESH = 0.5
+"""How long a speed says something about the kart, in seconds."""
+
+_NOT_YET = 'not connected to race control yet'
+_NOTHING_SAID = 'race control has said nothing on this connection yet'
+_NEVER_ARMED = 'no GRID_ACTIVE was acknowledged on this connection'
+_NOT_ACKNOWLEDGED = 'the last GRID_ACTIVE was not acknowledged'
+
+
+class StopSource(enum.Enum):
+    """Where a team stop comes from (§2.C); each must release its own."""
+
+    SERVICE = 'service'
+    TOPIC = 'topic'
+
+
+@dataclasses.dataclass(frozen=True)
+class Settings:
+    """
+    The parameters of the rules. Times are in seconds, speeds in m/s.
+
+    :ivar frame_timeout: so long without a frame is a lost connection; above 0.
+    :ivar tsr_timeout: so long without a message of the team's safety remote is a team stop;
+        0: no remote is required.
+    :ivar auto_acknowledge_stop: acknowledge the red states when odometry shows a standstill.
+    :ivar standstill_speed: no faster than this is standing still; from 0.
+    :ivar standstill_time: for so long, without a gap, to be taken for stopped; from 0.
+    :ivar red_flag_drive_time: so long a RED_FLAG lets a kart that was driving go on; from 0.
+    :ivar drive_in_garage: the kart may drive in IN_GARAGE, where its team has it (§3.A).
+    :raises ValueError: a value is outside its range, or no finite number.
+    """
+
+    frame_timeout: float = 1.0
+    tsr_timeout: float = 0.0
+    auto_acknowledge_stop: bool = False
+    standstill_speed: float = 0.05
+    standstill_time: float = 0.5
+    red_flag_drive_time: float = 15.0
+    drive_in_garage: bool = False
+
+    def __post_init__(self) -> None:
+        """Refuse what no rule can work with."""
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if not (math.isfinite(value) and value >= 0):
+                raise ValueError(f'{field.name} must be a finite number from 0, not {value!r}')
+        if self.frame_timeout == 0:
+            raise ValueError('frame_timeout must be above 0')
+
+
+@dataclasses.dataclass(frozen=True)
+class Verdict:
+    """
+    What holds now.
+
+    :ivar state: the state to obey.
+    :ivar commanded: what race control commands on the present connection; None: nothing.
+    :ivar connected: race control is being heard.
+    :ivar team_stop: the team's own stop is on (§2.C).
+    :ivar acknowledged: what is commanded was acknowledged. A team stop takes it back from a
+        GRID_ACTIVE, which must then be acknowledged anew.
+    :ivar reason: why `state` and `commanded` differ, a sentence; empty when they do not.
+    :ivar may_drive: the kart may move. Steering and braking are always the stack's.
+    """
+
+    state: RaceState
+    commanded: RaceState | None
+    connected: bool
+    team_stop: bool
+    acknowledged: bool
+    reason: str
+    may_drive: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Answer:
+    """
+    The answer to an acknowledgement.
+
+    :ivar accepted: it is sent to race control.
+    :ivar message: a sentence for the person; when refused, what is missing.
+    """
+
+    accepted: bool
+    message: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """
+    What follows from one input.
+
+    :ivar verdict: what holds after it.
+    :ivar send: the state to say to race control, if any.
+    :ivar give_up: why the socket must be given up; None: it need not.
+    :ivar answer: the answer, if the input was an acknowledgement.
+    """
+
+    verdict: Verdict
+    send: RaceState | None = None
+    give_up: str | None = None
+    answer: Answer | None = None
+
+
+class Arbiter:
+    """
+    Decides what the kart obeys. It has one owner, who gives every input in order of time.
+
+    A time before an earlier one is doubt: the connection is lost and the remote unheard. Every
+    input raises ValueError when its time is no finite number.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._settings = settings
+        self._now = -math.inf
+        # The connection.
+        self._open = False
+        self._absence = _NOT_YET
+        self._heard_at = 0.0  # the last frame, or the connection if there was none yet
+        self._commanded: RaceState | None = None
+        self._acknowledged = False
+        self._armed = False
+        self._not_armed = _NEVER_ARMED
+        self._slowing_since: float | None = None
+        # The team's stop.
+        self._engaged = dict.fromkeys(StopSource, False)
+        self._remote_at: float | None = None  # None: unheard, or silent for too long
+        # Odometry.
+        self._speed = math.nan
+        self._speed_at = -math.inf
+        self._still_since: float | None = None  # only while a red waits to be acknowledged
+
+    @property
+    def verdict(self) -> Verdict:
+        """What holds as of the last input."""
+        commanded = self._commanded
+        reasons = []
+        if commanded is None:
+            reasons.append(self._absence)
+        if self._team_stop:
+            reasons.append(self._team_stop_reason())
+        if commanded is RaceState.GREEN_GREEN and not self._armed:
+            reasons.append(
+                'GREEN_GREEN needs a GRID_ACTIVE that is acknowledged before it: '
+                + self._not_armed
+            )
+        own = RaceState.RED_RED if reasons else RaceState.GREEN_GREEN
+        state = stricter(own, RaceState.RED_RED if commanded is None else commanded)
+        return Verdict(
+            state=state,
+            commanded=commanded,
+            connected=commanded is not None,
+            team_stop=self._team_stop,
+            acknowledged=self._acknowledged,
+            reason='; '.join(reasons) if state is not commanded else '',
+            may_drive=self._may_drive(state),
+        )
+
+    @property
+    def deadline(self) -> float | None:
+        """When `tick` will change something if nothing comes before; None: never."""
+        due = []
+        if self._open:
+            due.append(self._heard_at + self._settings.frame_timeout)
+        if self._remote_at is not None:
+            due.append(self._remote_at + self._settings.tsr_timeout)
+        if self._slowing_since is not None:
+            due.append(self._slowing_since + self._settings.red_flag_drive_time)
+        return min(due, default=None)
+
+    def tick(self, now: float) -> Outcome:
+        """Let time pass."""
+        return self._outcome(self._pass(now))
+
+    def connected(self, now: float) -> Outcome:
+        """Begin a new connection to race control, whatever became of the last."""
+        self._pass(now)  # what it may give up is an earlier connection's socket
+        self._lose(_NOTHING_SAID)
+        self._open = True
+        self._heard_at = now
+        return self._outcome(None)
+
+    def disconnected(self, reason: str, now: float) -> Outcome:
+        """
+        End the connection, or say why there still is none.
+
+        :param reason: why, to go behind 'not connected to race control: '.
+        """
+        give_up = self._pass(now)
+        self._lose(f'not connected to race control: {reason}')
+        return self._outcome(give_up)
+
+    def heard(self, state: RaceState, now: float) -> Outcome:
+        """Take a frame from race control. Without a connection it comes too late to count."""
+        give_up = self._pass(now)
+        if self._open:
+            self._heard_at = now
+            if state is not self._commanded:
+                self._command(state, now)
+        return self._outcome(give_up)
+
+    def team_stop(self, source: StopSource, engaged: bool, now: float) -> Outcome:
+        """Engage or release the team's stop; it is on while any source engages it (§2.C)."""
+        give_up = self._pass(now)
+        self._engaged[source] = engaged
+        if source is StopSource.TOPIC and self._settings.tsr_timeout > 0:
+            self._remote_at = now
+        if self._team_stop:
+            self._on_team_stop()
+        return self._outcome(give_up)
+
+    def acknowledge(self, state: RaceState, now: float) -> Outcome:
+        """
+        Judge the stack's word that it has reached `state` (§4.C).
+
+        An acknowledgement that was accepted before is accepted, and sent, again.
+
+        :return: with `answer`, and with `send` if it is accepted.
+        """
+        give_up = self._pass(now)
+        refusal = self._refusal(state)
+        if refusal is not None:
+            return self._outcome(give_up, answer=Answer(False, refusal))
+        self._acknowledge()
+        return self._outcome(
+            give_up, send=state, answer=Answer(True, f'{state.value} is acknowledged')
+        )
+
+    def speed(self, metres_per_s: float, now: float) -> Outcome:
+        """Take the kart's speed from odometry, in m/s; the sign means nothing."""
+        give_up = self._pass(now)
+        gap = now - self._speed_at > ODOMETRY_FRESH
+        self._speed, self._speed_at = abs(metres_per_s), now
+        commanded = self._commanded
+        waiting = commanded is not None and commanded.is_red and not self._acknowledged
+        # A speed that is no number is not within the limit, hence not a standstill.
+        still = self._speed <= self._settings.standstill_speed
+        if not (self._settings.auto_acknowledge_stop and waiting and still):
+            self._still_since = None
+        elif self._still_since is None or gap:
+            self._still_since = now
+        if self._still_since is None or (now < self._still_since + self._settings.standstill_time):
+            return self._outcome(give_up)
+        self._acknowledge()
+        return self._outcome(give_up, send=commanded)
+
+    # What the inputs have in common.
+
+    def _outcome(
+        self,
+        give_up: str | None,
+        send: RaceState | None = None,
+        answer: Answer | None = None,
+    ) -> Outcome:
+        return Outcome(self.verdict, send, give_up, answer)
+
+    def _pass(self, now: float) -> str | None:
+        """Let what is due by `now` happen; return why the socket must be given up, if so."""
+        if not math.isfinite(now):
+            raise ValueError(f'a time must be a finite number, not {now!r}')
+        settings = self._settings
+        give_up = None
+        if now < self._now:
+            self._remote_at = None
+            self._speed_at = -math.inf
+            if self._open:
+                give_up = 'the clock went backwards'
+        elif self._open and now >= self._heard_at + settings.frame_timeout:
+            give_up = f'race control was silent for {settings.frame_timeout:g} s'
+        self._now = now
+        if give_up is not None:
+            self._lose(f'not connected to race control: {give_up}')
+        if self._remote_at is not None and now >= self._remote_at + settings.tsr_timeout:
+            self._remote_at = None
+            self._on_team_stop()
+        slowing = self._slowing_since
+        if slowing is not None and now >= slowing + settings.red_flag_drive_time:
+            self._slowing_since = None
+        return give_up
+
+    # The connection.
+
+    def _lose(self, absence: str) -> None:
+        """Have no connection; `absence` says why."""
+        self._open = False
+        self._absence = absence
+        self._commanded = None
+        self._acknowledged = False
+        self._armed = False
+        self._not_armed = _NEVER_ARMED
+        self._slowing_since = None
+        self._still_since = None
+
+    def _command(self, state: RaceState, now: float) -> None:
+        """Have race control command another state than before."""
+        was_driving = self.verdict.may_drive
+        to_race = self._commanded is RaceState.GRID_ACTIVE and state is RaceState.GREEN_GREEN
+        self._commanded = state
+        self._acknowledged = False
+        self._still_since = None
+        slows = was_driving and state is RaceState.RED_FLAG
+        self._slowing_since = now if slows and self._settings.red_flag_drive_time > 0 else None
+        if not to_race:
+            self._disarm(f'{state.value} was commanded since')
+        if state is RaceState.GRID_ACTIVE:
+            self._not_armed = _NOT_ACKNOWLEDGED
+
+    def _acknowledge(self) -> None:
+        """Have what is commanded acknowledged."""
+        self._acknowledged = True
+        self._slowing_since = None
+        self._still_since = None
+        if self._commanded is RaceState.GRID_ACTIVE:
+            self._armed = True
+
+    def _refusal(self, state: RaceState) -> str | None:
+        """Return why an acknowledgement of `state` is refused now; None: it is not."""
+        verdict = self.verdict
+        if verdict.commanded is None:
+            return f'{state.value} is not commanded: {self._absence}'
+        if state is not verdict.commanded:
+            return f'race control commands {verdict.commanded.value}, not {state.value}'
+        if state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN) and verdict.state is not state:
+            return f'the kart must obey {verdict.state.value}: {verdict.reason}'
+        if (
+            state.is_red
+            and self._now - self._speed_at <= ODOMETRY_FRESH
+            and self._speed > self._settings.standstill_speed
+        ):
+            return f'the kart still moves: odometry says {self._speed:.2f} m/s'
+        return None
+
+    def _disarm(self, why: str) -> None:
+        """Have GREEN_GREEN not obeyed, until a GRID_ACTIVE is acknowledged."""
+        if self._armed:
+            self._armed = False
+            self._not_armed = why
+
+    # The team's stop.
+
+    @property
+    def _team_stop(self) -> bool:
+        return any(self._engaged.values()) or self._remote_missing
+
+    @property
+    def _remote_missing(self) -> bool:
+        return self._settings.tsr_timeout > 0 and self._remote_at is None
+
+    def _team_stop_reason(self) -> str:
+        reasons = []
+        if self._engaged[StopSource.SERVICE]:
+            reasons.append('asked for by service')
+        if self._engaged[StopSource.TOPIC]:
+            reasons.append('the safety remote says stop')
+        if self._remote_missing:
+            reasons.append(f'nothing from the safety remote for {self._settings.tsr_timeout:g} s')
+        return 'team stop: ' + ', '.join(reasons)
+
+    def _on_team_stop(self) -> None:
+        """Let nothing that allowed the kart to drive outlive a team stop."""
+        self._slowing_since = None
+        self._disarm('the team stop was engaged since')
+        if self._commanded is RaceState.GRID_ACTIVE:
+            self._acknowledged = False
+
+    def _may_drive(self, state: RaceState) -> bool:
+        """Return whether the kart may drive while it obeys `state`."""
+        if state is RaceState.RED_FLAG:
+            return self._slowing_since is not None
+        if state is RaceState.IN_GARAGE:
+            return self._settings.drive_in_garage
+        return state is RaceState.GREEN_GREEN

@@ -1,0 +1,581 @@
+"""
+The rules of the arbiter, held against an oracle that knows only the history of the inputs.
+
+The oracle recomputes everything from the list of inputs, each time from the beginning, and
+shares no code with the arbiter but the names of the states. It is checked along random
+histories, along every reachable state of a small world, and by faults put into the arbiter on
+purpose, each of which it must find.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import itertools
+import math
+from pathlib import Path
+import sys
+from types import ModuleType
+from typing import Any
+
+from evgp_kart_bridge import arbiter as arbiter_module
+from evgp_kart_bridge.arbiter import Arbiter, Settings, StopSource, Verdict
+from evgp_protocol.states import RaceState
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+from hypothesis.stateful import initialize, precondition, rule, RuleBasedStateMachine
+import pytest
+
+GREEN, GRID = RaceState.GREEN_GREEN, RaceState.GRID_ACTIVE
+GARAGE, FLAG, RED = RaceState.IN_GARAGE, RaceState.RED_FLAG, RaceState.RED_RED
+
+
+@dataclasses.dataclass(frozen=True)
+class Input:
+    """One input, and what the arbiter answered to it."""
+
+    kind: str  # the method of the arbiter
+    value: Any  # its argument besides the time
+    at: float
+    accepted: bool = False  # for an acknowledgement
+    said: RaceState | None = None  # what was sent to race control
+    gave_up: bool = False
+
+
+History = tuple[Input, ...]
+
+
+class Oracle:
+    """What must hold after a history, at its last input, as the rules are worded."""
+
+    def __init__(self, history: History, settings: Settings) -> None:
+        self.history = history
+        self.settings = settings
+        self.now = history[-1].at if history else 0.0
+        self.since = self._connection()
+        self.connection = self._from(self.since)
+        heard = [item for item in self.connection if item.kind == 'heard']
+        self.commanded: RaceState | None = heard[-1].value if heard else None
+
+    def _from(self, begin: int | None, end: int | None = None) -> History:
+        return () if begin is None else self.history[begin:end]
+
+    def _connection(self) -> int | None:
+        """Where the present connection begins, if it lives."""
+        since = None
+        for index, item in enumerate(self.history):
+            if item.kind == 'connected':
+                since = index
+            elif item.kind == 'disconnected':
+                since = None
+        if since is None:
+            return None
+        signs = [item.at for item in self.history[since:] if item.kind in ('connected', 'heard')]
+        for earlier, later in itertools.pairwise([*signs, self.now]):
+            if later - earlier >= self.settings.frame_timeout:
+                return None
+        return since
+
+    def stop_at(self, index: int) -> bool:
+        """Whether the team stop is on right after the input at `index`."""
+        past = self.history[: index + 1]
+        now = past[-1].at
+        stops = [item for item in past if item.kind == 'team_stop']
+        for source in StopSource:
+            own = [item.value[1] for item in stops if item.value[0] is source]
+            if own and own[-1]:
+                return True
+        if self.settings.tsr_timeout == 0:
+            return False
+        remote = [item.at for item in stops if item.value[0] is StopSource.TOPIC]
+        return not remote or now - remote[-1] >= self.settings.tsr_timeout
+
+    def stopped_since(self, begin: int) -> bool:
+        """Whether the team stop was on at any time from the input at `begin` to now."""
+        last = len(self.history) - 1
+        if any(self.stop_at(index) for index in range(begin, last + 1)):
+            return True
+        if self.settings.tsr_timeout == 0:
+            return False
+        # The remote may have been silent for too long between two of the inputs.
+        remote = [
+            item.at
+            for item in self.history
+            if item.kind == 'team_stop' and item.value[0] is StopSource.TOPIC
+        ]
+        for earlier, later in itertools.pairwise([*remote, self.now]):
+            lapsed = earlier + self.settings.tsr_timeout
+            if later >= lapsed and later > self.history[begin].at:
+                return True
+        return False
+
+    @property
+    def team_stop(self) -> bool:
+        if not self.history:
+            return self.settings.tsr_timeout > 0
+        return self.stop_at(len(self.history) - 1)
+
+    @property
+    def armed(self) -> bool:
+        """A GRID_ACTIVE was acknowledged on this connection, and nothing came between."""
+        if self.since is None:
+            return False
+        for index in range(self.since, len(self.history)):
+            item = self.history[index]
+            if not (item.kind == 'acknowledge' and item.accepted and item.value is GRID):
+                continue
+            run = [GRID]
+            run += [later.value for later in self.history[index:] if later.kind == 'heard']
+            names = [state for state, _ in itertools.groupby(run)]
+            if names in ([GRID], [GRID, GREEN]) and not self.stopped_since(index):
+                return True
+        return False
+
+    @property
+    def state(self) -> RaceState:
+        if self.commanded is None or self.team_stop:
+            return RED
+        if self.commanded is GREEN and not self.armed:
+            return RED
+        return self.commanded
+
+    @property
+    def _run(self) -> int | None:
+        """Where the present command began."""
+        begin = None
+        last = None
+        for index, item in enumerate(self.connection):
+            if item.kind == 'heard':
+                if item.value is not last:
+                    begin = index
+                last = item.value
+        return None if begin is None or self.since is None else self.since + begin
+
+    @property
+    def acknowledged(self) -> bool:
+        if self._run is None:
+            return False
+        if self.commanded is GRID:
+            return self.armed
+        return any(item.said is self.commanded for item in self._from(self._run))
+
+    @property
+    def may_drive(self) -> bool:
+        if self.state is GREEN:
+            return True
+        if self.state is GARAGE:
+            return self.settings.drive_in_garage
+        if self.state is not FLAG or self._run is None or self.acknowledged:
+            return False
+        begin = self.history[self._run]
+        if self.now - begin.at >= self.settings.red_flag_drive_time:
+            return False
+        if self.stopped_since(self._run):
+            return False
+        # What held when the flag came: the same moment, without the flag.
+        before = (*self.history[: self._run], Input('tick', None, begin.at))
+        return Oracle(before, self.settings).may_drive
+
+    def must_accept(self, state: RaceState) -> bool:
+        if state is not self.commanded:
+            return False
+        if state in (GRID, GREEN):
+            return self.state is state
+        speeds = [item for item in self.history if item.kind == 'speed']
+        moves = speeds and (
+            speeds[-1].value > self.settings.standstill_speed and self.now - speeds[-1].at <= 0.5
+        )
+        return not (state in (FLAG, RED) and moves)
+
+    @property
+    def must_acknowledge_by_itself(self) -> bool:
+        """Whether the speed that is the last input completes a standstill under a red."""
+        if not self.settings.auto_acknowledge_stop or self.history[-1].kind != 'speed':
+            return False
+        if self.commanded not in (FLAG, RED) or self._run is None:
+            return False
+        if any(item.said is self.commanded for item in self._from(self._run, -1)):
+            return False
+        speeds = [item for item in self._from(self._run) if item.kind == 'speed']
+        begin = self.now
+        for earlier, later in itertools.pairwise([*reversed(speeds), None]):
+            if not earlier.value <= self.settings.standstill_speed:
+                break
+            begin = earlier.at
+            if later is None or earlier.at - later.at > 0.5:
+                break
+        else:
+            raise AssertionError('unreachable')
+        stood = bool(speeds) and speeds[-1].value <= self.settings.standstill_speed
+        return stood and self.now - begin >= self.settings.standstill_time
+
+
+def apply(arbiter: Arbiter, kind: str, value: Any, at: float) -> Input:
+    """Give one input to the arbiter and note it with its answer."""
+    stop_source = sys.modules[type(arbiter).__module__].StopSource
+    if kind == 'tick' or kind == 'connected':
+        outcome = getattr(arbiter, kind)(at)
+    elif kind == 'team_stop':
+        outcome = arbiter.team_stop(stop_source[value[0].name], value[1], at)
+    elif kind == 'disconnected':
+        outcome = arbiter.disconnected('the test', at)
+    else:
+        outcome = getattr(arbiter, kind)(value, at)
+    accepted = outcome.answer is not None and outcome.answer.accepted
+    assert vars(outcome.verdict) == vars(arbiter.verdict)
+    return Input(kind, value, at, accepted, outcome.send, outcome.give_up is not None)
+
+
+def check(history: History, verdict: Verdict, settings: Settings) -> None:
+    """Hold one verdict, and the answer that came with it, against the oracle."""
+    oracle = Oracle(history, settings)
+    assert verdict.state is oracle.state
+    assert verdict.commanded is oracle.commanded
+    assert verdict.connected == (oracle.commanded is not None)
+    assert verdict.team_stop == oracle.team_stop
+    assert verdict.acknowledged == oracle.acknowledged
+    assert verdict.may_drive == oracle.may_drive
+    assert (verdict.reason == '') == (verdict.state is verdict.commanded)
+    if not history:
+        return
+    last = history[-1]
+    if last.kind == 'acknowledge':
+        before = Oracle((*history[:-1], Input('tick', None, last.at)), settings)
+        assert last.accepted == before.must_accept(last.value)
+        assert last.said is (last.value if last.accepted else None)
+    elif last.kind == 'speed':
+        assert (last.said is not None) == oracle.must_acknowledge_by_itself
+        assert last.said in (None, oracle.commanded)
+    else:
+        assert last.said is None
+    # The socket is given up when a connection that lived at the last input does not at this
+    # one, and nobody said so.
+    if last.kind not in ('connected', 'disconnected'):
+        lived = len(history) > 1 and Oracle(history[:-1], settings).since is not None
+        assert last.gave_up == (lived and oracle.since is None)
+
+
+# The small world: all durations are 1 (a speed is fresh for 0.5) and time passes in halves.
+
+SMALL = Settings(
+    frame_timeout=1.0,
+    tsr_timeout=0.0,
+    auto_acknowledge_stop=False,
+    standstill_time=1.0,
+    red_flag_drive_time=1.0,
+)
+WORLDS = {
+    'plain': SMALL,
+    'remote required': dataclasses.replace(SMALL, tsr_timeout=1.0),
+    'acknowledges by itself': dataclasses.replace(SMALL, auto_acknowledge_stop=True),
+    'drives in garage': dataclasses.replace(SMALL, drive_in_garage=True),
+}
+LINK = [
+    ('tick', None),
+    ('connected', None),
+    ('disconnected', None),
+    *(('heard', state) for state in RaceState),
+    *(('acknowledge', state) for state in RaceState),
+]
+STOPS = [('team_stop', (source, engaged)) for source in StopSource for engaged in (True, False)]
+SPEEDS = [('speed', value) for value in (0.0, 1.0, math.nan)]
+
+
+def fingerprint(arbiter: Arbiter) -> tuple[Any, ...]:
+    """
+    Return the state of an arbiter, alike for states that no input can tell apart.
+
+    Times are taken relative to now, and all that is long past is equally long past.
+    """
+    now = arbiter._now
+    state: list[Any] = []
+    for name, value in sorted(vars(arbiter).items()):
+        if name in ('_settings', '_now', '_absence', '_not_armed'):
+            continue
+        if name == '_heard_at' and not arbiter._open:
+            continue
+        if name.endswith(('_at', '_since')) and value is not None:
+            value = min(now - value, 1.5)
+        elif name == '_engaged':
+            value = tuple(value.values())
+        elif isinstance(value, float) and math.isnan(value):
+            value = 'nan'
+        elif hasattr(value, 'name'):
+            value = value.name
+        state.append(value)
+    return tuple(state)
+
+
+def explore(
+    module: ModuleType, settings: Settings, inputs: list[tuple[str, Any]], limit: int = 10**9
+) -> tuple[int, int]:
+    """
+    Visit every state that the inputs reach, and check every step out of each.
+
+    :return: the number of states and of steps.
+    :raises AssertionError: with the history, where the arbiter and the oracle differ.
+    """
+    own_settings = module.Settings(**vars(settings))
+    first = module.Arbiter(own_settings)
+    first.tick(0.0)
+    start = (Input('tick', None, 0.0),)
+    seen = {fingerprint(first)}
+    front: list[tuple[Arbiter, History]] = [(first, start)]
+    steps = 0
+    while front and steps < limit:
+        behind, front = front, []
+        for arbiter, history in behind:
+            for (kind, value), wait in itertools.product(inputs, (0.0, 0.5)):
+                later = copy.copy(arbiter)
+                later._engaged = dict(arbiter._engaged)
+                note = apply(later, kind, value, history[-1].at + wait)
+                longer = (*history, note)
+                steps += 1
+                try:
+                    check(longer, later.verdict, settings)
+                except AssertionError as error:
+                    raise AssertionError(f'{error}\nafter {longer}\n{later.verdict}') from error
+                mark = fingerprint(later)
+                if mark not in seen:
+                    seen.add(mark)
+                    front.append((later, longer))
+    return len(seen), steps
+
+
+@pytest.mark.parametrize(
+    ('world', 'inputs'),
+    [
+        ('plain', LINK + STOPS),
+        ('remote required', LINK + STOPS[2:]),
+        ('acknowledges by itself', LINK + SPEEDS),
+        ('drives in garage', LINK + STOPS[:2]),
+    ],
+    ids=list(WORLDS),
+)
+def test_every_reachable_state_keeps_the_rules(
+    world: str, inputs: list[tuple[str, Any]], record_property: Any
+) -> None:
+    states, steps = explore(arbiter_module, WORLDS[world], inputs)
+    record_property('states', states)
+    record_property('steps', steps)
+    print(f'{world}: {states} states, {steps} steps')
+    assert states > 50
+
+
+# Faults put in on purpose: what stands in the source, and what stands there instead.
+FAULTS = {
+    'starts open': (
+        'self._open = False\n        self._absence = _NOT_YET',
+        'self._open = True\n        self._absence = _NOT_YET',
+    ),
+    'silence is no loss': (
+        'elif self._open and now >= self._heard_at',
+        'elif False and now >= self._heard_at',
+    ),
+    'timeout a little late': (
+        'elif self._open and now >= self._heard_at',
+        'elif self._open and now > self._heard_at',
+    ),
+    'socket kept after silence': (
+        "            self._lose(f'not connected to race control: {give_up}')\n",
+        "            self._lose(f'not connected to race control: {give_up}')\n"
+        '            give_up = None\n',
+    ),
+    'command outlives the connection': (
+        '        self._absence = absence\n        self._commanded = None',
+        '        self._absence = absence',
+    ),
+    'acknowledged outlives the connection': (
+        '        self._commanded = None\n        self._acknowledged = False\n'
+        '        self._armed = False\n',
+        '        self._commanded = None\n        self._armed = False\n',
+    ),
+    'acknowledged outlives the command': (
+        '        self._commanded = state\n        self._acknowledged = False\n',
+        '        self._commanded = state\n',
+    ),
+    'late frame counts': (
+        '        if self._open:\n            self._heard_at = now\n',
+        '        if True:\n            self._heard_at = now\n',
+    ),
+    'nothing disarms': ('        if not to_race:\n', '        if False:\n'),
+    'grid again does not disarm': (
+        '        if not to_race:\n',
+        '        if not to_race and state is not RaceState.GRID_ACTIVE:\n',
+    ),
+    'green needs no grid': (
+        'RaceState.GREEN_GREEN and not self._armed',
+        'RaceState.GREEN_GREEN and False',
+    ),
+    'team stop does not disarm': ("        self._disarm('the team stop was engaged since')\n", ''),
+    'remote silence does not disarm': (
+        '            self._remote_at = None\n            self._on_team_stop()\n',
+        '            self._remote_at = None\n',
+    ),
+    'remote is not missed': (
+        'return self._settings.tsr_timeout > 0 and self._remote_at is None',
+        'return False',
+    ),
+    'one source releases the other': (
+        'self._engaged[source] = engaged',
+        'self._engaged = dict.fromkeys(StopSource, engaged)',
+    ),
+    'service stop is ignored': (
+        'return any(self._engaged.values())',
+        'return self._engaged[StopSource.TOPIC]',
+    ),
+    'team stop is looser than red': (
+        '        if self._team_stop:\n            reasons',
+        '        if False:\n            reasons',
+    ),
+    'acknowledges what is not commanded': ('if state is not verdict.commanded:', 'if False:'),
+    'acknowledges grid under a team stop': ('and verdict.state is not state:', 'and False:'),
+    'refuses a red under a team stop': (
+        'if state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN) and',
+        'if',
+    ),
+    'acknowledges a red while moving': (
+        'and self._speed > self._settings.standstill_speed',
+        'and False',
+    ),
+    'flag lets a standing kart drive': ('slows = was_driving and', 'slows ='),
+    'flag lets drive for ever': (
+        'if slowing is not None and now >=',
+        'if slowing is not None and now < now and now >=',
+    ),
+    'flag lets drive once acknowledged': (
+        '        self._acknowledged = True\n        self._slowing_since = None\n',
+        '        self._acknowledged = True\n',
+    ),
+    'flag drives on after a team stop': (
+        '        self._slowing_since = None\n        self._disarm',
+        '        self._disarm',
+    ),
+    'drives in garage unasked': ('return self._settings.drive_in_garage', 'return True'),
+    'standing before the red counts': (
+        '        self._acknowledged = False\n        self._still_since = None\n        slows',
+        '        self._acknowledged = False\n        slows',
+    ),
+    'one speed is a standstill': (
+        'now < self._still_since + self._settings.standstill_time',
+        'False',
+    ),
+    'no number is a standstill': ('still = self._speed <= self', 'still = not self._speed > self'),
+    'a gap is a standstill': ('self._still_since is None or gap:', 'self._still_since is None:'),
+    'acknowledges a red unasked': ('if not (self._settings.auto_acknowledge_stop and', 'if not ('),
+}
+
+
+def faulty(old: str, new: str) -> ModuleType:
+    path = Path(arbiter_module.__file__)
+    source = path.read_text(encoding='utf-8')
+    assert source.count(old) == 1, f'the fault no longer fits the source: {old!r}'
+    module = ModuleType('faulty_arbiter')
+    # dataclasses look their module up by its name.
+    sys.modules[module.__name__] = module
+    exec(compile(source.replace(old, new), str(path), 'exec'), vars(module))  # noqa: S102
+    return module
+
+
+@pytest.mark.parametrize(('old', 'new'), list(FAULTS.values()), ids=list(FAULTS))
+def test_fault_is_found(old: str, new: str) -> None:
+    module = faulty(old, new)
+    try:
+        with pytest.raises(AssertionError, match='after'):
+            for settings in WORLDS.values():
+                explore(module, settings, LINK + STOPS + SPEEDS, limit=60_000)
+    finally:
+        del sys.modules[module.__name__]
+
+
+class ArbiterAndOracle(RuleBasedStateMachine):
+    """Random histories with times that fit no grid; the oracle looks on after each input."""
+
+    @initialize(
+        settings=st.builds(
+            Settings,
+            frame_timeout=st.sampled_from([0.25, 1.0]),
+            tsr_timeout=st.sampled_from([0.0, 0.0, 0.375]),
+            auto_acknowledge_stop=st.booleans(),
+            standstill_time=st.sampled_from([0.0, 0.5]),
+            red_flag_drive_time=st.sampled_from([0.0, 1.0, 15.0]),
+            drive_in_garage=st.booleans(),
+        )
+    )
+    def begin(self, settings: Settings) -> None:
+        self.settings = settings
+        self.arbiter = Arbiter(settings)
+        self.now = 0.0
+        self.history: History = ()
+        check(self.history, self.arbiter.verdict, settings)
+
+    def give(self, kind: str, value: Any, wait: float) -> None:
+        # Binary fractions, so that arbiter and oracle round alike.
+        self.now += wait
+        self.history = (*self.history, apply(self.arbiter, kind, value, self.now))
+        check(self.history, self.arbiter.verdict, self.settings)
+
+    waits = st.integers(0, 40).map(lambda ticks: ticks / 64) | st.just(0.0)
+
+    @rule(wait=waits)
+    def tick(self, wait: float) -> None:
+        self.give('tick', None, wait)
+
+    @precondition(lambda self: self.arbiter.deadline is not None)
+    @rule()
+    def tick_at_the_deadline(self) -> None:
+        before = self.arbiter.verdict, fingerprint(self.arbiter)
+        deadline = self.arbiter.deadline
+        assert deadline is not None
+        assert deadline > self.now
+        note = apply(self.arbiter, 'tick', None, deadline)
+        self.history = (*self.history, note)
+        self.now = deadline
+        after = self.arbiter.verdict, fingerprint(self.arbiter)
+        assert before != after
+        assert self.arbiter.deadline is None or self.arbiter.deadline > self.now
+
+    @rule(wait=waits)
+    def connect(self, wait: float) -> None:
+        self.give('connected', None, wait)
+
+    @rule(wait=waits)
+    def disconnect(self, wait: float) -> None:
+        self.give('disconnected', None, wait)
+
+    @rule(wait=waits, state=st.sampled_from(RaceState))
+    def hear(self, wait: float, state: RaceState) -> None:
+        self.give('heard', state, wait)
+
+    @rule(wait=waits, state=st.sampled_from(RaceState))
+    def acknowledge(self, wait: float, state: RaceState) -> None:
+        self.give('acknowledge', state, wait)
+
+    @precondition(lambda self: self.arbiter.verdict.commanded is not None)
+    @rule(wait=waits)
+    def acknowledge_what_is_commanded(self, wait: float) -> None:
+        self.give('acknowledge', self.arbiter.verdict.commanded, wait)
+
+    @rule(wait=waits, source=st.sampled_from(StopSource), engaged=st.booleans())
+    def stop(self, wait: float, source: StopSource, engaged: bool) -> None:
+        self.give('team_stop', (source, engaged), wait)
+
+    @rule(wait=waits, value=st.sampled_from([0.0, 0.04, 0.06, 5.0, math.nan, math.inf]))
+    def speed(self, wait: float, value: float) -> None:
+        self.give('speed', value, wait)
+
+    @rule()
+    def come_to_race(self) -> None:
+        self.give('team_stop', (StopSource.TOPIC, False), 0.0)
+        self.give('team_stop', (StopSource.SERVICE, False), 0.0)
+        self.give('connected', None, 0.0)
+        self.give('heard', GRID, 0.0)
+        self.give('acknowledge', GRID, 0.0)
+        self.give('heard', GREEN, 0.0)
+        assert self.arbiter.verdict.may_drive
+
+
+TestArbiterAndOracle = ArbiterAndOracle.TestCase
+TestArbiterAndOracle.settings = hypothesis_settings(
+    max_examples=150, stateful_step_count=40, deadline=None
+)
