@@ -824,10 +824,12 @@ class Race:
         news = acknowledged and not self._told_all_acknowledged
         self._told_all_acknowledged = acknowledged
         if news:
+            obstacle = self._no_green_green(None) if self.state is GRID_ACTIVE else ''
+            following = obstacle or _NEXT[self.state]
             self._events.append(
                 Event(
                     EventKind.ALL_ACKNOWLEDGED,
-                    f'Every connected kart of the race has acknowledged; {_NEXT[self.state]}',
+                    f'Every connected kart of the race has acknowledged; {following}',
                     state=self.state,
                 )
             )
