@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
 from race_parts.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from race_parts.official import SERVICES, state_of
+from race_parts.official import SERVICES
 from race_parts.wire_kart import Acknowledges
 
 GREEN_GREEN = RaceState.GREEN_GREEN

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg, srv
-from race_parts.official import Answer, latched, state_of
+from race_parts.official import Answer, latched
 from race_parts.process import Process
 from race_parts.ros_side import RosSide
 from std_msgs.msg import Bool

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg, srv
 from race_parts.ros_side import RosSide
@@ -39,15 +40,6 @@ SERVICES = {
     'kart/in_garage': srv.KartInGarage,
 }
 """Every command of an official, by the name of its service below ``/rcs/``."""
-
-_NAMES = {getattr(msg.RaceState, state.name): state for state in RaceState} | {
-    msg.RaceState.UNKNOWN: None
-}
-
-
-def state_of(message: msg.RaceState) -> RaceState | None:
-    """Return the race state of a message; None is UNKNOWN."""
-    return _NAMES[message.state]
 
 
 @dataclass(frozen=True)

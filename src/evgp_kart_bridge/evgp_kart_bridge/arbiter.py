@@ -56,6 +56,7 @@ class StopSource(enum.Enum):
 
     SERVICE = 'service'
     TOPIC = 'topic'
+    UNRELIABLE = 'unreliable'  # the remote's messages could get lost; nobody can release it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -396,6 +397,8 @@ class Arbiter:
             reasons.append('asked for by service')
         if self._engaged[StopSource.TOPIC]:
             reasons.append('the safety remote says stop')
+        if self._engaged[StopSource.UNRELIABLE]:
+            reasons.append("the safety remote's publisher is not RELIABLE; start the bridge anew")
         if self._remote_missing:
             reasons.append(f'nothing from the safety remote for {self._settings.tsr_timeout:g} s')
         return 'team stop: ' + ', '.join(reasons)

@@ -346,7 +346,7 @@ def explore(
     ('world', 'inputs'),
     [
         ('plain', LINK + STOPS),
-        ('remote required', LINK + STOPS[2:]),
+        ('remote required', LINK + STOPS[2:4]),
         ('acknowledges by itself', LINK + SPEEDS),
         ('drives in garage', LINK + STOPS[:2]),
     ],

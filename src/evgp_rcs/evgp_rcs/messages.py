@@ -11,7 +11,7 @@ import enum
 from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
-from evgp_protocol.states import RaceState
+from evgp_node.states import state_message
 from evgp_rcs.kart_server import StampedEvent
 from evgp_rcs.race import AlertKind, CommandKind, COMMANDS, EventKind, Kart, Race
 from evgp_rcs_msgs import msg
@@ -23,18 +23,12 @@ def _constants(kinds: Iterable[enum.Enum], message: Any) -> dict[enum.Enum, int]
     return {kind: int(getattr(message, kind.name)) for kind in kinds}
 
 
-_STATE = _constants(RaceState, msg.RaceState)
 _COMMAND = _constants(CommandKind, msg.CommandAvailability)
 _EVENT = _constants(EventKind, msg.RaceEvent)
 _ALERT = _constants(AlertKind, msg.Alert)
 
 _TO_ONE_KART = [kind for kind, rule in COMMANDS.items() if rule.to_one_kart]
 _TO_ALL = [kind for kind, rule in COMMANDS.items() if not rule.to_one_kart]
-
-
-def state_message(state: RaceState | None) -> msg.RaceState:
-    """Return a state as a message; None is UNKNOWN."""
-    return msg.RaceState(state=_STATE[state] if state is not None else msg.RaceState.UNKNOWN)
 
 
 def time_message(ns: int) -> Time:

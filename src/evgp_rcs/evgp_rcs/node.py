@@ -15,16 +15,16 @@ from collections.abc import Callable
 import concurrent.futures
 import pathlib
 import queue
-import signal
 import sys
 import threading
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from evgp_node.parameters import ParameterError, Parameters
+from evgp_node.process import OnFailure, run_node
 from evgp_rcs.kart_server import KartServer, KartServerError, ServerSettings, StampedEvent
 from evgp_rcs.messages import event_message, race_message
-from evgp_rcs.parameters import ParameterError, Parameters
 from evgp_rcs.race import (
     Answer,
     Command,
@@ -37,14 +37,12 @@ from evgp_rcs.race import (
 )
 from evgp_rcs.roster import load_roster, Roster, RosterError
 from evgp_rcs_msgs import msg, srv
-import rclpy
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.callback_groups import (
     CallbackGroup,
     MutuallyExclusiveCallbackGroup,
     ReentrantCallbackGroup,
 )
-from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+from rclpy.executors import MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import SetBool, Trigger
@@ -88,7 +86,7 @@ class RcsNode(Node):
     :raises KartServerError: if the karts' port cannot be listened at.
     """
 
-    def __init__(self, on_failure: Callable[[BaseException], None], **node_options: Any) -> None:
+    def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         """Read the parameters and the roster, listen for karts, and offer the services."""
         super().__init__(
             'rcs', automatically_declare_parameters_from_overrides=True, **node_options
@@ -385,47 +383,17 @@ def main(args: list[str] | None = None) -> int:
     """
     Run race control until SIGINT or SIGTERM; every kart is sent RED_RED at the end.
 
-    :returns: 0 after an orderly end, 1 after a failure, 2 if a setting is wrong.
+    :return: 0 after an orderly end, 2 if a setting is wrong.
+    :raises NodeFailedError: after a failure; the karts were sent RED_RED.
     """
-    ending = threading.Event()
-    failures: list[BaseException] = []
-
-    def fail(error: BaseException) -> None:
-        failures.append(error)
-        ending.set()
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ending.set())
-    try:
-        rclpy.init(args=args, signal_handler_options=rclpy.SignalHandlerOptions.NO)
-        node = RcsNode(fail)
-    except (RCLError, ParameterError, RosterError, KartServerError) as error:
-        print(f'rcs: {error}', file=sys.stderr)
-        rclpy.try_shutdown()
-        return 2
-    executor = MultiThreadedExecutor(num_threads=4)
-    executor.add_node(node)
-
-    def spin() -> None:
-        # Not in the main thread: Python runs signal handlers only there, and only when it is free.
-        try:
-            executor.spin()
-        except ExternalShutdownException:
-            ending.set()
-        except BaseException as error:  # noqa: BLE001 - raised again by the main thread
-            fail(error)
-
-    spinning = threading.Thread(target=spin, name='executor', daemon=True)
-    spinning.start()
-    ending.wait()
-    node.close()
-    executor.shutdown()
-    spinning.join()
-    node.destroy_node()
-    rclpy.try_shutdown()
-    if failures:
-        raise RuntimeError('race control failed; every kart was sent RED_RED') from failures[0]
-    return 0
+    return run_node(
+        'rcs',
+        RcsNode,
+        # More threads than calls that can wait for an answer without being stops.
+        lambda: MultiThreadedExecutor(num_threads=4),
+        (ParameterError, RosterError, KartServerError),
+        args,
+    )
 
 
 if __name__ == '__main__':

@@ -1,0 +1,95 @@
+"""
+A stack to copy: obeys the race state, drives a simulated speed, acknowledges when it is due.
+
+It stops when the bridge dies, since ``RaceStateWatch`` then says RED_RED.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import Any
+
+from evgp_kart_bridge.watch import RaceStateWatch
+from evgp_node.parameters import ParameterError, Parameters
+from evgp_node.process import OnFailure, run_node
+from evgp_node.states import state_message, state_of
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs.srv import Acknowledge
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+STEP = 0.02  # s
+ASK_AGAIN = 0.2  # s
+
+# To which speed (m/s), and how fast (m/s²), in each state.
+DRIVING = {
+    RaceState.IN_GARAGE: (0.0, 8.0),
+    RaceState.GRID_ACTIVE: (0.0, 8.0),
+    RaceState.GREEN_GREEN: (6.0, 3.0),
+    RaceState.RED_FLAG: (0.0, 4.0),
+    RaceState.RED_RED: (0.0, 8.0),
+}
+
+
+class ExampleStack(Node):
+    """Drives where the race state lets it."""
+
+    def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
+        """Watch the race state and begin to drive."""
+        super().__init__(
+            'example_stack', automatically_declare_parameters_from_overrides=True, **node_options
+        )
+        Parameters(self).refuse_unknown()
+        self._speed = 0.0
+        self._asking: Any = None
+        self._ask_again_at = 0.0
+        self._watch = RaceStateWatch(self)
+        self._bridge = self.create_client(Acknowledge, 'kart_bridge/acknowledge')
+        self._odometry = self.create_publisher(Odometry, 'kart_bridge/odom', 10)
+        self.create_timer(STEP, self._drive)
+
+    def close(self) -> None:
+        """End; a real stack brakes here."""
+
+    def _drive(self) -> None:
+        state = self._watch.state
+        target, rate = DRIVING[state]
+        change = max(-rate * STEP, min(rate * STEP, target - self._speed))
+        self._speed += change
+        odometry = Odometry()
+        odometry.header.stamp = self.get_clock().now().to_msg()
+        odometry.header.frame_id, odometry.child_frame_id = 'odom', 'base_link'
+        odometry.twist.twist.linear.x = self._speed
+        self._odometry.publish(odometry)
+        self._acknowledge(state)
+
+    def _acknowledge(self, state: RaceState) -> None:
+        """Say GRID_ACTIVE once ready, GREEN_GREEN once driving, a red once standing (§3.A)."""
+        told = self._watch.message
+        commanded = state_of(told.commanded) if told is not None else None
+        moves = self._speed > 0.0
+        reached = {
+            RaceState.GRID_ACTIVE: state is RaceState.GRID_ACTIVE,
+            RaceState.GREEN_GREEN: state is RaceState.GREEN_GREEN and moves,
+            RaceState.RED_FLAG: not moves,
+            RaceState.RED_RED: not moves,
+        }.get(commanded, False)
+        if not reached or told.acknowledged or time.monotonic() < self._ask_again_at:
+            return
+        if self._asking is not None:
+            self._bridge.remove_pending_request(self._asking)  # the bridge may have died over it
+        self._asking = self._bridge.call_async(
+            Acknowledge.Request(reached=state_message(commanded))
+        )
+        self._ask_again_at = time.monotonic() + ASK_AGAIN
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the stack until SIGINT or SIGTERM."""
+    return run_node('example_stack', ExampleStack, SingleThreadedExecutor, (ParameterError,), args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

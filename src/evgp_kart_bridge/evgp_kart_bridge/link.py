@@ -1,0 +1,350 @@
+"""
+The link: the kart's end of the TCP connection to race control (§4.A, §4.D).
+
+One thread owns the arbiter, the socket and the time. Every input goes through ``_take`` there:
+frames, the loss of the connection, deadlines, and whatever the node hands over with ``give``.
+What the arbiter says is done at once, in the same turn: acknowledgements are written, a socket
+is given up, a verdict is told.
+
+The verdict is told again `REPEAT` times a second by this same thread. So when it hangs, the
+verdict falls silent, and whoever listens stops (§3.E).
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+import concurrent.futures
+import dataclasses
+import errno
+import random
+import socket
+import threading
+
+from evgp_kart_bridge.arbiter import Arbiter, Outcome, Verdict
+from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame, StateFrame
+from evgp_protocol.states import RaceState
+
+REPEAT = 10.0
+"""How often a verdict is told again, Hz."""
+
+CONNECT_TIMEOUT = 2.0
+"""How long an attempt to connect may take, seconds."""
+
+FIRST_WAIT = 0.1
+LAST_WAIT = 2.0
+"""How long to wait between two attempts: at first, and at most after doubling, seconds."""
+
+END_TIMEOUT = 2.0
+"""How long the thread may take to end, seconds."""
+
+READ_BYTES = 4096
+"""The most that is read in one turn: about 15 s of frames, and no turn takes long."""
+
+MOST_UNSENT = 256
+"""More bytes than this that race control does not take: it does not hear us any more."""
+
+Tell = Callable[[Verdict, 'LinkStatus'], None]
+Input = Callable[[Arbiter, float], Outcome]
+
+
+@dataclasses.dataclass(frozen=True)
+class LinkSettings:
+    """
+    Where race control is.
+
+    :ivar host: its IPv4 address.
+    :ivar port: its TCP port, 1 to 65535.
+    :ivar local_address: the IPv4 address to connect from; empty: the system's choice.
+    """
+
+    host: str
+    port: int
+    local_address: str = ''
+
+
+@dataclasses.dataclass(frozen=True)
+class LinkStatus:
+    """
+    What diagnostics tell of the link.
+
+    :ivar connections: how many connections there were so far.
+    :ivar malformed: how many malformed frames came so far (§4.C).
+    :ivar last_malformed: what was wrong with the last of them; empty: there was none.
+    """
+
+    connections: int = 0
+    malformed: int = 0
+    last_malformed: str = ''
+
+
+class LinkClosedError(RuntimeError):
+    """The link has ended, and takes no more inputs."""
+
+
+class Link:
+    """
+    Owns an arbiter and keeps it connected to race control, in a thread of its own.
+
+    :param tell: is called from that thread with every new verdict, and `REPEAT` times a second;
+        it must not wait for anything.
+    :param on_failure: is called from that thread when it cannot go on; nothing is told any more.
+    """
+
+    def __init__(
+        self,
+        arbiter: Arbiter,
+        settings: LinkSettings,
+        tell: Tell,
+        on_failure: Callable[[BaseException], None],
+    ) -> None:
+        """Prepare the thread; nothing happens before ``start``."""
+        self._arbiter = arbiter
+        self._settings = settings
+        self._tell = tell
+        self._on_failure = on_failure
+        self._told: Verdict | None = None
+        self._status = LinkStatus()
+        self._connection: _Connection | None = None
+        self._timer: asyncio.TimerHandle | None = None
+        self._thread = threading.Thread(target=self._run, name='link', daemon=True)
+        self._started = threading.Event()
+        # Whoever gives an input must not meet a loop that ends meanwhile.
+        self._running = threading.Lock()
+        self._loop: asyncio.AbstractEventLoop | None = None
+
+    def start(self) -> None:
+        """Tell the first verdict and begin to connect."""
+        self._thread.start()
+        self._started.wait()
+
+    def stop(self) -> None:
+        """Close the connection and end the thread; one that hangs is left behind."""
+        with self._running:
+            if self._loop is not None:
+                self._loop.call_soon_threadsafe(self._end, None)
+        if self._thread.ident is not None:
+            self._thread.join(END_TIMEOUT)
+
+    def give(self, take: Input) -> concurrent.futures.Future[Outcome]:
+        """
+        Give the arbiter an input; from any thread.
+
+        :param take: gives it, with the time at which it is given.
+        :return: the outcome, or LinkClosedError.
+        """
+        future: concurrent.futures.Future[Outcome] = concurrent.futures.Future()
+
+        def give() -> None:
+            try:
+                future.set_result(self._take(take))
+            except BaseException as error:
+                future.set_exception(error)
+                raise
+
+        with self._running:
+            if self._loop is None:
+                future.set_exception(LinkClosedError('the bridge is not running'))
+            else:
+                self._loop.call_soon_threadsafe(give)
+        return future
+
+    # ----- the thread ---------------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            asyncio.run(self._serve())
+        except BaseException as error:  # noqa: BLE001 - handed to the one who ends the process
+            self._on_failure(error)
+        finally:
+            self._started.set()
+
+    async def _serve(self) -> None:
+        loop = asyncio.get_running_loop()
+        self._ending: asyncio.Future[None] = loop.create_future()
+        # Whatever raises here ends the link: its input may be half taken.
+        loop.set_exception_handler(
+            lambda _, context: self._end(context.get('exception') or RuntimeError(context))
+        )
+        tasks = [loop.create_task(self._repeat()), loop.create_task(self._keep_connected())]
+        for task in tasks:
+            task.add_done_callback(lambda task: task.cancelled() or self._end(task.exception()))
+        with self._running:
+            self._loop = loop
+        self._started.set()
+        try:
+            await self._ending
+        finally:
+            with self._running:
+                self._loop = None
+            await asyncio.sleep(0)  # what was given before has its turn
+            for task in tasks:
+                task.cancel()
+            if self._connection is not None:
+                self._connection.abort()
+
+    def _end(self, error: BaseException | None) -> None:
+        if self._ending.done():
+            return
+        if error is None:
+            self._ending.set_result(None)
+        else:
+            self._ending.set_exception(error)
+
+    def _take(self, take: Input) -> Outcome:
+        """Give the arbiter an input and do what it says."""
+        loop = asyncio.get_running_loop()
+        outcome = take(self._arbiter, loop.time())
+        connection = self._connection
+        if outcome.give_up is not None and connection is not None:
+            self._connection = None
+            connection.abort()
+        elif outcome.send is not None and connection is not None:
+            connection.send(outcome.send)
+        # Not the outcome's: sending may have ended the connection.
+        if self._arbiter.verdict != self._told:
+            self._tell_now()
+        due = self._arbiter.deadline
+        if due is not None and (self._timer is None or due < self._timer.when()):
+            if self._timer is not None:
+                self._timer.cancel()
+            self._timer = loop.call_at(due, self._tick)
+        return outcome
+
+    def _tick(self) -> None:
+        self._timer = None
+        self._take(Arbiter.tick)
+
+    def _tell_now(self) -> None:
+        self._told = self._arbiter.verdict
+        self._tell(self._told, self._status)
+
+    async def _repeat(self) -> None:
+        while True:
+            self._take(Arbiter.tick)
+            self._tell_now()
+            await asyncio.sleep(1 / REPEAT)
+
+    # ----- the connection -----------------------------------------------------------------
+
+    async def _keep_connected(self) -> None:
+        settings = self._settings
+        wait = FIRST_WAIT
+        while True:
+            connection = _Connection(self)
+            try:
+                await asyncio.wait_for(
+                    asyncio.get_running_loop().create_connection(
+                        lambda connection=connection: connection,
+                        settings.host,
+                        settings.port,
+                        family=socket.AF_INET,
+                        local_addr=(settings.local_address, 0) if settings.local_address else None,
+                    ),
+                    CONNECT_TIMEOUT,
+                )
+            except (asyncio.TimeoutError, OSError) as error:
+                connection.abort()
+                reason = why_not_connected(settings, error)
+                self._take(lambda arbiter, now, why=reason: arbiter.disconnected(why, now))
+            else:
+                await connection.lost
+                if connection.heard_anything:
+                    wait = FIRST_WAIT
+            # Karts that all lost the same race control do not all come back at the same time.
+            await asyncio.sleep(wait * random.uniform(0.5, 1.0))  # noqa: S311 - no secret
+            wait = min(2 * wait, LAST_WAIT)
+
+    def opened(self, connection: _Connection) -> None:
+        """Take note that a connection was made."""
+        self._connection = connection
+        self._status = dataclasses.replace(self._status, connections=self._status.connections + 1)
+        self._take(Arbiter.connected)
+
+    def heard(self, connection: _Connection, event: StateFrame | MalformedFrame) -> None:
+        """Take what came on a connection; on one that was given up it comes too late."""
+        if connection is not self._connection:
+            return
+        if isinstance(event, StateFrame):
+            self._take(lambda arbiter, now: arbiter.heard(event.state, now))
+        else:
+            self._status = dataclasses.replace(
+                self._status,
+                malformed=self._status.malformed + 1,
+                last_malformed=f'{event.reason}: {event.raw!r}',
+            )
+
+    def lost(self, connection: _Connection, reason: str) -> None:
+        """Take note that a connection was lost."""
+        if connection is self._connection:
+            self._connection = None
+            self._take(lambda arbiter, now: arbiter.disconnected(reason, now))
+
+
+class _Connection(asyncio.BufferedProtocol):
+    """One connection to race control, from its making to its loss."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._transport: asyncio.Transport | None = None
+        self._decoder = FrameDecoder()
+        self._buffer = bytearray(READ_BYTES)
+        self.heard_anything = False
+        self.lost: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+
+    def send(self, state: RaceState) -> None:
+        """Say that the kart has reached a state."""
+        assert self._transport is not None
+        self._transport.write(encode(state))
+        if self._transport.get_write_buffer_size() > MOST_UNSENT:
+            self._link.lost(self, 'race control does not take what the kart says')
+            self.abort()
+
+    def abort(self) -> None:
+        """End the connection now, whatever is still to be sent."""
+        if self._transport is not None:
+            self._transport.abort()
+
+    # What asyncio calls.
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        self._link.opened(self)
+
+    def get_buffer(self, sizehint: int) -> bytearray:
+        return self._buffer
+
+    def buffer_updated(self, nbytes: int) -> None:
+        for event in self._decoder.feed(memoryview(self._buffer)[:nbytes]):
+            self.heard_anything = self.heard_anything or isinstance(event, StateFrame)
+            self._link.heard(self, event)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if exc is not None:
+            reason = f'the connection broke: {exc}'
+        elif self.heard_anything:
+            reason = 'race control closed the connection'
+        else:
+            reason = (
+                'race control closed the connection at once: '
+                "is this machine's address in its roster?"
+            )
+        self._link.lost(self, reason)
+        if not self.lost.done():
+            self.lost.set_result(None)
+
+
+def why_not_connected(settings: LinkSettings, error: BaseException) -> str:
+    """Return why an attempt to connect failed, and what to look at."""
+    peer = f'{settings.host}, port {settings.port},'
+    number = error.errno if isinstance(error, OSError) else None
+    if number == errno.EADDRNOTAVAIL and settings.local_address:
+        return f'this machine has no address {settings.local_address}: look at local_address'
+    if number == errno.ECONNREFUSED:
+        return f'{peer} refuses: is race control running, and is this its address and port?'
+    if number in (errno.ENETUNREACH, errno.EHOSTUNREACH):
+        return f"there is no way to {settings.host}: is the kart in race control's network?"
+    if number is None or number == errno.ETIMEDOUT:
+        return f"{peer} does not answer: is the kart in race control's network?"
+    return f'{peer} cannot be connected to: {error}'

@@ -1,0 +1,335 @@
+"""
+The ``kart_bridge`` node: the state a kart must obey, as a ROS topic, lock and services.
+
+Two threads, and no state shared between them: the link's thread (``link``) owns the arbiter,
+publishes, and is all that keeps the kart's topics alive; the executor's thread takes what the
+team's nodes say and hands it to the link.
+"""
+
+from __future__ import annotations
+
+import concurrent.futures
+import ipaddress
+import sys
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from evgp_kart_bridge.arbiter import Arbiter, Settings, StopSource, Verdict
+from evgp_kart_bridge.link import Link, LinkClosedError, LinkSettings, LinkStatus, REPEAT
+from evgp_kart_bridge.watch import race_state_qos
+from evgp_node.parameters import ParameterError, Parameters
+from evgp_node.process import OnFailure, run_node
+from evgp_node.states import state_message, state_of
+from evgp_protocol.frames import DEFAULT_PORT
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs.msg import KartRaceState
+from evgp_rcs_msgs.srv import Acknowledge
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import Bool
+from std_srvs.srv import SetBool
+
+try:
+    from rclpy.event_handler import SubscriptionEventCallbacks
+except ImportError:  # ROS 2 Humble has it there
+    from rclpy.qos_event import SubscriptionEventCallbacks
+
+ANSWER_TIMEOUT = 1.0
+"""How long a call of the team waits for the link before it says so, seconds."""
+
+DIAGNOSTICS_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""Of ``/diagnostics``, as diagnostic aggregators expect it."""
+
+TSR_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""Of ``~/tsr``: no stop may get lost. A publisher that does not promise that is a stop (§2.C)."""
+
+ODOMETRY_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""Of ``~/odom``: only the newest counts, from whatever publisher."""
+
+_ENDED = Verdict(
+    state=RaceState.RED_RED,
+    commanded=None,
+    connected=False,
+    team_stop=False,
+    acknowledged=False,
+    reason='the bridge has ended',
+    may_drive=False,
+)
+
+
+class KartBridge(Node):
+    """
+    The bridge's node.
+
+    :param on_failure: is called, in another thread, when the bridge cannot go on.
+    :raises ParameterError: if a parameter is wrong.
+    """
+
+    def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
+        """Read the parameters, offer the topics and services, and begin to connect."""
+        super().__init__(
+            'kart_bridge', automatically_declare_parameters_from_overrides=True, **node_options
+        )
+        link_settings, settings, lease = read_settings(Parameters(self))
+        self._peer = f'{link_settings.host}, port {link_settings.port}'
+        qos = race_state_qos(lease)
+        self._race_state = self.create_publisher(KartRaceState, '~/race_state', qos)
+        self._stop = self.create_publisher(Bool, '~/stop', qos)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
+        self._told: Verdict | None = None
+        self._until_diagnostics = 0
+        self._malformed = 0
+        self._link = Link(Arbiter(settings), link_settings, self._tell, on_failure)
+        self.create_service(Acknowledge, '~/acknowledge', self._acknowledge)
+        self.create_service(SetBool, '~/team_stop', self._team_stop)
+        self.create_subscription(
+            Bool,
+            '~/tsr',
+            lambda message: self._stop_by_topic(message.data),
+            TSR_QOS,
+            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._tsr_unreliable),
+        )
+        self.create_subscription(Odometry, '~/odom', self._odometry, ODOMETRY_QOS)
+        self._link.start()
+
+    def close(self) -> None:
+        """Leave race control, and tell RED_RED last."""
+        self._link.stop()
+        self._publish(_ENDED)
+
+    # ----- what the team says; in the executor's thread -----------------------------------
+
+    def _acknowledge(
+        self, request: Acknowledge.Request, response: Acknowledge.Response
+    ) -> Acknowledge.Response:
+        state = state_of(request.reached)
+        if state is None:
+            response.message = (
+                f'{request.reached.state} is no race state: see evgp_rcs_msgs/msg/RaceState'
+            )
+            return response
+        given = self._link.give(lambda arbiter, now: arbiter.acknowledge(state, now))
+        try:
+            answer = given.result(ANSWER_TIMEOUT).answer
+            response.success, response.message = answer.accepted, answer.message
+        except (LinkClosedError, concurrent.futures.TimeoutError) as error:
+            response.message = self._unanswered(error)
+        return response
+
+    def _team_stop(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        engaged = request.data
+        given = self._link.give(
+            lambda arbiter, now: arbiter.team_stop(StopSource.SERVICE, engaged, now)
+        )
+        try:
+            verdict = given.result(ANSWER_TIMEOUT).verdict
+            response.success = verdict.team_stop or not engaged
+            response.message = f'The kart obeys {verdict.state.value}' + (
+                f': {verdict.reason}' if verdict.reason else ''
+            )
+        except (LinkClosedError, concurrent.futures.TimeoutError) as error:
+            response.message = self._unanswered(error)
+        return response
+
+    def _unanswered(self, error: BaseException) -> str:
+        if isinstance(error, LinkClosedError):
+            return f'Not taken: {error}.'
+        return f'The bridge has not answered for {ANSWER_TIMEOUT:g} s; the kart must stop.'
+
+    def _stop_by_topic(self, engaged: bool) -> None:
+        self._link.give(lambda arbiter, now: arbiter.team_stop(StopSource.TOPIC, engaged, now))
+
+    def _tsr_unreliable(self, _: object) -> None:
+        self.get_logger().error(
+            'A publisher of ~/tsr is not RELIABLE, so its stops could get lost: the kart stops. '
+            'Publish ~/tsr with reliable QoS'
+        )
+        self._link.give(lambda arbiter, now: arbiter.team_stop(StopSource.UNRELIABLE, True, now))
+
+    def _odometry(self, message: Odometry) -> None:
+        velocity = message.twist.twist.linear
+        speed = (velocity.x**2 + velocity.y**2) ** 0.5
+        self._link.give(lambda arbiter, now: arbiter.speed(speed, now))
+
+    # ----- what the team is told; in the link's thread ------------------------------------
+
+    def _tell(self, verdict: Verdict, status: LinkStatus) -> None:
+        self._publish(verdict)
+        if verdict != self._told:
+            self._log(verdict)
+            self._told = verdict
+        if status.malformed != self._malformed:
+            self._malformed = status.malformed
+            self.get_logger().warning(
+                f'{status.malformed} malformed frames so far; {status.last_malformed}',
+                throttle_duration_sec=10.0,
+            )
+        if self._until_diagnostics <= 0:
+            self._until_diagnostics = round(REPEAT)
+            self._diagnostics.publish(self._diagnostic(verdict, status))
+        self._until_diagnostics -= 1
+
+    def _publish(self, verdict: Verdict) -> None:
+        # The lock first: it is what brakes.
+        self._stop.publish(Bool(data=not verdict.may_drive))
+        self._race_state.publish(
+            KartRaceState(
+                stamp=self.get_clock().now().to_msg(),
+                state=state_message(verdict.state),
+                commanded=state_message(verdict.commanded),
+                connected=verdict.connected,
+                team_stop=verdict.team_stop,
+                acknowledged=verdict.acknowledged,
+                reason=verdict.reason,
+            )
+        )
+
+    def _log(self, verdict: Verdict) -> None:
+        told = self._told
+        if told is not None and (told.state, told.reason) == (verdict.state, verdict.reason):
+            if verdict.acknowledged and not told.acknowledged:
+                self.get_logger().info(f'{verdict.state.value} is acknowledged')
+            return
+        text = f'Obey {verdict.state.value}'
+        if verdict.reason:
+            self.get_logger().warning(f'{text}: {verdict.reason}')
+        else:
+            self.get_logger().info(text)
+
+    def _diagnostic(self, verdict: Verdict, status: LinkStatus) -> DiagnosticArray:
+        level = DiagnosticStatus.OK
+        if not verdict.connected:
+            level = DiagnosticStatus.ERROR
+        elif verdict.reason:
+            level = DiagnosticStatus.WARN
+        commanded = verdict.commanded.value if verdict.commanded is not None else 'nothing'
+        array = DiagnosticArray()
+        array.header.stamp = self.get_clock().now().to_msg()
+        array.status = [
+            DiagnosticStatus(
+                level=level,
+                name=f'{self.get_fully_qualified_name().lstrip("/")}: race state',
+                message=verdict.reason or f'Obey {verdict.state.value}',
+                hardware_id=self._peer,
+                values=[
+                    KeyValue(key=key, value=value)
+                    for key, value in (
+                        ('state', verdict.state.value),
+                        ('commanded', commanded),
+                        ('connected', str(verdict.connected).lower()),
+                        ('acknowledged', str(verdict.acknowledged).lower()),
+                        ('team stop', str(verdict.team_stop).lower()),
+                        ('may drive', str(verdict.may_drive).lower()),
+                        ('connections so far', str(status.connections)),
+                        ('malformed frames so far', str(status.malformed)),
+                    )
+                ],
+            )
+        ]
+        return array
+
+
+def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float]:
+    """
+    Declare every parameter of the bridge.
+
+    :return: where race control is, the rules' settings, and the liveliness lease (s).
+    :raises ParameterError: if a parameter is wrong.
+    """
+    declare = parameters.declare
+    host = declare('host', '', 'The IPv4 address of race control.')
+    port = declare('port', DEFAULT_PORT, 'The TCP port of race control.', (1, 65535))
+    local = declare(
+        'local_address', '', "The IPv4 address of the kart's end; empty: the system's choice."
+    )
+    frame_timeout = declare(
+        'frame_timeout', 1.0, 'So long without a frame is a lost link, s (§3.E).', (0.2, 1.0)
+    )
+    lease = declare(
+        'liveliness_lease',
+        0.5,
+        'A subscriber that hears nothing of the bridge for so long must stop, s.',
+        (0.2, 2.0),
+    )
+    tsr_timeout = declare(
+        'tsr_timeout',
+        0.0,
+        'So long without a message on ~/tsr is a team stop, s; 0: no remote is required.',
+        (0.0, 10.0),
+    )
+    settings = Settings(
+        frame_timeout=frame_timeout,
+        tsr_timeout=tsr_timeout,
+        auto_acknowledge_stop=declare(
+            'auto_acknowledge_stop',
+            False,
+            'Acknowledge RED_FLAG and RED_RED once ~/odom shows that the kart stands still.',
+        ),
+        standstill_speed=declare(
+            'standstill_speed', 0.05, 'No faster than this is standing still, m/s.', (0.0, 0.5)
+        ),
+        standstill_time=declare(
+            'standstill_time', 0.5, 'Standing still for so long is stopped, s.', (0.1, 10.0)
+        ),
+        red_flag_drive_time=declare(
+            'red_flag_drive_time',
+            15.0,
+            'So long ~/stop lets a kart that was driving roll out under RED_FLAG, s (§3.A).',
+            (0.0, 30.0),
+        ),
+        drive_in_garage=declare(
+            'drive_in_garage',
+            False,
+            'Under IN_GARAGE, ~/stop lets the team drive its kart (§3.A).',
+        ),
+    )
+    parameters.refuse_unknown()
+    if not host:
+        raise ParameterError(
+            'parameter host is missing. Name the address of race control, '
+            'as in: --ros-args -p host:=10.0.0.1'
+        )
+    for name, address in (('host', host), ('local_address', local)):
+        if address:
+            _check_address(name, address)
+    return LinkSettings(host, port, local), settings, lease
+
+
+def _check_address(name: str, address: str) -> None:
+    try:
+        ipaddress.IPv4Address(address)
+    except ipaddress.AddressValueError as error:
+        raise ParameterError(
+            f'parameter {name}: {address!r} is no IPv4 address ({error}). Give one as 10.0.0.1'
+        ) from error
+
+
+def main(args: list[str] | None = None) -> int:
+    """
+    Run the bridge until SIGINT or SIGTERM; what it tells last is RED_RED.
+
+    :return: 0 after an orderly end, 2 if a setting is wrong.
+    :raises NodeFailedError: after a failure; what was told last is RED_RED.
+    """
+    return run_node('kart_bridge', KartBridge, SingleThreadedExecutor, (ParameterError,), args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,123 @@
+"""
+For a team's stack: the state to obey, which turns RED_RED by itself when the bridge is gone.
+
+A subscription alone is not enough. A bridge that died or hangs cannot say so, and the last thing
+it said may have been GREEN_GREEN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import math
+import time
+from typing import Any
+
+from evgp_node.states import state_of
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs.msg import KartRaceState
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+
+try:
+    from rclpy.event_handler import SubscriptionEventCallbacks
+except ImportError:  # ROS 2 Humble has it there
+    from rclpy.qos_event import SubscriptionEventCallbacks
+
+LEASE = 0.5
+"""The bridge's default `liveliness_lease`, seconds."""
+
+
+def race_state_qos(lease: float) -> QoSProfile:
+    """
+    Return the QoS of ``~/race_state`` and ``~/stop``, for both ends.
+
+    Latched; the bridge must say every `lease` that it lives, by publishing; and nothing older
+    than that is delivered, so that a stack that was busy does not find an old GREEN_GREEN.
+
+    :param lease: in seconds; a subscriber's must not be shorter than the bridge's.
+    """
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=1,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+        liveliness_lease_duration=Duration(seconds=lease),
+        lifespan=Duration(seconds=lease),
+    )
+
+
+class RaceStateWatch:
+    """
+    The state that the kart must obey now, for a node of a team's stack.
+
+    :ivar message: the bridge's last message; None: there was none.
+    :param on_change: is called by the node's executor with each new state, beginning with
+        RED_RED.
+    :param topic: the bridge's topic.
+    :param lease: the bridge's `liveliness_lease`, or longer, seconds.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        on_change: Callable[[RaceState], None] = lambda state: None,
+        topic: str = 'kart_bridge/race_state',
+        lease: float = LEASE,
+    ) -> None:
+        """Subscribe."""
+        self.message: KartRaceState | None = None
+        self._on_change = on_change
+        self._lease = lease
+        self._heard_at = -math.inf
+        self._bridges_alive = 0
+        self._told: RaceState | None = None
+        node.create_subscription(
+            KartRaceState,
+            topic,
+            self._hear,
+            race_state_qos(lease),
+            event_callbacks=SubscriptionEventCallbacks(liveliness=self._hear_liveliness),
+        )
+        # The middleware says when the bridge is gone; the clock says it whatever middleware it
+        # is. A steady clock, since simulated time may stand still.
+        node.create_timer(lease / 5, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    @property
+    def state(self) -> RaceState:
+        """
+        The state to obey now.
+
+        RED_RED before the bridge is heard, when it says so, once it has been silent for the
+        lease, when two bridges speak, and when it says what is no state. It looks at the clock
+        itself, so it holds also while the executor is busy.
+        """
+        silent = time.monotonic() - self._heard_at > self._lease
+        if self.message is None or silent or self._bridges_alive > 1:
+            return RaceState.RED_RED
+        return state_of(self.message.state) or RaceState.RED_RED
+
+    def _hear(self, message: KartRaceState) -> None:
+        self.message = message
+        self._heard_at = time.monotonic()
+        self._look()
+
+    def _hear_liveliness(self, liveliness: Any) -> None:
+        self._bridges_alive = liveliness.alive_count
+        if liveliness.alive_count == 0:
+            self._heard_at = -math.inf
+        self._look()
+
+    def _look(self) -> None:
+        state = self.state
+        if state is not self._told:
+            self._told = state
+            self._on_change(state)
