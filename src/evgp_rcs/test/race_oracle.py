@@ -4,7 +4,7 @@ An oracle for the rules of the race, and an exhaustive search that puts every qu
 The oracle is a second reading of spec.md and design.md §3. It calls nothing of ``race`` to form
 its opinion: it has its own order of strictness, its own judgement of every command and its own
 expectation of every effect. It looks at the rules from outside (``look``), before and after an
-input, and says what is wrong (``Violation``). ``PROPERTIES`` names everything it looks for.
+input, and says what is wrong (``RuleBrokenError``). ``PROPERTIES`` names everything it looks for.
 
 The rules are a parameter (a module), so that the same search can be let loose on broken ones.
 """
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from dataclasses import dataclass, field
+import gc
 import math
 import operator
 from types import ModuleType
@@ -88,7 +89,7 @@ PROPERTIES = {
 """Every property the oracle looks for, under the name by which a violation is reported."""
 
 
-class Violation(AssertionError):
+class RuleBrokenError(AssertionError):
     """The rules broke a property."""
 
     def __init__(self, name: str, detail: str) -> None:
@@ -237,7 +238,7 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     if kind == 'GREEN_GREEN':
         missing = tuple(
             kart.number
-            for kart, memory in zip(view.karts, facts.karts)
+            for kart, memory in zip(view.karts, facts.karts, strict=True)
             if kart.in_race and not (kart.connected and memory.ready and kart.acked)
         )
         in_time = state is GRID_ACTIVE and facts.grid_last
@@ -265,10 +266,21 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     return Judgement(kart.in_race and state in (IN_GARAGE, GRID_ACTIVE))
 
 
+def _acknowledges(view: View, given: Input) -> bool:
+    """Return whether what a kart says is its present state under its present serial."""
+    for kart in view.karts:
+        if kart.number == given.kart:
+            heard = given.state is kart.sent and given.serial == kart.serial
+            return kart.connected and heard
+    return False
+
+
 def expect(view: View, given: Input, now: float, times: Any) -> View:
     """Return the race after an input that is accepted, as design §3 has it; serials apart."""
     state, track_open, msr_used, over, places, karts = view
     what, kind, number = given.what, given.kind, given.kart
+    if what == 'heard' and not _acknowledges(view, given):
+        return view
     after = [kart._asdict() for kart in karts]
     mine = [kart for kart in after if kart['number'] == number]
     anew = 0
@@ -291,11 +303,9 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
         if mine[0]['connected']:
             drop(mine[0])
     elif what == 'heard':
-        each = mine[0]
-        if each['connected'] and (given.state, given.serial) == (each['sent'], each['serial']):
-            each['acked'] = True
-            if given.state in REDS:
-                each['moving'] = False
+        mine[0]['acked'] = True
+        if given.state in REDS:
+            mine[0]['moving'] = False
     elif what == 'tick':
         for each in after:
             if each['finish_at'] is not None and now >= each['finish_at']:
@@ -346,7 +356,7 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
         assert kind == 'CLOSE_TRACK', given
         track_open = False
     _settle(state, after, anew, now)
-    seen = tuple([KartView(**each) for each in after])
+    seen = tuple([KartView._make(each.values()) for each in after])
     return View(state, track_open, msr_used, over, places, seen)
 
 
@@ -369,10 +379,7 @@ def _race_is_over(state: RaceState, karts: list[dict[str, Any]], now: float, tim
     return bool(racing) and all(
         kart['place']
         and kart['finish_at'] is None
-        and (
-            (kart['acked'] and kart['sent'] in REDS)
-            or now >= kart['since'] + times.finish_stop
-        )
+        and ((kart['acked'] and kart['sent'] in REDS) or now >= kart['since'] + times.finish_stop)
         for kart in racing
     )
 
@@ -380,21 +387,20 @@ def _race_is_over(state: RaceState, karts: list[dict[str, Any]], now: float, tim
 def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple[str, int]]:
     """Return the alerts of design §3: which, and of which kart."""
     alerts = set()
-    for kart, memory in zip(view.karts, facts.karts):
-        age = now - kart.since
+    for kart, memory in zip(view.karts, facts.karts, strict=True):
         if memory.missing is not None:
             alerts.add(('LOST_IN_MOTION' if kart.moving else 'KART_LOST', kart.number))
         if kart.acked:
             continue
-        if kart.sent is GRID_ACTIVE and age >= times.ready_alert:
+        if kart.sent is GRID_ACTIVE and now >= kart.since + times.ready_alert:
             alerts.add(('NOT_READY', kart.number))
         if not kart.connected:
             continue
-        if kart.sent is GREEN_GREEN and age >= times.green_alert:
+        if kart.sent is GREEN_GREEN and now >= kart.since + times.green_alert:
             alerts.add(('GREEN_UNACKNOWLEDGED', kart.number))
-        if kart.sent is RED_FLAG and age >= times.flag_alert:
+        if kart.sent is RED_FLAG and now >= kart.since + times.flag_alert:
             alerts.add(('FLAG_UNACKNOWLEDGED', kart.number))
-        if kart.sent is RED_RED and age >= times.red_alert:
+        if kart.sent is RED_RED and now >= kart.since + times.red_alert:
             alerts.add(('RED_UNACKNOWLEDGED', kart.number))
     if view.track_open and not _humans_allowed(view)[0]:
         alerts.add(('TRACK_UNSAFE', 0))
@@ -405,11 +411,13 @@ def learn(
     before: View, facts: Facts, given: Input, success: bool, after: View, now: float
 ) -> Facts:
     """Return what the oracle remembers after an input."""
+    if after == before and given.what == 'heard':
+        return facts
     grid_last = facts.grid_last
     if given.what == 'command' and success and given.kind not in NO_BUTTON:
         grid_last = given.kind == 'GRID_ACTIVE'
     karts = []
-    for old, kart, memory in zip(before.karts, after.karts, facts.karts):
+    for old, kart, memory in zip(before.karts, after.karts, facts.karts, strict=True):
         ready, lost, phase, missing = memory
         if given.what == 'command' and success:
             if given.kind == 'GRID_ACTIVE':
@@ -423,9 +431,9 @@ def learn(
                 ready = False
                 if old.connected and old.in_race and before.state in UNDER_WAY:
                     lost = True
-            if given.what == 'disconnected' and old.connected:
-                if old.moving or (old.in_race and before.state is not IN_GARAGE):
-                    missing = now
+            under_way = old.in_race and before.state is not IN_GARAGE
+            if given.what == 'disconnected' and old.connected and (old.moving or under_way):
+                missing = now
             if given.what == 'connected':
                 missing = None
             if given.what == 'heard' and old.connected and old.sent is GRID_ACTIVE:
@@ -474,129 +482,153 @@ def check_input(
         opinion = judge(before, facts, kind, number)
         if kind == 'GREEN_GREEN' and success:
             if not facts.grid_last:
-                raise Violation('green-needs-grid', f'{facts} {before}')
+                raise RuleBrokenError('green-needs-grid', f'{facts} {before}')
             if not all(
                 memory.ready and kart.connected
-                for kart, memory in zip(before.karts, facts.karts)
+                for kart, memory in zip(before.karts, facts.karts, strict=True)
                 if kart.in_race
             ):
-                raise Violation('green-needs-acks', f'{facts} {before}')
+                raise RuleBrokenError('green-needs-acks', f'{facts} {before}')
         if kind in STOPS and (given.statement or kind != 'RECORD_MSR') and not success:
-            raise Violation('stop-refused', f'{given} in {before}: {outcome.answer.message}')
+            raise RuleBrokenError('stop-refused', f'{given} in {before}: {outcome.answer.message}')
         if success != (opinion.allowed and (given.statement or not opinion.needs_statement)):
             name = 'statement' if opinion.allowed else 'availability'
-            raise Violation(name, f'{given} in {before}: {outcome.answer}')
+            raise RuleBrokenError(name, f'{given} in {before}: {outcome.answer}')
         if not success:
             if after != before or outcome.orders:
-                raise Violation('refused-changes', f'{given}: {before} became {after}')
+                raise RuleBrokenError('refused-changes', f'{given}: {before} became {after}')
             _check_refusal(race, given, opinion, outcome)
             return facts
     elif outcome.answer is not None:
-        raise Violation('effect', f'{given} has an answer')
+        raise RuleBrokenError('effect', f'{given} has an answer')
     _check_safety(before, facts, given, outcome, after)
     memory = learn(before, facts, given, success, after, now)
-    _check_memory(before, after, memory)
+    _check_memory(after, memory)
     expected = expect(before, given, now, race.times)
-    for kart, wanted in zip(after.karts, expected.karts):
+    for kart, wanted in zip(after.karts, expected.karts, strict=True):
         if kart.sent is not wanted.sent:
-            raise Violation('sent-wrong', f'{given} in {before}: {kart}, expected {wanted}')
+            raise RuleBrokenError('sent-wrong', f'{given} in {before}: {kart}, expected {wanted}')
         if kart.acked != wanted.acked:
             name = 'ack-deaf' if wanted.acked and what == 'heard' else 'ack-old'
-            raise Violation(name, f'{given} in {before}: {kart}, expected {wanted}')
-        if kart._replace(serial=wanted.serial) != wanted:
-            raise Violation('effect', f'{given} in {before}: {kart}, expected {wanted}')
+            raise RuleBrokenError(name, f'{given} in {before}: {kart}, expected {wanted}')
+        if kart != wanted and kart._replace(serial=wanted.serial) != wanted:
+            raise RuleBrokenError('effect', f'{given} in {before}: {kart}, expected {wanted}')
     if after[:5] != expected[:5]:
-        raise Violation('effect', f'{given} in {before}: {after}, expected {expected}')
+        raise RuleBrokenError('effect', f'{given} in {before}: {after}, expected {expected}')
     return memory
 
 
 def _check_safety(before: View, facts: Facts, given: Input, outcome: Any, after: View) -> None:
     """Check the S rules that need no expectation of the effect."""
     what, kind, number = given.what, given.kind, given.kart
-    ordered = {order.kart: order for order in outcome.orders}
-    if len(ordered) != len(outcome.orders):
-        raise Violation('order-wrong', f'two orders to one kart: {outcome.orders}')
-    for old, kart in zip(before.karts, after.karts):
+    changed = after != before or bool(outcome.orders)
+    if kind in STOPS and changed and _in_force(before, kind, number):
+        raise RuleBrokenError('stop-idempotent', f'{given}: {before} became {after}')
+    ordered: dict[int, Any] = {}
+    for order in outcome.orders:
+        earlier = ordered.get(order.kart)
+        # A finish and the end of the race may fall due together: then the last order counts.
+        if earlier is not None and (
+            what != 'tick'
+            or order.serial <= earlier.serial
+            or _strictness(order.state) <= _strictness(earlier.state)
+        ):
+            raise RuleBrokenError('order-wrong', f'two orders to one kart: {outcome.orders}')
+        ordered[order.kart] = order
+    for old, kart in zip(before.karts, after.karts, strict=True):
         this = number == kart.number
         was, sent = old.sent, kart.sent
         looser = sent is not was and _strictness(sent) < _strictness(was)
         if looser and kind in STOPS:
-            raise Violation('stop-loosens', f'{given}: {old} became {kart}')
+            raise RuleBrokenError('stop-loosens', f'{given}: {old} became {kart}')
         if looser and (was is RED_FLAG or was is RED_RED):
             if kind in ('JOIN_RACE', 'LEAVE_RACE'):
-                raise Violation('membership-loosens', f'{given}: {old} became {kart}')
+                raise RuleBrokenError('membership-loosens', f'{given}: {old} became {kart}')
             if not (kind == 'IN_GARAGE' or (kind == 'KART_IN_GARAGE' and this)):
-                raise Violation('red-loosened', f'{given}: {old} became {kart}')
+                raise RuleBrokenError('red-loosened', f'{given}: {old} became {kart}')
         if sent is GREEN_GREEN and was is not GREEN_GREEN and kind != 'GREEN_GREEN':
-            raise Violation('green-only-by-command', f'{given}: {old} became {kart}')
+            raise RuleBrokenError('green-only-by-command', f'{given}: {old} became {kart}')
         if kart.hold is not old.hold:
             falls = kart.hold is None or (
                 old.hold is not None and _strictness(kart.hold) < _strictness(old.hold)
             )
             answered = kind == 'IN_GARAGE' and old.connected and old.acked and _red(old)
             if falls and not (answered or (kind == 'KART_IN_GARAGE' and this)):
-                raise Violation('hold-forgotten', f'{given}: {old} became {kart}')
+                raise RuleBrokenError('hold-forgotten', f'{given}: {old} became {kart}')
         drops = this and old.connected and what in ('connected', 'disconnected')
-        if drops and old.in_race and before.state in UNDER_WAY:
-            if kart.hold is not RED_RED or sent is not RED_RED:
-                raise Violation('drop-not-held', f'{given} in {before.state}: {kart}')
+        held = kart.hold is RED_RED and sent is RED_RED
+        if drops and not held and old.in_race and before.state in UNDER_WAY:
+            raise RuleBrokenError('drop-not-held', f'{given} in {before.state}: {kart}')
         # Orders, serials, acknowledgements.
         order = ordered.get(kart.number)
         anew = what == 'connected' and this
         if (order is not None) != (kart.connected and (anew or sent is not was)):
-            raise Violation('order-wrong', f'{given}: {old} became {kart} with {order}')
+            raise RuleBrokenError('order-wrong', f'{given}: {old} became {kart} with {order}')
         if order is not None and (order.state is not sent or order.serial != kart.serial):
-            raise Violation('order-wrong', f'{given}: {kart} but {order}')
+            raise RuleBrokenError('order-wrong', f'{given}: {kart} but {order}')
         if order is not None and order.serial <= old.serial:
-            raise Violation('order-serial', f'{given}: {order} after {old}')
+            raise RuleBrokenError('order-serial', f'{given}: {order} after {old}')
         if kart.serial < old.serial:
-            raise Violation('order-serial', f'{given}: {old} became {kart}')
+            raise RuleBrokenError('order-serial', f'{given}: {old} became {kart}')
         if order is None and kart.connected and kart.serial != old.serial:
-            raise Violation('order-serial', f'{given}: {old} became {kart} without an order')
+            raise RuleBrokenError('order-serial', f'{given}: {old} became {kart} without an order')
         if kart.acked:
             if anew or sent is not was or not kart.connected or order is not None:
-                raise Violation('ack-survives', f'{given}: {old} became {kart}')
+                raise RuleBrokenError('ack-survives', f'{given}: {old} became {kart}')
             if not old.acked:
                 if what != 'heard' or not this:
-                    raise Violation('ack-from-nothing', f'{given}: {old} became {kart}')
+                    raise RuleBrokenError('ack-from-nothing', f'{given}: {old} became {kart}')
                 if given.state is not was or given.serial != old.serial or not old.connected:
-                    raise Violation('ack-old', f'{given}: {old} became {kart}')
+                    raise RuleBrokenError('ack-old', f'{given}: {old} became {kart}')
         # Stops are in force at once.
-        if kind in ('ALL_KILL', 'RECORD_MSR') or (kind == 'KART_RED_RED' and this):
-            if sent is not RED_RED or kart.hold is not RED_RED:
-                raise Violation('stop-at-once', f'{given}: {kart}')
-        elif (kind == 'RED_FLAG' and kart.in_race) or (kind == 'KART_RED_FLAG' and this):
-            if not (sent is RED_FLAG or sent is RED_RED):
-                raise Violation('stop-at-once', f'{given}: {kart}')
-    if kind in RACE_STOPS and _strictness(after.state) < RANK[
-        'RED_FLAG' if kind == 'RED_FLAG' else 'RED_RED'
-    ]:
-        raise Violation('stop-at-once', f'{given}: the race is in {after.state}')
+        stopped = kind in ('ALL_KILL', 'RECORD_MSR') or (kind == 'KART_RED_RED' and this)
+        if stopped and not held:
+            raise RuleBrokenError('stop-at-once', f'{given}: {kart}')
+        flagged = (kind == 'RED_FLAG' and kart.in_race) or (kind == 'KART_RED_FLAG' and this)
+        if flagged and not (sent is RED_FLAG or sent is RED_RED):
+            raise RuleBrokenError('stop-at-once', f'{given}: {kart}')
+    if (
+        kind in RACE_STOPS
+        and _strictness(after.state) < RANK['RED_FLAG' if kind == 'RED_FLAG' else 'RED_RED']
+    ):
+        raise RuleBrokenError('stop-at-once', f'{given}: the race is in {after.state}')
     for event in outcome.events:
         if event.kind.name == 'ALERT_RAISED' and not event.text:
-            raise Violation('alerts', 'an alert without a text')
+            raise RuleBrokenError('alerts', 'an alert without a text')
 
 
-def _check_memory(before: View, after: View, facts: Facts) -> None:
+def _in_force(view: View, kind: str, number: int) -> bool:
+    """Return whether a stop has nothing left to do."""
+    if kind == 'RED_FLAG':
+        return view.state in REDS
+    if kind in KART_STOPS:
+        rank = RANK['RED_RED' if kind == 'KART_RED_RED' else 'RED_FLAG']
+        holds = [kart.hold for kart in view.karts if kart.number == number]
+        return all(hold is not None and _strictness(hold) >= rank for hold in holds)
+    done = view.state is RED_RED and all(kart.hold is RED_RED for kart in view.karts)
+    return done and (kind == 'ALL_KILL' or view.msr_used)
+
+
+def _check_memory(after: View, facts: Facts) -> None:
     """Check what the oracle remembers against what is sent now."""
-    for old, kart, memory in zip(before.karts, after.karts, facts.karts):
+    for kart, memory in zip(after.karts, facts.karts, strict=True):
         if kart.sent is GREEN_GREEN and memory.phase != 2:
-            raise Violation('red-to-green', f'{kart} {memory}')
+            raise RuleBrokenError('red-to-green', f'{kart} {memory}')
         if memory.lost and not (kart.hold is RED_RED and kart.sent is RED_RED):
-            raise Violation('hold-forgotten', f'lost, but {kart}')
+            raise RuleBrokenError('hold-forgotten', f'lost, but {kart}')
 
 
 def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any) -> None:
     """Check that a refusal says what an official can act on."""
     message = outcome.answer.message
     if not message.startswith(f'{given.kind} refused: ') or message.endswith('refused: .'):
-        raise Violation('refusal-silent', message)
+        raise RuleBrokenError('refusal-silent', message)
     named = opinion.culprits[:3]
     if given.kind in KART_COMMANDS and 'the race is in' not in message:
         named = (given.kart,)
     for number in named:
         if str(race.karts[number]) not in message:
-            raise Violation('refusal-silent', f'{message} does not name kart {number}')
+            raise RuleBrokenError('refusal-silent', f'{message} does not name kart {number}')
 
 
 def check_news(rules: ModuleType, race: Any, outcome: Any) -> None:
@@ -606,9 +638,9 @@ def check_news(rules: ModuleType, race: Any, outcome: Any) -> None:
         if event.kind is not rules.EventKind.ALL_ACKNOWLEDGED:
             continue
         for name in ('GREEN_GREEN', 'IN_GARAGE', 'RACE_OVER'):
-            if f'{name} may be sent' in event.text:
-                if not race.availability(kinds[name]).available:
-                    raise Violation('false-news', event.text)
+            said = f'{name} may be sent' in event.text
+            if said and not race.availability(kinds[name]).available:
+                raise RuleBrokenError('false-news', event.text)
 
 
 def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
@@ -616,28 +648,28 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
     for kart in view.karts:
         own = view.state if kart.in_race else IN_GARAGE
         if kart.sent is not _stricter(own, kart.hold):
-            raise Violation('sent-wrong', f'{kart} while the race is in {view.state}')
+            raise RuleBrokenError('sent-wrong', f'{kart} while the race is in {view.state}')
         if kart.acked and not kart.connected:
-            raise Violation('ack-survives', f'{kart}')
+            raise RuleBrokenError('ack-survives', f'{kart}')
     if view.track_open and view.state in (GRID_ACTIVE, GREEN_GREEN):
-        raise Violation('track-open-in-motion', f'{view}')
+        raise RuleBrokenError('track-open-in-motion', f'{view}')
     access = race.track_access()
     allowed, unsafe = _humans_allowed(view)
-    if (access.open, access.allowed, access.msr_used) != (
+    if (access.is_open, access.allowed, access.msr_used) != (
         view.track_open,
         allowed,
         view.msr_used,
     ):
-        raise Violation('track-access', f'{access} in {view}')
+        raise RuleBrokenError('track-access', f'{access} in {view}')
     if not access.reason or any(str(race.karts[n]) not in access.reason for n in unsafe[:3]):
-        raise Violation('track-access', f'{access} in {view}')
+        raise RuleBrokenError('track-access', f'{access} in {view}')
     alerts = {(alert.kind.name, alert.kart) for alert in race.alerts(now)}
     expected = expect_alerts(view, facts, now, race.times)
     if alerts != expected:
-        raise Violation('alerts', f'{alerts}, expected {expected} in {view}')
+        raise RuleBrokenError('alerts', f'{alerts}, expected {expected} in {view}')
     race.next_deadline(now)
     if look(race) != view:
-        raise Violation('alerts-act', f'{view} became {look(race)} by looking')
+        raise RuleBrokenError('alerts-act', f'{view} became {look(race)} by looking')
 
 
 def check_announced(
@@ -647,13 +679,17 @@ def check_announced(
     opinion = judge(view, facts, kind, number)
     told = race.availability(rules.CommandKind[kind], number)
     if told.available != opinion.allowed or told.kart != number or told.kind.name != kind:
-        raise Violation('availability', f'{told}, expected {opinion} in {view}')
+        raise RuleBrokenError('availability', f'{told}, expected {opinion} in {view}')
     if told.available and bool(told.statement) != opinion.needs_statement:
-        raise Violation('statement', f'{told}, expected {opinion} in {view}')
+        raise RuleBrokenError('statement', f'{told}, expected {opinion} in {view}')
     return opinion
 
 
 # ----- the exhaustive search --------------------------------------------------------------
+
+
+Saved = tuple[dict[str, Any], list[tuple[Any, ...]]]
+Key = tuple[int, ...]
 
 
 class Scratch:
@@ -670,25 +706,30 @@ class Scratch:
         self.karts = list(race.karts.values())
         self._names = self.karts[0].__slots__
         self._getter = operator.attrgetter(*self._names)
+        self._fields = [name for name in race.__dict__ if name != 'karts']
+        self._holders = [
+            name for name in self._fields if isinstance(race.__dict__[name], (list, dict))
+        ]
 
-    def save(self) -> tuple[dict[str, Any], list[tuple[Any, ...]]]:
+    def save(self) -> Saved:
         """Return the whole state."""
-        fields = {
-            name: value.copy() if isinstance(value, (list, dict)) else value
-            for name, value in self.race.__dict__.items()
-            if name != 'karts'
-        }
+        own = self.race.__dict__
+        fields = {name: own[name] for name in self._fields}
+        for name in self._holders:
+            fields[name] = fields[name].copy()
         return fields, [self._getter(kart) for kart in self.karts]
 
-    def load(self, saved: tuple[dict[str, Any], list[tuple[Any, ...]]]) -> None:
+    def load(self, saved: Saved) -> None:
         """Go to a state."""
         fields, karts = saved
         own = self.race.__dict__
-        for name, value in fields.items():
-            own[name] = value.copy() if isinstance(value, (list, dict)) else value
-        for kart, values in zip(self.karts, karts):
-            for name, value in zip(self._names, values):
-                setattr(kart, name, value)
+        own.update(fields)
+        for name in self._holders:
+            own[name] = fields[name].copy()
+        for kart, values in zip(self.karts, karts, strict=True):
+            if self._getter(kart) != values:
+                for name, value in zip(self._names, values, strict=True):
+                    setattr(kart, name, value)
 
 
 @dataclass
@@ -724,11 +765,15 @@ class Search:
     - what a kart reported last, texts, the alerts told, since when a kart is missing, and
       whether the race is over: only events and alerts are made of them;
     - the age of what a kart is sent, but for the time until the race goes over by itself, which
-      reads it for a kart of the race that is being sent a red; alerts read it too, and do not act;
+      reads it for a kart of the race that is being sent a red and has a finish behind it (one
+      that acknowledged RED_RED may drop and have to do so again; one that acknowledged RED_FLAG
+      is then sent RED_RED, whose age begins anew); alerts read it too, and do not act;
+    - that a finish is due, where its RED_FLAG can change nothing;
     - the acknowledgement of IN_GARAGE and GREEN_GREEN: no rule asks for it;
     - the number of a place: only whether a kart of the race has one (in GREEN_GREEN and
       RED_FLAG: it is read nowhere else), and how many are given, up to the last delay that
       differs (in GREEN_GREEN: FINISH is refused elsewhere);
+    - whether the track is open, if ``track`` is false;
     - which kart is which: no rule knows a number, so states are taken for one if they differ by
       a permutation of the karts.
 
@@ -741,6 +786,8 @@ class Search:
     :param times: keyword arguments of its ``RaceTimes``; small whole numbers, as time passes by
         steps of 1.
     :param compare: of the states met again, compare one in this many.
+    :param track: tell states apart by whether the track is open, which no rule but an alert
+        reads; opening and closing are tried in every state in any case.
     """
 
     def __init__(
@@ -750,6 +797,7 @@ class Search:
         outside: int = 1,
         times: dict[str, Any] | None = None,
         compare: int = 4000,
+        track: bool = True,
     ) -> None:
         """Set the karts up, none connected, in IN_GARAGE."""
         self.rules = rules
@@ -772,51 +820,53 @@ class Search:
         self.scratch = Scratch(self.race)
         self.numbers = [kart.number for kart in karts]
         self.compare = compare
+        self.track = track
+        self._names: dict[tuple[Any, ...], int] = {}
         self.report = Report()
         self._met = 0
 
-    def _key(self, view: View, facts: Facts, now: float) -> tuple[Any, ...]:
+    def _key(self, view: View, facts: Facts, now: float) -> Key:
         state = view.state
         green = state is GREEN_GREEN
         timed = green or state is RED_FLAG
-        stop = self.times.finish_stop
-        karts = []
-        for kart, memory in zip(view.karts, facts.karts):
-            red = kart.sent is RED_FLAG or kart.sent is RED_RED
-            finishing = timed and kart.in_race
-            left = -1.0
-            if finishing and red and not kart.acked:
-                left = max(kart.since + stop - now, 0.0)
-            karts.append(
-                (
-                    kart.in_race,
-                    kart.connected,
-                    -1 if kart.hold is None else RANK[kart.hold._value_],
-                    kart.acked and (red or kart.sent is GRID_ACTIVE),
-                    kart.moving,
-                    finishing and kart.place > 0,
-                    -1.0 if kart.finish_at is None else max(kart.finish_at - now, 0.0),
-                    left,
-                    memory.ready,
-                    memory.phase,
-                )
-            )
+        karts = [
+            self._kart_key(kart, memory, timed, now)
+            for kart, memory in zip(view.karts, facts.karts, strict=True)
+        ]
         karts.sort()
         given = min(view.places, len(self.times.finish_delays) - 1) if green else 0
-        return (
-            RANK[state._value_],
-            facts.grid_last,
-            view.track_open,
-            view.msr_used,
-            given,
-            tuple(karts),
+        opened = view.track_open and self.track
+        race = (RANK[state._value_], facts.grid_last, opened, view.msr_used, given)
+        return (self._names.setdefault(race, len(self._names)), *karts)
+
+    def _kart_key(self, kart: KartView, memory: KartFacts, timed: bool, now: float) -> int:
+        red = kart.sent is RED_FLAG or kart.sent is RED_RED
+        finishing = timed and kart.in_race
+        due = left = -1.0
+        if kart.finish_at is not None and (timed or kart.hold is None):
+            due = max(kart.finish_at - now, 0.0)
+        if finishing and red and not (kart.acked and kart.sent is RED_FLAG):
+            left = max(kart.since + self.times.finish_stop - now, due, 0.0)
+        key = (
+            kart.in_race,
+            kart.connected,
+            -1 if kart.hold is None else RANK[kart.hold._value_],
+            kart.acked and (red or kart.sent is GRID_ACTIVE),
+            kart.moving,
+            finishing and kart.place > 0,
+            due,
+            left,
+            memory.ready,
+            memory.phase,
         )
+        # A number for each, so that a million keys fit into memory.
+        return self._names.setdefault(key, len(self._names))
 
     def run(self, most: int | None = None) -> Report:
         """
         Search until there is nothing new, or until ``most`` states have been searched.
 
-        :raises Violation: if the rules break a property, with the shortest way to it.
+        :raises RuleBrokenError: if the rules break a property, with the shortest way to it.
         """
         view = look(self.race)
         facts = remember(view)
@@ -826,13 +876,23 @@ class Search:
         self._seen: dict[tuple[Any, ...], tuple[Any, Facts, float]] = {key: (saved, facts, 0.0)}
         self._parent: dict[tuple[Any, ...], tuple[tuple[Any, ...], Input] | None] = {key: None}
         todo = deque([key])
+        # There is no cycle to collect, and ever more to look through.
+        collecting = gc.isenabled()
+        gc.disable()
+        try:
+            return self._run(todo, most)
+        finally:
+            if collecting:
+                gc.enable()
+
+    def _run(self, todo: deque[Key], most: int | None) -> Report:
         while todo:
             if most is not None and self.report.states >= most:
                 return self.report
             key = todo.popleft()
             try:
                 self._visit(key, todo)
-            except Violation as violation:
+            except RuleBrokenError as violation:
                 violation.add_note(f'after {self._way(key)}')
                 raise
         self.report.finished = True
@@ -851,7 +911,7 @@ class Search:
         report, race, scratch = self.report, self.race, self.scratch
         report.states += 1
         permutations = math.factorial(len(self.numbers))
-        for count in Counter(key[-1]).values():
+        for count in Counter(key[1:]).values():
             permutations //= math.factorial(count)
         report.states_of_named_karts += permutations
         scratch.load(saved)
@@ -863,10 +923,11 @@ class Search:
             after = look(race)
             report.inputs += 1
             learned = check_input(race, view, facts, given, outcome, after, after_time)
+            check_news(self.rules, race, outcome)
             if outcome.answer is not None and not outcome.answer.success:
                 report.refusals += 1
                 if scratch.save() != saved:
-                    raise Violation('refused-changes', f'{given} in {view}')
+                    raise RuleBrokenError('refused-changes', f'{given} in {view}')
                 continue
             report.transitions += 1
             if after == view and learned == facts:
@@ -874,8 +935,6 @@ class Search:
                 scratch.load(saved)
                 continue
             check_state(race, after, learned, after_time)
-            if given.kind in STOPS:
-                self._check_idempotent(given, after, after_time)
             found = self._key(after, learned, after_time)
             if found not in self._seen:
                 self._seen[found] = (scratch.save(), learned, after_time)
@@ -886,7 +945,9 @@ class Search:
                 if self.compare and self._met % self.compare == 0:
                     self._compare(found, (scratch.save(), learned, after_time))
             scratch.load(saved)
-        self._check_homeward(saved, now)
+        if _in_force(view, 'ALL_KILL', 0):
+            # From every other state ALL_KILL leads to one of these, and is never refused.
+            self._check_homeward(saved, now)
         self._check_deadline(saved, view, now)
 
     def _inputs(self, view: View, facts: Facts, now: float) -> Any:
@@ -915,12 +976,6 @@ class Search:
     def _command(self, kind: str, now: float, number: int = 0) -> Any:
         return give(self.rules, self.race, Input('command', kind, number, True), now)
 
-    def _check_idempotent(self, given: Input, view: View, now: float) -> None:
-        """Give a stop that is in force a second time; the rules stay in the state of ``view``."""
-        again = give(self.rules, self.race, given, now)
-        if look(self.race) != view or again.orders or not again.answer.success:
-            raise Violation('stop-idempotent', f'{given} in {view}: {again}')
-
     def _check_homeward(self, saved: Any, now: float) -> None:
         """Bring the race home with karts that answer, and with karts that never do."""
         race = self.race
@@ -928,7 +983,6 @@ class Search:
         for kart in race.karts.values():
             if not kart.connected:
                 race.connected(kart.number, now)
-        self._command('ALL_KILL', now)
         for kart in race.karts.values():
             race.heard(kart.number, kart.serial, kart.sent, now)
         self._check_home(self._command('IN_GARAGE', now))
@@ -937,9 +991,8 @@ class Search:
             if not kart.in_race:
                 self._command('JOIN_RACE', now, kart.number)
         if not self._command('GRID_ACTIVE', now).answer.success:
-            raise Violation('stuck', f'no new race: {look(race)}')
+            raise RuleBrokenError('stuck', f'no new race: {look(race)}')
         self.scratch.load(saved)
-        self._command('ALL_KILL', now)
         for number in self.numbers:
             self._command('KART_IN_GARAGE', now, number)
         self._check_home(self._command('IN_GARAGE', now))
@@ -948,7 +1001,7 @@ class Search:
         view = look(self.race)
         home = view.state is IN_GARAGE and not view.over and not view.msr_used
         if not home or any(kart.hold or kart.sent is not IN_GARAGE for kart in view.karts):
-            raise Violation('stuck', f'{view}: {outcome.answer}')
+            raise RuleBrokenError('stuck', f'{view}: {outcome.answer}')
 
     def _check_deadline(self, saved: Any, view: View, now: float) -> None:
         """Let the time pass until just before the announced deadline: nothing may change."""
@@ -959,12 +1012,12 @@ class Search:
         alerts = {(alert.kind, alert.kart) for alert in race.alerts(now)}
         deadline = race.next_deadline(now)
         if deadline is not None and deadline <= now:
-            raise Violation('deadline', f'{deadline} is not after {now} in {settled}')
+            raise RuleBrokenError('deadline', f'{deadline} is not after {now} in {settled}')
         just_before = now + 1000.0 if deadline is None else (now + deadline) / 2
         race.tick(just_before)
         later = {(alert.kind, alert.kart) for alert in race.alerts(just_before)}
         if look(race) != settled or later != alerts:
-            raise Violation('deadline', f'{settled} changed before {deadline}')
+            raise RuleBrokenError('deadline', f'{settled} changed before {deadline}')
 
     def _compare(self, key: tuple[Any, ...], other: tuple[Any, Facts, float]) -> None:
         """Try two states of one key under every input: they must lead to the same keys."""
@@ -972,7 +1025,9 @@ class Search:
         first = self._successors(*self._seen[key])
         second = self._successors(*other)
         if first != second:
-            raise Violation('abstraction', f'{self._seen[key]} and {other}: {first - second}')
+            raise RuleBrokenError(
+                'abstraction', f'{self._seen[key]} and {other}: {first - second}'
+            )
 
     def _successors(self, saved: Any, facts: Facts, now: float) -> Counter[tuple[Any, ...]]:
         successors: Counter[tuple[Any, ...]] = Counter()

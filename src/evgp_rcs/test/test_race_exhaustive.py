@@ -1,0 +1,79 @@
+"""
+Every state that a small race can reach, under every input, against the oracle.
+
+Two karts in the race and one outside is the least in which karts wait for each other, finish one
+after the other, and stand by while others race. No rule knows a number or counts karts otherwise.
+The smaller searches look at more: at open tracks told apart, at other times, and at more of the
+states that the search takes for one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import importlib
+from pathlib import Path
+import sys
+
+from evgp_rcs import race
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+oracle = importlib.import_module('race_oracle')
+
+
+def search(record: Callable[[str, object], None], most: int, **options: object) -> oracle.Report:
+    """Search to the end and record the figures."""
+    report = oracle.Search(race, **options).run(most)  # type: ignore[arg-type]
+    print(f'\n{options}: {report}')
+    record('search', str(report))
+    assert report.finished
+    assert set(report.by_state) == set(oracle.RANK)
+    assert min(report.by_state.values()) >= report.states // 40
+    assert report.refusals > report.states
+    return report
+
+
+# It is to end by itself; the limits only keep a broken rule from searching for ever.
+@pytest.mark.timeout(900)
+def test_two_karts_in_the_race_and_one_outside(
+    record_property: Callable[[str, object], None],
+) -> None:
+    report = search(record_property, 200_000, racing=2, outside=1, track=False)
+    assert report.states > 30_000
+    assert report.pairs_compared > 100
+
+
+def test_two_karts_with_an_open_track_told_apart(
+    record_property: Callable[[str, object], None],
+) -> None:
+    report = search(record_property, 20_000, racing=1, outside=1, compare=150)
+    assert report.states > 3_000
+    assert report.pairs_compared > 300
+
+
+# Karts join and leave, so it must not matter who is in the race to begin with.
+@pytest.mark.parametrize(
+    ('racing', 'times'),
+    [
+        (2, {'auto_race_over': False}),
+        (0, {'finish_delays': (1.0, 0.0), 'finish_stop': 0.0}),
+    ],
+    ids=['all-in-and-the-official-ends-the-race', 'all-outside-and-no-time-to-stop'],
+)
+def test_two_karts_with_other_beginnings_and_times(
+    racing: int, times: dict[str, object], record_property: Callable[[str, object], None]
+) -> None:
+    search(record_property, 20_000, racing=racing, outside=2 - racing, track=False, times=times)
+
+
+class Forgetful(oracle.Search):  # type: ignore[misc, name-defined]
+    """A search that takes states for one whether or not a finish is due."""
+
+    def _kart_key(self, kart: oracle.KartView, *others: object) -> int:
+        return super()._kart_key(kart._replace(finish_at=None), *others)
+
+
+def test_a_search_that_takes_too_many_states_for_one_is_found_out() -> None:
+    search = Forgetful(race, racing=1, outside=1, compare=40)
+    with pytest.raises(oracle.RuleBrokenError, match='abstraction'):
+        search.run(20_000)
