@@ -1,0 +1,188 @@
+"""The rules of the race along random histories of up to eight karts, against the oracle."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+import sys
+from typing import Any
+
+from evgp_protocol.states import RaceState
+from evgp_rcs import race as rules
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import initialize, invariant, precondition, rule, RuleBasedStateMachine
+
+sys.path.insert(0, str(Path(__file__).parent))
+oracle = importlib.import_module('race_oracle')
+
+MOST_KARTS = 8
+
+# Steps of time that fall before, on and after what is due, and some that fall anywhere.
+STEPS = st.one_of(
+    st.sampled_from((0.0, 0.0, 0.05, 0.25, 1.0, 5.0, 15.0, 30.0, 120.0)),
+    st.floats(0.0, 200.0, allow_nan=False),
+)
+KARTS = st.integers(1, MOST_KARTS)
+TIMES = st.builds(
+    rules.RaceTimes,
+    finish_delays=st.lists(st.floats(0.0, 10.0), min_size=1, max_size=4).map(tuple),
+    finish_stop=st.floats(0.0, 20.0),
+    auto_race_over=st.booleans(),
+    ready_alert=st.floats(0.0, 150.0),
+    green_alert=st.floats(0.0, 40.0),
+    flag_alert=st.floats(0.0, 20.0),
+    red_alert=st.floats(0.0, 20.0),
+)
+
+
+class Races(RuleBasedStateMachine):
+    """Officials, karts and time do what they like; the oracle judges every single input."""
+
+    @initialize(
+        racing=st.lists(st.booleans(), min_size=1, max_size=MOST_KARTS),
+        times=st.one_of(st.just(rules.RaceTimes()), TIMES),
+        now=st.floats(0.0, 1e6),
+        linked=st.booleans(),
+    )
+    def line_up(
+        self, racing: list[bool], times: rules.RaceTimes, now: float, linked: bool
+    ) -> None:
+        karts = [rules.Kart(number, in_race=each) for number, each in enumerate(racing, 1)]
+        self.race = rules.Race(karts, times, now)
+        self.now = now
+        self.facts = oracle.remember(oracle.look(self.race))
+        for number in self.race.karts if linked else ():
+            self.give(oracle.Input('connected', '', number))
+
+    def give(self, given: oracle.Input) -> Any:
+        """Give one input, to a kart of the roster, and put every question to the oracle."""
+        if given.kart > len(self.race.karts):
+            given = given._replace(kart=1 + given.kart % len(self.race.karts))
+        before = oracle.look(self.race)
+        if given.what == 'command':
+            oracle.check_announced(rules, self.race, before, self.facts, given.kind, given.kart)
+        outcome = oracle.give(rules, self.race, given, self.now)
+        after = oracle.look(self.race)
+        self.facts = oracle.check_input(
+            self.race, before, self.facts, given, outcome, after, self.now
+        )
+        oracle.check_news(rules, self.race, outcome)
+        oracle.check_state(self.race, after, self.facts, self.now)
+        return outcome
+
+    def let_pass(self, step: float) -> None:
+        self.now += step
+        self.give(oracle.Input('tick'))
+
+    # ----- officials ----------------------------------------------------------------------
+
+    @rule(kind=st.sampled_from(oracle.RACE_COMMANDS), statement=st.booleans())
+    def command_race(self, kind: str, statement: bool) -> None:
+        self.give(oracle.Input('command', kind, statement=statement))
+
+    @rule(kind=st.sampled_from(oracle.KART_COMMANDS), kart=KARTS, statement=st.booleans())
+    def command_kart(self, kind: str, kart: int, statement: bool) -> None:
+        self.give(oracle.Input('command', kind, kart, statement))
+
+    @rule(data=st.data())
+    def command_what_is_allowed(self, data: st.DataObject) -> None:
+        # Blind commands alone would seldom get a race under way.
+        view = oracle.look(self.race)
+        allowed = [
+            (kind, number)
+            for kinds, numbers in (
+                (oracle.RACE_COMMANDS, (0,)),
+                (oracle.KART_COMMANDS, tuple(self.race.karts)),
+            )
+            for kind in kinds
+            for number in numbers
+            if oracle.judge(view, self.facts, kind, number).allowed
+        ]
+        kind, number = data.draw(st.sampled_from(allowed))
+        self.give(oracle.Input('command', kind, number, True))
+
+    @rule(kart=st.integers(MOST_KARTS + 1, 300), kind=st.sampled_from(oracle.KART_COMMANDS))
+    def command_a_kart_that_is_not_in_the_roster(self, kart: int, kind: str) -> None:
+        before = oracle.look(self.race)
+        command = rules.Command(rules.CommandKind[kind], kart, True)
+        outcome = self.race.command(command, self.now)
+        assert outcome.answer is not None
+        assert not outcome.answer.success
+        assert str(kart) in outcome.answer.message
+        assert oracle.look(self.race) == before
+        assert not outcome.orders
+
+    @precondition(lambda self: self.race.state is RaceState.IN_GARAGE)
+    @rule()
+    def bring_a_race_under_way(self) -> None:
+        self.give(oracle.Input('command', 'GRID_ACTIVE', statement=True))
+        for kart in list(self.race.karts.values()):
+            if not kart.connected:
+                self.give(oracle.Input('connected', '', kart.number))
+            self.answer(kart.number)
+        self.give(oracle.Input('command', 'GREEN_GREEN'))
+
+    # ----- karts --------------------------------------------------------------------------
+
+    def answer(self, number: int) -> None:
+        kart = self.race.karts[number]
+        self.give(oracle.Input('heard', '', number, serial=kart.serial, state=kart.sent))
+
+    @rule(kart=KARTS)
+    def connect(self, kart: int) -> None:
+        self.give(oracle.Input('connected', '', kart))
+
+    @rule(kart=KARTS)
+    def disconnect(self, kart: int) -> None:
+        self.give(oracle.Input('disconnected', '', kart))
+
+    @rule(kart=KARTS, state=st.sampled_from(RaceState), age=st.integers(0, 3))
+    def say(self, kart: int, state: RaceState, age: int) -> None:
+        number = 1 + kart % len(self.race.karts)
+        serial = self.race.karts[number].serial - age
+        self.give(oracle.Input('heard', '', number, serial=serial, state=state))
+
+    @rule()
+    def every_kart_answers(self) -> None:
+        for number in self.race.karts:
+            self.answer(number)
+
+    # ----- time ---------------------------------------------------------------------------
+
+    @rule(step=STEPS)
+    def time_passes(self, step: float) -> None:
+        self.let_pass(step)
+
+    @rule(step=STEPS)
+    def time_passes_untold(self, step: float) -> None:
+        # An input may come at any time after the last tick.
+        self.now += step
+
+    @rule()
+    def time_passes_to_the_deadline(self) -> None:
+        self.give(oracle.Input('tick'))
+        deadline = self.race.next_deadline(self.now)
+        if deadline is None:
+            return
+        before = oracle.look(self.race)
+        alerts = {(alert.kind, alert.kart) for alert in self.race.alerts(self.now)}
+        self.let_pass((deadline - self.now) / 2)
+        if self.now < deadline:
+            assert oracle.look(self.race) == before
+            assert {(each.kind, each.kart) for each in self.race.alerts(self.now)} == alerts
+            self.now = deadline
+            self.give(oracle.Input('tick'))
+
+    @invariant()
+    def trying_an_input_on_a_copy_changes_nothing(self) -> None:
+        if not hasattr(self, 'race'):
+            return
+        before = oracle.look(self.race)
+        twin = self.race.copy()
+        twin.command(rules.Command(rules.CommandKind.ALL_KILL), self.now)
+        assert oracle.look(self.race) == before
+
+
+Races.TestCase.settings = settings(max_examples=150, stateful_step_count=60, deadline=None)
+TestEveryInputOfARandomRaceIsAsTheOracleSays = Races.TestCase
