@@ -1,0 +1,1091 @@
+"""The rules of the race by example: what officials, karts and time do, and what comes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from evgp_protocol.states import RaceState
+from evgp_rcs.race import (
+    AlertKind,
+    Command,
+    CommandKind,
+    COMMANDS,
+    EventKind,
+    Kart,
+    Outcome,
+    Race,
+    RaceTimes,
+    STOPS,
+)
+import pytest
+
+GREEN_GREEN = RaceState.GREEN_GREEN
+GRID_ACTIVE = RaceState.GRID_ACTIVE
+IN_GARAGE = RaceState.IN_GARAGE
+RED_FLAG = RaceState.RED_FLAG
+RED_RED = RaceState.RED_RED
+
+TEAMS = {1: 'Ohm', 2: 'Volta', 3: 'Tesla'}
+SPECTATOR = 3
+
+
+class Officials:
+    """Karts 1 and 2 in the race, kart 3 outside it, all connected; and a clock that is moved."""
+
+    def __init__(self, times: RaceTimes | None = None, connected: bool = True) -> None:
+        self.now = 1000.0
+        karts = [Kart(number, team, number != SPECTATOR) for number, team in TEAMS.items()]
+        self.race = Race(karts, times or RaceTimes(), self.now)
+        for number in TEAMS if connected else ():
+            self.connect(number)
+
+    # ----- inputs -------------------------------------------------------------------------
+
+    def command(self, kind: str, kart: int | None = None, stating: bool = True) -> Outcome:
+        outcome = self.race.command(Command(CommandKind[kind], kart, stating), self.now)
+        assert outcome.answer is not None
+        return outcome
+
+    def does(self, kind: str, kart: int | None = None) -> Outcome:
+        """Give a command that is to be accepted."""
+        outcome = self.command(kind, kart)
+        assert outcome.answer is not None
+        assert outcome.answer.success, outcome.answer.message
+        return outcome
+
+    def is_refused(self, kind: str, kart: int | None = None, stating: bool = True) -> str:
+        """Give a command that is to be refused, and return what the official reads."""
+        outcome = self.command(kind, kart, stating)
+        assert outcome.answer is not None
+        assert not outcome.answer.success, outcome.answer.message
+        assert not outcome.orders
+        return outcome.answer.message
+
+    def connect(self, kart: int) -> Outcome:
+        return self.race.connected(kart, self.now)
+
+    def drop(self, kart: int) -> Outcome:
+        return self.race.disconnected(kart, 'end of file', self.now)
+
+    def says(self, kart: int, state: RaceState, serial: int | None = None) -> Outcome:
+        serial = self.race.karts[kart].serial if serial is None else serial
+        return self.race.heard(kart, serial, state, self.now)
+
+    def acknowledge(self, *karts: int) -> None:
+        for kart in karts:
+            self.says(kart, self.sent(kart))
+
+    def wait(self, seconds: float) -> Outcome:
+        self.now += seconds
+        return self.race.tick(self.now)
+
+    # ----- what there is to see -----------------------------------------------------------
+
+    def sent(self, kart: int) -> RaceState:
+        return self.race.karts[kart].sent
+
+    def all_sent(self) -> list[RaceState]:
+        return [kart.sent for kart in self.race.karts.values()]
+
+    def alerts(self) -> dict[AlertKind, str]:
+        return {alert.kind: alert.text for alert in self.race.alerts(self.now)}
+
+    # ----- the usual way to a state -------------------------------------------------------
+
+    def to_grid(self) -> Officials:
+        self.does('GRID_ACTIVE')
+        return self
+
+    def to_ready(self) -> Officials:
+        self.to_grid().acknowledge(1, 2)
+        return self
+
+    def to_green(self) -> Officials:
+        self.to_ready().does('GREEN_GREEN')
+        self.acknowledge(1, 2)
+        return self
+
+    def to_flag(self) -> Officials:
+        self.to_green().does('RED_FLAG')
+        return self
+
+    def to_over(self) -> Officials:
+        self.to_green().does('RACE_OVER')
+        return self
+
+
+@pytest.fixture
+def officials() -> Officials:
+    return Officials()
+
+
+Reach = Callable[[Officials], object]
+STATES: dict[str, Reach] = {
+    'IN_GARAGE': lambda officials: officials,
+    'GRID_ACTIVE': Officials.to_grid,
+    'GREEN_GREEN': Officials.to_green,
+    'RED_FLAG': Officials.to_flag,
+    'RED_RED': Officials.to_over,
+}
+every_state = pytest.mark.parametrize('reach', STATES.values(), ids=STATES)
+UNDER_WAY = {name: STATES[name] for name in ('GREEN_GREEN', 'RED_FLAG', 'RED_RED')}
+
+
+def kinds(outcome: Outcome) -> list[EventKind]:
+    return [event.kind for event in outcome.events]
+
+
+# ----- a whole race -----------------------------------------------------------------------
+
+
+def test_a_race_from_garage_to_garage(officials: Officials) -> None:
+    assert officials.all_sent() == [IN_GARAGE, IN_GARAGE, IN_GARAGE]
+    officials.does('GRID_ACTIVE')
+    assert officials.all_sent() == [GRID_ACTIVE, GRID_ACTIVE, IN_GARAGE]
+    officials.acknowledge(1, 2)
+    officials.does('GREEN_GREEN')
+    assert officials.all_sent() == [GREEN_GREEN, GREEN_GREEN, IN_GARAGE]
+    officials.does('RED_FLAG')
+    assert officials.all_sent() == [RED_FLAG, RED_FLAG, IN_GARAGE]
+    officials.acknowledge(1, 2)
+    officials.does('RACE_OVER')
+    assert officials.all_sent() == [RED_RED, RED_RED, IN_GARAGE]
+    officials.acknowledge(1, 2)
+    officials.does('IN_GARAGE')
+    assert officials.all_sent() == [IN_GARAGE, IN_GARAGE, IN_GARAGE]
+    officials.does('GRID_ACTIVE')
+
+
+def test_an_order_goes_to_every_kart_that_a_command_changes_and_to_no_other(
+    officials: Officials,
+) -> None:
+    orders = officials.does('GRID_ACTIVE').orders
+    assert [(order.kart, order.state) for order in orders] == [(1, GRID_ACTIVE), (2, GRID_ACTIVE)]
+    assert [order.serial for order in orders] == [
+        officials.race.karts[number].serial for number in (1, 2)
+    ]
+
+
+def test_the_command_stands_in_the_record_before_what_came_of_it(officials: Officials) -> None:
+    outcome = officials.does('GRID_ACTIVE')
+    assert kinds(outcome) == [
+        EventKind.COMMAND,
+        EventKind.RACE_STATE,
+        EventKind.KART_STATE,
+        EventKind.KART_STATE,
+    ]
+
+
+def test_a_roster_has_every_kart_once() -> None:
+    with pytest.raises(ValueError, match='kart 7 is in the roster twice'):
+        Race([Kart(7), Kart(7)])
+
+
+# ----- ALL_KILL ---------------------------------------------------------------------------
+
+
+@every_state
+def test_all_kill_holds_every_kart_in_every_state(reach: Reach, officials: Officials) -> None:
+    reach(officials)
+    officials.does('ALL_KILL')
+    assert officials.race.state is RED_RED
+    assert officials.all_sent() == [RED_RED, RED_RED, RED_RED]
+    assert all(kart.hold is RED_RED for kart in officials.race.karts.values())
+
+
+def test_all_kill_holds_a_kart_that_is_not_connected(officials: Officials) -> None:
+    officials.drop(SPECTATOR)
+    assert 'not connected: kart 3 (Tesla)' in str(officials.does('ALL_KILL').answer)
+    orders = officials.connect(SPECTATOR).orders
+    assert [(order.kart, order.state) for order in orders] == [(SPECTATOR, RED_RED)]
+
+
+# ----- RED_FLAG ---------------------------------------------------------------------------
+
+
+def test_red_flag_goes_to_the_karts_of_the_race_alone(officials: Officials) -> None:
+    officials.to_green().does('RED_FLAG')
+    assert officials.race.state is RED_FLAG
+    assert officials.all_sent() == [RED_FLAG, RED_FLAG, IN_GARAGE]
+
+
+def test_red_flag_never_loosens_red_red(officials: Officials) -> None:
+    officials.to_over()
+    answer = officials.does('RED_FLAG').answer
+    assert officials.race.state is RED_RED
+    assert 'in RED_RED already, which is stricter than RED_FLAG' in str(answer)
+
+
+# ----- RED_RED and RED_FLAG for one kart --------------------------------------------------
+
+
+@every_state
+@pytest.mark.parametrize('number', TEAMS)
+def test_one_kart_is_stopped_in_every_state_in_the_race_or_not(
+    number: int, reach: Reach, officials: Officials
+) -> None:
+    reach(officials)
+    others = [officials.sent(other) for other in TEAMS if other != number]
+    officials.does('KART_RED_RED', number)
+    assert officials.sent(number) is RED_RED
+    assert [officials.sent(other) for other in TEAMS if other != number] == others
+
+
+def test_red_flag_for_one_kart_never_loosens_its_red_red(officials: Officials) -> None:
+    officials.to_green().does('KART_RED_RED', 1)
+    assert 'is held in RED_RED' in str(officials.does('KART_RED_FLAG', 1).answer)
+    assert officials.sent(1) is RED_RED
+
+
+def test_a_kart_flagged_alone_is_sent_red_red_when_the_race_is(officials: Officials) -> None:
+    officials.to_green().does('KART_RED_FLAG', 1)
+    assert officials.all_sent() == [RED_FLAG, GREEN_GREEN, IN_GARAGE]
+    officials.does('RACE_OVER')
+    assert officials.sent(1) is RED_RED
+
+
+def test_a_stop_for_a_kart_that_is_not_connected_is_kept_and_the_official_is_told(
+    officials: Officials,
+) -> None:
+    officials.drop(SPECTATOR)
+    outcome = officials.does('KART_RED_RED', SPECTATOR)
+    assert not outcome.orders
+    assert 'but it is not connected' in str(outcome.answer)
+    assert officials.connect(SPECTATOR).orders[0].state is RED_RED
+
+
+def test_a_stop_for_an_unknown_kart_says_which_karts_there_are_and_what_stops_them_all(
+    officials: Officials,
+) -> None:
+    assert officials.is_refused('KART_RED_RED', 9) == (
+        'KART_RED_RED refused: no kart 9 in the roster, which has 1, 2, 3; '
+        'ALL_KILL stops every kart.'
+    )
+    assert 'no kart None in the roster' in officials.is_refused('KART_RED_FLAG', None)
+
+
+# ----- stops in general -------------------------------------------------------------------
+
+
+@every_state
+@pytest.mark.parametrize('kind', sorted(kind.name for kind in STOPS))
+def test_a_stop_given_twice_changes_nothing_and_keeps_the_acknowledgement(
+    kind: str, reach: Reach, officials: Officials
+) -> None:
+    reach(officials)
+    number = 1 if COMMANDS[CommandKind[kind]].to_one_kart else None
+    officials.does(kind, number)
+    officials.acknowledge(*TEAMS)
+    assert not officials.does(kind, number).orders
+    assert all(kart.acknowledged for kart in officials.race.karts.values())
+
+
+@every_state
+def test_a_stop_is_announced_as_allowed_in_every_state(reach: Reach, officials: Officials) -> None:
+    reach(officials)
+    assert all(officials.race.availability(kind, 1).available for kind in STOPS)
+
+
+def test_a_stop_is_in_force_before_the_next_command_is_judged(officials: Officials) -> None:
+    officials.to_ready().does('KART_RED_RED', 1)
+    assert 'another command was given after GRID_ACTIVE' in officials.is_refused('GREEN_GREEN')
+
+
+# ----- GRID_ACTIVE ------------------------------------------------------------------------
+
+
+def test_the_grid_forms_only_when_the_track_is_stated_to_be_clear(officials: Officials) -> None:
+    assert officials.is_refused('GRID_ACTIVE', stating=False) == (
+        'GRID_ACTIVE refused: state that the track is clear of humans.'
+    )
+    officials.does('GRID_ACTIVE')
+
+
+@pytest.mark.parametrize('state', [name for name in STATES if name != 'IN_GARAGE'])
+def test_the_grid_forms_from_the_garage_alone(state: str, officials: Officials) -> None:
+    STATES[state](officials)
+    assert officials.is_refused('GRID_ACTIVE') == (
+        f'GRID_ACTIVE refused: the race is in {state}; bring it to IN_GARAGE first.'
+    )
+
+
+def test_the_grid_does_not_form_without_karts(officials: Officials) -> None:
+    officials.does('LEAVE_RACE', 1)
+    officials.does('LEAVE_RACE', 2)
+    assert officials.is_refused('GRID_ACTIVE') == 'GRID_ACTIVE refused: no kart is in the race.'
+
+
+def test_the_grid_does_not_form_while_a_kart_of_the_race_is_held(officials: Officials) -> None:
+    officials.does('KART_RED_FLAG', 2)
+    assert officials.is_refused('GRID_ACTIVE') == (
+        'GRID_ACTIVE refused: held and to be released first: '
+        'kart 2 (Volta): RED_FLAG by an official.'
+    )
+
+
+def test_a_held_kart_outside_the_race_keeps_no_grid_from_forming(officials: Officials) -> None:
+    officials.does('KART_RED_RED', SPECTATOR)
+    officials.does('GRID_ACTIVE')
+    assert officials.sent(SPECTATOR) is RED_RED
+
+
+def test_a_new_grid_has_to_be_acknowledged_anew(officials: Officials) -> None:
+    officials.to_ready().does('IN_GARAGE')
+    officials.does('GRID_ACTIVE')
+    assert 'kart 1 (Ohm): no GRID_ACTIVE yet' in officials.is_refused('GREEN_GREEN')
+
+
+# ----- GREEN_GREEN ------------------------------------------------------------------------
+
+
+def test_green_waits_for_every_kart_of_the_race(officials: Officials) -> None:
+    officials.to_grid()
+    officials.drop(2)
+    assert officials.is_refused('GREEN_GREEN') == (
+        'GREEN_GREEN refused: waiting for kart 1 (Ohm): no GRID_ACTIVE yet; '
+        'kart 2 (Volta): not connected.'
+    )
+    officials.connect(2)
+    officials.acknowledge(1, 2)
+    officials.does('GREEN_GREEN')
+
+
+def test_green_does_not_wait_for_a_kart_outside_the_race(officials: Officials) -> None:
+    officials.drop(SPECTATOR)
+    officials.to_ready().does('GREEN_GREEN')
+
+
+@pytest.mark.parametrize('state', [name for name in STATES if name != 'GRID_ACTIVE'])
+def test_green_follows_the_grid_alone(state: str, officials: Officials) -> None:
+    STATES[state](officials)
+    assert officials.is_refused('GREEN_GREEN') == (
+        f'GREEN_GREEN refused: the race is in {state}; GREEN_GREEN follows GRID_ACTIVE.'
+    )
+
+
+def test_green_is_refused_after_another_command_even_to_a_kart_outside(
+    officials: Officials,
+) -> None:
+    officials.to_ready().does('KART_RED_FLAG', SPECTATOR)
+    assert officials.is_refused('GREEN_GREEN') == (
+        'GREEN_GREEN refused: another command was given after GRID_ACTIVE; '
+        'bring the race to IN_GARAGE and send GRID_ACTIVE again.'
+    )
+
+
+def test_a_refused_command_does_not_come_between_grid_and_green(officials: Officials) -> None:
+    officials.to_ready().is_refused('KART_FINISH', 1)
+    officials.does('GREEN_GREEN')
+
+
+def test_taking_a_kart_out_or_closing_the_track_does_not_come_between_grid_and_green(
+    officials: Officials,
+) -> None:
+    officials.to_grid().acknowledge(1)
+    officials.does('LEAVE_RACE', 2)
+    officials.does('CLOSE_TRACK')
+    officials.does('GREEN_GREEN')
+    assert officials.all_sent() == [GREEN_GREEN, RED_RED, IN_GARAGE]
+
+
+def test_a_long_refusal_names_three_karts_and_counts_the_others() -> None:
+    race = Race([Kart(number, in_race=True) for number in range(1, 9)])
+    race.command(Command(CommandKind.GRID_ACTIVE, statement=True), 0.0)
+    answer = race.command(Command(CommandKind.GREEN_GREEN), 0.0).answer
+    assert answer is not None
+    assert answer.message == (
+        'GREEN_GREEN refused: waiting for kart 1: not connected; kart 2: not connected; '
+        'kart 3: not connected; and 5 more karts.'
+    )
+
+
+# ----- FINISH and the end of the race -----------------------------------------------------
+
+
+def test_a_kart_that_finishes_drives_on_and_is_flagged_later(officials: Officials) -> None:
+    outcome = officials.to_green().does('KART_FINISH', 1)
+    assert not outcome.orders
+    assert 'Kart 1 (Ohm) finished in place 1; RED_FLAG follows in 6 s' in str(outcome.answer)
+    officials.wait(5.999)
+    assert officials.sent(1) is GREEN_GREEN
+    officials.wait(0.001)
+    assert officials.all_sent() == [RED_FLAG, GREEN_GREEN, IN_GARAGE]
+
+
+def test_later_places_are_flagged_after_shorter_delays(officials: Officials) -> None:
+    officials.to_green()
+    officials.does('KART_FINISH', 2)
+    officials.wait(0.5)
+    officials.does('KART_FINISH', 1)
+    assert (officials.race.karts[2].place, officials.race.karts[1].place) == (1, 2)
+    officials.wait(5.0)
+    assert officials.sent(1) is RED_FLAG
+    assert officials.sent(2) is GREEN_GREEN
+    officials.wait(0.5)
+    assert officials.sent(2) is RED_FLAG
+
+
+def test_the_last_delay_serves_all_further_places() -> None:
+    times = RaceTimes(finish_delays=(3.0, 1.0))
+    assert [times.finish_delay(place) for place in (1, 2, 3, 40)] == [3.0, 1.0, 1.0, 1.0]
+    assert RaceTimes(finish_delays=()).finish_delay(1) == 0.0
+
+
+@pytest.mark.parametrize('state', [name for name in STATES if name != 'GREEN_GREEN'])
+def test_a_kart_finishes_in_green_alone(state: str, officials: Officials) -> None:
+    STATES[state](officials)
+    assert officials.is_refused('KART_FINISH', 1) == (
+        f'KART_FINISH refused: the race is in {state}; a kart finishes in GREEN_GREEN.'
+    )
+
+
+def test_a_kart_finishes_once_and_in_the_race(officials: Officials) -> None:
+    officials.to_green().does('KART_FINISH', 1)
+    assert officials.is_refused('KART_FINISH', 1) == (
+        'KART_FINISH refused: kart 1 (Ohm) has finished already, in place 1.'
+    )
+    assert officials.is_refused('KART_FINISH', SPECTATOR) == (
+        'KART_FINISH refused: kart 3 (Tesla) is not in the race.'
+    )
+
+
+def test_a_finish_never_loosens_a_red(officials: Officials) -> None:
+    officials.to_green().does('KART_FINISH', 1)
+    officials.does('KART_RED_RED', 1)
+    officials.wait(60.0)
+    assert officials.sent(1) is RED_RED
+
+
+def finish_both(officials: Officials) -> Officials:
+    officials.to_green()
+    officials.does('KART_FINISH', 1)
+    officials.does('KART_FINISH', 2)
+    officials.wait(5.0)
+    officials.wait(1.0)
+    assert officials.all_sent() == [RED_FLAG, RED_FLAG, IN_GARAGE]
+    return officials
+
+
+def test_the_race_goes_over_when_every_kart_has_finished_and_stopped(
+    officials: Officials,
+) -> None:
+    finish_both(officials).acknowledge(1)
+    officials.wait(1.0)
+    assert officials.race.state is GREEN_GREEN
+    officials.acknowledge(2)
+    outcome = officials.wait(0.0)
+    assert officials.race.state is RED_RED
+    assert officials.race.over
+    assert 'race over, every kart of the race has finished' in outcome.events[0].text
+
+
+def test_the_race_goes_over_without_a_finished_kart_that_stays_silent_for_15_s(
+    officials: Officials,
+) -> None:
+    finish_both(officials).acknowledge(2)
+    officials.wait(14.9)
+    assert officials.race.state is GREEN_GREEN
+    officials.wait(0.1)
+    assert officials.race.state is RED_RED
+
+
+def test_the_race_does_not_go_over_while_a_kart_has_not_finished(officials: Officials) -> None:
+    officials.to_green().does('KART_FINISH', 1)
+    officials.wait(6.0)
+    officials.acknowledge(1)
+    officials.wait(3600.0)
+    assert officials.race.state is GREEN_GREEN
+
+
+def test_the_end_of_the_race_can_be_left_to_the_official() -> None:
+    officials = finish_both(Officials(RaceTimes(auto_race_over=False)))
+    officials.acknowledge(1, 2)
+    officials.wait(3600.0)
+    assert officials.race.state is GREEN_GREEN
+    officials.does('RACE_OVER')
+
+
+def test_places_are_given_anew_in_the_next_race(officials: Officials) -> None:
+    finish_both(officials).does('RACE_OVER')
+    officials.acknowledge(1, 2)
+    officials.does('IN_GARAGE')
+    officials.to_green().does('KART_FINISH', 2)
+    assert officials.race.karts[2].place == 1
+    assert officials.race.karts[1].place == 0
+
+
+# ----- RACE_OVER --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('state', [name for name in STATES if name != 'IN_GARAGE'])
+def test_race_over_sends_red_red_to_the_race_from_every_state_under_way(
+    state: str, officials: Officials
+) -> None:
+    STATES[state](officials)
+    officials.does('RACE_OVER')
+    assert officials.all_sent() == [RED_RED, RED_RED, IN_GARAGE]
+
+
+def test_race_over_in_the_garage_is_refused(officials: Officials) -> None:
+    assert officials.is_refused('RACE_OVER') == (
+        'RACE_OVER refused: the race is in IN_GARAGE; nothing is under way.'
+    )
+
+
+def test_officials_are_told_once_when_every_kart_has_acknowledged(officials: Officials) -> None:
+    officials.to_over().acknowledge(1)
+    assert EventKind.ALL_ACKNOWLEDGED not in kinds(officials.wait(0.0))
+    officials.acknowledge(2)
+    news = [
+        event.text
+        for event in officials.wait(0.0).events
+        if event.kind is EventKind.ALL_ACKNOWLEDGED
+    ]
+    assert news == [
+        'Every connected kart of the race has acknowledged; '
+        'IN_GARAGE may be sent when the track is safe for humans'
+    ]
+    assert EventKind.ALL_ACKNOWLEDGED not in kinds(officials.wait(1.0))
+
+
+def test_green_is_not_announced_when_another_command_has_come_between(
+    officials: Officials,
+) -> None:
+    officials.to_grid().does('KART_RED_FLAG', SPECTATOR)
+    officials.acknowledge(1, 2)
+    (news,) = officials.wait(0.0).events
+    assert 'another command was given after GRID_ACTIVE' in news.text
+    assert 'GREEN_GREEN may be sent' not in news.text
+
+
+# ----- IN_GARAGE for the race -------------------------------------------------------------
+
+
+def test_the_garage_waits_for_every_connected_kart_of_the_race(officials: Officials) -> None:
+    officials.to_over().acknowledge(1)
+    assert officials.is_refused('IN_GARAGE') == (
+        'IN_GARAGE refused: waiting for kart 2 (Volta): no RED_RED acknowledged yet.'
+    )
+    officials.acknowledge(2)
+    officials.does('IN_GARAGE')
+
+
+def test_the_garage_waits_for_the_statement_that_the_track_is_safe(officials: Officials) -> None:
+    officials.to_over().acknowledge(1, 2)
+    assert officials.is_refused('IN_GARAGE', stating=False) == (
+        'IN_GARAGE refused: state that the track is safe for humans.'
+    )
+
+
+def test_the_grid_may_go_back_to_the_garage_without_an_acknowledgement(
+    officials: Officials,
+) -> None:
+    officials.to_grid().does('IN_GARAGE')
+    assert officials.all_sent() == [IN_GARAGE, IN_GARAGE, IN_GARAGE]
+
+
+@pytest.mark.parametrize('state', ['GREEN_GREEN', 'RED_FLAG'])
+def test_the_garage_does_not_follow_a_race_that_may_be_moving(
+    state: str, officials: Officials
+) -> None:
+    STATES[state](officials)
+    assert officials.is_refused('IN_GARAGE') == (
+        f'IN_GARAGE refused: the race is in {state}; send RACE_OVER or ALL_KILL first.'
+    )
+
+
+def test_the_garage_in_the_garage_is_refused(officials: Officials) -> None:
+    message = officials.is_refused('IN_GARAGE')
+    assert message == 'IN_GARAGE refused: the race is in IN_GARAGE already.'
+
+
+def test_the_garage_releases_every_acknowledged_hold_outside_the_race_too(
+    officials: Officials,
+) -> None:
+    officials.to_green().does('ALL_KILL')
+    officials.acknowledge(1, 2, SPECTATOR)
+    officials.does('IN_GARAGE')
+    assert officials.all_sent() == [IN_GARAGE, IN_GARAGE, IN_GARAGE]
+
+
+def test_the_garage_keeps_lost_and_silent_karts_held_and_says_so(officials: Officials) -> None:
+    officials.to_green().does('ALL_KILL')
+    officials.acknowledge(1)
+    officials.drop(2)
+    answer = officials.does('IN_GARAGE').answer
+    assert officials.all_sent() == [IN_GARAGE, RED_RED, RED_RED]
+    assert 'still held until released alone: kart 2 (Volta); kart 3 (Tesla)' in str(answer)
+
+
+# ----- IN_GARAGE for one kart -------------------------------------------------------------
+
+
+def test_a_held_kart_is_released_when_it_has_acknowledged(officials: Officials) -> None:
+    officials.does('KART_RED_RED', 1)
+    officials.acknowledge(1)
+    released = officials.command('KART_IN_GARAGE', 1, stating=False)
+    assert released.answer is not None
+    assert released.answer.success
+    assert officials.sent(1) is IN_GARAGE
+    assert officials.race.karts[1].in_race
+
+
+def test_a_silent_kart_is_released_only_when_stated_to_be_made_safe(
+    officials: Officials,
+) -> None:
+    officials.does('KART_RED_RED', 1)
+    assert officials.is_refused('KART_IN_GARAGE', 1, stating=False) == (
+        'KART_IN_GARAGE refused: kart 1 (Ohm) has not acknowledged RED_RED on its present '
+        'connection: wait for it, or state that kart 1 (Ohm) was made safe by hand.'
+    )
+    officials.does('KART_IN_GARAGE', 1)
+    assert officials.sent(1) is IN_GARAGE
+
+
+@pytest.mark.parametrize('reach', UNDER_WAY.values(), ids=UNDER_WAY)
+def test_a_kart_released_during_a_race_is_out_of_it(reach: Reach, officials: Officials) -> None:
+    reach(officials)
+    officials.does('KART_RED_RED', 1)
+    officials.acknowledge(1)
+    answer = officials.does('KART_IN_GARAGE', 1).answer
+    assert 'is out of the race' in str(answer)
+    assert not officials.race.karts[1].in_race
+    assert officials.sent(1) is IN_GARAGE
+
+
+def test_only_a_kart_that_is_sent_a_red_can_be_released(officials: Officials) -> None:
+    assert officials.is_refused('KART_IN_GARAGE', 1) == (
+        'KART_IN_GARAGE refused: kart 1 (Ohm) is in IN_GARAGE already.'
+    )
+    officials.to_green()
+    assert officials.is_refused('KART_IN_GARAGE', 1) == (
+        'KART_IN_GARAGE refused: kart 1 (Ohm) is being sent GREEN_GREEN; '
+        'stop it first with RED_RED.'
+    )
+
+
+# ----- acknowledgements -------------------------------------------------------------------
+
+
+def test_what_was_said_before_a_command_does_not_count_for_it(officials: Officials) -> None:
+    officials.to_grid()
+    early = officials.race.karts[1].serial
+    officials.does('IN_GARAGE')
+    officials.does('GRID_ACTIVE')
+    officials.says(1, GRID_ACTIVE, serial=early)
+    assert not officials.race.karts[1].acknowledged
+    officials.says(1, GRID_ACTIVE)
+    assert officials.race.karts[1].acknowledged
+
+
+def test_an_acknowledgement_from_an_earlier_connection_counts_for_nothing(
+    officials: Officials,
+) -> None:
+    officials.to_ready()
+    early = officials.race.karts[1].serial
+    officials.drop(1)
+    officials.connect(1)
+    officials.says(1, GRID_ACTIVE, serial=early)
+    assert 'kart 1 (Ohm): no GRID_ACTIVE yet' in officials.is_refused('GREEN_GREEN')
+
+
+def test_what_a_kart_says_unasked_is_reported_and_is_no_acknowledgement(
+    officials: Officials,
+) -> None:
+    outcome = officials.to_green().says(1, RED_RED)
+    assert kinds(outcome) == [EventKind.REPORTED]
+    assert outcome.events[0].text == 'Kart 1 (Ohm) says RED_RED; it is being sent GREEN_GREEN'
+    officials.does('KART_RED_RED', 1)
+    assert not officials.race.karts[1].acknowledged
+
+
+def test_a_report_is_told_once_however_often_it_is_repeated(officials: Officials) -> None:
+    officials.to_green().says(1, RED_RED)
+    assert not officials.says(1, RED_RED).events
+
+
+def test_what_is_heard_from_a_kart_without_a_connection_counts_for_nothing(
+    officials: Officials,
+) -> None:
+    officials.to_grid()
+    officials.drop(1)
+    assert not officials.says(1, GRID_ACTIVE).events
+    assert not officials.race.karts[1].acknowledged
+
+
+# ----- connections ------------------------------------------------------------------------
+
+
+def test_a_kart_is_sent_its_state_as_it_connects() -> None:
+    officials = Officials(connected=False)
+    orders = officials.connect(1).orders
+    assert [(order.kart, order.state) for order in orders] == [(1, IN_GARAGE)]
+
+
+@pytest.mark.parametrize('state', UNDER_WAY)
+def test_a_kart_that_drops_in_a_race_under_way_is_held_when_it_comes_back(
+    state: str, officials: Officials
+) -> None:
+    STATES[state](officials)
+    officials.drop(1)
+    assert officials.race.karts[1].hold is RED_RED
+    assert officials.race.karts[1].hold_reason == f'lost its connection in {state}'
+    orders = officials.connect(1).orders
+    assert [(order.kart, order.state) for order in orders] == [(1, RED_RED)]
+    assert not officials.race.karts[1].acknowledged
+
+
+def test_the_others_drive_on_when_a_kart_drops(officials: Officials) -> None:
+    assert not officials.to_green().drop(1).orders
+    assert officials.sent(2) is GREEN_GREEN
+
+
+def test_a_kart_whose_connection_is_replaced_counts_as_dropped(officials: Officials) -> None:
+    outcome = officials.to_green().connect(1)
+    assert kinds(outcome)[0] is EventKind.DISCONNECTED
+    assert [(order.kart, order.state) for order in outcome.orders] == [(1, RED_RED)]
+
+
+def test_a_kart_that_drops_on_the_grid_must_acknowledge_anew(officials: Officials) -> None:
+    officials.to_ready().drop(1)
+    assert 'kart 1 (Ohm): not connected' in officials.is_refused('GREEN_GREEN')
+    assert officials.connect(1).orders[0].state is GRID_ACTIVE
+    assert 'kart 1 (Ohm): no GRID_ACTIVE yet' in officials.is_refused('GREEN_GREEN')
+    officials.acknowledge(1)
+    officials.does('GREEN_GREEN')
+
+
+def test_a_kart_that_drops_in_the_garage_or_outside_the_race_is_not_held(
+    officials: Officials,
+) -> None:
+    officials.drop(1)
+    assert officials.connect(1).orders[0].state is IN_GARAGE
+    officials.to_green().drop(SPECTATOR)
+    assert officials.connect(SPECTATOR).orders[0].state is IN_GARAGE
+
+
+def test_a_lost_kart_keeps_the_next_grid_from_forming_until_it_is_released(
+    officials: Officials,
+) -> None:
+    officials.to_green().drop(1)
+    officials.does('RACE_OVER')
+    officials.acknowledge(2)
+    officials.does('IN_GARAGE')
+    officials.connect(1)
+    assert officials.is_refused('GRID_ACTIVE') == (
+        'GRID_ACTIVE refused: held and to be released first: '
+        'kart 1 (Ohm): lost its connection in GREEN_GREEN.'
+    )
+    officials.acknowledge(1)
+    officials.does('KART_IN_GARAGE', 1)
+    officials.does('GRID_ACTIVE')
+
+
+def test_a_second_disconnect_of_the_same_kart_is_no_event(officials: Officials) -> None:
+    officials.drop(1)
+    assert not officials.drop(1).events
+
+
+# ----- from red to green ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    'stop',
+    [('RED_FLAG', None), ('ALL_KILL', None), ('KART_RED_RED', 1), ('KART_RED_FLAG', 1)],
+    ids=lambda stop: str(stop[0]),
+)
+def test_after_a_red_only_the_garage_and_a_new_grid_lead_to_green(
+    stop: tuple[str, int | None], officials: Officials
+) -> None:
+    officials.to_green().does(*stop)
+    officials.acknowledge(1, 2, SPECTATOR)
+    officials.is_refused('GREEN_GREEN')
+    officials.is_refused('GRID_ACTIVE')
+    officials.does('RACE_OVER')
+    officials.acknowledge(1, 2, SPECTATOR)
+    officials.does('IN_GARAGE')
+    officials.is_refused('GREEN_GREEN')
+    officials.does('GRID_ACTIVE')
+    officials.is_refused('GREEN_GREEN')
+    officials.acknowledge(1, 2)
+    officials.does('GREEN_GREEN')
+
+
+# ----- membership -------------------------------------------------------------------------
+
+
+def test_karts_join_and_leave_in_the_garage(officials: Officials) -> None:
+    officials.does('JOIN_RACE', SPECTATOR)
+    officials.does('LEAVE_RACE', 1)
+    officials.does('GRID_ACTIVE')
+    assert officials.all_sent() == [IN_GARAGE, GRID_ACTIVE, GRID_ACTIVE]
+
+
+@pytest.mark.parametrize('state', [name for name in STATES if name != 'IN_GARAGE'])
+def test_a_kart_joins_in_the_garage_alone(state: str, officials: Officials) -> None:
+    STATES[state](officials)
+    assert officials.is_refused('JOIN_RACE', SPECTATOR) == (
+        f'JOIN_RACE refused: the race is in {state}; karts join in IN_GARAGE.'
+    )
+
+
+@pytest.mark.parametrize('state', UNDER_WAY)
+def test_a_kart_does_not_leave_a_race_under_way(state: str, officials: Officials) -> None:
+    STATES[state](officials)
+    assert officials.is_refused('LEAVE_RACE', 1) == (
+        f'LEAVE_RACE refused: the race is in {state}; karts leave in IN_GARAGE or GRID_ACTIVE. '
+        'Stop it with RED_RED instead.'
+    )
+
+
+def test_joining_twice_and_leaving_from_outside_are_refused(officials: Officials) -> None:
+    assert officials.is_refused('JOIN_RACE', 1) == (
+        'JOIN_RACE refused: kart 1 (Ohm) is in the race already.'
+    )
+    assert officials.is_refused('LEAVE_RACE', SPECTATOR) == (
+        'LEAVE_RACE refused: kart 3 (Tesla) is not in the race.'
+    )
+
+
+def test_a_kart_taken_out_on_the_grid_is_held_until_the_race_is_in_the_garage(
+    officials: Officials,
+) -> None:
+    officials.to_grid().does('LEAVE_RACE', 1)
+    assert officials.sent(1) is RED_RED
+    officials.acknowledge(1)
+    officials.does('IN_GARAGE')
+    assert officials.sent(1) is IN_GARAGE
+
+
+@pytest.mark.parametrize('kind', ['KART_RED_RED', 'KART_RED_FLAG'])
+def test_joining_and_leaving_never_loosen_a_held_kart(kind: str, officials: Officials) -> None:
+    officials.does(kind, 1)
+    held = officials.sent(1)
+    officials.does('LEAVE_RACE', 1)
+    assert officials.sent(1) is held
+    officials.does('JOIN_RACE', 1)
+    assert officials.sent(1) is held
+
+
+# ----- humans on the track ----------------------------------------------------------------
+
+
+def test_the_track_opens_in_the_garage_and_closes_when_the_grid_forms(
+    officials: Officials,
+) -> None:
+    assert not officials.race.track_access().is_open
+    officials.does('OPEN_TRACK')
+    assert officials.race.track_access().is_open
+    officials.does('GRID_ACTIVE')
+    assert not officials.race.track_access().is_open
+
+
+@pytest.mark.parametrize('state', ['GRID_ACTIVE', 'GREEN_GREEN'])
+def test_the_track_stays_closed_on_the_grid_and_in_green(state: str, officials: Officials) -> None:
+    STATES[state](officials)
+    assert officials.is_refused('OPEN_TRACK') == (f'OPEN_TRACK refused: the race is in {state}.')
+
+
+@pytest.mark.parametrize('state', ['RED_FLAG', 'RED_RED'])
+def test_the_track_opens_when_every_connected_kart_has_acknowledged_its_stop(
+    state: str, officials: Officials
+) -> None:
+    STATES[state](officials)
+    officials.acknowledge(1)
+    assert officials.is_refused('OPEN_TRACK') == (
+        f'OPEN_TRACK refused: kart 2 (Volta) has not acknowledged {state}.'
+    )
+    officials.acknowledge(2)
+    officials.does('OPEN_TRACK')
+
+
+def test_the_track_stays_closed_for_a_kart_lost_in_motion(officials: Officials) -> None:
+    officials.to_green().drop(1)
+    officials.does('RACE_OVER')
+    officials.acknowledge(2)
+    assert officials.is_refused('OPEN_TRACK') == (
+        'OPEN_TRACK refused: kart 1 (Ohm) was lost in motion: use the MSR.'
+    )
+    officials.does('KART_IN_GARAGE', 1)
+    officials.does('OPEN_TRACK')
+
+
+def test_the_use_of_the_msr_opens_the_way_and_stops_every_kart(officials: Officials) -> None:
+    officials.to_green()
+    assert officials.is_refused('RECORD_MSR', stating=False) == (
+        'RECORD_MSR refused: state that the Master Safety Remote was used.'
+    )
+    officials.does('RECORD_MSR')
+    assert officials.all_sent() == [RED_RED, RED_RED, RED_RED]
+    assert officials.race.track_access().msr_used
+    officials.does('OPEN_TRACK')
+
+
+def test_the_use_of_the_msr_does_not_outlast_the_race(officials: Officials) -> None:
+    officials.to_green().does('RECORD_MSR')
+    officials.acknowledge(1, 2, SPECTATOR)
+    officials.does('IN_GARAGE')
+    assert not officials.race.track_access().msr_used
+
+
+# ----- alerts -----------------------------------------------------------------------------
+
+
+def test_a_kart_that_is_not_ready_in_two_minutes_raises_an_alert(officials: Officials) -> None:
+    officials.to_grid().acknowledge(1)
+    officials.wait(119.9)
+    assert officials.alerts() == {}
+    officials.wait(0.1)
+    assert officials.alerts() == {
+        AlertKind.NOT_READY: 'Kart 2 (Volta) has not acknowledged GRID_ACTIVE'
+    }
+
+
+def test_a_kart_that_does_not_acknowledge_green_in_30_s_raises_an_alert(
+    officials: Officials,
+) -> None:
+    officials.to_ready().does('GREEN_GREEN')
+    officials.acknowledge(1)
+    officials.wait(29.9)
+    assert officials.alerts() == {}
+    officials.wait(0.1)
+    assert officials.alerts() == {
+        AlertKind.GREEN_UNACKNOWLEDGED: 'Kart 2 (Volta) has not acknowledged GREEN_GREEN'
+    }
+
+
+def test_a_kart_that_does_not_acknowledge_red_flag_in_15_s_calls_for_the_msr(
+    officials: Officials,
+) -> None:
+    officials.to_flag().acknowledge(1)
+    officials.wait(14.9)
+    assert officials.alerts() == {}
+    officials.wait(0.1)
+    assert officials.alerts() == {
+        AlertKind.FLAG_UNACKNOWLEDGED: 'Use the MSR: kart 2 (Volta) has not acknowledged RED_FLAG'
+    }
+
+
+def test_a_kart_that_does_not_acknowledge_red_red_in_5_s_calls_for_the_msr(
+    officials: Officials,
+) -> None:
+    officials.to_over().acknowledge(1)
+    officials.wait(4.9)
+    assert officials.alerts() == {}
+    officials.wait(0.1)
+    assert officials.alerts() == {
+        AlertKind.RED_UNACKNOWLEDGED: 'Use the MSR: kart 2 (Volta) has not acknowledged RED_RED'
+    }
+
+
+def test_a_kart_lost_in_motion_calls_for_the_msr_at_once(officials: Officials) -> None:
+    officials.to_green().drop(2)
+    assert officials.alerts() == {
+        AlertKind.LOST_IN_MOTION: (
+            'Use the MSR: kart 2 (Volta) lost its connection while it may have been moving'
+        )
+    }
+    (alert,) = officials.race.alerts(officials.now)
+    assert alert.use_msr
+
+
+def test_a_kart_lost_on_the_grid_or_after_its_stop_does_not_call_for_the_msr(
+    officials: Officials,
+) -> None:
+    officials.to_over().acknowledge(1, 2)
+    officials.drop(2)
+    assert officials.alerts() == {AlertKind.KART_LOST: 'Kart 2 (Volta) lost its connection'}
+    (alert,) = officials.race.alerts(officials.now)
+    assert not alert.use_msr
+
+
+def test_people_on_a_track_that_is_no_longer_safe_raise_an_alert(officials: Officials) -> None:
+    officials.does('OPEN_TRACK')
+    officials.does('KART_RED_RED', 1)
+    assert officials.alerts() == {
+        AlertKind.TRACK_UNSAFE: (
+            'Clear the track, or use the MSR: kart 1 (Ohm) has not acknowledged RED_RED'
+        )
+    }
+    officials.acknowledge(1)
+    assert officials.alerts() == {}
+
+
+def test_an_alert_is_told_once_when_it_comes_and_once_when_it_goes(officials: Officials) -> None:
+    officials.to_over().acknowledge(1)
+    assert EventKind.ALERT_RAISED in kinds(officials.wait(5.0))
+    assert kinds(officials.wait(1.0)) == []
+    officials.acknowledge(2)
+    cleared = officials.wait(0.0).events
+    assert [event.text for event in cleared if event.kind is EventKind.ALERT_CLEARED] == [
+        'No longer: Use the MSR: kart 2 (Volta) has not acknowledged RED_RED'
+    ]
+
+
+def test_a_repeated_stop_or_a_reconnection_does_not_renew_the_time_of_an_alert(
+    officials: Officials,
+) -> None:
+    officials.to_over().acknowledge(1)
+    officials.wait(4.0)
+    officials.does('RACE_OVER')
+    officials.connect(2)
+    officials.wait(1.0)
+    assert AlertKind.RED_UNACKNOWLEDGED in officials.alerts()
+
+
+def test_an_alert_never_acts(officials: Officials) -> None:
+    officials.to_ready().does('GREEN_GREEN')
+    assert not officials.wait(3600.0).orders
+    assert officials.all_sent() == [GREEN_GREEN, GREEN_GREEN, IN_GARAGE]
+
+
+def test_alerts_come_newest_first(officials: Officials) -> None:
+    officials.to_green().drop(1)
+    officials.wait(1.0)
+    officials.drop(2)
+    assert [alert.kart for alert in officials.race.alerts(officials.now)] == [2, 1]
+
+
+# ----- what is announced ------------------------------------------------------------------
+
+
+def test_a_command_is_announced_with_what_must_be_stated(officials: Officials) -> None:
+    announced = officials.race.availability(CommandKind.GRID_ACTIVE)
+    assert announced.available
+    assert announced.statement == 'the track is clear of humans'
+    announced = officials.race.availability(CommandKind.GREEN_GREEN)
+    assert not announced.available
+    assert announced.reason == 'the race is in IN_GARAGE; GREEN_GREEN follows GRID_ACTIVE'
+
+
+@every_state
+@pytest.mark.parametrize('kind', sorted(kind.name for kind in CommandKind))
+def test_a_command_is_refused_for_the_announced_reason_and_only_then(
+    kind: str, reach: Reach, officials: Officials
+) -> None:
+    reach(officials)
+    announced = officials.race.availability(CommandKind[kind], 1)
+    answer = officials.command(kind, 1).answer
+    assert answer is not None
+    assert answer.success == announced.available
+    if not announced.available:
+        assert answer.message == f'{kind} refused: {announced.reason}.'
+
+
+def test_the_next_deadline_is_the_earliest_thing_that_is_due(officials: Officials) -> None:
+    assert officials.race.next_deadline(officials.now) is None
+    officials.to_green()
+    officials.does('KART_FINISH', 1)
+    officials.wait(2.0)
+    officials.does('KART_FINISH', 2)
+    assert officials.race.next_deadline(officials.now) == officials.now + 4.0
+    officials.wait(4.0)
+    assert officials.race.next_deadline(officials.now) == officials.now + 1.0
+
+
+def test_a_command_tried_on_a_copy_leaves_the_race_as_it_is(officials: Officials) -> None:
+    officials.to_green()
+    officials.race.copy().command(Command(CommandKind.ALL_KILL), officials.now)
+    assert officials.race.state is GREEN_GREEN
+    assert officials.all_sent() == [GREEN_GREEN, GREEN_GREEN, IN_GARAGE]
+    assert not officials.wait(0.0).orders
