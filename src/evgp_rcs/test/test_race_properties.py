@@ -113,15 +113,43 @@ class Races(RuleBasedStateMachine):
         assert oracle.look(self.race) == before
         assert not outcome.orders
 
-    @precondition(lambda self: self.race.state is RaceState.IN_GARAGE)
-    @rule()
-    def bring_a_race_under_way(self) -> None:
+    @precondition(lambda self: self.race.state is not RaceState.GREEN_GREEN)
+    @rule(
+        joining=st.sets(KARTS),
+        stop_short=st.sampled_from((0, 0, 0, 1, 2)),
+        between=st.sampled_from(('', '', '', 'disconnected', 'KART_RED_FLAG')),
+        kart=KARTS,
+    )
+    def bring_a_race_under_way(
+        self, joining: set[int], stop_short: int, between: str, kart: int
+    ) -> None:
+        if self.race.state is not RaceState.IN_GARAGE:
+            self.give(oracle.Input('command', 'ALL_KILL'))
+            self.every_kart_answers()
+            self.give(oracle.Input('command', 'IN_GARAGE', statement=True))
+        for number, each in self.race.karts.items():
+            if each.hold is not None:
+                self.give(oracle.Input('command', 'KART_IN_GARAGE', number, True))
+            if not each.connected:
+                self.give(oracle.Input('connected', '', number))
+            if number in joining:
+                self.give(oracle.Input('command', 'JOIN_RACE', number))
         self.give(oracle.Input('command', 'GRID_ACTIVE', statement=True))
-        for kart in list(self.race.karts.values()):
-            if not kart.connected:
-                self.give(oracle.Input('connected', '', kart.number))
-            self.answer(kart.number)
+        # All of them answer, or all but the last one or two.
+        for number in list(self.race.karts)[: len(self.race.karts) - stop_short]:
+            self.answer(number)
+        if between == 'disconnected':
+            self.give(oracle.Input('disconnected', '', kart))
+        elif between:
+            self.give(oracle.Input('command', between, kart))
+        self.give(oracle.Input('tick'))
         self.give(oracle.Input('command', 'GREEN_GREEN'))
+
+    @precondition(lambda self: self.race.state is RaceState.GREEN_GREEN)
+    @rule(kart=KARTS, step=st.floats(0.0, 12.0))
+    def finish(self, kart: int, step: float) -> None:
+        self.give(oracle.Input('command', 'KART_FINISH', kart))
+        self.let_pass(step)
 
     # ----- karts --------------------------------------------------------------------------
 
@@ -184,5 +212,5 @@ class Races(RuleBasedStateMachine):
         assert oracle.look(self.race) == before
 
 
-Races.TestCase.settings = settings(max_examples=150, stateful_step_count=60, deadline=None)
+Races.TestCase.settings = settings(max_examples=300, stateful_step_count=80, deadline=None)
 TestEveryInputOfARandomRaceIsAsTheOracleSays = Races.TestCase
