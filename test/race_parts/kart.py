@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+import time
 from typing import Any
 
-from evgp_node.states import state_of
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg, srv
+from nav_msgs.msg import Odometry
 from race_parts.official import Answer, latched
 from race_parts.process import Process
 from race_parts.ros_side import RosSide
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.publisher import Publisher
+from rclpy.qos import qos_profile_sensor_data, QoSProfile
+from rclpy.timer import Timer
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
@@ -57,33 +64,80 @@ class Team(RosSide):
     """
     A team's node beside its bridge.
 
-    ``state`` is the newest race state of the bridge and ``stop`` its lock; ``states`` are all
-    race states heard, in order, without repetitions.
+    ``state`` is the newest race state of the bridge and ``stop`` its lock; ``changes`` are the
+    race states heard, without repetitions, each with the monotonic time (s) of its first message,
+    and ``states`` the same without times; ``speed`` is the newest of odometry, m/s.
+
+    :param bridge: the full name of the bridge's node.
     """
 
-    def __init__(self, domain: int, name: str = 'team') -> None:
+    def __init__(self, domain: int, name: str = 'team', bridge: str = '/kart_bridge') -> None:
         """Join the kart's domain."""
         super().__init__(name, domain)
         self.state: msg.KartRaceState | None = None
-        self.states: list[RaceState | None] = []
+        self.changes: list[tuple[float, RaceState | None]] = []
         self.stop: bool | None = None
-        self._acknowledge = self.node.create_client(srv.Acknowledge, '/kart_bridge/acknowledge')
-        self._team_stop = self.node.create_client(SetBool, '/kart_bridge/team_stop')
+        self.speed: float | None = None
+        self.diagnostics: list[DiagnosticStatus] = []
+        self._bridge = bridge
+        self._remote: Publisher | None = None
+        self._driven = 0.0
+        self._driving: Timer | None = None
+        self._acknowledge = self.node.create_client(srv.Acknowledge, f'{bridge}/acknowledge')
+        self._team_stop = self.node.create_client(SetBool, f'{bridge}/team_stop')
         self.node.create_subscription(
-            msg.KartRaceState, '/kart_bridge/race_state', self._hear_state, latched(1)
+            msg.KartRaceState, f'{bridge}/race_state', self._hear_state, latched(1)
         )
-        self.node.create_subscription(Bool, '/kart_bridge/stop', self._hear_stop, latched(1))
+        self.node.create_subscription(Bool, f'{bridge}/stop', self._hear_stop, latched(1))
+        self.node.create_subscription(Odometry, f'{bridge}/odom', self._hear_speed, 10)
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._hear_diagnostics, 10)
+        self._odometry = self._publisher(Odometry, 'odom', QoSProfile(depth=10))
         self.spin()
 
-    def acknowledge(self, state: RaceState) -> Answer:
+    @property
+    def states(self) -> list[RaceState | None]:
+        """Return the race states heard, without repetitions."""
+        with self.news:
+            return [state for _, state in self.changes]
+
+    def acknowledge(self, state: RaceState | None) -> Answer:
         """
         Tell the bridge which state the kart has reached, and return its answer.
 
         :raises AssertionError: if the bridge does not answer in time.
         """
-        reached = msg.RaceState(state=getattr(msg.RaceState, state.name))
-        response: Any = self.request(self._acknowledge, srv.Acknowledge.Request(reached=reached))
+        request = srv.Acknowledge.Request(reached=state_message(state))
+        response: Any = self.request(self._acknowledge, request)
         return Answer(response.success, response.message)
+
+    def remote(self, stop: bool) -> None:
+        """
+        Press or release the team's safety remote.
+
+        :raises AssertionError: if the bridge does not listen to it in time.
+        """
+        if self._remote is None:
+            self._remote = self._publisher(Bool, 'tsr', QoSProfile(depth=10))
+        remote = self._remote
+        self.wait_until(lambda: remote.get_subscription_count() > 0, lambda: 'a bridge for ~/tsr')
+        remote.publish(Bool(data=stop))
+
+    def remote_without_promise(self) -> None:
+        """Have a safety remote whose messages may get lost."""
+        self._publisher(Bool, 'tsr', qos_profile_sensor_data)
+
+    def drive_at(self, speed: float) -> None:
+        """
+        Publish this speed, m/s, as odometry from now on, at 50 Hz.
+
+        :raises AssertionError: if the bridge does not listen to it in time.
+        """
+        self._driven = speed
+        if self._driving is None:
+            self._driving = self.node.create_timer(0.02, self._publish_speed)
+        # The bridge, and this node itself.
+        self.wait_until(lambda: self._odometry.get_subscription_count() > 1, lambda: 'a bridge')
+        self.wait_for_speed(lambda heard: heard == speed)
 
     def team_stop(self, engaged: bool) -> Answer:
         """
@@ -125,15 +179,66 @@ class Team(RosSide):
         """
         self.wait_until(lambda: self.stop is stop, lambda: f'~/stop {stop}; it is {self.stop}')
 
+    def wait_for_speed(self, found: Callable[[float], bool]) -> None:
+        """
+        Return once odometry has a speed, m/s, for which `found` is true.
+
+        :raises AssertionError: if it does not in time.
+        """
+        self.wait_until(
+            lambda: self.speed is not None and found(self.speed),
+            lambda: f'such a speed; it is {self.speed}',
+        )
+
+    def wait_for_diagnostic(self, found: Callable[[DiagnosticStatus], bool]) -> None:
+        """
+        Return once the bridge's diagnostics have a status for which `found` is true.
+
+        :raises AssertionError: if they do not in time.
+        """
+        self.wait_until(
+            lambda: any(map(found, self.diagnostics)),
+            lambda: f'such a diagnostic; there is {self.diagnostics}',
+        )
+
+    def _publisher(self, kind: type, topic: str, qos: QoSProfile) -> Publisher:
+        """Create a publisher that wakes who waits once the bridge has met it."""
+
+        def matched(_: object) -> None:
+            with self.news:
+                self.news.notify_all()
+
+        return self.node.create_publisher(
+            kind,
+            f'{self._bridge}/{topic}',
+            qos,
+            event_callbacks=PublisherEventCallbacks(matched=matched),
+        )
+
+    def _publish_speed(self) -> None:
+        odometry = Odometry()
+        odometry.twist.twist.linear.x = self._driven
+        self._odometry.publish(odometry)
+
     def _hear_state(self, state: msg.KartRaceState) -> None:
         with self.news:
             self.state = state
             heard = state_of(state.state)
-            if not self.states or self.states[-1] is not heard:
-                self.states.append(heard)
+            if not self.changes or self.changes[-1][1] is not heard:
+                self.changes.append((time.monotonic(), heard))
             self.news.notify_all()
 
     def _hear_stop(self, stop: Bool) -> None:
         with self.news:
             self.stop = stop.data
+            self.news.notify_all()
+
+    def _hear_speed(self, odometry: Odometry) -> None:
+        with self.news:
+            self.speed = odometry.twist.twist.linear.x
+            self.news.notify_all()
+
+    def _hear_diagnostics(self, array: DiagnosticArray) -> None:
+        with self.news:
+            self.diagnostics = list(array.status)
             self.news.notify_all()

@@ -41,8 +41,12 @@ END_TIMEOUT = 2.0
 READ_BYTES = 4096
 """The most that is read in one turn: about 15 s of frames, and no turn takes long."""
 
+SEND_BYTES = 4096
+"""The kernel's buffer for what is sent. A small one, so that it soon shows when race control
+does not take what is said."""
+
 MOST_UNSENT = 256
-"""More bytes than this that race control does not take: it does not hear us any more."""
+"""More bytes than this beyond the kernel's buffer: race control does not hear us any more."""
 
 Tell = Callable[[Verdict, 'LinkStatus'], None]
 Input = Callable[[Arbiter, float], Outcome]
@@ -310,6 +314,9 @@ class _Connection(asyncio.BufferedProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
+        transport.get_extra_info('socket').setsockopt(
+            socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES
+        )
         self._link.opened(self)
 
     def get_buffer(self, sizehint: int) -> bytearray:
@@ -321,15 +328,15 @@ class _Connection(asyncio.BufferedProtocol):
             self._link.heard(self, event)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        if exc is not None:
-            reason = f'the connection broke: {exc}'
-        elif self.heard_anything:
-            reason = 'race control closed the connection'
-        else:
+        if not self.heard_anything:
             reason = (
                 'race control closed the connection at once: '
                 "is this machine's address in its roster?"
             )
+        elif exc is not None:
+            reason = f'the connection broke: {exc}'
+        else:
+            reason = 'race control closed the connection'
         self._link.lost(self, reason)
         if not self.lost.done():
             self.lost.set_result(None)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import signal
+import socket
 import sys
 import threading
 from typing import Protocol
@@ -40,21 +41,41 @@ def run_node(
     Run a node until SIGINT or SIGTERM, then `close` it.
 
     :param name: stands before the sentence on stderr that says what is wrong.
-    :param make_node: makes the node; what it is given is called,
-        in any thread, when the node cannot go on.
+    :param make_node: makes the node; what it is given is called, in any thread, when the node
+        cannot go on.
     :param refusals: what `make_node` raises when a setting is wrong.
     :return: 0 after an orderly end, 2 if a setting is wrong.
     :raises NodeFailedError: after the node was closed, because it could not go on.
     """
-    ending = threading.Event()
+    # Any thread may be the one that the kernel interrupts with a signal, and only the main one
+    # runs Python's handlers. So it waits for a byte, which whoever is interrupted writes.
+    ending, end = socket.socketpair()
+    with ending, end:
+        end.setblocking(False)
+        signal.set_wakeup_fd(end.fileno(), warn_on_full_buffer=False)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: None)
+        try:
+            return _run(name, make_node, make_executor, refusals, args, ending, end)
+        finally:
+            signal.set_wakeup_fd(-1)
+
+
+def _run(
+    name: str,
+    make_node: Callable[[OnFailure], ClosableNode],
+    make_executor: Callable[[], Executor],
+    refusals: tuple[type[Exception], ...],
+    args: list[str] | None,
+    ending: socket.socket,
+    end: socket.socket,
+) -> int:
     failures: list[BaseException] = []
 
     def fail(error: BaseException) -> None:
         failures.append(error)
-        ending.set()
+        end.send(b'\0')
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ending.set())
     try:
         rclpy.init(args=args, signal_handler_options=rclpy.SignalHandlerOptions.NO)
         node = make_node(fail)
@@ -66,17 +87,16 @@ def run_node(
     executor.add_node(node)
 
     def spin() -> None:
-        # Not in the main thread: Python runs signal handlers only there, and only when it is free.
         try:
             executor.spin()
         except ExternalShutdownException:
-            ending.set()
+            end.send(b'\0')
         except BaseException as error:  # noqa: BLE001 - raised again by the main thread
             fail(error)
 
     spinning = threading.Thread(target=spin, name='executor', daemon=True)
     spinning.start()
-    ending.wait()
+    ending.recv(1)
     node.close()
     executor.shutdown()
     spinning.join()

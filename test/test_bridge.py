@@ -1,0 +1,359 @@
+"""The bridge as a process, between a real race control and a team's node."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+import signal
+import socket
+
+from evgp_node.states import state_of
+from evgp_protocol.states import RaceState
+import pytest
+from race_parts.domains import Domain
+from race_parts.fixtures import ConnectKart, JoinOfficial, JoinTeam, StartBridge, StartRaceControl
+from race_parts.kart import Bridge, ExampleStack, Team
+from race_parts.official import Official
+from race_parts.process import Process
+from race_parts.race_control import RaceControl
+from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
+
+GRID_ACTIVE = RaceState.GRID_ACTIVE
+GREEN_GREEN = RaceState.GREEN_GREEN
+IN_GARAGE = RaceState.IN_GARAGE
+RED_FLAG = RaceState.RED_FLAG
+RED_RED = RaceState.RED_RED
+
+
+class OneKartRace:
+    """Race control with one kart in the race, its official, its bridge, and its team."""
+
+    def __init__(
+        self, control: RaceControl, official: Official, bridge: Bridge, team: Team
+    ) -> None:
+        self.control = control
+        self.official = official
+        self.bridge = bridge
+        self.team = team
+        official.wait_for_connected(1)
+        team.wait_for_state(IN_GARAGE)
+
+    def grid(self) -> None:
+        self.official.command('grid_active', track_clear=True)
+        self.team.wait_for_state(GRID_ACTIVE)
+
+    def green(self) -> None:
+        self.grid()
+        assert self.team.acknowledge(GRID_ACTIVE).success
+        self.official.wait_for_acks(GRID_ACTIVE, 1)
+        self.official.command('green_green')
+        self.team.wait_for_state(GREEN_GREEN)
+        self.team.wait_for_stop(False)
+
+
+StartRace = Callable[..., OneKartRace]
+
+
+@pytest.fixture
+def start_race(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    start_bridge: StartBridge,
+    join_team: JoinTeam,
+) -> StartRace:
+    """Return a function that starts a race of one kart; it takes the bridge's parameters."""
+
+    def start(**parameters: object) -> OneKartRace:
+        control = start_race_control(in_race=[1], others=[2])
+        bridge = start_bridge(control.port, 1, **parameters)
+        return OneKartRace(control, join_official(control), bridge, join_team(bridge))
+
+    return start
+
+
+# ----- from race control to the stack ------------------------------------------------------
+
+
+def test_a_race_reaches_the_stack_and_its_acknowledgements_the_official(
+    start_race: StartRace,
+) -> None:
+    race = start_race()
+    race.green()
+    assert race.team.acknowledge(GREEN_GREEN).success
+    race.official.wait_for_acks(GREEN_GREEN, 1)
+    race.official.command('red_flag')
+    race.team.wait_for_state(RED_FLAG)
+    assert race.team.acknowledge(RED_FLAG).success
+    race.official.wait_for_acks(RED_FLAG, 1)
+    race.official.command('all_kill')
+    race.team.wait_for_state(RED_RED)
+    assert race.team.acknowledge(RED_RED).success
+    race.official.wait_for_acks(RED_RED, 1)
+    race.official.command('in_garage', track_safe=True)
+    race.team.wait_for_state(IN_GARAGE)
+    assert race.team.states[-5:] == [GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED, IN_GARAGE]
+
+
+def test_a_late_subscriber_is_told_the_state_and_the_lock(
+    start_race: StartRace, join_team: JoinTeam
+) -> None:
+    race = start_race()
+    race.green()
+    late = join_team(race.bridge)
+    late.wait_for_state(GREEN_GREEN)
+    late.wait_for_stop(False)
+
+
+def test_the_lock_is_on_in_the_garage_unless_the_team_may_drive_there(
+    start_race: StartRace,
+) -> None:
+    start_race().team.wait_for_stop(True)
+    start_race(drive_in_garage=True).team.wait_for_stop(False)
+
+
+def test_red_flag_lets_a_driving_kart_roll_out_until_it_says_it_stands(
+    start_race: StartRace,
+) -> None:
+    race = start_race()
+    race.green()
+    race.official.command('red_flag')
+    race.team.wait_for_state(RED_FLAG)
+    assert race.team.stop is False
+    assert race.team.acknowledge(RED_FLAG).success
+    race.team.wait_for_stop(True)
+
+
+def test_without_race_control_the_kart_stops_and_the_reason_names_the_port(
+    start_bridge: StartBridge, join_team: JoinTeam
+) -> None:
+    with socket.create_server(('127.0.0.1', 0)) as reserved:
+        port = reserved.getsockname()[1]
+    team = join_team(start_bridge(port))
+    told = team.wait_for(lambda state: 'refuses' in state.reason, 'a refused connection')
+    assert f'127.0.0.1, port {port}, refuses: is race control running' in told.reason
+    assert state_of(told.state) is RED_RED
+    assert not told.connected
+    team.wait_for_stop(True)
+
+
+def test_a_race_control_that_dies_stops_the_kart(start_race: StartRace) -> None:
+    race = start_race()
+    race.green()
+    race.control.kill()
+    told = race.team.wait_for_state(RED_RED)
+    assert not told.connected
+    race.team.wait_for_stop(True)
+
+
+def test_a_race_control_that_hangs_stops_the_kart(start_race: StartRace) -> None:
+    race = start_race()
+    race.green()
+    race.control.signal(signal.SIGSTOP)
+    told = race.team.wait_for_state(RED_RED)
+    assert 'race control was silent for 1 s' in told.reason
+    race.team.wait_for_stop(True)
+
+
+# ----- acknowledgements --------------------------------------------------------------------
+
+
+def test_a_state_that_is_not_commanded_cannot_be_acknowledged(start_race: StartRace) -> None:
+    answer = start_race().team.acknowledge(GREEN_GREEN)
+    assert not answer.success
+    assert answer.message == 'race control commands IN_GARAGE, not GREEN_GREEN'
+
+
+def test_what_is_no_race_state_cannot_be_acknowledged(start_race: StartRace) -> None:
+    answer = start_race().team.acknowledge(None)
+    assert not answer.success
+    assert answer.message.startswith('0 is no race state')
+
+
+def test_nothing_is_acknowledged_without_race_control(
+    start_bridge: StartBridge, join_team: JoinTeam
+) -> None:
+    with socket.create_server(('127.0.0.1', 0)) as reserved:
+        port = reserved.getsockname()[1]
+    answer = join_team(start_bridge(port)).acknowledge(RED_RED)
+    assert not answer.success
+    assert 'not connected to race control' in answer.message
+
+
+def test_odometry_acknowledges_a_stop_only_once_the_kart_stands(start_race: StartRace) -> None:
+    race = start_race(auto_acknowledge_stop=True, standstill_time=0.2)
+    race.green()
+    race.team.drive_at(3.0)
+    race.official.command('all_kill')
+    race.team.wait_for_state(RED_RED)
+    moving = race.team.acknowledge(RED_RED)
+    assert moving.message == 'the kart still moves: odometry says 3.00 m/s'
+    race.team.drive_at(0.0)
+    race.official.wait_for_acks(RED_RED, 1)
+
+
+# ----- the team's own stop -----------------------------------------------------------------
+
+
+def test_the_release_of_a_team_stop_starts_no_kart(start_race: StartRace) -> None:
+    race = start_race()
+    race.green()
+    stopped = race.team.team_stop(True)
+    assert stopped.message == 'The kart obeys RED_RED: team stop: asked for by service' + (
+        '; GREEN_GREEN needs a GRID_ACTIVE that is acknowledged before it: '
+        'the team stop was engaged since'
+    )
+    told = race.team.wait_for_state(RED_RED)
+    assert told.team_stop
+    race.team.wait_for_stop(True)
+    released = race.team.team_stop(False)
+    assert released.success
+    told = race.team.wait_for(lambda state: not state.team_stop, 'the release')
+    assert state_of(told.state) is RED_RED
+    assert state_of(told.commanded) is GREEN_GREEN
+    assert race.team.stop is True
+
+
+def test_the_safety_remote_stops_the_kart_by_topic(start_race: StartRace) -> None:
+    race = start_race()
+    race.green()
+    race.team.remote(True)
+    race.team.wait_for_state(RED_RED)
+    assert race.team.state is not None
+    assert 'the safety remote says stop' in race.team.state.reason
+
+
+def test_a_required_safety_remote_that_is_silent_stops_the_kart(
+    start_race_control: StartRaceControl, start_bridge: StartBridge, join_team: JoinTeam
+) -> None:
+    control = start_race_control(in_race=[1])
+    team = join_team(start_bridge(control.port, 1, tsr_timeout=0.5))
+    told = team.wait_for(lambda state: state.connected and state.team_stop, 'the stop')
+    assert 'nothing from the safety remote for 0.5 s' in told.reason
+    assert state_of(told.state) is RED_RED
+    team.wait_for_stop(True)
+
+
+def test_a_safety_remote_whose_messages_could_get_lost_stops_the_kart(
+    start_race: StartRace,
+) -> None:
+    race = start_race()
+    race.team.remote_without_promise()
+    told = race.team.wait_for(lambda state: state.team_stop, 'the stop')
+    assert "the safety remote's publisher is not RELIABLE" in told.reason
+
+
+# ----- the bridge's own end ----------------------------------------------------------------
+
+
+def test_what_an_ended_bridge_told_last_is_red_red(start_race: StartRace) -> None:
+    race = start_race()
+    race.green()
+    assert race.bridge.close() == 0
+    told = race.team.wait_for_state(RED_RED)
+    assert told.reason == 'the bridge has ended'
+    race.team.wait_for_stop(True)
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP], ids=lambda each: each.name)
+def test_a_stack_stops_when_its_bridge_dies_or_hangs(
+    start_race: StartRace, number: signal.Signals
+) -> None:
+    race = start_race()
+    race.green()
+    with ExampleStack(race.bridge.domain):
+        race.team.wait_for_speed(lambda speed: speed > 1.0)
+        race.bridge.signal(number)
+        race.team.wait_for_speed(lambda speed: speed == 0.0)
+    # Nobody told it to: that is the point.
+    assert race.team.state is not None
+    assert state_of(race.team.state.state) is GREEN_GREEN
+
+
+def test_a_bridge_that_hung_comes_back_in_red_red(
+    start_race: StartRace, connect_kart: ConnectKart
+) -> None:
+    race = start_race()
+    race.green()
+    race.bridge.signal(signal.SIGSTOP)
+    # For longer than it may be without a frame: what another kart is sent in 2 s.
+    connect_kart(race.control, 2).wait_for_frames(40)
+    since = len(race.team.states)
+    race.bridge.signal(signal.SIGCONT)
+    race.team.wait_for(
+        lambda state: state.connected and state_of(state.commanded) is RED_RED, 'a new link'
+    )
+    assert GREEN_GREEN not in race.team.states[since:]
+
+
+def test_its_names_are_private(
+    parts: contextlib.ExitStack, start_race_control: StartRaceControl
+) -> None:
+    control = start_race_control(in_race=[1])
+    domain = parts.enter_context(Domain())
+    parts.enter_context(
+        Process(
+            'evgp_kart_bridge',
+            'kart_bridge_node',
+            domain.number,
+            {'host': '127.0.0.1', 'port': control.port, 'local_address': '127.0.1.1'},
+            ('-r', '__ns:=/kart1', '-r', '__node:=link'),
+        )
+    )
+    team = Team(domain.number, bridge='/kart1/link')
+    parts.callback(team.close)
+    team.wait_for_state(IN_GARAGE)
+    team.wait_for_stop(True)
+
+
+def test_no_parameter_changes_while_it_runs(start_race: StartRace) -> None:
+    team = start_race().team
+    client = team.node.create_client(SetParameters, '/kart_bridge/set_parameters')
+    names = ['host', 'port', 'frame_timeout', 'tsr_timeout', 'drive_in_garage']
+    request = SetParameters.Request(
+        parameters=[Parameter(name, value=1.0).to_parameter_msg() for name in names]
+    )
+    response = team.request(client, request)
+    assert [result.successful for result in response.results] == [False] * len(names)
+
+
+# ----- wrong settings ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'said'),
+    [
+        ({}, 'parameter host is missing'),
+        ({'host': 'racecontrol'}, "parameter host: 'racecontrol' is no IPv4 address"),
+        ({'host': '10.0.0.1', 'local_address': '10.0.0.256'}, 'parameter local_address'),
+        ({'host': '10.0.0.1', 'port': 70000}, 'from 1 to 65535'),
+        ({'host': '10.0.0.1', 'frame_timeout': 5.0}, 'from 0.2 to 1'),
+        ({'host': '10.0.0.1', 'tsr_timeout': 1}, 'parameter tsr_timeout'),
+        ({'host': '10.0.0.1', 'tsr_timout': 1.0}, 'is unknown; did you mean tsr_timeout?'),
+    ],
+    ids=lambda value: '' if isinstance(value, dict) else value,
+)
+def test_a_wrong_setting_is_refused_in_one_sentence(
+    parts: contextlib.ExitStack, parameters: dict[str, object], said: str
+) -> None:
+    domain = parts.enter_context(Domain())
+    bridge = parts.enter_context(
+        Process('evgp_kart_bridge', 'kart_bridge_node', domain.number, parameters)
+    )
+    assert bridge.wait() == 2, bridge.output
+    assert said in bridge.output
+    assert len(bridge.lines) == 1, bridge.output
+
+
+# ----- what a stack makes of it ------------------------------------------------------------
+
+
+def test_diagnostics_say_what_the_kart_obeys_and_why(start_race: StartRace) -> None:
+    race = start_race()
+    race.team.team_stop(True)
+    race.team.wait_for_diagnostic(
+        lambda status: (
+            status.name == 'kart_bridge: race state'
+            and status.message == 'team stop: asked for by service'
+        )
+    )
