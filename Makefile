@@ -39,7 +39,7 @@ run:
 # Every check runs, whatever those before it found.
 lint:
 	@failed=; \
-	for check in 'ruff check' 'ruff format --check' flake8 'pydocstyle setup src test' mypy; do \
+	for check in 'ruff check' 'ruff format --check' flake8 'pydocstyle demo setup src test' mypy; do \
 	  echo "$$check"; \
 	  $(IN_WORKSPACE) $$check || failed=1; \
 	done; \

@@ -22,6 +22,7 @@ class RaceControl(Process):
     :param in_race: the numbers (1 to 254) of the karts in the first race.
     :param others: the numbers of the karts that are in the roster only.
     :param parameters: more ROS parameters of the node.
+    :param teams: the names of teams, by the numbers of their karts.
     """
 
     def __init__(
@@ -31,13 +32,14 @@ class RaceControl(Process):
         in_race: Iterable[int],
         others: Iterable[int] = (),
         parameters: Mapping[str, object] | None = None,
+        teams: Mapping[int, str] | None = None,
     ) -> None:
         """Start race control and wait until karts can connect."""
         racing = set(in_race)
         karts = [
             {
                 'number': number,
-                'team': f'Team {number}',
+                'team': (teams or {}).get(number, f'Team {number}'),
                 'address': address_of(number),
                 'in_race': number in racing,
             }

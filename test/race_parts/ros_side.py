@@ -21,7 +21,10 @@ class RosSide:
     A node on a domain, in this process, and a place to await what it hears.
 
     Subclasses subscribe, change what they keep inside ``with self.news:`` and notify.
+    Anything is awaited for ``patience`` seconds.
     """
+
+    patience = PATIENCE
 
     def __init__(self, name: str, domain: int) -> None:
         """Join the domain and spin."""
@@ -45,8 +48,8 @@ class RosSide:
         :raises AssertionError: if it does not become true in time.
         """
         with self.news:
-            value = self.news.wait_for(found, PATIENCE)
-            assert value, f'not within {PATIENCE:g} s: {what()}'
+            value = self.news.wait_for(found, self.patience)
+            assert value, f'not within {self.patience:g} s: {what()}'
         return value
 
     def request(self, client: Client, request: object) -> object:
@@ -55,11 +58,12 @@ class RosSide:
 
         :raises AssertionError: if there is no such service, or no answer in time.
         """
-        assert client.wait_for_service(PATIENCE), f'there is no service {client.srv_name}'
+        assert client.wait_for_service(self.patience), f'there is no service {client.srv_name}'
         done = threading.Event()
         future = client.call_async(request)
         future.add_done_callback(lambda _: done.set())
-        assert done.wait(PATIENCE), f'{client.srv_name} did not answer within {PATIENCE:g} s'
+        answered = done.wait(self.patience)
+        assert answered, f'{client.srv_name} did not answer within {self.patience:g} s'
         return future.result()
 
     def close(self) -> None:
