@@ -44,7 +44,7 @@ class ExampleStack(Node):
         Parameters(self).refuse_unknown()
         self._speed = 0.0
         self._asking: Any = None
-        self._ask_again_at = 0.0
+        self._asked, self._ask_again_at = None, 0.0
         self._watch = RaceStateWatch(self)
         self._bridge = self.create_client(Acknowledge, 'kart_bridge/acknowledge')
         self._odometry = self.create_publisher(Odometry, 'kart_bridge/odom', 10)
@@ -76,14 +76,16 @@ class ExampleStack(Node):
             RaceState.RED_FLAG: not moves,
             RaceState.RED_RED: not moves,
         }.get(commanded, False)
-        if not reached or told.acknowledged or time.monotonic() < self._ask_again_at:
+        if not reached or told.acknowledged:
+            return
+        if commanded is self._asked and time.monotonic() < self._ask_again_at:
             return
         if self._asking is not None:
             self._bridge.remove_pending_request(self._asking)  # the bridge may have died over it
         self._asking = self._bridge.call_async(
             Acknowledge.Request(reached=state_message(commanded))
         )
-        self._ask_again_at = time.monotonic() + ASK_AGAIN
+        self._asked, self._ask_again_at = commanded, time.monotonic() + ASK_AGAIN
 
 
 def main(args: list[str] | None = None) -> int:

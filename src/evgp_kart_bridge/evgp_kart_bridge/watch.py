@@ -39,8 +39,8 @@ def race_state_qos(lease: float) -> QoSProfile:
     """
     Return the QoS of ``~/race_state`` and ``~/stop``, for both ends.
 
-    Latched; the bridge must say every `lease` that it lives, by publishing; and nothing older
-    than that is delivered, so that a stack that was busy does not find an old GREEN_GREEN.
+    Latched, and the bridge must say every `lease` that it lives, by publishing. Only the newest
+    message waits for a stack that is busy.
 
     :param lease: in seconds; a subscriber's must not be shorter than the bridge's.
     """
@@ -51,7 +51,6 @@ def race_state_qos(lease: float) -> QoSProfile:
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
         liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
         liveliness_lease_duration=Duration(seconds=lease),
-        lifespan=Duration(seconds=lease),
     )
 
 
@@ -79,6 +78,8 @@ class RaceStateWatch:
         self._lease = lease
         self._heard_at = -math.inf
         self._bridges_alive = 0
+        # When the executor last called the timer, and when before that.
+        self._passed = self._passed_before = time.monotonic()
         self._told: RaceState | None = None
         node.create_subscription(
             KartRaceState,
@@ -89,7 +90,7 @@ class RaceStateWatch:
         )
         # The middleware says when the bridge is gone; the clock says it whatever middleware it
         # is. A steady clock, since simulated time may stand still.
-        node.create_timer(lease / 5, self._look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_timer(lease / 5, self._pass, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     @property
     def state(self) -> RaceState:
@@ -107,7 +108,16 @@ class RaceStateWatch:
 
     def _hear(self, message: KartRaceState) -> None:
         self.message = message
-        self._heard_at = time.monotonic()
+        # A stack that was busy finds what was said meanwhile, an old GREEN_GREEN perhaps. It
+        # came after the timer's call before the last, or it would have been taken then. (The
+        # last one does not say that: it may belong to the same turn of the executor. And the
+        # stamp would say it only if the clocks of bridge and stack agree.)
+        self._heard_at = self._passed_before
+        self._look()
+
+    def _pass(self) -> None:
+        self._passed_before = self._passed
+        self._passed = time.monotonic()
         self._look()
 
     def _hear_liveliness(self, liveliness: Any) -> None:

@@ -415,6 +415,7 @@ class Race:
             self._tell(
                 EventKind.ACKNOWLEDGED, f'{_capital(kart)} acknowledged {state.value}', kart, state
             )
+            self._tell_all_acknowledged()
         elif state is not kart.reported:
             self._tell(
                 EventKind.REPORTED,

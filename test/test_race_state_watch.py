@@ -1,0 +1,185 @@
+"""What a team's stack makes of the bridge's topic; the bridge is a bare publisher of the test."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import contextlib
+import threading
+import time
+
+from evgp_kart_bridge.watch import race_state_qos, RaceStateWatch
+from evgp_node.states import state_message, state_of
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs.msg import KartRaceState
+from evgp_rcs_msgs.msg import RaceState as RaceStateMessage
+import pytest
+from race_parts.domains import Domain
+from race_parts.ros_side import RosSide
+
+GREEN_GREEN = RaceState.GREEN_GREEN
+RED_RED = RaceState.RED_RED
+LEASE = 0.5
+
+
+class Stack(RosSide):
+    """A team's node with a watch; ``told`` is every state it was told."""
+
+    def __init__(self, domain: int, name: str) -> None:
+        super().__init__(name, domain)
+        self.told: list[RaceState] = []
+        self.busy = threading.Lock()
+        self.busy_at: RaceState | None = None
+        self.watch = RaceStateWatch(self.node, self._tell, lease=LEASE)
+        # A message that changes no state is told to nobody: look for it now and then.
+        self.node.create_timer(0.02, self._wake)
+        self.spin()
+
+    def wait_for_state(self, state: RaceState) -> None:
+        self.wait_until(
+            lambda: bool(self.told) and self.told[-1] is state,
+            lambda: f'{state}; it was told {self.told}',
+        )
+
+    def wait_for_message(self, state: RaceState) -> None:
+        def found() -> bool:
+            return self.watch.message is not None and state_of(self.watch.message.state) is state
+
+        self.wait_until(found, lambda: f'a message {state}; it was told {self.told}')
+
+    def _wake(self) -> None:
+        with self.news:
+            self.news.notify_all()
+
+    def _tell(self, state: RaceState) -> None:
+        with self.news:
+            self.told.append(state)
+            self.news.notify_all()
+        if state is self.busy_at:
+            with self.busy:
+                pass  # as a stack that keeps its executor busy
+
+
+class BareBridge(RosSide):
+    """A publisher in the bridge's place, which says one state again and again."""
+
+    def __init__(self, domain: int, name: str) -> None:
+        super().__init__(name, domain)
+        self.message = KartRaceState(state=state_message(GREEN_GREEN))
+        self._publisher = self.node.create_publisher(
+            KartRaceState, '/kart_bridge/race_state', race_state_qos(LEASE)
+        )
+        self._timer = self.node.create_timer(0.05, self._say)
+        self.spin()
+
+    def fall_silent(self) -> None:
+        self._timer.cancel()
+
+    def _say(self) -> None:
+        self._publisher.publish(self.message)
+
+
+StartBare = Callable[..., BareBridge]
+
+
+@pytest.fixture
+def domain(parts: contextlib.ExitStack) -> Domain:
+    return parts.enter_context(Domain())
+
+
+@pytest.fixture
+def stack(domain: Domain) -> Iterator[Stack]:
+    stack = Stack(domain.number, 'stack')
+    yield stack
+    stack.close()
+
+
+@pytest.fixture
+def idle_stack(domain: Domain) -> Iterator[Stack]:
+    """Return a second stack, which shows what happens while the first is busy."""
+    stack = Stack(domain.number, 'idle_stack')
+    yield stack
+    stack.close()
+
+
+@pytest.fixture
+def start_bare(parts: contextlib.ExitStack, domain: Domain) -> StartBare:
+    """Return a function that starts a publisher in the bridge's place."""
+
+    def start(name: str = 'kart_bridge') -> BareBridge:
+        bridge = BareBridge(domain.number, name)
+        parts.callback(bridge.close)
+        return bridge
+
+    return start
+
+
+def test_a_stack_that_hears_no_bridge_is_told_red_red(stack: Stack) -> None:
+    stack.wait_for_state(RED_RED)
+    assert stack.told == [RED_RED]
+
+
+def test_a_stack_is_told_what_the_bridge_says(stack: Stack, start_bare: StartBare) -> None:
+    bridge = start_bare()
+    stack.wait_for_state(GREEN_GREEN)
+    bridge.message = KartRaceState(state=state_message(RaceState.RED_FLAG))
+    stack.wait_for_state(RaceState.RED_FLAG)
+
+
+def test_a_bridge_that_falls_silent_is_red_red(stack: Stack, start_bare: StartBare) -> None:
+    bridge = start_bare()
+    stack.wait_for_state(GREEN_GREEN)
+    bridge.fall_silent()
+    stack.wait_for_state(RED_RED)
+
+
+def test_a_bridge_that_leaves_is_red_red(stack: Stack, start_bare: StartBare) -> None:
+    bridge = start_bare()
+    stack.wait_for_state(GREEN_GREEN)
+    bridge.close()
+    stack.wait_for_state(RED_RED)
+
+
+@pytest.mark.parametrize('number', [RaceStateMessage.UNKNOWN, 99])
+def test_what_is_no_race_state_is_red_red(
+    stack: Stack, start_bare: StartBare, number: int
+) -> None:
+    bridge = start_bare()
+    stack.wait_for_state(GREEN_GREEN)
+    bridge.message = KartRaceState(state=RaceStateMessage(state=number))
+    stack.wait_for_state(RED_RED)
+
+
+def test_two_bridges_on_one_topic_are_red_red(stack: Stack, start_bare: StartBare) -> None:
+    start_bare()
+    stack.wait_for_state(GREEN_GREEN)
+    start_bare('second')
+    stack.wait_for_state(RED_RED)
+
+
+def test_a_busy_stack_that_asks_is_told_red_red_when_the_bridge_is_silent(
+    stack: Stack, idle_stack: Stack, start_bare: StartBare
+) -> None:
+    stack.busy_at = GREEN_GREEN
+    bridge = start_bare()
+    with stack.busy:
+        stack.wait_for_state(GREEN_GREEN)  # and from now on its executor is busy
+        idle_stack.wait_for_state(GREEN_GREEN)
+        bridge.fall_silent()
+        idle_stack.wait_for_state(RED_RED)
+        assert stack.watch.state is RED_RED
+
+
+def test_what_was_said_before_the_lease_is_not_obeyed_after_it(
+    stack: Stack, idle_stack: Stack, start_bare: StartBare
+) -> None:
+    stack.busy_at = RaceState.RED_FLAG
+    bridge = start_bare()
+    bridge.message = KartRaceState(state=state_message(RaceState.RED_FLAG))
+    with stack.busy:
+        stack.wait_for_state(RaceState.RED_FLAG)  # and from now on its executor is busy
+        bridge.message = KartRaceState(state=state_message(GREEN_GREEN))
+        idle_stack.wait_for_state(GREEN_GREEN)
+        bridge.fall_silent()
+        time.sleep(LEASE)  # that time passes is itself what is awaited
+    stack.wait_for_message(GREEN_GREEN)
+    assert GREEN_GREEN not in stack.told
