@@ -37,7 +37,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         f'({", ".join(map(str, sorted(PLAIN)))})',
     )
     mute = parser.parse_args(arguments).mute
-    # What ends the demonstration ends its processes too; Ctrl-C does already.
+    # What ends the demonstration ends its processes too. A shell that puts it into the background
+    # has SIGINT ignored, which Python would leave so.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
     console = make_console()
     began = time.monotonic()

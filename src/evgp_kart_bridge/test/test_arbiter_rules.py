@@ -483,7 +483,7 @@ def test_fault_is_found(old: str, new: str) -> None:
     try:
         with pytest.raises(AssertionError, match='after'):
             for settings in WORLDS.values():
-                explore(module, settings, LINK + STOPS + SPEEDS, limit=60_000)
+                explore(module, settings, LINK + STOPS[:4] + SPEEDS, limit=60_000)
     finally:
         del sys.modules[module.__name__]
 
@@ -566,8 +566,8 @@ class ArbiterAndOracle(RuleBasedStateMachine):
 
     @rule()
     def come_to_race(self) -> None:
-        self.give('team_stop', (StopSource.TOPIC, False), 0.0)
-        self.give('team_stop', (StopSource.SERVICE, False), 0.0)
+        for source in StopSource:
+            self.give('team_stop', (source, False), 0.0)
         self.give('connected', None, 0.0)
         self.give('heard', GRID, 0.0)
         self.give('acknowledge', GRID, 0.0)
