@@ -26,7 +26,13 @@ def refusal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Refusal:
     def start(*arguments: str, roster_text: str | None = None, **parameters: object) -> str:
         if roster_text is not None:
             good.write_text(roster_text, encoding='utf-8')
-        given = {'roster': good, 'address': '127.0.0.1', 'port': 0, **parameters}
+        given = {
+            'roster': good,
+            'record': tmp_path / 'record.sqlite3',
+            'address': '127.0.0.1',
+            'port': 0,
+            **parameters,
+        }
         control = parts.enter_context(
             Process('evgp_rcs', 'rcs_node', domain.number, given, arguments)
         )
@@ -66,6 +72,18 @@ def test_an_unknown_parameter_names_the_one_that_was_meant(refusal: Refusal) -> 
 
 def test_a_negative_finish_delay_is_refused(refusal: Refusal) -> None:
     assert 'parameter finish_delays: -1 is not possible' in refusal(finish_delays='[2.0, -1.0]')
+
+
+def test_an_empty_list_is_refused(refusal: Refusal) -> None:
+    assert 'a list may not be empty' in refusal(finish_delays='[]')
+
+
+def test_a_record_that_is_something_else_is_refused(
+    refusal: Refusal, tmp_path: pathlib.Path
+) -> None:
+    path = tmp_path / 'holiday.jpg'
+    path.write_bytes(b'no database, and more than the hundred bytes of a header' * 4)
+    assert f'{path} is no record of race control' in refusal(record=path)
 
 
 def test_a_parameter_file_that_is_no_yaml_is_refused(

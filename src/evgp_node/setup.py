@@ -14,6 +14,8 @@ setup(
         (f'share/{PACKAGE}', ['package.xml']),
     ],
     install_requires=['setuptools'],
+    # By this colcon knows how to run the tests.
+    extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='EVGP race control maintainers',
     maintainer_email='maintainers@users.noreply.h-seed-31a65fc7.example',

@@ -52,7 +52,13 @@ class RaceControl(Process):
             'evgp_rcs',
             'rcs_node',
             domain,
-            {'roster': roster, 'address': '127.0.0.1', 'port': 0, **(parameters or {})},
+            {
+                'roster': roster,
+                'record': folder / 'record.sqlite3',
+                'address': '127.0.0.1',
+                'port': 0,
+                **(parameters or {}),
+            },
         )
         try:
             self.port = int(self.wait_for_line(r'listens for .* port (\d+)')[1])

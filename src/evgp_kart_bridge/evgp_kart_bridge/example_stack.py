@@ -11,14 +11,13 @@ import time
 from typing import Any
 
 from evgp_kart_bridge.watch import RaceStateWatch
-from evgp_node.parameters import ParameterError, Parameters
+from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 
 STEP = 0.02  # s
 ASK_AGAIN = 0.2  # s
@@ -33,14 +32,12 @@ DRIVING = {
 }
 
 
-class ExampleStack(Node):
+class ExampleStack(StrictNode):
     """Drives where the race state lets it."""
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         """Watch the race state and begin to drive."""
-        super().__init__(
-            'example_stack', automatically_declare_parameters_from_overrides=True, **node_options
-        )
+        super().__init__('example_stack', **node_options)
         Parameters(self).refuse_unknown()
         self._speed = 0.0
         self._asking: Any = None

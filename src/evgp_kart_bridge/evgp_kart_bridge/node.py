@@ -17,7 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_kart_bridge.arbiter import Arbiter, Settings, StopSource, Verdict
 from evgp_kart_bridge.link import Link, LinkClosedError, LinkSettings, LinkStatus, REPEAT
 from evgp_kart_bridge.watch import race_state_qos
-from evgp_node.parameters import ParameterError, Parameters
+from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.states import state_message, state_of
 from evgp_protocol.frames import DEFAULT_PORT
@@ -26,7 +26,6 @@ from evgp_rcs_msgs.msg import KartRaceState
 from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
@@ -74,7 +73,7 @@ _ENDED = Verdict(
 )
 
 
-class KartBridge(Node):
+class KartBridge(StrictNode):
     """
     The bridge's node.
 
@@ -84,9 +83,7 @@ class KartBridge(Node):
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         """Read the parameters, offer the topics and services, and begin to connect."""
-        super().__init__(
-            'kart_bridge', automatically_declare_parameters_from_overrides=True, **node_options
-        )
+        super().__init__('kart_bridge', **node_options)
         link_settings, settings, lease = read_settings(Parameters(self))
         self._peer = f'{link_settings.host}, port {link_settings.port}'
         qos = race_state_qos(lease)

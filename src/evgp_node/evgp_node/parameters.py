@@ -8,7 +8,7 @@ the default in force. Here it is refused at start, with the name that was probab
 from __future__ import annotations
 
 import difflib
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
@@ -29,24 +29,38 @@ class ParameterError(ValueError):
     """A parameter is wrong; the text says which one, why, and what would be right."""
 
 
-class Parameters:
+class StrictNode(Node):
     """
-    The parameters of one node, all of them declared through here.
+    A node that knows which parameters it was given, declared or not.
 
-    :param node: made with ``automatically_declare_parameters_from_overrides=True``, by which
-        it tells which parameters it was given.
+    :raises ParameterError: if one of them has no value.
     """
 
-    def __init__(self, node: Node) -> None:
-        """Take note of what the node was given, before anything is declared."""
-        self._node = node
-        self._given = {
+    def __init__(self, name: str, **node_options: Any) -> None:
+        """Make the node, with no parameter declared but ROS's own."""
+        try:
+            super().__init__(
+                name, automatically_declare_parameters_from_overrides=True, **node_options
+            )
+        except ValueError as error:
+            raise ParameterError(
+                f'a parameter has no value ({error}). Give one; a list may not be empty'
+            ) from error
+        self.given = {
             name
-            for name in node.get_parameters_by_prefix('')
+            for name in self.get_parameters_by_prefix('')
             if name.split('.')[0] not in _ROS_OWN
         }
-        for name in self._given:
-            node.undeclare_parameter(name)
+        for name in self.given:
+            self.undeclare_parameter(name)
+
+
+class Parameters:
+    """The parameters of one node, all of them declared through here."""
+
+    def __init__(self, node: StrictNode) -> None:
+        """Declare nothing yet."""
+        self._node = node
         self._declared: list[str] = []
 
     def declare(
@@ -85,7 +99,9 @@ class Parameters:
 
         :raises ParameterError: if there is such a parameter.
         """
-        for name in sorted(self._given - set(self._declared)):
+        for name in sorted(self._node.given - set(self._declared)):
             meant = difflib.get_close_matches(name, self._declared, n=1)
-            known = f'did you mean {meant[0]}?' if meant else f'known: {", ".join(self._declared)}'
+            known = f'did you mean {meant[0]}?' if meant else 'known: '
+            if not meant:
+                known += ', '.join(self._declared) or 'none'
             raise ParameterError(f'parameter {name} is unknown; {known}')

@@ -29,7 +29,16 @@ import time
 
 from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame, StateFrame
 from evgp_protocol.states import RaceState
-from evgp_rcs.race import Answer, Command, Event, EventKind, Outcome, Race, STOPS
+from evgp_rcs.race import (
+    Answer,
+    Command,
+    Event,
+    EventKind,
+    Outcome,
+    Race,
+    StampedEvent,
+    STOPS,
+)
 
 READ_BYTES = 4096
 """What is read of one kart per beat, bytes. A kart says some 15 bytes a beat at most."""
@@ -42,22 +51,6 @@ FRAMES = {state: encode(state) for state in RaceState}
 
 class KartServerError(RuntimeError):
     """The kart server cannot start; the text says why and what would be right."""
-
-
-@dataclass(frozen=True)
-class StampedEvent:
-    """
-    An event with its place in time.
-
-    :param sequence: counts every event of this server from 1, without a gap.
-    :param wall_ns: wall time in ns since the epoch.
-    :param monotonic: the race's clock, in seconds.
-    """
-
-    sequence: int
-    wall_ns: int
-    monotonic: float
-    event: Event
 
 
 @dataclass(frozen=True)
@@ -248,6 +241,7 @@ class KartServer:
     :param on_copy: takes a copy of the race and the time (s) it was taken, likewise.
     :param on_failure: takes the error that ended the server after it had started; by then every
         kart has been sent RED_RED and is disconnected.
+    :param first_events: what happened before, to be told first.
     """
 
     def __init__(
@@ -258,6 +252,7 @@ class KartServer:
         on_events: Callable[[list[StampedEvent]], None],
         on_copy: Callable[[Race, float], None],
         on_failure: Callable[[BaseException], None],
+        first_events: Iterable[Event] = (),
     ) -> None:
         """Take note of everything; nothing is opened before ``start``."""
         self._race = race
@@ -266,6 +261,7 @@ class KartServer:
         self._on_events = on_events
         self._on_copy = on_copy
         self._on_failure = on_failure
+        self._first_events = tuple(first_events)
         self._links: dict[int, _KartLink] = {}
         self._stops: deque[tuple[Command, concurrent.futures.Future[Answer]]] = deque()
         self._commands: deque[tuple[Command, concurrent.futures.Future[Answer]]] = deque()
@@ -309,12 +305,33 @@ class KartServer:
         """
         answer: concurrent.futures.Future[Answer] = concurrent.futures.Future()
         (self._stops if command.kind in STOPS else self._commands).append((command, answer))
+        self._call(self.take_commands)
+        return answer
+
+    def report(self, event: Event) -> None:
+        """
+        Have something told among the events, in order with them.
+
+        :raises KartServerError: if the server is not running.
+        """
+        self._call(lambda: self._tell([event]))
+
+    def copy(self) -> concurrent.futures.Future[Race]:
+        """
+        Return a copy of the race, as soon as the server comes to it.
+
+        :raises KartServerError: if the server is not running.
+        """
+        future: concurrent.futures.Future[Race] = concurrent.futures.Future()
+        self._call(lambda: future.set_result(self._race.copy()))
+        return future
+
+    def _call(self, work: Callable[[], object]) -> None:
         try:
-            assert self._loop is not None, 'submit before start'
-            self._loop.call_soon_threadsafe(self.take_commands)
+            assert self._loop is not None, 'nothing can be asked for before start'
+            self._loop.call_soon_threadsafe(work)
         except RuntimeError as error:
             raise KartServerError('the kart server is not running: use the MSR') from error
-        return answer
 
     def stop(self) -> None:
         """Send every kart RED_RED, close every connection, and return when that is done."""
@@ -350,6 +367,7 @@ class KartServer:
             backlog=128,
             reuse_address=True,
         )
+        self._tell(self._first_events)
         loop.call_soon(self._beat, loop.time())
         try:
             self._listening.set_result(server.sockets[0].getsockname()[:2])

@@ -12,8 +12,7 @@ from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
 from evgp_node.states import state_message
-from evgp_rcs.kart_server import StampedEvent
-from evgp_rcs.race import AlertKind, CommandKind, COMMANDS, EventKind, Kart, Race
+from evgp_rcs.race import AlertKind, CommandKind, COMMANDS, EventKind, Kart, Race, StampedEvent
 from evgp_rcs_msgs import msg
 
 NS = 1_000_000_000
@@ -36,13 +35,25 @@ def time_message(ns: int) -> Time:
     return Time(sec=ns // NS, nanosec=ns % NS)
 
 
-def race_message(race: Race, now: float, wall_ns: int, addresses: dict[int, str]) -> msg.Race:
+def record_alert(text: str, since_ns: int) -> msg.Alert:
+    """Return the alert that the record fails, since a wall time in ns since the epoch."""
+    return msg.Alert(kind=msg.Alert.RECORD_FAILING, text=text, since=time_message(since_ns))
+
+
+def race_message(
+    race: Race,
+    now: float,
+    wall_ns: int,
+    addresses: dict[int, str],
+    more_alerts: Iterable[msg.Alert] = (),
+) -> msg.Race:
     """
     Return the whole race as one message.
 
     :param now: the race's clock when the race was copied (s).
     :param wall_ns: the wall time of that moment (ns since the epoch).
     :param addresses: the address of each kart of the roster.
+    :param more_alerts: alerts that the rules know nothing of.
     """
 
     def wall(monotonic: float) -> Time:
@@ -90,14 +101,17 @@ def race_message(race: Race, now: float, wall_ns: int, addresses: dict[int, str]
             msr_used=access.msr_used,
         ),
         alerts=[
-            msg.Alert(
-                kind=_ALERT[alert.kind],
-                kart=alert.kart,
-                use_msr=alert.use_msr,
-                text=alert.text,
-                since=wall(alert.since),
-            )
-            for alert in race.alerts(now)
+            *more_alerts,
+            *(
+                msg.Alert(
+                    kind=_ALERT[alert.kind],
+                    kart=alert.kart,
+                    use_msr=alert.use_msr,
+                    text=alert.text,
+                    since=wall(alert.since),
+                )
+                for alert in race.alerts(now)
+            ),
         ],
     )
 

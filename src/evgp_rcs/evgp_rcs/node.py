@@ -21,20 +21,23 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from evgp_node.parameters import ParameterError, Parameters
+from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
-from evgp_rcs.kart_server import KartServer, KartServerError, ServerSettings, StampedEvent
-from evgp_rcs.messages import event_message, race_message
+from evgp_rcs.kart_server import KartServer, KartServerError, ServerSettings
+from evgp_rcs.messages import event_message, race_message, record_alert
 from evgp_rcs.race import (
     Answer,
     Command,
     CommandKind,
+    Event,
     EventKind,
     Kart,
     Race,
     RaceTimes,
+    StampedEvent,
     STOPS,
 )
+from evgp_rcs.record import default_path, Record, RecordError
 from evgp_rcs.roster import load_roster, Roster, RosterError
 from evgp_rcs_msgs import msg, srv
 from rclpy.callback_groups import (
@@ -43,11 +46,16 @@ from rclpy.callback_groups import (
     ReentrantCallbackGroup,
 )
 from rclpy.executors import MultiThreadedExecutor
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import SetBool, Trigger
 
-ANSWER_TIMEOUT = 2.0
+END_TIMEOUT = 2.0
+"""How long the record may take to be finished at the end, seconds."""
+
+REMEMBER_TIMEOUT = 1.0
+"""How long a GREEN_GREEN waits for the record to have its GRID_ACTIVE, seconds."""
+
+ANSWER_TIMEOUT = 4.0
 """How long an official's call waits for the kart server before it says so, seconds."""
 
 RACE_QOS = QoSProfile(
@@ -75,7 +83,7 @@ DIAGNOSTICS_QOS = QoSProfile(
 """Of ``/diagnostics``, as diagnostic aggregators expect it."""
 
 
-class RcsNode(Node):
+class RcsNode(StrictNode):
     """
     Race control's node.
 
@@ -88,10 +96,8 @@ class RcsNode(Node):
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         """Read the parameters and the roster, listen for karts, and offer the services."""
-        super().__init__(
-            'rcs', automatically_declare_parameters_from_overrides=True, **node_options
-        )
-        settings, times, roster = read_settings(Parameters(self))
+        super().__init__('rcs', **node_options)
+        settings, times, roster, record = read_settings(Parameters(self))
         race = Race(
             [
                 Kart(number=entry.number, team=entry.team, in_race=entry.in_race)
@@ -100,15 +106,24 @@ class RcsNode(Node):
             times,
             now=time.monotonic(),
         )
-        self._teller = Teller(self, roster)
+        self._record = Record(record)
+        recovered: tuple[Event, ...] = ()
+        if self._record.left_behind is not None:
+            recovered = race.recover(self._record.left_behind, time.monotonic()).events
+        self._record.remember(race.memory())
+        self._teller = Teller(self, roster, self._record)
         self._server = KartServer(
             race,
             {entry.address: entry.number for entry in roster.entries},
             settings,
             on_events=self._teller.put,
             on_copy=self._teller.put,
-            on_failure=on_failure,
+            on_failure=self._fail,
+            first_events=recovered,
         )
+        self._teller.report = self._server.report
+        self._on_failure = on_failure
+        self._failed = False
         self._offer_services()
         self._server.start()
         self._teller.start()
@@ -126,6 +141,21 @@ class RcsNode(Node):
         """Send every kart RED_RED, close their connections, and tell what is left to tell."""
         self._server.stop()
         self._teller.stop()
+        self._record.end(END_TIMEOUT, in_order=not self._failed)
+
+    def _remember_the_grid(self) -> None:
+        """
+        Have it on the disk that a race is under way, before a kart may move.
+
+        If the disk does not take it, the race goes on; the alert is loud by then. No stop ever
+        comes by here.
+        """
+        self._record.remember(self._server.copy().result(ANSWER_TIMEOUT).memory())
+        self._record.flush(REMEMBER_TIMEOUT)
+
+    def _fail(self, error: BaseException) -> None:
+        self._failed = True
+        self._on_failure(error)
 
     # ----- services -----------------------------------------------------------------------
 
@@ -200,6 +230,8 @@ class RcsNode(Node):
 
     def _command(self, command: Command) -> Answer:
         try:
+            if command.kind is CommandKind.GREEN_GREEN:
+                self._remember_the_grid()
             return self._server.submit(command).result(ANSWER_TIMEOUT)
         except KartServerError as error:
             return Answer(False, f'{command.kind.value} was not given: {error}.')
@@ -211,7 +243,9 @@ class RcsNode(Node):
             )
 
 
-def read_settings(parameters: Parameters) -> tuple[ServerSettings, RaceTimes, Roster]:
+def read_settings(
+    parameters: Parameters,
+) -> tuple[ServerSettings, RaceTimes, Roster, pathlib.Path]:
     """
     Declare every parameter of race control and read the roster it names.
 
@@ -224,6 +258,11 @@ def read_settings(parameters: Parameters) -> tuple[ServerSettings, RaceTimes, Ro
         return declare(name, default, f'{meaning} for so long, s.', (0.1, 3600))
 
     path = declare('roster', '', 'The file that lists the karts, see config/karts.yaml.')
+    record = declare(
+        'record',
+        '',
+        'The file of the record (SQLite); empty: evgp_rcs/record.sqlite3 below ROS_HOME.',
+    )
     settings = ServerSettings(
         host=declare(
             'address', '0.0.0.0', 'The IPv4 address at which karts connect; 0.0.0.0: every one.'
@@ -268,7 +307,12 @@ def read_settings(parameters: Parameters) -> tuple[ServerSettings, RaceTimes, Ro
             'parameter roster is missing. Name the file that lists the karts, '
             'as in: --ros-args -p roster:=config/karts.yaml'
         )
-    return settings, times, load_roster(pathlib.Path(path))
+    return (
+        settings,
+        times,
+        load_roster(pathlib.Path(path)),
+        pathlib.Path(record).expanduser() if record else default_path(),
+    )
 
 
 class Teller:
@@ -278,9 +322,14 @@ class Teller:
     Events go out each, in order; of several copies of the race only the newest does.
     """
 
-    def __init__(self, node: RcsNode, roster: Roster) -> None:
+    def __init__(self, node: RcsNode, roster: Roster, record: Record) -> None:
         """Create the publishers; nothing is published before ``start``."""
         self._node = node
+        self._record = record
+        self._trouble = ''
+        self._trouble_since_ns = 0
+        self.report: Callable[[Event], None] = lambda event: None
+        """Has an event told among the others."""
         self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
         self._events = node.create_publisher(msg.RaceEvent, '~/events', EVENTS_QOS)
@@ -310,16 +359,34 @@ class Teller:
             while not self._queue.empty():
                 waiting.append(self._queue.get())
             newest: tuple[Race, float] | None = None
+            told: list[StampedEvent] = []
             for news in waiting:
                 if news is None:
                     last = True
                 elif len(news) == 1:
-                    for stamped in news[0]:
-                        self._tell(stamped)
+                    told += news[0]
                 else:
                     newest = news[0], news[1]
+            self._record.put(told)
+            for stamped in told:
+                self._tell(stamped)
             if newest is not None:
+                self._record.remember(newest[0].memory())
+                self._look_at_the_record()
                 self._tell_race(*newest)
+
+    def _look_at_the_record(self) -> None:
+        """Raise the alert when the record begins to fail, and clear it when it no longer does."""
+        trouble = self._record.trouble()
+        if bool(trouble) != bool(self._trouble):
+            kind = EventKind.ALERT_RAISED if trouble else EventKind.ALERT_CLEARED
+            text = f'{trouble}. The race goes on' if trouble else 'The record is written again'
+            try:
+                self.report(Event(kind, text, success=not trouble))
+            except KartServerError:
+                pass  # race control ends, which is told already
+            self._trouble_since_ns = time.time_ns()
+        self._trouble = trouble
 
     def _tell(self, stamped: StampedEvent) -> None:
         event = stamped.event
@@ -332,7 +399,8 @@ class Teller:
 
     def _tell_race(self, race: Race, now: float) -> None:
         wall_ns = time.time_ns() - round((time.monotonic() - now) * 1e9)
-        self._race.publish(race_message(race, now, wall_ns, self._addresses))
+        more = [record_alert(self._trouble, self._trouble_since_ns)] if self._trouble else []
+        self._race.publish(race_message(race, now, wall_ns, self._addresses, more))
         if now - self._told_diagnostics >= 1.0:
             self._told_diagnostics = now
             self._diagnostics.publish(self._diagnostic(race, now))
@@ -344,6 +412,8 @@ class Teller:
         if alerts:
             level, summary = DiagnosticStatus.WARN, alerts[0].text
         msr = [alert for alert in alerts if alert.use_msr]
+        if self._trouble:
+            level, summary = DiagnosticStatus.ERROR, self._trouble
         if msr:
             level, summary = DiagnosticStatus.ERROR, msr[0].text
         array = DiagnosticArray()
@@ -391,7 +461,7 @@ def main(args: list[str] | None = None) -> int:
         RcsNode,
         # More threads than calls that can wait for an answer without being stops.
         lambda: MultiThreadedExecutor(num_threads=4),
-        (ParameterError, RosterError, KartServerError),
+        (ParameterError, RosterError, RecordError, KartServerError),
         args,
     )
 

@@ -26,7 +26,7 @@ Section numbers (§) are those of the EVGP proposal.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 import copy
 from dataclasses import dataclass
 import enum
@@ -148,6 +148,22 @@ class Event:
     state: RaceState | None = None
     command: CommandKind | None = None
     success: bool = True
+
+
+@dataclass(frozen=True)
+class StampedEvent:
+    """
+    An event with its place in time, which whoever feeds the rules gives it.
+
+    :param sequence: counts every event of one run of race control from 1, without a gap.
+    :param wall_ns: wall time in ns since the epoch.
+    :param monotonic: the clock of the rules, in seconds.
+    """
+
+    sequence: int
+    wall_ns: int
+    monotonic: float
+    event: Event
 
 
 @dataclass(frozen=True)
@@ -279,6 +295,36 @@ class Kart:
         return self.acknowledged and self.sent.is_red
 
 
+@dataclass(frozen=True)
+class KartMemory:
+    """What outlives race control of one kart; the meanings are those of ``Kart``."""
+
+    in_race: bool
+    held: bool
+    place: int
+    may_be_moving: bool
+
+
+@dataclass(frozen=True)
+class RaceMemory:
+    """
+    What outlives race control of a race.
+
+    :param state: the race's state.
+    :param karts: each kart of the roster, by its number.
+    """
+
+    state: RaceState
+    karts: Mapping[int, KartMemory]
+
+    @property
+    def home(self) -> bool:
+        """Return whether nothing is under way and nothing is held."""
+        return self.state is IN_GARAGE and not any(
+            kart.held or kart.may_be_moving for kart in self.karts.values()
+        )
+
+
 class Race:
     """
     The state of one race and of every kart of the roster (§3, §4.B).
@@ -324,6 +370,40 @@ class Race:
         twin._orders = []
         twin._events = []
         return twin
+
+    def memory(self) -> RaceMemory:
+        """Return what must outlive race control."""
+        return RaceMemory(
+            self.state,
+            {
+                number: KartMemory(
+                    kart.in_race, kart.hold is not None, kart.place, kart.may_be_moving
+                )
+                for number, kart in self.karts.items()
+            },
+        )
+
+    def recover(self, memory: RaceMemory, now: float) -> Outcome:
+        """
+        Take up a race that race control left behind; to be called before any other input.
+
+        What was commanded last may not have been remembered, a stop least of all, since a stop
+        waits for no memory. So it comes back as after ALL_KILL: the race in RED_RED, every kart
+        held, and a kart that may have been moving counts as lost in motion.
+        """
+        under_way = memory.state is not IN_GARAGE
+        for number, kart in self.karts.items():
+            known = memory.karts.get(number)
+            if known is not None:
+                kart.in_race = known.in_race
+                kart.place = known.place
+                kart.may_be_moving = known.may_be_moving or (under_way and known.in_race)
+            if kart.in_race or kart.may_be_moving:
+                kart.lost_since = now
+            self._hold(kart, RED_RED, 'race control was restarted', now)
+        self.places_given = max((kart.place for kart in self.karts.values()), default=0)
+        self._go(RED_RED, now, ': race control was restarted')
+        return self._outcome()
 
     # ----- inputs -------------------------------------------------------------------------
 

@@ -9,8 +9,8 @@ import threading
 
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
-from evgp_rcs.kart_server import KartServer, KartServerError, ServerSettings, StampedEvent
-from evgp_rcs.race import Answer, Command, CommandKind, Event, EventKind, Kart, Race
+from evgp_rcs.kart_server import KartServer, KartServerError, ServerSettings
+from evgp_rcs.race import Answer, Command, CommandKind, Event, EventKind, Kart, Race, StampedEvent
 import pytest
 
 PATIENCE = 20.0

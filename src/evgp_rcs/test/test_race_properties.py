@@ -176,6 +176,37 @@ class Races(RuleBasedStateMachine):
         for number in self.race.karts:
             self.answer(number)
 
+    # ----- race control itself ------------------------------------------------------------
+
+    @rule()
+    def race_control_is_restarted(self) -> None:
+        """Nothing moves after it, every kart is held, and all that follows is as ever."""
+        left = self.race
+        karts = [rules.Kart(number, in_race=number == 1) for number in left.karts]
+        self.race = rules.Race(karts, left.times, self.now)
+        outcome = self.race.recover(left.memory(), self.now)
+        assert not outcome.orders
+        view = oracle.look(self.race)
+        assert view.state is RaceState.RED_RED
+        assert not view.track_open
+        assert not view.msr_used
+        for old, kart in zip(left.karts.values(), view.karts, strict=True):
+            assert (kart.in_race, kart.place) == (old.in_race, old.place)
+            assert kart.hold is kart.sent is RaceState.RED_RED
+            assert kart.moving or not old.may_be_moving
+        self.facts = oracle.Facts(
+            False,
+            tuple(
+                oracle.KartFacts(
+                    lost=kart.in_race,
+                    phase=0,
+                    missing=self.now if kart.in_race or kart.moving else None,
+                )
+                for kart in view.karts
+            ),
+        )
+        oracle.check_state(self.race, view, self.facts, self.now)
+
     # ----- time ---------------------------------------------------------------------------
 
     @rule(step=STEPS)

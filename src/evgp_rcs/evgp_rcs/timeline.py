@@ -1,0 +1,97 @@
+"""The record of a race as a timeline in the terminal: ``ros2 run evgp_rcs rcs_record``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+import contextlib
+import datetime
+import pathlib
+import sqlite3
+import sys
+
+from evgp_rcs.record import default_path, events, open_read_only, Session, sessions
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """
+    Print the runs of race control in a record, or the timeline of one.
+
+    :return: 0, or 2 if the record or the run cannot be read.
+    """
+    parser = argparse.ArgumentParser(
+        prog='rcs_record', description='Print what a record of race control has, as a timeline.'
+    )
+    parser.add_argument(
+        'file',
+        nargs='?',
+        type=pathlib.Path,
+        default=default_path(),
+        help='the record; %(default)s if it is left out',
+    )
+    parser.add_argument('--list', action='store_true', help='only list the runs of race control')
+    parser.add_argument('--run', type=int, metavar='NUMBER', help='this run, not the last one')
+    parser.add_argument('--kart', type=int, metavar='NUMBER', help='only what concerns this kart')
+    wanted = parser.parse_args(arguments)
+    try:
+        with contextlib.closing(open_read_only(wanted.file)) as database:
+            runs = sessions(database)
+            if wanted.list:
+                for each in runs:
+                    print(_describe(each))
+                return 0
+            run = _choose(runs, wanted.run)
+            if run is None:
+                known = ', '.join(str(each.number) for each in runs) or 'none'
+                print(
+                    f'rcs_record: {wanted.file} has no such run; it has {known}', file=sys.stderr
+                )
+                return 2
+            _print_timeline(database, run, wanted.kart)
+    except (OSError, sqlite3.Error) as error:
+        print(f'rcs_record: {wanted.file} cannot be read: {error}', file=sys.stderr)
+        return 2
+    return 0
+
+
+def _choose(runs: Sequence[Session], number: int | None) -> Session | None:
+    if number is None:
+        return runs[-1] if runs else None
+    return next((run for run in runs if run.number == number), None)
+
+
+def _describe(run: Session) -> str:
+    ended = _clock(run.ended_ns) if run.ended_ns is not None else 'not ended in good order'
+    began = f'{_day(run.began_ns)} {_clock(run.began_ns)}'
+    return f'{run.number:4}  {began} - {ended}  {run.events} events'
+
+
+def _print_timeline(database: sqlite3.Connection, run: Session, kart: int | None) -> None:
+    print(_describe(run))
+    first: float | None = None
+    expected = 1
+    for event in events(database, run.number):
+        if event.sequence != expected:
+            print(f'       ... {event.sequence - expected} events are missing ...')
+        expected = event.sequence + 1
+        first = event.monotonic if first is None else first
+        if kart is not None and event.kart not in (0, kart):
+            continue
+        mark = ' ' if event.success else '!'
+        print(f'{_clock(event.wall_ns)} {event.monotonic - first:10.3f} {mark} {event.text}')
+
+
+def _time(wall_ns: int) -> datetime.datetime:
+    return datetime.datetime.fromtimestamp(wall_ns / 1e9).astimezone()
+
+
+def _day(wall_ns: int) -> str:
+    return _time(wall_ns).strftime('%Y-%m-%d')
+
+
+def _clock(wall_ns: int) -> str:
+    return _time(wall_ns).strftime('%H:%M:%S.%f')[:-3]
+
+
+if __name__ == '__main__':
+    sys.exit(main())

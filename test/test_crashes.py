@@ -1,0 +1,178 @@
+"""Race control is killed, again and again, and each time it comes back no kart may move."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import contextlib
+import os
+import pathlib
+import random
+import threading
+import time
+
+from evgp_node.states import state_of
+from evgp_protocol.states import RaceState
+from evgp_rcs.record import events, open_read_only, sessions
+import pytest
+from race_parts.domains import Domain
+from race_parts.official import Official
+from race_parts.race_control import address_of, RaceControl
+from race_parts.wire_kart import Acknowledges, WireKart
+
+GRID_ACTIVE = RaceState.GRID_ACTIVE
+GREEN_GREEN = RaceState.GREEN_GREEN
+IN_GARAGE = RaceState.IN_GARAGE
+RED_RED = RaceState.RED_RED
+
+RACING = (1, 2)
+OUTSIDE = 3
+KILLS = int(os.environ.get('EVGP_KILLS', '12'))
+
+
+class Event:
+    """One race control after the other, on the same record, with the same karts."""
+
+    def __init__(self, folder: pathlib.Path) -> None:
+        self.record = folder / 'record.sqlite3'
+        self._folder = folder
+        self._stack = contextlib.ExitStack()
+        self._domain = self._stack.enter_context(Domain())
+        self._port = 0
+        self.seen_lost = 0
+        self.start()
+
+    def start(self) -> None:
+        """Start race control, and have every kart and the official with it."""
+        self.run = contextlib.ExitStack()
+        self.control = RaceControl(
+            self._folder,
+            self._domain.number,
+            RACING,
+            [OUTSIDE],
+            {'port': self._port, 'finish_delays': '[0.05]', 'auto_race_over': False},
+        )
+        self.run.callback(self.control.close)
+        self._port = self.control.port
+        self.karts = {
+            number: self.run.enter_context(
+                WireKart(address_of(number), self._port, Acknowledges.EACH_CHANGE)
+            )
+            for number in (*RACING, OUTSIDE)
+        }
+        self.official = Official(self._domain.number)
+        self.run.callback(self.official.close)
+        self.official.wait_for_connected(*RACING, OUTSIDE)
+
+    def kill(self) -> None:
+        """Kill race control, and close what was connected to it."""
+        self.control.kill()
+        self.seen = list(self.official.events)
+        self.run.close()
+
+    def close(self) -> None:
+        self.run.close()
+        self._stack.close()
+
+    def recorded(self) -> list[int]:
+        """Return the sequence numbers that the last run has recorded."""
+        with contextlib.closing(open_read_only(self.record)) as database:
+            last = sessions(database)[-1].number
+            return [event.sequence for event in events(database, last)]
+
+    # The steps of a race, each from where the one before it has left off.
+
+    def grid(self) -> None:
+        self.official.command('grid_active', track_clear=True)
+        self.official.wait_for_acks(GRID_ACTIVE, *RACING)
+
+    def green(self) -> None:
+        self.official.command('green_green')
+        self.official.wait_for_acks(GREEN_GREEN, *RACING)
+
+    def finish(self) -> None:
+        self.official.command('kart/finish', kart=RACING[0])
+        self.karts[RACING[0]].wait_for_state(RaceState.RED_FLAG)
+
+    def over(self) -> None:
+        self.official.command('race_over')
+        self.official.wait_for_acks(RED_RED, *RACING)
+
+    def home(self) -> None:
+        self.official.command('in_garage', track_safe=True)
+        for kart in self.karts.values():
+            kart.wait_for_state(IN_GARAGE)
+
+    def kill_all(self) -> None:
+        self.official.command('all_kill')
+
+    def hold_the_spectator(self) -> None:
+        self.official.command('kart/red_red', kart=OUTSIDE)
+
+
+STEPS: tuple[Callable[[Event], None], ...] = (
+    Event.hold_the_spectator,
+    Event.grid,
+    Event.green,
+    Event.finish,
+    Event.kill_all,
+    Event.over,
+    Event.home,
+)
+
+
+@pytest.fixture
+def meeting(tmp_path: pathlib.Path) -> Iterator[Event]:
+    event = Event(tmp_path)
+    yield event
+    event.close()
+
+
+def check_restart(meeting: Event) -> None:
+    """Check, from outside, that everything stands still, and bring it home."""
+    race = meeting.official.wait_for_race(
+        lambda race: all(kart.connected and kart.acknowledged for kart in race.karts),
+        'every kart back and stopped',
+    )
+    assert state_of(race.state) is RED_RED
+    assert {state_of(kart.hold) for kart in race.karts} == {RED_RED}
+    assert [kart.in_race for kart in race.karts] == [True, True, False]
+    assert not race.track.open
+    for kart in meeting.karts.values():
+        assert [state for _, state in kart.changes] == [RED_RED]
+    refused = meeting.official.call('green_green')
+    assert not refused.success
+    meeting.home()
+
+
+# Each kill takes about two seconds, most of it starting a process.
+@pytest.mark.timeout(600)
+def test_race_control_killed_at_random_comes_back_with_every_kart_held(
+    meeting: Event, record_property: Callable[[str, object], None]
+) -> None:
+    seed = time.time_ns()
+    print(f'seed {seed}')
+    dice = random.Random(seed)
+    published = unrecorded = 0
+    for _ in range(KILLS):
+        steps = STEPS[: dice.randint(1, len(STEPS))]
+        for step in steps[:-1]:
+            step(meeting)
+        # The last step is under way while race control dies.
+        killer = threading.Timer(dice.uniform(0.0, 0.03), meeting.control.kill)
+        killer.start()
+        try:
+            meeting.official.patience = 0.5
+            steps[-1](meeting)
+        except AssertionError:
+            pass  # nobody answered any more
+        killer.join()
+        meeting.kill()
+        recorded = meeting.recorded()
+        assert recorded == list(range(1, len(recorded) + 1))
+        published += len(meeting.seen)
+        unrecorded += sum(event.sequence > len(recorded) for event in meeting.seen)
+        meeting.start()
+        check_restart(meeting)
+    figures = f'{KILLS} kills, {published} events published, {unrecorded} of them not recorded'
+    print(figures)
+    record_property('crashes', figures)
