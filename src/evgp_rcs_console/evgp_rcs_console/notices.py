@@ -1,0 +1,140 @@
+"""
+What an official is told besides the race itself: alerts until they are seen, and the event log.
+
+Pure: the newest snapshot goes in, lines come out.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from evgp_rcs_console import words
+from evgp_rcs_console.snapshot import Alert, Event
+
+Key = tuple[str, int]
+
+
+@dataclass(frozen=True)
+class Notice:
+    """
+    An alert as the official has it in front of them.
+
+    :param number: counts them; a higher one is newer.
+    :param seen: the official has marked it as seen.
+    :param standing: its cause is there still.
+    """
+
+    number: int
+    alert: Alert
+    seen: bool = False
+    standing: bool = True
+
+    @property
+    def text(self) -> str:
+        """Return the alert's sentence, and whether its cause is gone."""
+        return self.alert.text + ('' if self.standing else words.ALERT_CLEARED)
+
+
+class AlertBook:
+    """
+    The alerts that an official has not seen yet, and those that still stand.
+
+    An alert whose cause went away and came back is a new one, to be seen anew.
+    """
+
+    def __init__(self) -> None:
+        """Begin with none."""
+        self._notices: list[Notice] = []
+        self._count = 0
+
+    def update(self, alerts: Iterable[Alert]) -> bool:
+        """Take the alerts of a snapshot, newest first; return whether there is a new one."""
+        now: dict[Key, Alert] = {(alert.kind, alert.kart): alert for alert in alerts}
+        kept: list[Notice] = []
+        known: set[Key] = set()
+        for notice in self._notices:
+            key = notice.alert.kind, notice.alert.kart
+            if not notice.standing:
+                kept.append(notice)
+            elif key in now:
+                known.add(key)
+                kept.append(replace(notice, alert=now[key]))
+            elif not notice.seen:
+                kept.append(replace(notice, standing=False))
+        news = [alert for key, alert in reversed(now.items()) if key not in known]
+        for alert in news:
+            self._count += 1
+            kept.append(Notice(self._count, alert))
+        self._notices = kept
+        return bool(news)
+
+    def see(self, number: int) -> None:
+        """Mark an alert as seen."""
+        self._notices = [
+            replace(notice, seen=True) if notice.number == number else notice
+            for notice in self._notices
+            if notice.number != number or notice.standing
+        ]
+
+    def see_all(self) -> None:
+        """Mark every alert as seen."""
+        for notice in self.unseen:
+            self.see(notice.number)
+
+    @property
+    def unseen(self) -> list[Notice]:
+        """Return what the official has not marked as seen, newest first."""
+        return [notice for notice in reversed(self._notices) if not notice.seen]
+
+    @property
+    def seen_and_standing(self) -> list[Notice]:
+        """Return what the official has seen and what is still there, newest first."""
+        return [notice for notice in reversed(self._notices) if notice.seen]
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of the event log; `kart` 0 is no single kart."""
+
+    clock: str
+    kart: int
+    success: bool
+    text: str
+
+    def __str__(self) -> str:
+        """Return the line as it is shown."""
+        return f'{self.clock}  {"" if self.success else words.REFUSED}{self.text}'.lstrip()
+
+
+class EventLog:
+    """
+    The newest events, in order.
+
+    :param most: how many are kept.
+    """
+
+    def __init__(self, most: int = 2000) -> None:
+        """Begin with none."""
+        self._lines: deque[Line] = deque(maxlen=most)
+        self._last = 0
+
+    def add(self, event: Event) -> list[Line]:
+        """Take an event and return the lines it adds."""
+        added = []
+        if event.sequence <= self._last:
+            added.append(Line('', 0, True, words.NEW_RUN))
+        self._last = event.sequence
+        added.append(Line(event.clock, event.kart, event.success, event.text))
+        self._lines.extend(added)
+        return added
+
+    def lines(self, kart: int = 0) -> list[Line]:
+        """Return what concerns one kart or every kart (0: everything), oldest first."""
+        return [line for line in self._lines if concerns(line, kart)]
+
+
+def concerns(line: Line, kart: int) -> bool:
+    """Return whether a line belongs into the log of one kart (0: of all)."""
+    return not kart or line.kart in (0, kart)

@@ -1,0 +1,101 @@
+"""What race control's messages say, as the plain data of ``snapshot``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+import time
+from typing import Any
+
+from evgp_rcs_console.snapshot import (
+    Alert,
+    Availability,
+    Available,
+    Command,
+    Event,
+    Kart,
+    Race,
+    State,
+    Track,
+)
+from evgp_rcs_msgs import msg
+
+_STATES = {int(getattr(msg.RaceState, state.name)): state for state in State}
+_COMMANDS = {int(getattr(msg.CommandAvailability, each.name)): each for each in Command}
+_ALERTS = {
+    value: name
+    for name in dir(msg.Alert)
+    if name.isupper() and isinstance(value := getattr(msg.Alert, name), int)
+}
+
+
+def read_race(race: msg.Race) -> Race:
+    """Return the race of a message."""
+    stamp = _seconds(race.stamp)
+    return Race(
+        state=_state(race.state),
+        state_for=stamp - _seconds(race.state_since),
+        over=race.over,
+        karts=tuple(_kart(kart, stamp) for kart in race.karts),
+        commands=_availability(race.commands),
+        track=Track(
+            is_open=race.track.open,
+            allowed=race.track.allowed,
+            reason=race.track.reason,
+            msr_used=race.track.msr_used,
+        ),
+        alerts=tuple(
+            Alert(
+                kind=_ALERTS.get(alert.kind, 'UNKNOWN'),
+                kart=alert.kart,
+                use_msr=alert.use_msr,
+                text=alert.text,
+                age=stamp - _seconds(alert.since),
+            )
+            for alert in race.alerts
+        ),
+    )
+
+
+def read_event(event: msg.RaceEvent) -> Event:
+    """Return the event of a message."""
+    return Event(
+        sequence=event.sequence,
+        clock=time.strftime('%H:%M:%S', time.localtime(event.stamp.sec)),
+        kart=event.kart,
+        success=event.success,
+        text=event.text,
+    )
+
+
+def _kart(kart: msg.KartStatus, stamp: float) -> Kart:
+    return Kart(
+        number=kart.number,
+        team=kart.team,
+        in_race=kart.in_race,
+        connected=kart.connected,
+        sent=_state(kart.sent),
+        sent_for=stamp - _seconds(kart.sent_since),
+        acknowledged=kart.acknowledged,
+        reported=_state(kart.reported),
+        hold=_state(kart.hold),
+        hold_reason=kart.hold_reason,
+        may_be_moving=kart.may_be_moving,
+        place=kart.place,
+        commands=_availability(kart.commands),
+    )
+
+
+def _availability(commands: Iterable[msg.CommandAvailability]) -> Availability:
+    return {
+        _COMMANDS[each.command]: Available(each.available, each.reason, each.statement)
+        for each in commands
+        if each.command in _COMMANDS
+    }
+
+
+def _state(message: msg.RaceState) -> State:
+    return _STATES.get(message.state, State.UNKNOWN)
+
+
+def _seconds(message: Any) -> float:
+    return float(message.sec) + float(message.nanosec) / 1e9

@@ -1,0 +1,127 @@
+"""
+The race as an official's screen needs it: what `~/race` and `~/events` say, without ROS.
+
+Only data lives here. Times are ages in seconds at the moment race control took the snapshot, so
+that no two machines' clocks are ever compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import enum
+
+
+class State(enum.Enum):
+    """A race state (§3.A); UNKNOWN is none."""
+
+    UNKNOWN = 'UNKNOWN'
+    IN_GARAGE = 'IN_GARAGE'
+    GRID_ACTIVE = 'GRID_ACTIVE'
+    GREEN_GREEN = 'GREEN_GREEN'
+    RED_FLAG = 'RED_FLAG'
+    RED_RED = 'RED_RED'
+
+
+class Command(enum.Enum):
+    """A command of an official (§4.B); the names are those of `CommandAvailability.msg`."""
+
+    ALL_KILL = 'ALL_KILL'
+    RED_FLAG = 'RED_FLAG'
+    GRID_ACTIVE = 'GRID_ACTIVE'
+    GREEN_GREEN = 'GREEN_GREEN'
+    RACE_OVER = 'RACE_OVER'
+    IN_GARAGE = 'IN_GARAGE'
+    OPEN_TRACK = 'OPEN_TRACK'
+    CLOSE_TRACK = 'CLOSE_TRACK'
+    RECORD_MSR = 'RECORD_MSR'
+    KART_RED_RED = 'KART_RED_RED'
+    KART_RED_FLAG = 'KART_RED_FLAG'
+    KART_FINISH = 'KART_FINISH'
+    KART_IN_GARAGE = 'KART_IN_GARAGE'
+    JOIN_RACE = 'JOIN_RACE'
+    LEAVE_RACE = 'LEAVE_RACE'
+
+
+@dataclass(frozen=True)
+class Available:
+    """Whether a command would be accepted, why not, and what the official must state."""
+
+    yes: bool
+    reason: str = ''
+    statement: str = ''
+
+
+Availability = Mapping[Command, Available]
+
+
+@dataclass(frozen=True)
+class Kart:
+    """One kart of the roster; the meanings are those of `KartStatus.msg`."""
+
+    number: int
+    team: str
+    in_race: bool
+    connected: bool
+    sent: State
+    sent_for: float
+    acknowledged: bool
+    reported: State
+    hold: State
+    hold_reason: str
+    may_be_moving: bool
+    place: int
+    commands: Availability
+
+
+@dataclass(frozen=True)
+class Track:
+    """Whether humans may be on the track."""
+
+    is_open: bool
+    allowed: bool
+    reason: str
+    msr_used: bool
+
+
+@dataclass(frozen=True)
+class Alert:
+    """Something an official must act on; `kind` is the name of its constant."""
+
+    kind: str
+    kart: int
+    use_msr: bool
+    text: str
+    age: float
+
+
+@dataclass(frozen=True)
+class Race:
+    """One consistent snapshot of the race."""
+
+    state: State
+    state_for: float
+    over: bool
+    karts: tuple[Kart, ...]
+    commands: Availability
+    track: Track
+    alerts: tuple[Alert, ...]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened; `clock` is race control's wall time, as hours:minutes:seconds."""
+
+    sequence: int
+    clock: str
+    kart: int
+    success: bool
+    text: str
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What race control answered to a command."""
+
+    success: bool
+    message: str

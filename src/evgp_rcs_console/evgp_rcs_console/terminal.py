@@ -1,0 +1,48 @@
+"""The race as lines of a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from evgp_rcs_console import words
+from evgp_rcs_console.snapshot import Alert
+from evgp_rcs_console.view import Button, Screen
+
+
+def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
+    """Return the race as lines: state, track, alerts, karts, and what is not possible and why."""
+    lines = [
+        f'Race: {screen.state.text}  ({screen.since})',
+        f'{screen.humans.text}: {screen.humans_reason}.  {screen.track}.',
+        *(f'! {alert.text}' for alert in alerts),
+        '',
+    ]
+    columns = [
+        list(words.COLUMNS[:-1]),
+        *(
+            [
+                str(row.number),
+                row.team,
+                row.race.text,
+                row.link.text,
+                row.sent.text,
+                row.since,
+                row.acknowledged.text,
+                row.says.text,
+                row.place,
+            ]
+            for row in screen.rows
+        ),
+    ]
+    widths = [max(map(len, column)) for column in zip(*columns, strict=True)]
+    notes = ['', *(row.note for row in screen.rows)]
+    for cells, note in zip(columns, notes, strict=True):
+        line = '  '.join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True))
+        lines.append(f'{line}  {note}'.rstrip())
+    lines.append('')
+    lines += [_line(button) for button in screen.race]
+    return lines
+
+
+def _line(button: Button) -> str:
+    return f'{button.label:12} {"possible" if button.enabled else button.reason}'

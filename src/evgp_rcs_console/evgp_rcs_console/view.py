@@ -1,0 +1,328 @@
+"""
+From a snapshot of the race to what a screen shows: texts, tones, and buttons with their reasons.
+
+Pure, and without any rule of the race: a button is enabled if race control says that its command
+is available, and its reason is race control's own sentence. Nothing here knows Qt or ROS, so the
+terminal client shows the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+import enum
+import string
+
+from evgp_rcs_console import words
+from evgp_rcs_console.commands import FORMS
+from evgp_rcs_console.snapshot import Available, Command, Kart, Race, State
+
+GONE_AFTER = 0.9
+"""
+Race control that is not heard for so long counts as gone, seconds.
+
+It is heard every 0.5 s at least; an official is to know within 1 s.
+"""
+
+RACE_COMMANDS = (
+    Command.GRID_ACTIVE,
+    Command.GREEN_GREEN,
+    Command.RED_FLAG,
+    Command.RACE_OVER,
+    Command.IN_GARAGE,
+)
+"""To the karts of the race, in the order of a race (§4.B)."""
+
+FINISH_KEYS = (
+    *string.ascii_uppercase,
+    *(f'Shift+{letter}' for letter in string.ascii_uppercase),
+)
+"""The keys that mark a kart as finished, by its place in the roster: they never change hands."""
+
+Pending = Mapping[tuple[Command, int], float]
+"""Which commands wait for an answer, to which kart (0: none), and for how many seconds."""
+
+
+class Tone(enum.Enum):
+    """How a text stands out; every tone is a colour *and* goes with a word or a symbol."""
+
+    PLAIN = 'plain'
+    FAINT = 'faint'
+    GOOD = 'good'
+    WAIT = 'wait'
+    BAD = 'bad'
+    GARAGE = 'garage'
+    GRID = 'grid'
+    GREEN = 'green'
+    FLAG = 'flag'
+    RED = 'red'
+
+
+STATE_TONES = {
+    State.UNKNOWN: Tone.FAINT,
+    State.IN_GARAGE: Tone.GARAGE,
+    State.GRID_ACTIVE: Tone.GRID,
+    State.GREEN_GREEN: Tone.GREEN,
+    State.RED_FLAG: Tone.FLAG,
+    State.RED_RED: Tone.RED,
+}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A text with its tone."""
+
+    text: str
+    tone: Tone = Tone.PLAIN
+
+
+@dataclass(frozen=True)
+class Button:
+    """
+    A command as a button.
+
+    :param enabled: pressing it sends the command, or asks for its confirmation.
+    :param reason: why it is not enabled, with how long that has been so; empty if it is.
+    :param condition: what the official confirms; empty if the command asks for nothing.
+    :param key: the key that presses it; empty if none does.
+    """
+
+    command: Command
+    kart: int
+    label: str
+    enabled: bool
+    reason: str
+    condition: str
+    consequence: str
+    key: str = ''
+
+    @property
+    def explanation(self) -> str:
+        """Return what hovering over it says."""
+        name = words.command_name(self.command, self.kart)
+        return words.BARRED.format(command=name, reason=self.reason) if self.reason else ''
+
+
+@dataclass(frozen=True)
+class Row:
+    """A kart as a row."""
+
+    number: int
+    team: str
+    in_race: bool
+    race: Cell
+    link: Cell
+    sent: Cell
+    since: str
+    acknowledged: Cell
+    says: Cell
+    place: str
+    note: str
+    buttons: tuple[Button, ...]
+
+
+@dataclass(frozen=True)
+class Silence:
+    """Race control is not heard: what the screen says about it, in the largest type."""
+
+    title: str
+    advice: str
+    detail: str
+
+
+@dataclass(frozen=True)
+class Screen:
+    """All that a screen shows of the race itself."""
+
+    state: Cell
+    since: str
+    humans: Cell
+    humans_reason: str
+    track: str
+    race: tuple[Button, ...]
+    all_karts: tuple[Button, ...]
+    track_button: Button | None
+    rows: tuple[Row, ...]
+    silence: Silence | None
+
+    def button(self, command: Command, kart: int = 0) -> Button | None:
+        """Return the button of a command, if this screen has it."""
+        buttons = [*self.race, *self.all_karts]
+        if self.track_button:
+            buttons.append(self.track_button)
+        for row in self.rows:
+            if row.number == kart:
+                buttons += row.buttons
+        return next(
+            (each for each in buttons if (each.command, each.kart) == (command, kart)), None
+        )
+
+
+KEYS = {
+    Command.GRID_ACTIVE: 'F2',
+    Command.GREEN_GREEN: 'F3',
+    Command.RED_FLAG: 'F4',
+    Command.RACE_OVER: 'F5',
+    Command.IN_GARAGE: 'F6',
+    Command.OPEN_TRACK: 'F7',
+    Command.CLOSE_TRACK: 'F8',
+    Command.RECORD_MSR: 'F9',
+}
+"""The keys of the commands that concern no single kart; ALL KILL's are everywhere."""
+
+CHOSEN_KART_KEYS = {
+    'R': (Command.KART_RED_RED,),
+    'F': (Command.KART_RED_FLAG,),
+    'G': (Command.KART_IN_GARAGE,),
+    'J': (Command.JOIN_RACE, Command.LEAVE_RACE),
+}
+"""With Ctrl, the keys of the commands to the chosen kart."""
+
+
+def is_gone(silent_for: float | None) -> bool:
+    """Return whether race control counts as gone; None: it was never heard."""
+    return silent_for is None or silent_for >= GONE_AFTER
+
+
+def silence(
+    silent_for: float | None, looking_for: float, topic: str, domain: int
+) -> Silence | None:
+    """
+    Return what is to be said of race control's silence, None while it is heard.
+
+    :param silent_for: since when it is not heard, seconds; None: it never was.
+    :param looking_for: how long it has been looked for, seconds.
+    """
+    if not is_gone(silent_for):
+        return None
+    if silent_for is None:
+        detail = words.NOT_YET_DETAIL.format(
+            topic=topic, age=words.age(looking_for), domain=domain
+        )
+        return Silence(words.NOT_YET, words.GONE_ADVICE, detail)
+    detail = words.GONE_SINCE.format(age=words.short_age(silent_for))
+    return Silence(words.GONE, words.GONE_ADVICE, detail)
+
+
+def show(race: Race, age: float, pending: Pending, silent: Silence | None = None) -> Screen:
+    """
+    Return what a screen shows of a snapshot.
+
+    :param age: how long ago the snapshot came, seconds.
+    :param pending: the commands that wait for an answer.
+    :param silent: what is to be said if race control is gone.
+    """
+    buttons = _Buttons(race, age, pending, gone=silent is not None)
+    since = words.age(race.state_for + age)
+    track = race.track
+    return Screen(
+        state=_state_cell(race.state),
+        since=f'{since}, {words.OVER}' if race.over else since,
+        humans=Cell(words.HUMANS_ALLOWED, Tone.GOOD)
+        if track.allowed
+        else Cell(words.HUMANS_NOT_ALLOWED, Tone.BAD),
+        humans_reason=track.reason,
+        track=words.TRACK_OPEN if track.is_open else words.TRACK_CLOSED,
+        race=tuple(buttons.race(command) for command in RACE_COMMANDS),
+        all_karts=(buttons.race(Command.RECORD_MSR),),
+        track_button=buttons.race(Command.CLOSE_TRACK if track.is_open else Command.OPEN_TRACK),
+        rows=tuple(_row(kart, place, age, buttons) for place, kart in enumerate(race.karts)),
+        silence=silent,
+    )
+
+
+def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
+    notes = []
+    if kart.hold is not State.UNKNOWN:
+        notes.append(words.HELD.format(reason=kart.hold_reason))
+    if kart.may_be_moving and (kart.sent is not State.GREEN_GREEN or not kart.connected):
+        notes.append(words.MAY_MOVE)
+    asks = kart.sent is not State.IN_GARAGE
+    if not kart.connected or not asks:
+        acknowledged = Cell(words.NOTHING_ASKED, Tone.FAINT)
+    elif kart.acknowledged:
+        acknowledged = Cell(words.YES, Tone.GOOD)
+    else:
+        acknowledged = Cell(words.WAITING, Tone.WAIT)
+    says = Cell(words.STATES[kart.reported], Tone.PLAIN)
+    if kart.reported not in (State.UNKNOWN, kart.sent):
+        says = Cell(words.STATES[kart.reported], Tone.WAIT)
+    missing = Tone.BAD if kart.in_race or kart.may_be_moving else Tone.FAINT
+    key = FINISH_KEYS[place] if place < len(FINISH_KEYS) else ''
+    return Row(
+        number=kart.number,
+        team=kart.team,
+        in_race=kart.in_race,
+        race=Cell(words.RACING) if kart.in_race else Cell(words.NOT_RACING, Tone.FAINT),
+        link=Cell(words.LINKED) if kart.connected else Cell(words.NOT_LINKED, missing),
+        sent=_state_cell(kart.sent),
+        since=words.age(kart.sent_for + age),
+        acknowledged=acknowledged,
+        says=says,
+        place=f'P{kart.place}' if kart.place else '',
+        note=', '.join(notes),
+        buttons=(
+            buttons.kart(Command.KART_RED_RED, kart),
+            buttons.kart(Command.KART_RED_FLAG, kart),
+            buttons.kart(Command.KART_FINISH, kart, key),
+            buttons.kart(Command.KART_IN_GARAGE, kart),
+            buttons.kart(Command.LEAVE_RACE if kart.in_race else Command.JOIN_RACE, kart),
+        ),
+    )
+
+
+def _state_cell(state: State) -> Cell:
+    return Cell(f'{words.SYMBOLS[state]} {words.STATES[state]}'.strip(), STATE_TONES[state])
+
+
+@dataclass(frozen=True)
+class _Buttons:
+    """The buttons of one snapshot."""
+
+    snapshot: Race
+    age: float
+    pending: Pending
+    gone: bool
+
+    def race(self, command: Command) -> Button:
+        since = self.snapshot.state_for + self.age
+        offered = self.snapshot.commands.get(command, Available(False))
+        return self._button(command, None, offered, since, KEYS.get(command, ''))
+
+    def kart(self, command: Command, kart: Kart, key: str = '') -> Button:
+        offered = kart.commands.get(command, Available(False))
+        return self._button(command, kart, offered, None, key)
+
+    def _button(
+        self,
+        command: Command,
+        kart: Kart | None,
+        offered: Available,
+        since: float | None,
+        key: str,
+    ) -> Button:
+        form = FORMS[command]
+        waits = self.pending.get((command, kart.number if kart else 0))
+        reason = offered.reason
+        if reason and since is not None:
+            reason = words.WITH_AGE.format(reason=reason, age=words.age(since))
+        # A stop may be pressed into silence, and again while it waits: it can do no harm.
+        if not form.stop and self.gone:
+            reason = words.GONE_REASON
+        elif not form.stop and waits is not None:
+            reason = words.PENDING_REASON.format(age=words.short_age(waits))
+        condition = ''
+        if form.confirmed:
+            condition = offered.statement or words.condition(command, kart, self.snapshot.track)
+        return Button(
+            command=command,
+            kart=kart.number if kart else 0,
+            label=words.LABELS[command],
+            enabled=form.stop or (offered.yes and not reason),
+            reason=reason,
+            condition=condition,
+            consequence=words.consequence(command, self.snapshot.karts, kart)
+            if form.confirmed
+            else '',
+            key=key,
+        )

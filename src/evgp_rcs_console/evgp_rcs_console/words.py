@@ -1,0 +1,197 @@
+"""
+Every text that the console shows and race control did not write, in one place.
+
+Sentences of race control (reasons, answers, alerts, events) are shown as they come.
+"""
+
+from __future__ import annotations
+
+from evgp_rcs_console.snapshot import Command, Kart, State, Track
+
+TITLE = 'EVGP race control'
+
+STATES = {
+    State.UNKNOWN: '',
+    State.IN_GARAGE: 'IN GARAGE',
+    State.GRID_ACTIVE: 'GRID ACTIVE',
+    State.GREEN_GREEN: 'GREEN GREEN',
+    State.RED_FLAG: 'RED FLAG',
+    State.RED_RED: 'RED RED',
+}
+
+SYMBOLS = {
+    State.UNKNOWN: '?',
+    State.IN_GARAGE: '⌂',
+    State.GRID_ACTIVE: '▦',
+    State.GREEN_GREEN: '▶',
+    State.RED_FLAG: '⚑',
+    State.RED_RED: '■',
+}
+"""A state is told by its word and its symbol, never by its colour alone."""
+
+LABELS = {
+    Command.ALL_KILL: 'ALL KILL',
+    Command.RED_FLAG: 'RED FLAG',
+    Command.GRID_ACTIVE: 'GRID ACTIVE',
+    Command.GREEN_GREEN: 'GREEN GREEN',
+    Command.RACE_OVER: 'RACE OVER',
+    Command.IN_GARAGE: 'IN GARAGE',
+    Command.OPEN_TRACK: 'OPEN TRACK',
+    Command.CLOSE_TRACK: 'CLOSE TRACK',
+    Command.RECORD_MSR: 'MSR WAS USED',
+    Command.KART_RED_RED: 'RED RED',
+    Command.KART_RED_FLAG: 'RED FLAG',
+    Command.KART_FINISH: 'FINISH',
+    Command.KART_IN_GARAGE: 'GARAGE',
+    Command.JOIN_RACE: 'JOIN',
+    Command.LEAVE_RACE: 'LEAVE',
+}
+
+IN_RACE = 'IN RACE'
+ALL_KARTS = 'ALL KARTS'
+COLUMNS = ('Kart', 'Team', 'Race', 'Link', 'Is sent', 'Since', 'Confirmed', 'Says', 'Place', '')
+RACING = '● in race'
+NOT_RACING = '○ out'
+LINKED = '✓ linked'
+NOT_LINKED = '✗ NO LINK'
+MAY_MOVE = 'may be moving'
+HELD = 'held: {reason}'
+YES = '✓ yes'
+WAITING = '… not yet'
+NOTHING_ASKED = '-'
+OVER = 'race over'
+
+HUMANS_ALLOWED = '✓ HUMANS ALLOWED'
+HUMANS_NOT_ALLOWED = '✗ NO HUMANS ON TRACK'
+TRACK_OPEN = 'Track is OPEN'
+TRACK_CLOSED = 'Track is closed'
+
+NO_ALERT = '✓ No alerts'
+SEEN = 'SEEN'
+SEEN_ALL = 'SEEN ALL'
+ALERT_CLEARED = ' (no longer)'
+MORE_ALERTS = 'and {count} more alerts that you have not marked as seen'
+STILL_STANDING = 'Seen, and still there: {texts}'
+SOUND_ON = '♪ SOUND ON'
+SOUND_OFF = '✗ SOUND OFF'
+
+LOG = 'Events'
+EVERY_KART = 'all karts'
+ONE_KART = 'kart {number} {team}'
+NEW_RUN = '— race control was started anew —'
+REFUSED = '✗ '
+
+GONE = 'RACE CONTROL IS GONE'
+NOT_YET = 'NO RACE CONTROL YET'
+GONE_ADVICE = 'USE THE MSR'
+GONE_SINCE = 'Not heard for {age}. What you see is as old as that.'
+NOT_YET_DETAIL = 'Looking for {topic} for {age}. ROS domain {domain}.'
+GONE_REASON = 'race control is gone'
+KILL_HINT = 'SPACE BAR or F12'
+KILL_PRESSING = 'PRESSING, {count} times, {age}: no answer'
+KILL_NOTE_GONE = 'ALL KILL keeps pressing until race control is back.'
+KEYS_OFF = 'KEYS DO NOT REACH THIS WINDOW: click it'
+
+READY = 'Ready.  F1 shows the keys.'
+PENDING = '{command}: no answer yet, {age}'
+PENDING_REASON = 'no answer yet, {age}'
+GAVE_UP = '{command}: no answer within {age}. Look at the race whether it was carried out.'
+NOT_THERE = '{command} was not given: race control is not there.'
+NOT_THERE_STOP = '{command} was not given: race control is not there. USE THE MSR.'
+BARRED = '{command}: {reason}'
+WITH_AGE = '{reason}, {age}'
+STATED = '{command}: not any more: {reason}'
+
+ASK_TITLE = '{command}?'
+ASK_STATE = 'I state: {condition}.'
+ASK_YES = 'YES: {condition}   (Y)'
+ASK_NO = 'NO   (N or Esc)'
+ASK_CHANGED = 'The conditions have changed. Press NO and begin again.'
+
+KART_CHOSEN = 'Kart {number} ({team}) is chosen.  Ctrl+R RED RED, Ctrl+F RED FLAG, Ctrl+G garage'
+NO_SUCH_KART = 'There is no kart {number} in the roster'
+
+HELP_TITLE = 'Keys'
+HELP_CLOSE = 'CLOSE   (Esc)'
+KEY_HELP = (
+    ('Space bar, F12', 'ALL KILL, always'),
+    ('F2', 'GRID ACTIVE'),
+    ('F3', 'GREEN GREEN'),
+    ('F4', 'RED FLAG'),
+    ('F5', 'RACE OVER'),
+    ('F6', 'IN GARAGE'),
+    ('F7, F8', 'open, close the track'),
+    ('F9', 'the MSR was used'),
+    ('F10', 'newest alert seen'),
+    ('F11', 'sound on, off'),
+    ('A letter', 'FINISH of the kart that shows it'),
+    ('A number', 'choose that kart; arrows: the next one'),
+    ('Ctrl+R, Ctrl+F', 'RED RED, RED FLAG to the chosen kart'),
+    ('Ctrl+G', 'the chosen kart to the garage'),
+    ('Ctrl+J', 'the chosen kart joins or leaves the race'),
+    ('Ctrl+L', 'events of the chosen kart only, of all'),
+    ('Tab, Enter', 'go to the next button, press it'),
+    ('Y, N', 'answer a question'),
+)
+
+NO_QT = (
+    'rcs_gui: there is no Qt for Python here. Install it: '
+    "'apt-get install python3-pyqt6' on Ubuntu 24.04, or 'pip install PySide6-Essentials'."
+)
+NO_DISPLAY = 'rcs_gui: there is no screen to open a window on (DISPLAY, WAYLAND_DISPLAY).'
+
+
+def age(seconds: float) -> str:
+    """Return a time that has passed, as an official says it."""
+    whole = max(0, int(seconds))
+    if whole < 100:
+        return f'{whole} s'
+    if whole < 3600:
+        return f'{whole // 60}:{whole % 60:02d} min'
+    return f'{whole // 3600}:{whole // 60 % 60:02d} h'
+
+
+def short_age(seconds: float) -> str:
+    """Return a time that matters to a tenth of a second."""
+    return f'{max(0.0, seconds):.1f} s' if seconds < 60 else age(seconds)
+
+
+def kart_name(kart: Kart) -> str:
+    """Return how officials call a kart."""
+    return f'kart {kart.number} ({kart.team})' if kart.team else f'kart {kart.number}'
+
+
+def command_name(command: Command, kart: int = 0) -> str:
+    """Return what a command is called when it is talked about."""
+    return f'{LABELS[command]} kart {kart}' if kart else LABELS[command]
+
+
+def condition(command: Command, kart: Kart | None, track: Track) -> str:
+    """Return what an official confirms where race control asks for no statement."""
+    if command is Command.GREEN_GREEN:
+        return 'the race may start, the track is clear of humans'
+    if command is Command.OPEN_TRACK:
+        return f'teams are cleared for the track: {track.reason}'
+    if command is Command.KART_IN_GARAGE and kart is not None:
+        return f'{kart_name(kart)} stands still and may go to its team'
+    return f'{LABELS[command]} is meant'
+
+
+def consequence(command: Command, karts: tuple[Kart, ...], kart: Kart | None) -> str:
+    """Return what a confirmed command does, in a sentence."""
+    racing = [str(each.number) for each in karts if each.in_race]
+    to_race = f'to the {len(racing)} karts of the race: {", ".join(racing)}'
+    if len(racing) == 1:
+        to_race = f'to the one kart of the race: {racing[0]}'
+    if kart is not None:
+        return f'Ends the hold of {kart_name(kart)}.'
+    return {
+        Command.GRID_ACTIVE: f'Sends GRID ACTIVE {to_race}.',
+        Command.GREEN_GREEN: f'Sends GREEN GREEN {to_race}. They drive off.',
+        Command.IN_GARAGE: f'Sends IN GARAGE {to_race}. Teams have their karts back.',
+        Command.OPEN_TRACK: 'Opens the track to humans.',
+        Command.RECORD_MSR: (
+            'Records that you used the MSR, and sends RED RED to all karts. '
+            'It does not trigger the MSR.'
+        ),
+    }.get(command, '')
