@@ -1,0 +1,406 @@
+"""A race over a network that can fail: race control, a kart with ROS, and a plain one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+import dataclasses
+import itertools
+import pathlib
+import time
+
+from evgp_node.states import state_of
+from evgp_protocol.frames import MalformedFrame, StateFrame
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs import msg
+from race_parts.domains import Domain
+from race_parts.kart import Bridge, Team
+from race_parts.networks import kart_address, Machine, RACE_CONTROL, Track
+from race_parts.official import Official
+from race_parts.race_control import RaceControl
+from race_parts.wire_kart import Acknowledges, WireKart
+import yaml
+
+FAULTY, GOOD = 1, 2
+"""The kart whose network fails, and the one that must not notice."""
+
+RESTED = 0.3
+"""How long a race goes on in GREEN_GREEN before a fault, s; no fault waits for it."""
+
+
+class PunctualKart(WireKart):
+    """A plain kart that notes when each frame came; ``times`` are monotonic, s."""
+
+    def __init__(
+        self, address: str, port: int, acknowledges: Acknowledges, host: str = '127.0.0.1'
+    ) -> None:
+        """Connect."""
+        self.times: list[float] = []
+        super().__init__(address, port, acknowledges, host)
+
+    def worst_gap(self, since: float) -> float:
+        """Return the longest time between two frames since then, s."""
+        times = [at for at in [*self.times, time.monotonic()] if at >= since]
+        return max((late - early for early, late in itertools.pairwise(times)), default=0.0)
+
+    def _hear(self, heard: StateFrame | MalformedFrame) -> None:
+        self.times.append(time.monotonic())
+        super()._hear(heard)
+
+
+class RosKart:
+    """A kart with ROS on a machine of its own: its bridge, and a team's node beside it."""
+
+    def __init__(self, machine: Machine, port: int) -> None:
+        """Start it; it need not find race control."""
+        self.machine = machine
+        self._port = port
+        self._stack = contextlib.ExitStack()
+        domain = self._stack.enter_context(Domain()).number
+        try:
+            with machine.inside():
+                self.bridge = self._start(domain)
+                self.team = Team(domain)
+                self._stack.callback(self.team.close)
+        except BaseException:
+            self.close()
+            raise
+
+    def restart_bridge(self) -> None:
+        """Start the bridge again after it was killed."""
+        with self.machine.inside():
+            self.bridge = self._start(self.bridge.domain)
+
+    def close(self) -> None:
+        """End it."""
+        self._stack.close()
+
+    def _start(self, domain: int) -> Bridge:
+        parameters = {'host': RACE_CONTROL}
+        bridge = Bridge(domain, self._port, self.machine.address, parameters)
+        self._stack.callback(bridge.close)
+        return bridge
+
+
+class NetworkRace:
+    """
+    Race control, the ROS kart ``faulty`` and the plain kart ``good``, each on its own machine.
+
+    :param folder: where race control's files are written.
+    :param seed: of the dice that decide what is lost.
+    :param parameters: more ROS parameters of race control.
+    """
+
+    def __init__(self, folder: pathlib.Path, seed: int = 0, **parameters: object) -> None:
+        """Start everything, and wait until both karts are connected."""
+        self._folder = folder
+        self._stack = contextlib.ExitStack()
+        try:
+            self._start(seed, parameters)
+        except BaseException:
+            self.close()
+            raise
+
+    def _start(self, seed: int, parameters: dict[str, object]) -> None:
+        enter = self._stack.enter_context
+        self.track = enter(Track(seed))
+        roster = self._folder / 'track.yaml'
+        karts = [
+            {'number': each, 'team': f'Team {each}', 'address': kart_address(each)}
+            for each in (FAULTY, GOOD)
+        ]
+        roster.write_text(
+            yaml.safe_dump({'karts': [{**kart, 'in_race': True} for kart in karts]}),
+            encoding='utf-8',
+        )
+        domain = enter(Domain()).number
+        with self.track.machine('rcs', RACE_CONTROL).inside():
+            self.control = enter(
+                RaceControl(
+                    self._folder,
+                    domain,
+                    (),
+                    parameters={'roster': roster, 'address': RACE_CONTROL, **parameters},
+                )
+            )
+            self.official = Official(domain)
+            self._stack.callback(self.official.close)
+        self.machine = self.track.machine('kart1', kart_address(FAULTY))
+        self.good_machine = self.track.machine('kart2', kart_address(GOOD))
+        self._faulty = enter(contextlib.ExitStack())
+        self.faulty = self.start_ros_kart(self.machine)
+        self.good = enter(self.connect(self.good_machine, Acknowledges.EACH_CHANGE))
+        self.official.wait_for_connected(FAULTY, GOOD)
+
+    def start_ros_kart(self, machine: Machine) -> RosKart:
+        """Start a kart with ROS on a machine."""
+        kart = RosKart(machine, self.control.port)
+        self._faulty.callback(kart.close)
+        return kart
+
+    def connect(
+        self, machine: Machine, acknowledges: Acknowledges = Acknowledges.NEVER
+    ) -> PunctualKart:
+        """Return a plain kart on a machine, connected."""
+        with machine.inside():
+            return PunctualKart(machine.address, self.control.port, acknowledges, RACE_CONTROL)
+
+    def reconnect_good(self) -> None:
+        """Connect the good kart anew."""
+        self.good.close()
+        self.good = self._stack.enter_context(
+            self.connect(self.good_machine, Acknowledges.EACH_CHANGE)
+        )
+        self.official.wait_for_connected(GOOD)
+
+    def reboot(self, machine: Machine) -> Machine:
+        """
+        Cut the power of the faulty kart; return its machine as it is back, with nothing running.
+
+        What ran on it ends without a word to race control, as its cable has gone first.
+        """
+        machine.unplug()
+        self._faulty.close()
+        self.track.remove(machine)
+        self.machine = self.track.machine('kart1', machine.address)
+        return self.machine
+
+    def green(self) -> None:
+        """Bring the race to GREEN_GREEN, whatever it was in, with both karts in it."""
+        official, team = self.official, self.faulty.team
+        assert official.race is not None
+        if state_of(official.race.state) is not RaceState.IN_GARAGE:
+            official.command('all_kill')
+            official.wait_for_connected(FAULTY, GOOD)
+            team.wait_for(
+                lambda heard: state_of(heard.commanded) is RaceState.RED_RED, 'commanded RED_RED'
+            )
+            self._acknowledge(RaceState.RED_RED)
+            official.command('in_garage', track_safe=True)
+        team.wait_for_state(RaceState.IN_GARAGE)
+        official.command('grid_active', track_clear=True)
+        self._acknowledge(RaceState.GRID_ACTIVE)
+        official.command('green_green')
+        self._acknowledge(RaceState.GREEN_GREEN)
+
+    def _acknowledge(self, state: RaceState) -> None:
+        self.faulty.team.wait_for_state(state)
+        answer = self.faulty.team.acknowledge(state)
+        assert answer.success, answer.message
+        self.official.wait_for_acks(state, FAULTY, GOOD)
+
+    def events(self, kind: int, kart: int, since: float = 0.0) -> list[msg.RaceEvent]:
+        """Return the events of a kind about a kart since then (monotonic, s)."""
+        with self.official.news:
+            return [
+                event
+                for event in self.official.events
+                if (event.kind, event.kart) == (kind, kart) and monotonic(event) >= since
+            ]
+
+    def wait_for(self, kind: int, kart: int, since: float, what: str) -> msg.RaceEvent:
+        """
+        Return the first event of a kind about a kart since then (monotonic, s).
+
+        :raises AssertionError: if none comes in time.
+        """
+        return self.official.wait_for_event(
+            lambda event: (event.kind, event.kart) == (kind, kart) and monotonic(event) >= since,
+            what,
+        )
+
+    def wait_for_lost(self, since: float) -> msg.RaceEvent:
+        """
+        Return the event that says the faulty kart was lost since then (monotonic, s).
+
+        :raises AssertionError: if race control does not notice in time.
+        """
+        return self.wait_for(msg.RaceEvent.DISCONNECTED, FAULTY, since, 'kart 1 is lost')
+
+    def wait_for_stopped(self, since: float) -> float:
+        """
+        Return when (monotonic, s) the faulty kart's stack was told RED_RED since then.
+
+        :raises AssertionError: if it is not told in time.
+        """
+        team = self.faulty.team
+
+        def found() -> float | None:
+            times = [at for at, state in team.changes if state is RaceState.RED_RED]
+            return next((at for at in times if at >= since), None)
+
+        at = team.wait_until(found, lambda: f'RED_RED; heard: {team.changes}')
+        assert at is not None
+        return at
+
+    def wait_for_back(self, since: float) -> msg.RaceEvent:
+        """
+        Return the event that says the faulty kart is back since then (monotonic, s).
+
+        :raises AssertionError: if it does not come back in time.
+        """
+        return self.wait_for(msg.RaceEvent.CONNECTED, FAULTY, since, 'kart 1 is back')
+
+    def close(self) -> None:
+        """End everything and take the networks away."""
+        self._stack.close()
+
+    def __enter__(self) -> NetworkRace:
+        """Return this race."""
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        """End it."""
+        self.close()
+
+
+def monotonic(event: msg.RaceEvent) -> float:
+    """Return the monotonic time of an event, s; the clock is the same in all processes here."""
+    return float(event.monotonic.sec + event.monotonic.nanosec * 1e-9)
+
+
+@dataclasses.dataclass(frozen=True)
+class Fault:
+    """A way in which the link to a kart fails, and how it is mended."""
+
+    name: str
+    begin: Callable[[NetworkRace], object]
+    mend: Callable[[NetworkRace], object]
+
+
+CUTS = (
+    Fault('link down', lambda race: race.machine.link_down(), lambda race: race.machine.link_up()),
+    Fault(
+        'all packets dropped',
+        lambda race: race.machine.air(loss=1.0),
+        lambda race: race.machine.air(),
+    ),
+    Fault(
+        'dropped toward the kart',
+        lambda race: race.machine.air(toward=1.0),
+        lambda race: race.machine.air(),
+    ),
+    Fault(
+        'dropped from the kart',
+        lambda race: race.machine.air(back=1.0),
+        lambda race: race.machine.air(),
+    ),
+)
+"""The faults of the network alone: all processes go on."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Noticed:
+    """
+    What became of one fault; times in s.
+
+    :ivar by_race_control: from the first byte that was not answered.
+    :ivar by_kart: from the last new byte that reached the kart, to the stack's RED_RED.
+    :ivar back: from the mending to the new connection.
+    :ivar gap: the worst gap between two frames of the other kart.
+    """
+
+    by_race_control: float
+    by_kart: float
+    back: float
+    gap: float
+
+
+def cut(race: NetworkRace, fault: Fault) -> Noticed:
+    """
+    Let a race meet a fault of the network, both ends notice, and the kart come back held.
+
+    :raises AssertionError: if any of that does not happen in time.
+    """
+    race.green()
+    race.good.wait_for_frames(round(RESTED * 20))
+    began = time.monotonic()
+    fault.begin(race)
+    lost = race.wait_for_lost(began)
+    stopped = race.wait_for_stopped(began)
+    times = race.machine.times()
+    assert times.came is not None
+    assert times.arrived is not None
+    mended = time.monotonic()
+    gap = race.good.worst_gap(began)
+    fault.mend(race)
+    back = race.wait_for_back(monotonic(lost))
+    race.official.wait_for_kart(
+        FAULTY,
+        lambda kart: kart.connected and state_of(kart.sent) is RaceState.RED_RED,
+        'back, and held in RED_RED',
+    )
+    return Noticed(
+        monotonic(lost) - times.came,
+        stopped - times.arrived,
+        monotonic(back) - mended,
+        gap,
+    )
+
+
+@dataclasses.dataclass
+class Stretch:
+    """
+    A stretch of racing over a bad network.
+
+    :ivar seconds: how long the race was in GREEN_GREEN, s.
+    :ivar lost: why race control lost the faulty kart, each time.
+    :ivar stopped: how often the faulty kart obeyed RED_RED.
+    :ivar back: from each loss to the new connection, s.
+    :ivar gaps: the times between the frames of the good kart, whose network is as bad, s.
+    """
+
+    seconds: float = 0.0
+    lost: list[str] = dataclasses.field(default_factory=list)
+    stopped: int = 0
+    back: list[float] = dataclasses.field(default_factory=list)
+    gaps: list[float] = dataclasses.field(default_factory=list)
+
+
+def race_in_bad_air(race: NetworkRace, loss: float, delay: float, seconds: float) -> Stretch:
+    """
+    Race for so long while frames to and from both karts get lost and come late.
+
+    After each loss the air is good for as long as it takes to start the race anew.
+
+    :param loss: the share that is lost in each direction.
+    :param delay: in each direction, s.
+    """
+    machines = (race.machine, race.good_machine)
+    stretch = Stretch()
+    while stretch.seconds < seconds:
+        race.green()
+        states = len(race.faulty.team.states)
+        for machine in machines:
+            machine.air(loss, delay)
+        began = time.monotonic()
+        while time.monotonic() - began < seconds - stretch.seconds:
+            time.sleep(0.2)
+            gone = [each for kart in (FAULTY, GOOD) for each in _lost(race, kart, began)]
+            if gone or RaceState.RED_RED in race.faulty.team.states[states:]:
+                break
+        lost_after = time.monotonic()
+        stretch.seconds += lost_after - began
+        times = [at for at in race.good.times if at >= began]
+        stretch.gaps += [late - early for early, late in itertools.pairwise(times)]
+        _come_back(race, stretch, began, states)
+        for machine in machines:
+            machine.air()
+    return stretch
+
+
+def _lost(race: NetworkRace, kart: int, since: float) -> list[msg.RaceEvent]:
+    return race.events(msg.RaceEvent.DISCONNECTED, kart, since)
+
+
+def _come_back(race: NetworkRace, stretch: Stretch, began: float, states: int) -> None:
+    """Wait, in the bad air, until whoever was lost is back."""
+    if RaceState.RED_RED in race.faulty.team.states[states:]:
+        stretch.stopped += 1
+        race.wait_for_lost(began)
+    for event in _lost(race, FAULTY, began)[:1]:
+        stretch.lost.append(event.text)
+        stretch.back.append(monotonic(race.wait_for_back(monotonic(event))) - monotonic(event))
+    if _lost(race, GOOD, began):
+        stretch.lost.append(_lost(race, GOOD, began)[0].text)
+        race.reconnect_good()

@@ -1,0 +1,319 @@
+"""
+Machines with a network of their own, on one machine: namespaces, cables, and the air between.
+
+A ``Track`` has one network namespace in the middle. Each ``Machine`` has another, with one
+interface, whose cable (a veth pair) ends in the middle; there the relay (``relay``) carries
+frames from cable to cable, and loses or delays them as it is told. What runs in
+``with machine.inside():`` makes its sockets, threads and processes in that machine's network.
+
+The namespaces have no names: they are open files of this process. So no two runs can meet, and
+whatever happens to this process, the kernel takes all of them away, cables and addresses too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import ctypes
+import dataclasses
+import fcntl
+import json
+import os
+import pathlib
+import select
+import socket
+import struct
+import subprocess
+import sys
+import threading
+from typing import Any
+
+from race_parts.process import PATIENCE
+
+_CLONE_NEWNET = 0x40000000
+_SIOCETHTOOL = 0x8946
+# ETHTOOL_STXCSUM, _SSG, _STSO, _SGSO, _SGRO: what leaves is whole, of frame size, with its sum.
+_OFFLOADS = (0x17, 0x19, 0x1F, 0x24, 0x2C)
+_LIBC = ctypes.CDLL(None, use_errno=True)
+
+RACE_CONTROL = '10.77.0.1'
+"""Race control's address on a track."""
+
+
+def kart_address(number: int) -> str:
+    """Return the address of a kart on a track."""
+    return f'10.77.0.{100 + number}'
+
+
+class NetworkError(RuntimeError):
+    """This machine does not let us make networks; the text says what is missing."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Times:
+    """
+    What the relay saw of TCP data toward a machine; monotonic times, s.
+
+    :ivar arrived: when new data last arrived; what is sent again does not count.
+    :ivar came: when the first came, to arrive or not, since its air was last changed.
+    """
+
+    arrived: float | None
+    came: float | None
+
+
+def _system_call(name: str, *arguments: int) -> None:
+    if getattr(_LIBC, name)(*arguments):
+        number = ctypes.get_errno()
+        raise NetworkError(f'{name} of a network namespace: {os.strerror(number)} (not root?)')
+
+
+class Namespace:
+    """A network namespace without a name; it lives until it is closed and nothing runs in it."""
+
+    def __init__(self) -> None:
+        """
+        Make it, with the loopback interface up.
+
+        :raises NetworkError: if that is not allowed.
+        """
+        made: list[int | NetworkError] = []
+
+        def make() -> None:
+            try:
+                _system_call('unshare', _CLONE_NEWNET)
+                made.append(os.open('/proc/thread-self/ns/net', os.O_RDONLY))
+            except NetworkError as error:
+                made.append(error)
+
+        # In a thread of its own, which ends: unshare moves the one that calls it.
+        thread = threading.Thread(target=make)
+        thread.start()
+        thread.join()
+        if isinstance(made[0], NetworkError):
+            raise made[0]
+        self._file = made[0]
+        self.path = f'/proc/{os.getpid()}/fd/{self._file}'
+        try:
+            self.ip('link set lo up')
+        except BaseException:
+            self.close()
+            raise
+
+    @contextlib.contextmanager
+    def inside(self) -> Iterator[None]:
+        """Have this thread, and the threads and processes it starts, in this namespace."""
+        home = os.open('/proc/thread-self/ns/net', os.O_RDONLY)
+        try:
+            _system_call('setns', self._file, _CLONE_NEWNET)
+            try:
+                yield
+            finally:
+                _system_call('setns', home, _CLONE_NEWNET)
+        finally:
+            os.close(home)
+
+    def ip(self, *commands: str) -> None:
+        """
+        Run commands of ``ip`` in here.
+
+        :raises NetworkError: if one fails.
+        """
+        with self.inside():
+            try:
+                subprocess.run(
+                    ['ip', '-batch', '-'],
+                    input='\n'.join(commands),
+                    text=True,
+                    check=True,
+                    capture_output=True,
+                    timeout=PATIENCE,
+                )
+            except FileNotFoundError as error:
+                raise NetworkError('there is no command ip: install iproute2') from error
+            except subprocess.CalledProcessError as error:
+                raise NetworkError(f'ip {"; ".join(commands)}: {error.stderr.strip()}') from error
+
+    def close(self) -> None:
+        """Let it go."""
+        os.close(self._file)
+
+
+class Machine(Namespace):
+    """
+    A machine with one interface, eth0, whose cable ends at the track.
+
+    :param name: the name of its cable, at most 15 characters.
+    :param twin: tells machines with the same address apart: it is part of the hardware's.
+    """
+
+    def __init__(self, track: Track, name: str, address: str, twin: int = 0) -> None:
+        """Make the machine and plug it in."""
+        super().__init__()
+        self.name = name
+        self.address = address
+        self._track = track
+        last = int(address.rpartition('.')[2])
+        hardware = f'02:00:00:00:{twin:02x}:{last:02x}'
+        try:
+            track.middle.ip(
+                f'link add {name} type veth peer name eth0 address {hardware} netns {self.path}',
+                f'link set {name} up',
+            )
+            self.plugged = True
+            with self.inside():
+                _switch_offloads_off('eth0')
+            self.ip(f'addr add {address}/24 dev eth0', 'link set eth0 up')
+            track.order('plug', name=name, hardware=hardware)
+        except BaseException:
+            super().close()
+            raise
+
+    def air(
+        self,
+        loss: float = 0.0,
+        delay: float = 0.0,
+        *,
+        toward: float | None = None,
+        back: float | None = None,
+    ) -> float:
+        """
+        Set what happens to its frames from now on, and return the time (monotonic, s).
+
+        :param loss: the share that is lost, in each direction.
+        :param delay: how late they come, in each direction, s.
+        :param toward: the share that is lost toward this machine, if not the same.
+        :param back: the share that is lost on the way from it, if not the same.
+        """
+        return self._track.order(
+            'air',
+            name=self.name,
+            toward=[loss if toward is None else toward, delay],
+            back=[loss if back is None else back, delay],
+        )
+
+    def link_down(self) -> None:
+        """Take its interface down."""
+        self.air()  # what was noted before counts no more
+        self.ip('link set eth0 down')
+
+    def link_up(self) -> None:
+        """Take its interface up again."""
+        self.ip('link set eth0 up')
+
+    def times(self) -> Times:
+        """Return what the relay saw of TCP data toward this machine."""
+        return Times(**self._track.order('times', name=self.name))
+
+    def unplug(self) -> float:
+        """Have its interface vanish, as when the power goes; return the time (monotonic, s)."""
+        self.plugged = False
+        at: float = self._track.order('unplug', name=self.name)
+        self._track.middle.ip(f'link del {self.name}')
+        return at
+
+    def close(self) -> None:
+        """Unplug it and let it go."""
+        try:
+            if self.plugged:
+                self.unplug()
+        finally:
+            super().close()
+
+
+class Track:
+    """
+    The network between race control and the karts.
+
+    :param seed: of the dice that decide what is lost.
+    :raises NetworkError: if this machine does not let us make networks.
+    """
+
+    def __init__(self, seed: int = 0) -> None:
+        """Make the namespace in the middle and start the relay there."""
+        self.middle = Namespace()
+        script = pathlib.Path(__file__).with_name('relay.py')
+        with self.middle.inside():
+            self._relay = subprocess.Popen(
+                [sys.executable, '-I', str(script), str(seed)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+            )
+        self._machines: list[Machine] = []
+
+    def machine(self, name: str, address: str, twin: int = 0) -> Machine:
+        """Return a new machine, plugged in; it goes with the track."""
+        machine = Machine(self, name, address, twin)
+        self._machines.append(machine)
+        return machine
+
+    def remove(self, machine: Machine) -> None:
+        """Have a machine of this track go before the track does."""
+        self._machines.remove(machine)
+        machine.close()
+
+    def order(self, what: str, **details: object) -> Any:
+        """
+        Have the relay do something, and return its answer.
+
+        :raises RuntimeError: if it gives none.
+        """
+        assert self._relay.stdin is not None
+        assert self._relay.stdout is not None
+        try:
+            self._relay.stdin.write(json.dumps({'do': what, **details}) + '\n')
+            self._relay.stdin.flush()
+        except BrokenPipeError as error:
+            raise RuntimeError('the relay has ended') from error
+        answered, _, _ = select.select([self._relay.stdout], [], [], PATIENCE)
+        line = self._relay.stdout.readline() if answered else ''
+        if not line:
+            raise RuntimeError(f'the relay did not answer to {what}')
+        return json.loads(line)
+
+    def close(self) -> None:
+        """End the relay and take every machine away."""
+        with contextlib.ExitStack() as stack:
+            stack.callback(self.middle.close)
+            stack.callback(self._end_relay)
+            for machine in self._machines:
+                stack.callback(machine.close)
+
+    def _end_relay(self) -> None:
+        with self._relay as relay:
+            assert relay.stdin is not None
+            try:
+                relay.stdin.close()
+                relay.wait(PATIENCE)
+            except BrokenPipeError:
+                pass  # it has ended already, and has said why
+            except subprocess.TimeoutExpired:
+                relay.kill()
+
+    def __enter__(self) -> Track:
+        """Return this track."""
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        """Take it away."""
+        self.close()
+
+
+def why_not() -> str:
+    """Return why no networks can be made on this machine; empty: they can."""
+    try:
+        with Track() as track:
+            track.machine('probe', kart_address(1))
+    except NetworkError as error:
+        return str(error)
+    return ''
+
+
+def _switch_offloads_off(interface: str) -> None:
+    """Have the kernel send frames as they would go over a real cable."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
+        for command in _OFFLOADS:
+            value = ctypes.create_string_buffer(struct.pack('II', command, 0))
+            request = struct.pack('16sP', interface.encode(), ctypes.addressof(value))
+            fcntl.ioctl(any_socket, _SIOCETHTOOL, request.ljust(40, b'\0'))

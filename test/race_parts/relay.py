@@ -1,0 +1,204 @@
+"""
+The air between the machines of a track: a switch that loses and delays what it is told to.
+
+It runs as a process of its own, in the network namespace that has one end of every machine's
+cable, and needs nothing but the standard library. Ethernet frames (IPv4 and ARP) go from cable
+to cable by their destination; for each machine and direction there is a share that is lost and
+a delay. Orders come as one line of JSON each on standard input, and each is answered by one on
+standard output; when the input ends, so does the relay.
+
+It also notes when new TCP data toward a machine last arrived there, and when the first came since
+its air was last changed: that is what a test measures from. All times are CLOCK_MONOTONIC, which
+every process here shares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+import fcntl
+import heapq
+import itertools
+import json
+import random
+import select
+import socket
+import struct
+import sys
+import time
+from typing import Any
+
+_SOL_PACKET = 263
+_PACKET_IGNORE_OUTGOING = 23
+_SIOCGIFFLAGS = 0x8913
+_RUNNING = 0x40
+_EVERY_PROTOCOL = 0x0003
+_IPV4, _ARP = b'\x08\x00', b'\x08\x06'
+_BROADCAST = b'\xff' * 6
+
+
+@dataclasses.dataclass
+class Air:
+    """What happens to frames in one direction; ``loss`` from 0 to 1, ``delay`` in seconds."""
+
+    loss: float = 0.0
+    delay: float = 0.0
+    arrived: float | None = None
+    came: float | None = None
+
+
+class Cable:
+    """The relay's end of one machine's cable."""
+
+    def __init__(self, name: str, hardware: bytes) -> None:
+        self.name = name
+        self.hardware = hardware
+        self.toward = Air()
+        self.back = Air()
+        self._ends: dict[bytes, int] = {}
+        self.socket = socket.socket(
+            socket.AF_PACKET, socket.SOCK_RAW, socket.htons(_EVERY_PROTOCOL)
+        )
+        self.socket.setsockopt(_SOL_PACKET, _PACKET_IGNORE_OUTGOING, 1)
+        self.socket.bind((name, 0))
+        self.socket.setblocking(False)
+
+    def is_up(self) -> bool:
+        """Return whether both ends of the cable are up."""
+        request = struct.pack('16sH14x', self.name.encode(), 0)
+        flags = struct.unpack('16xH14x', fcntl.ioctl(self.socket, _SIOCGIFFLAGS, request))[0]
+        return bool(flags & _RUNNING)
+
+    def is_new(self, data: TcpData) -> bool:
+        """Return whether data were not here before; from now on they were."""
+        before = self._ends.get(data.connection)
+        new = before is None or 0 < (data.end - before) % 2**32 < 2**31
+        if new:
+            self._ends[data.connection] = data.end
+        return new
+
+
+@dataclasses.dataclass(frozen=True)
+class TcpData:
+    """The addresses and ports of a segment with data, and its last sequence number."""
+
+    connection: bytes
+    end: int
+
+
+def _tcp_data(frame: bytes) -> TcpData | None:
+    """Return what TCP data a frame carries, if any."""
+    if frame[12:14] != _IPV4 or frame[23] != socket.IPPROTO_TCP:
+        return None
+    tcp = 14 + (frame[14] & 0x0F) * 4
+    data = tcp + (frame[tcp + 12] >> 4) * 4
+    size = 14 + int.from_bytes(frame[16:18], 'big') - data
+    if size <= 0:
+        return None
+    ports, sequence = struct.unpack_from('!4sI', frame, tcp)
+    return TcpData(frame[26:34] + ports, (sequence + size) % 2**32)
+
+
+class Relay:
+    """Every cable, and the frames that are on their way."""
+
+    def __init__(self, seed: int) -> None:
+        self._dice = random.Random(seed)
+        self._cables: dict[str, Cable] = {}
+        self._late: list[tuple[float, int, Cable, bytes]] = []
+        self._order = itertools.count()
+        self._poll = select.poll()
+        self._by_number: dict[int, Cable] = {}
+
+    def run(self) -> None:
+        """Relay frames and obey orders until there are none any more."""
+        self._poll.register(0, select.POLLIN)
+        while True:
+            wait = (self._late[0][0] - time.monotonic()) * 1000 if self._late else None
+            for number, _ in self._poll.poll(None if wait is None else max(wait, 0)):
+                if number == 0:
+                    line = sys.stdin.readline()
+                    if not line:
+                        return
+                    print(json.dumps(self._obey(json.loads(line))), flush=True)
+                elif number in self._by_number:
+                    self._read(self._by_number[number])
+            while self._late and self._late[0][0] <= time.monotonic():
+                _, _, target, frame = heapq.heappop(self._late)
+                self._deliver(target, frame)
+
+    def _obey(self, order: dict[str, Any]) -> object:
+        obey: Callable[..., object] = getattr(self, f'order_{order.pop("do")}')
+        return obey(**order)
+
+    # ----- orders -------------------------------------------------------------------------
+
+    def order_plug(self, name: str, hardware: str) -> float:
+        """Take a cable that is there; return the time."""
+        cable = Cable(name, bytes.fromhex(hardware.replace(':', '')))
+        self._cables[name] = cable
+        self._by_number[cable.socket.fileno()] = cable
+        self._poll.register(cable.socket, select.POLLIN)
+        return time.monotonic()
+
+    def order_unplug(self, name: str) -> float:
+        """Let go of a cable; return the time."""
+        cable = self._cables.pop(name)
+        del self._by_number[cable.socket.fileno()]
+        self._poll.unregister(cable.socket)
+        cable.socket.close()
+        return time.monotonic()
+
+    def order_air(self, name: str, toward: list[float], back: list[float]) -> float:
+        """Set loss and delay toward a machine and back from it; return the time."""
+        cable = self._cables[name]
+        for air, (loss, delay) in ((cable.toward, toward), (cable.back, back)):
+            air.loss, air.delay, air.came = loss, delay, None
+        return time.monotonic()
+
+    def order_times(self, name: str) -> dict[str, float | None]:
+        """Return what was noted of data toward a machine."""
+        air = self._cables[name].toward
+        return {'arrived': air.arrived, 'came': air.came}
+
+    # ----- frames -------------------------------------------------------------------------
+
+    def _read(self, source: Cable) -> None:
+        try:
+            frame = source.socket.recv(65535)
+        except OSError:
+            return  # the cable is being pulled
+        if len(frame) < 34 or frame[12:14] not in (_IPV4, _ARP):
+            return
+        for target in list(self._cables.values()):
+            if target is source or frame[:6] not in (target.hardware, _BROADCAST):
+                continue
+            if target.toward.came is None and _tcp_data(frame) is not None:
+                target.toward.came = time.monotonic()
+            if self._dice.random() < source.back.loss:
+                continue
+            if self._dice.random() < target.toward.loss:
+                continue
+            delay = source.back.delay + target.toward.delay
+            if delay:
+                due = time.monotonic() + delay
+                heapq.heappush(self._late, (due, next(self._order), target, frame))
+            else:
+                self._deliver(target, frame)
+
+    def _deliver(self, target: Cable, frame: bytes) -> None:
+        if self._cables.get(target.name) is not target:
+            return  # it was unplugged while the frame was on its way
+        data = _tcp_data(frame)
+        now = time.monotonic()
+        try:
+            arrives = target.is_up()
+            target.socket.send(frame)
+        except OSError:
+            return  # the cable is being pulled
+        if arrives and data is not None and target.is_new(data):
+            target.toward.arrived = now
+
+
+if __name__ == '__main__':
+    Relay(int(sys.argv[1])).run()
