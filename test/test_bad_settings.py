@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
+import os
 import pathlib
 import socket
 
@@ -72,6 +73,19 @@ def test_an_unknown_parameter_names_the_one_that_was_meant(refusal: Refusal) -> 
 
 def test_a_negative_finish_delay_is_refused(refusal: Refusal) -> None:
     assert 'parameter finish_delays: -1 is not possible' in refusal(finish_delays='[2.0, -1.0]')
+
+
+def test_an_address_that_is_none_is_refused(refusal: Refusal) -> None:
+    assert "parameter address: '..' is no IPv4 address" in refusal(address='..')
+
+
+def test_an_unknown_argument_of_ros_is_refused(refusal: Refusal) -> None:
+    assert 'unknown ROS arguments' in refusal('--unheard-of')
+
+
+def test_a_roster_that_is_a_pipe_is_refused(refusal: Refusal, tmp_path: pathlib.Path) -> None:
+    os.mkfifo(tmp_path / 'pipe')
+    assert 'is a pipe' in refusal(roster=tmp_path / 'pipe')
 
 
 def test_an_empty_list_is_refused(refusal: Refusal) -> None:

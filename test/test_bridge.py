@@ -15,7 +15,7 @@ from race_parts.fixtures import ConnectKart, JoinOfficial, JoinTeam, StartBridge
 from race_parts.kart import Bridge, ExampleStack, Team
 from race_parts.official import Official
 from race_parts.process import Process
-from race_parts.race_control import RaceControl
+from race_parts.race_control import address_of, RaceControl
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
@@ -241,6 +241,55 @@ def test_a_safety_remote_whose_messages_could_get_lost_stops_the_kart(
     race.team.remote_without_promise()
     told = race.team.wait_for(lambda state: state.team_stop, 'the stop')
     assert "the safety remote's publisher is not RELIABLE" in told.reason
+
+
+def test_a_remote_that_was_pressed_before_the_bridge_began_stops_the_kart(
+    start_race_control: StartRaceControl,
+    start_bridge: StartBridge,
+    join_team: JoinTeam,
+    parts: contextlib.ExitStack,
+) -> None:
+    control = start_race_control(in_race=[1])
+    first = start_bridge(control.port, 1)
+    team = join_team(first)
+    team.wait_for_state(IN_GARAGE)
+    team.latched_remote(True)
+    team.wait_for(lambda state: state.team_stop, 'the stop')
+    first.kill()
+    second = Bridge(first.domain, control.port, address_of(1))
+    parts.callback(second.close)
+    team.wait_for(lambda state: state.connected and state.team_stop, 'the stop, again')
+    assert team.states[-1] is RED_RED
+
+
+def test_two_safety_remotes_stop_the_kart(start_race: StartRace) -> None:
+    race = start_race()
+    race.team.remote(False)
+    race.team.latched_remote(False)
+    told = race.team.wait_for(lambda state: state.team_stop, 'the stop')
+    assert 'more than one publisher of the safety remote' in told.reason
+
+
+def test_two_bridges_on_one_domain_stop_both_karts(
+    start_race_control: StartRaceControl, start_bridge: StartBridge, parts: contextlib.ExitStack
+) -> None:
+    control = start_race_control(in_race=[1, 2])
+    first = start_bridge(control.port, 1)
+    second = Bridge(first.domain, control.port, address_of(2))
+    parts.callback(second.close)
+    for bridge in (first, second):
+        bridge.wait_for_line('another bridge publishes the same race state')
+
+
+def test_absurd_odometry_is_no_standstill_and_ends_no_bridge(start_race: StartRace) -> None:
+    race = start_race()
+    race.official.command('all_kill')
+    race.team.wait_for_state(RED_RED)
+    for speed in (1e200, float('nan')):
+        race.team.drive_at(speed)
+        answer = race.team.acknowledge(RED_RED)
+        assert not answer.success
+        assert 'the kart still moves' in answer.message
 
 
 # ----- the bridge's own end ----------------------------------------------------------------

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+import threading
+
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
@@ -217,3 +220,50 @@ def test_race_control_that_ends_sends_red_red_to_every_kart(
 
     kart.wait_for_end()
     assert (code, kart.state) == (0, RED_RED)
+
+
+def test_every_stop_of_a_burst_is_answered_and_in_force(
+    start_race_control: StartRaceControl, join_official: JoinOfficial
+) -> None:
+    numbers = range(1, 41)
+    official = join_official(start_race_control(in_race=numbers))
+    answers = official.call_all('kart/red_red', [{'kart': number} for number in numbers])
+    assert all(answer.success for answer in answers)
+    official.wait_for_race(
+        lambda race: {state_of(kart.hold) for kart in race.karts} == {RED_RED}, 'every kart held'
+    )
+
+
+def test_a_start_that_was_sent_while_race_control_hung_is_refused_when_it_goes_on(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
+    kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1)
+    official.command('grid_active', track_clear=True)
+    official.wait_for_acks(GRID_ACTIVE, 1)
+    control.signal(signal.SIGSTOP)
+    wake = threading.Timer(2.0, control.signal, [signal.SIGCONT])
+    wake.start()
+    refused = official.call('green_green')
+    wake.join()
+    assert not refused.success
+    assert 'race control was held up for' in refused.message
+    assert GREEN_GREEN not in [state for _, state in kart.changes]
+
+
+def test_a_terminal_that_takes_no_output_holds_nothing_up(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
+    kart = connect_kart(control, 1)
+    official.wait_for_connected(1)
+    with control.output_held_up():
+        # Each is logged, and together they are more than any pipe takes.
+        for _ in range(50):
+            official.call_all('kart/finish', [{'kart': 60000}] * 50)
+        kart.wait_for_frames(20)
+        official.command('all_kill')
+        kart.wait_for_state(RED_RED)

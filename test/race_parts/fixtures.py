@@ -39,7 +39,9 @@ def start_race_control(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> S
         in_race: Iterable[int] = (1, 2), others: Iterable[int] = (), **parameters: object
     ) -> RaceControl:
         domain = parts.enter_context(Domain())
-        control = RaceControl(tmp_path, domain.number, in_race, others, parameters)
+        folder = tmp_path / f'domain_{domain.number}'
+        folder.mkdir()
+        control = RaceControl(folder, domain.number, in_race, others, parameters)
         parts.callback(control.close)
         return control
 

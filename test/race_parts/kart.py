@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+import math
 import time
 from typing import Any
 
@@ -122,6 +123,10 @@ class Team(RosSide):
         self.wait_until(lambda: remote.get_subscription_count() > 0, lambda: 'a bridge for ~/tsr')
         remote.publish(Bool(data=stop))
 
+    def latched_remote(self, stop: bool) -> None:
+        """Have a safety remote that says this, also to who comes later."""
+        self._publisher(Bool, 'tsr', latched(1)).publish(Bool(data=stop))
+
     def remote_without_promise(self) -> None:
         """Have a safety remote whose messages may get lost."""
         self._publisher(Bool, 'tsr', qos_profile_sensor_data)
@@ -137,7 +142,7 @@ class Team(RosSide):
             self._driving = self.node.create_timer(0.02, self._publish_speed)
         # The bridge, and this node itself.
         self.wait_until(lambda: self._odometry.get_subscription_count() > 1, lambda: 'a bridge')
-        self.wait_for_speed(lambda heard: heard == speed)
+        self.wait_for_speed(lambda heard: heard == speed or math.isnan(speed))
 
     def team_stop(self, engaged: bool) -> Answer:
         """

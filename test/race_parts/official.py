@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+import threading
+import time
 from typing import Any
 
 from evgp_node.states import state_of
@@ -63,7 +65,10 @@ class Official(RosSide):
         self.race: msg.Race | None = None
         self.events: list[msg.RaceEvent] = []
         self._clients = {
-            service: self.node.create_client(kind, f'/rcs/{service}')
+            # With the usual depth of 10 a burst of answers would push out its first ones.
+            service: self.node.create_client(
+                kind, f'/rcs/{service}', qos_profile=QoSProfile(depth=1000)
+            )
             for service, kind in SERVICES.items()
         }
         self.node.create_subscription(msg.Race, '/rcs/race', self._hear_race, latched(1))
@@ -79,13 +84,36 @@ class Official(RosSide):
         response: Any = self.request(self._clients[service], SERVICES[service].Request(**request))
         return Answer(response.success, response.message)
 
+    def call_all(self, service: str, requests: Iterable[Mapping[str, Any]]) -> list[Answer]:
+        """
+        Give a command many times at once, and return the answers.
+
+        :raises AssertionError: if race control does not answer each in time.
+        """
+        client = self._clients[service]
+        assert client.wait_for_service(self.patience), f'there is no service {service}'
+        answered = threading.Semaphore(0)
+        futures = []
+        for request in requests:
+            future = client.call_async(SERVICES[service].Request(**request))
+            future.add_done_callback(lambda _: answered.release())
+            futures.append(future)
+        count = sum(answered.acquire(timeout=self.patience) for _ in futures)
+        assert count == len(futures), f'{service}: {count} of {len(futures)} were answered'
+        responses = [future.result() for future in futures]
+        return [Answer(response.success, response.message) for response in responses]
+
     def command(self, service: str, **request: Any) -> Answer:
         """
-        Give a command that must be accepted.
+        Give a command that must be accepted, if need be once the pause after a stop is over.
 
         :raises AssertionError: if it is refused; the text has the reason.
         """
         answer = self.call(service, **request)
+        until = time.monotonic() + self.patience
+        while 'a stop was given just now' in answer.message and time.monotonic() < until:
+            time.sleep(0.05)  # that time passes is itself what is awaited
+            answer = self.call(service, **request)
         assert answer.success, f'{service}: {answer.message}'
         return answer
 

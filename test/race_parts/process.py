@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+import contextlib
 import os
 import pathlib
 import re
@@ -56,6 +57,8 @@ class Process:
             },
         )
         self._ended = False
+        self._take_output = threading.Event()
+        self._take_output.set()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
@@ -94,6 +97,15 @@ class Process:
         self._reader.join(PATIENCE)
         return code
 
+    @contextlib.contextmanager
+    def output_held_up(self) -> Iterator[None]:
+        """Take nothing of what it prints, meanwhile: as a terminal after Ctrl-S."""
+        self._take_output.clear()
+        try:
+            yield
+        finally:
+            self._take_output.set()
+
     def signal(self, number: signal.Signals) -> None:
         """Send it a signal."""
         self._process.send_signal(number)
@@ -118,6 +130,7 @@ class Process:
         assert self._process.stdout is not None
         with self._process.stdout as output:
             for line in output:
+                self._take_output.wait()
                 with self._news:
                     self.lines.append(line.rstrip('\n'))
                     self._news.notify_all()

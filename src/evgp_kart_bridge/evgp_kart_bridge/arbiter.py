@@ -57,6 +57,8 @@ class StopSource(enum.Enum):
     SERVICE = 'service'
     TOPIC = 'topic'
     UNRELIABLE = 'unreliable'  # the remote's messages could get lost; nobody can release it
+    TWO_REMOTES = 'two remotes'  # one may say stop and the other go
+    TWO_BRIDGES = 'two bridges'  # nobody knows to which of them the stack listens
 
 
 @dataclasses.dataclass(frozen=True)
@@ -370,7 +372,7 @@ class Arbiter:
         if (
             state.is_red
             and self._now - self._speed_at <= ODOMETRY_FRESH
-            and self._speed > self._settings.standstill_speed
+            and not self._speed <= self._settings.standstill_speed
         ):
             return f'the kart still moves: odometry says {self._speed:.2f} m/s'
         return None
@@ -399,6 +401,10 @@ class Arbiter:
             reasons.append('the safety remote says stop')
         if self._engaged[StopSource.UNRELIABLE]:
             reasons.append("the safety remote's publisher is not RELIABLE; start the bridge anew")
+        if self._engaged[StopSource.TWO_REMOTES]:
+            reasons.append('more than one publisher of the safety remote')
+        if self._engaged[StopSource.TWO_BRIDGES]:
+            reasons.append('another bridge publishes the same race state')
         if self._remote_missing:
             reasons.append(f'nothing from the safety remote for {self._settings.tsr_timeout:g} s')
         return 'team stop: ' + ', '.join(reasons)

@@ -9,7 +9,7 @@ team's nodes say and hands it to the link.
 from __future__ import annotations
 
 import concurrent.futures
-import ipaddress
+import math
 import sys
 from typing import Any
 
@@ -17,7 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_kart_bridge.arbiter import Arbiter, Settings, StopSource, Verdict
 from evgp_kart_bridge.link import Link, LinkClosedError, LinkSettings, LinkStatus, REPEAT
 from evgp_kart_bridge.watch import race_state_qos
-from evgp_node.parameters import ParameterError, Parameters, StrictNode
+from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.states import state_message, state_of
 from evgp_protocol.frames import DEFAULT_PORT
@@ -25,6 +25,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
 from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
@@ -53,6 +54,17 @@ TSR_QOS = QoSProfile(
     durability=DurabilityPolicy.VOLATILE,
 )
 """Of ``~/tsr``: no stop may get lost. A publisher that does not promise that is a stop (§2.C)."""
+
+LATCHED_TSR_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Of a second subscription of ``~/tsr``, for what a latched remote said before."""
+
+LOOK_AROUND = 0.5
+"""How often the bridge looks for a second bridge or remote, seconds."""
 
 ODOMETRY_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -93,6 +105,7 @@ class KartBridge(StrictNode):
         self._told: Verdict | None = None
         self._until_diagnostics = 0
         self._malformed = 0
+        self._seen_double = {StopSource.TWO_REMOTES: False, StopSource.TWO_BRIDGES: False}
         self._link = Link(Arbiter(settings), link_settings, self._tell, on_failure)
         self.create_service(Acknowledge, '~/acknowledge', self._acknowledge)
         self.create_service(SetBool, '~/team_stop', self._team_stop)
@@ -103,7 +116,18 @@ class KartBridge(StrictNode):
             TSR_QOS,
             event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._tsr_unreliable),
         )
+        # A remote that was pressed before this bridge began to listen, if it is latched.
+        self.create_subscription(
+            Bool,
+            '~/tsr',
+            lambda message: self._stop_by_topic(message.data),
+            LATCHED_TSR_QOS,
+            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=lambda _: None),
+        )
         self.create_subscription(Odometry, '~/odom', self._odometry, ODOMETRY_QOS)
+        self.create_timer(
+            LOOK_AROUND, self._look_around, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
         self._link.start()
 
     def close(self) -> None:
@@ -160,9 +184,24 @@ class KartBridge(StrictNode):
         )
         self._link.give(lambda arbiter, now: arbiter.team_stop(StopSource.UNRELIABLE, True, now))
 
+    def _look_around(self) -> None:
+        """Stop while there are two where there must be one."""
+        for source, subject, most in (
+            (StopSource.TWO_REMOTES, '~/tsr', 1),
+            (StopSource.TWO_BRIDGES, '~/race_state', 1),
+        ):
+            engaged = self.count_publishers(self.resolve_topic_name(subject)) > most
+            if engaged != self._seen_double[source]:
+                self._seen_double[source] = engaged
+                self._link.give(
+                    lambda arbiter, now, source=source, engaged=engaged: arbiter.team_stop(
+                        source, engaged, now
+                    )
+                )
+
     def _odometry(self, message: Odometry) -> None:
         velocity = message.twist.twist.linear
-        speed = (velocity.x**2 + velocity.y**2) ** 0.5
+        speed = math.hypot(velocity.x, velocity.y)
         self._link.give(lambda arbiter, now: arbiter.speed(speed, now))
 
     # ----- what the team is told; in the link's thread ------------------------------------
@@ -305,17 +344,8 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
         )
     for name, address in (('host', host), ('local_address', local)):
         if address:
-            _check_address(name, address)
+            check_address(name, address)
     return LinkSettings(host, port, local), settings, lease
-
-
-def _check_address(name: str, address: str) -> None:
-    try:
-        ipaddress.IPv4Address(address)
-    except ipaddress.AddressValueError as error:
-        raise ParameterError(
-            f'parameter {name}: {address!r} is no IPv4 address ({error}). Give one as 10.0.0.1'
-        ) from error
 
 
 def main(args: list[str] | None = None) -> int:

@@ -15,6 +15,7 @@ from typing import Any
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -77,7 +78,9 @@ class RaceStateWatch:
         self._on_change = on_change
         self._lease = lease
         self._heard_at = -math.inf
-        self._bridges_alive = 0
+        self._bridges_alive: int | None = None  # None: the middleware has not said yet
+        # Of its own, so that subscription and timer wait for the same things: see `_hear`.
+        group = MutuallyExclusiveCallbackGroup()
         # When the executor last called the timer, and when before that.
         self._passed = self._passed_before = time.monotonic()
         self._told: RaceState | None = None
@@ -86,11 +89,17 @@ class RaceStateWatch:
             topic,
             self._hear,
             race_state_qos(lease),
+            callback_group=group,
             event_callbacks=SubscriptionEventCallbacks(liveliness=self._hear_liveliness),
         )
         # The middleware says when the bridge is gone; the clock says it whatever middleware it
         # is. A steady clock, since simulated time may stand still.
-        node.create_timer(lease / 5, self._pass, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_timer(
+            lease / 5,
+            self._pass,
+            callback_group=group,
+            clock=Clock(clock_type=ClockType.STEADY_TIME),
+        )
 
     @property
     def state(self) -> RaceState:
@@ -98,11 +107,11 @@ class RaceStateWatch:
         The state to obey now.
 
         RED_RED before the bridge is heard, when it says so, once it has been silent for the
-        lease, when two bridges speak, and when it says what is no state. It looks at the clock
-        itself, so it holds also while the executor is busy.
+        lease, when it is gone, when two bridges speak, and when it says what is no state. It
+        looks at the clock itself, so it holds also while the executor is busy.
         """
         silent = time.monotonic() - self._heard_at > self._lease
-        if self.message is None or silent or self._bridges_alive > 1:
+        if self.message is None or silent or self._bridges_alive not in (None, 1):
             return RaceState.RED_RED
         return state_of(self.message.state) or RaceState.RED_RED
 
@@ -122,8 +131,6 @@ class RaceStateWatch:
 
     def _hear_liveliness(self, liveliness: Any) -> None:
         self._bridges_alive = liveliness.alive_count
-        if liveliness.alive_count == 0:
-            self._heard_at = -math.inf
         self._look()
 
     def _look(self) -> None:

@@ -8,6 +8,7 @@ the default in force. Here it is refused at start, with the name that was probab
 from __future__ import annotations
 
 import difflib
+import ipaddress
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -27,6 +28,20 @@ _IN_WORDS = {
 
 class ParameterError(ValueError):
     """A parameter is wrong; the text says which one, why, and what would be right."""
+
+
+def check_address(name: str, address: str) -> None:
+    """
+    Refuse what is no IPv4 address.
+
+    :raises ParameterError: if it is none.
+    """
+    try:
+        ipaddress.IPv4Address(address)
+    except ipaddress.AddressValueError as error:
+        raise ParameterError(
+            f'parameter {name}: {address!r} is no IPv4 address ({error}). Give one as 10.0.0.1'
+        ) from error
 
 
 class StrictNode(Node):

@@ -9,11 +9,15 @@ import sys
 import threading
 from typing import Protocol
 
+from evgp_node.output import unwaiting_output
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError
+from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 from rclpy.executors import Executor, ExternalShutdownException
 
 OnFailure = Callable[[BaseException], None]
+
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+"""What ends a node in good order: also a terminal that is closed."""
 
 
 class ClosableNode(Protocol):
@@ -38,7 +42,7 @@ def run_node(
     args: list[str] | None = None,
 ) -> int:
     """
-    Run a node until SIGINT or SIGTERM, then `close` it.
+    Run a node until a signal of `ENDING`, then `close` it.
 
     :param name: stands before the sentence on stderr that says what is wrong.
     :param make_node: makes the node; what it is given is called, in any thread, when the node
@@ -53,10 +57,13 @@ def run_node(
     with ending, end:
         end.setblocking(False)
         signal.set_wakeup_fd(end.fileno(), warn_on_full_buffer=False)
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in ENDING:
             signal.signal(number, lambda *_: None)
+        # Ctrl-Z would leave the karts with what they were sent last.
+        signal.signal(signal.SIGTSTP, signal.SIG_IGN)
         try:
-            return _run(name, make_node, make_executor, refusals, args, ending, end)
+            with unwaiting_output():
+                return _run(name, make_node, make_executor, refusals, args, ending, end)
         finally:
             signal.set_wakeup_fd(-1)
 
@@ -76,9 +83,18 @@ def _run(
         failures.append(error)
         end.send(b'\0')
 
+    program, *given = sys.argv if args is None else args
+    # A log file on a disk that hangs would hold up everything, as `unwaiting_output` says. Whoever
+    # wants it says --enable-external-lib-logs.
+    own = ['--ros-args', '--disable-external-lib-logs', '--']
     try:
-        rclpy.init(args=args, signal_handler_options=rclpy.SignalHandlerOptions.NO)
+        rclpy.init(
+            args=[program, *own, *given], signal_handler_options=rclpy.SignalHandlerOptions.NO
+        )
         node = make_node(fail)
+    except UnknownROSArgsError as error:
+        print(f'{name}: unknown ROS arguments: {error}', file=sys.stderr)
+        return 2
     except (RCLError, *refusals) as error:
         print(f'{name}: {error}', file=sys.stderr)
         rclpy.try_shutdown()

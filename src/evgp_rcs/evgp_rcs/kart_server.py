@@ -32,6 +32,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.race import (
     Answer,
     Command,
+    CommandKind,
     Event,
     EventKind,
     Outcome,
@@ -43,8 +44,27 @@ from evgp_rcs.race import (
 READ_BYTES = 4096
 """What is read of one kart per beat, bytes. A kart says some 15 bytes a beat at most."""
 
+FLOOD_BEATS = 40
+"""A kart that says more than `READ_BYTES` in each of so many beats in a row is dropped."""
+
+DEAF_BEATS = 20
+"""For so many beats after a flood, what a kart says is no acknowledgement."""
+
 UNSENT_BYTES = 4096
 """What may wait for one kart that does not read before it is dropped, bytes."""
+
+HELD_UP = 1.0
+"""A beat that comes later than this, s: officials and karts have waited for race control."""
+
+WAITING = frozenset(
+    {
+        CommandKind.GRID_ACTIVE,
+        CommandKind.GREEN_GREEN,
+        CommandKind.IN_GARAGE,
+        CommandKind.KART_IN_GARAGE,
+    }
+)
+"""The commands that are not taken during a pause: those that loosen or start something."""
 
 FRAMES = {state: encode(state) for state in RaceState}
 
@@ -62,6 +82,8 @@ class ServerSettings:
     :param port: the TCP port; 0 lets the system choose one (for tests).
     :param beat_rate: frames per second to each kart; §4.C wants at least 10 Hz.
     :param send_timeout: how long a kart may leave bytes unanswered before it counts as lost, s.
+    :param pause: after a stop, and after race control was held up, for how long no command but
+        a stop that loosens or starts anything is taken, s.
     :param copy_interval: the least time between two copies of the race handed out, s.
     :param copy_at_least: the most time between two copies, even if nothing changed, s.
     """
@@ -70,6 +92,7 @@ class ServerSettings:
     port: int = 12017
     beat_rate: float = 20.0
     send_timeout: float = 1.0
+    pause: float = 1.0
     copy_interval: float = 0.05
     copy_at_least: float = 0.5
 
@@ -109,6 +132,8 @@ class _KartLink(asyncio.BufferedProtocol):
         self._socket: socket.socket | None = None
         self._read_this_beat = 0
         self._paused = False
+        self._throttled_beats = 0
+        self._open_beats = DEAF_BEATS
         # Bytes that arrived before the present order: what they say cannot be about it.
         self._unprocessed = 0
         self._stale = 0
@@ -153,7 +178,8 @@ class _KartLink(asyncio.BufferedProtocol):
             self._hear(view[:stale], 0)
             self._stale_frame = self._decoder.in_frame
         self._unprocessed = 0
-        self._hear(view[stale:nbytes], self.serial)
+        # Of what a flood has left at the kart's end nobody knows when it was said.
+        self._hear(view[stale:nbytes], self.serial if self._open_beats >= DEAF_BEATS else 0)
         self._read_this_beat += nbytes
         if self._read_this_beat >= READ_BYTES and self._transport is not None:
             self._paused = True
@@ -196,7 +222,15 @@ class _KartLink(asyncio.BufferedProtocol):
             return
         if self._paused:
             self._paused = False
+            self._open_beats = 0
+            self._throttled_beats += 1
+            if self._throttled_beats > FLOOD_BEATS:
+                self.drop('the kart floods race control')
+                return
             self._transport.resume_reading()
+        else:
+            self._throttled_beats = 0
+            self._open_beats = min(self._open_beats + 1, DEAF_BEATS)
         if not self._transport.get_write_buffer_size():
             self._write()
 
@@ -269,6 +303,9 @@ class KartServer:
         self._refusals = _Allowance(5)
         self._rubbish = {number: _Allowance(5) for number in race.karts}
         self._reports = {number: _Allowance(20) for number in race.karts}
+        self._paused_until = 0.0
+        self._paused_by = ''
+        self._beat_at = 0.0
         self._copied_at = 0.0
         self._copy_asked = False
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -368,6 +405,7 @@ class KartServer:
             reuse_address=True,
         )
         self._tell(self._first_events)
+        self._beat_at = loop.time()
         loop.call_soon(self._beat, loop.time())
         try:
             self._listening.set_result(server.sockets[0].getsockname()[:2])
@@ -411,8 +449,9 @@ class KartServer:
         assert self._closing is not None
         if self._closing.is_set():
             return
+        self._notice_delay(self._now())
         self.take_commands()
-        now = self._now()
+        now = self._beat_at = self._now()
         self._apply(self._race.tick(now))
         for link in list(self._links.values()):
             link.beat()
@@ -426,11 +465,41 @@ class KartServer:
     def take_commands(self) -> None:
         """Judge what officials have sent, stops first; called before any other work."""
         while self._stops or self._commands:
+            now = self._now()
+            self._notice_delay(now)
+            is_stop = bool(self._stops)
             command, future = (self._stops or self._commands).popleft()
-            outcome = self._race.command(command, self._now())
+            if is_stop:
+                self._pause(now, 'a stop was given just now')
+            elif not future.set_running_or_notify_cancel():
+                continue  # its official has been told that it is not answered
+            if command.kind in WAITING and now < self._paused_until:
+                outcome = self._race.refuse(
+                    command, f'{self._paused_by}; look at the race, and send it again'
+                )
+            else:
+                outcome = self._race.command(command, now)
             self._apply(outcome)
-            if outcome.answer is not None and future.set_running_or_notify_cancel():
-                future.set_result(outcome.answer)
+            if is_stop and not future.set_running_or_notify_cancel():
+                continue
+            future.set_result(outcome.answer)
+
+    def _pause(self, now: float, why: str) -> None:
+        """
+        Take nothing that loosens for a while.
+
+        A release may have been sent before a stop, by an official who had not seen it, and come
+        here after it. It must not undo the stop.
+        """
+        self._paused_until = now + self._settings.pause
+        self._paused_by = why
+
+    def _notice_delay(self, now: float) -> None:
+        """Pause if race control was held up: what waits may have been sent long ago."""
+        held_up = now - self._beat_at - 1.0 / self._settings.beat_rate
+        if held_up > HELD_UP:
+            self._beat_at = now
+            self._pause(now, f'race control was held up for {held_up:.1f} s')
 
     def _apply(self, outcome: Outcome) -> None:
         for order in outcome.orders:

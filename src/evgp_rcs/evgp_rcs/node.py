@@ -21,7 +21,7 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from evgp_node.parameters import ParameterError, Parameters, StrictNode
+from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_rcs.kart_server import KartServer, KartServerError, ServerSettings
 from evgp_rcs.messages import event_message, race_message, record_alert
@@ -73,6 +73,15 @@ EVENTS_QOS = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 """Of ``~/events``: a late subscriber gets the last 200 events."""
+
+SERVICE_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1000,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""Of the services. With ROS's usual depth of 10, the eleventh of a burst of stops would push the
+first out, unanswered. Not KEEP_ALL: a client that takes no answers must not hold up the others."""
 
 DIAGNOSTICS_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -226,16 +235,21 @@ class RcsNode(StrictNode):
             response.message = answer.message
             return response
 
-        self.create_service(service, name, serve, callback_group=group)
+        self.create_service(service, name, serve, callback_group=group, qos_profile=SERVICE_QOS)
 
     def _command(self, command: Command) -> Answer:
+        waiting: concurrent.futures.Future[Answer] | None = None
         try:
             if command.kind is CommandKind.GREEN_GREEN:
                 self._remember_the_grid()
-            return self._server.submit(command).result(ANSWER_TIMEOUT)
+            waiting = self._server.submit(command)
+            return waiting.result(ANSWER_TIMEOUT)
         except KartServerError as error:
             return Answer(False, f'{command.kind.value} was not given: {error}.')
         except concurrent.futures.TimeoutError:
+            if waiting is not None and command.kind not in STOPS:
+                # What is not in force by now does not come into force later, unseen.
+                waiting.cancel()
             return Answer(
                 False,
                 f'{command.kind.value} is not answered after {ANSWER_TIMEOUT:g} s'
@@ -277,6 +291,12 @@ def read_settings(
             'A kart that leaves bytes unanswered so long is lost, s.',
             (0.2, 10),
         ),
+        pause=declare(
+            'pause',
+            1.0,
+            'So long after a stop nothing is taken that loosens or starts anything, s.',
+            (0.5, 10),
+        ),
     )
     times = RaceTimes(
         finish_delays=tuple(
@@ -296,6 +316,7 @@ def read_settings(
         red_alert=seconds('red_alert', 5.0, 'Alert: RED_RED is not acknowledged'),
     )
     parameters.refuse_unknown()
+    check_address('address', settings.host)
     for delay in times.finish_delays:
         if not 0.0 <= delay <= 60.0:
             raise ParameterError(

@@ -447,6 +447,20 @@ class Race:
         )
         return self._outcome(answer)
 
+    def refuse(self, command: Command, reason: str) -> Outcome:
+        """Refuse a command for a reason that lies outside the rules; nothing changes."""
+        answer = Answer(False, f'{command.kind.value} refused: {reason}.')
+        self._events.append(
+            Event(
+                EventKind.COMMAND,
+                answer.message,
+                kart=command.kart or 0,
+                command=command.kind,
+                success=False,
+            )
+        )
+        return self._outcome(answer)
+
     def connected(self, number: int, now: float) -> Outcome:
         """
         Take note of a kart's new connection (§3.B, §4.A).

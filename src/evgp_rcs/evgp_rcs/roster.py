@@ -63,6 +63,8 @@ def load_roster(path: pathlib.Path) -> Roster:
     Raise RosterError where the file cannot be read or is not a roster.
     """
     try:
+        if path.is_fifo():
+            raise RosterError(f'{path}: is a pipe, and no file; name a readable file')
         with path.open('rb') as file:
             content = file.read(MAX_BYTES + 1)
     except OSError as error:

@@ -6,10 +6,17 @@ from collections.abc import Callable, Iterator
 import contextlib
 import socket
 import threading
+import time
 
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
-from evgp_rcs.kart_server import KartServer, KartServerError, ServerSettings
+from evgp_rcs.kart_server import (
+    HELD_UP,
+    KartServer,
+    KartServerError,
+    READ_BYTES,
+    ServerSettings,
+)
 from evgp_rcs.race import Answer, Command, CommandKind, Event, EventKind, Kart, Race, StampedEvent
 import pytest
 
@@ -25,7 +32,7 @@ RED_RED = RaceState.RED_RED
 class Running:
     """A server with three karts in its roster, 1 and 2 in the race, and what it told."""
 
-    def __init__(self, beat_rate: float) -> None:
+    def __init__(self, beat_rate: float, pause: float) -> None:
         self.events: list[Event] = []
         self.failures: list[BaseException] = []
         self.on_event: Callable[[Event], None] = lambda event: None
@@ -34,7 +41,7 @@ class Running:
         self.server = KartServer(
             self.race,
             {f'127.0.2.{number}': number for number in (1, 2, 3)},
-            ServerSettings(host='127.0.0.1', port=0, beat_rate=beat_rate),
+            ServerSettings(host='127.0.0.1', port=0, beat_rate=beat_rate, pause=pause),
             on_events=self._take,
             on_copy=lambda race, now: None,
             on_failure=self._fail,
@@ -79,8 +86,8 @@ def parts() -> Iterator[contextlib.ExitStack]:
 
 @pytest.fixture
 def run(parts: contextlib.ExitStack) -> Callable[..., Running]:
-    def start(beat_rate: float = 50.0) -> Running:
-        running = Running(beat_rate)
+    def start(beat_rate: float = 50.0, pause: float = 0.0) -> Running:
+        running = Running(beat_rate, pause)
         parts.callback(running.server.stop)
         return running
 
@@ -329,6 +336,103 @@ def test_while_one_kart_floods_the_others_get_their_frames_and_the_stop(
     finally:
         over.set()
         flooding.join()
+
+
+def test_what_a_flood_left_behind_is_no_acknowledgement(run: Run, connect: Connect) -> None:
+    running = run()
+    client = connect(running, 1)
+    running.wait_for(EventKind.CONNECTED, 1)
+    # More than is read in a beat, and less than what ends the connection.
+    client.sendall(encode(RED_RED) * (5 * READ_BYTES // len(encode(RED_RED))))
+    running.wait_for(EventKind.REPORTED, 1)
+    running.give(CommandKind.ALL_KILL)
+    assert not running.race.karts[1].acknowledged
+    # Once the flood is over it is heard again.
+    while not running.race.karts[1].acknowledged:
+        client.sendall(encode(RED_RED))
+        read_until(client, RED_RED)
+
+
+def test_a_kart_that_goes_on_flooding_is_dropped(run: Run, connect: Connect) -> None:
+    running = run(beat_rate=100.0)
+    client = connect(running, 1)
+    running.wait_for(EventKind.CONNECTED, 1)
+    with contextlib.suppress(ConnectionError):
+        while True:
+            client.sendall(b'$' * 65536)
+    (event,) = running.wait_for(EventKind.DISCONNECTED, 1)
+    assert 'floods' in event.text
+
+
+def test_a_release_right_behind_a_stop_does_not_undo_it(run: Run, connect: Connect) -> None:
+    running = run(pause=PATIENCE)
+    clients = [connect(running, kart) for kart in (1, 2)]
+    running.give(CommandKind.ALL_KILL)
+    for kart, client in enumerate(clients, 1):
+        read_until(client, RED_RED)
+        client.sendall(encode(RED_RED))
+        running.wait_for(EventKind.ACKNOWLEDGED, kart)
+    for answer in (
+        running.give(CommandKind.IN_GARAGE),
+        running.give(CommandKind.KART_IN_GARAGE, 1),
+    ):
+        assert not answer.success
+        assert answer.message.endswith(
+            'refused: a stop was given just now; look at the race, and send it again.'
+        )
+    assert running.race.state is RED_RED
+
+
+def test_a_release_is_taken_when_the_pause_after_a_stop_is_over(
+    run: Run, connect: Connect
+) -> None:
+    running = run(pause=0.05)
+    running.give(CommandKind.ALL_KILL)
+    while not running.give(CommandKind.IN_GARAGE).success:
+        pass
+    assert running.race.state is IN_GARAGE
+
+
+def test_a_stop_is_taken_in_the_pause_after_a_stop(run: Run, connect: Connect) -> None:
+    running = run(pause=PATIENCE)
+    running.give(CommandKind.KART_RED_RED, 1)
+    assert running.give(CommandKind.ALL_KILL).success
+
+
+def test_a_start_that_waited_while_race_control_was_held_up_is_refused(
+    run: Run, connect: Connect
+) -> None:
+    running = run(pause=PATIENCE)
+    waiting = []
+
+    def hold_up(event: Event) -> None:
+        if event.kind is EventKind.CONNECTED:
+            waiting.append(running.server.submit(Command(CommandKind.GRID_ACTIVE, None, True)))
+            time.sleep(HELD_UP + 0.1)  # as a machine that was suspended
+
+    running.on_event = hold_up
+    connect(running, 1)
+    running.wait_for(EventKind.COMMAND)
+    answer = waiting[0].result(PATIENCE)
+    assert not answer.success
+    assert 'race control was held up for' in answer.message
+
+
+def test_a_command_that_nobody_waits_for_any_more_is_not_given(run: Run, connect: Connect) -> None:
+    running = run()
+    given = []
+
+    def give_up(event: Event) -> None:
+        if event.kind is EventKind.CONNECTED:
+            given.append(running.server.submit(Command(CommandKind.GRID_ACTIVE, None, True)))
+            given[0].cancel()
+
+    running.on_event = give_up
+    connect(running, 1)
+    running.wait_for(EventKind.CONNECTED, 1)
+    running.give(CommandKind.CLOSE_TRACK)
+    assert given[0].cancelled()
+    assert running.race.state is IN_GARAGE
 
 
 def test_a_kart_that_never_reads_is_dropped_and_the_others_are_not(

@@ -1,0 +1,64 @@
+"""Standard output and error that nobody ever waits for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import os
+import sys
+import threading
+
+FINISH_TIMEOUT = 1.0
+"""How long what was printed last may take to be printed at the end, seconds."""
+
+
+@contextlib.contextmanager
+def unwaiting_output() -> Iterator[None]:
+    """
+    Put a pipe and a thread before standard output and error; what does not fit is lost.
+
+    rclpy writes its log while it holds the interpreter's lock. A terminal that takes nothing
+    (Ctrl-S, a hung ssh, a stopped ``ros2 launch``) would stop every thread of the process with
+    the next line, and with them every stop for every kart.
+    """
+    for stream in (1, 2):
+        if os.isatty(stream):
+            # rcutils would see a pipe, and leave the colours out.
+            os.environ.setdefault('RCUTILS_COLORIZED_OUTPUT', '1')
+    pumps = [_Pump(stream) for stream in (1, 2)]
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        for pump in pumps:
+            pump.finish()
+
+
+class _Pump:
+    """Stands before one file descriptor."""
+
+    def __init__(self, stream: int) -> None:
+        self._stream = stream
+        self._original = os.dup(stream)
+        self._source, sink = os.pipe()
+        os.set_blocking(sink, False)
+        os.dup2(sink, stream)
+        os.close(sink)
+        self._thread = threading.Thread(target=self._run, name='output', daemon=True)
+        self._thread.start()
+
+    def finish(self) -> None:
+        """Give the descriptor back, once all was printed or that takes too long."""
+        # By this the pipe loses its last writer, and the thread comes to its end.
+        os.dup2(self._original, self._stream)
+        self._thread.join(FINISH_TIMEOUT)
+
+    def _run(self) -> None:
+        while data := os.read(self._source, 65536):
+            try:
+                while data:
+                    count = os.write(self._original, data)
+                    data = data[count:]
+            except OSError:
+                pass  # nobody reads it any more; race control goes on without being read
