@@ -14,7 +14,6 @@ import pathlib
 import signal
 import time
 
-from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
 import pytest
@@ -24,11 +23,14 @@ from race_parts.lost_links import (
     Fault,
     FAULTY,
     GOOD,
+    kill_bridge,
     NetworkRace,
     race_in_bad_air,
     RosKart,
+    steal_address,
+    wait_for_held,
 )
-from race_parts.networks import kart_address, why_not
+from race_parts.networks import why_not
 
 RED_RED = RaceState.RED_RED
 Event = msg.RaceEvent
@@ -57,15 +59,6 @@ def check_the_other_kart_raced_on(race: NetworkRace) -> None:
     assert race.good.state is RaceState.GREEN_GREEN
     assert not race.events(Event.DISCONNECTED, GOOD)
     assert not race.good.malformed
-
-
-def check_held(race: NetworkRace) -> None:
-    """Check that the faulty kart is sent RED_RED once it is connected."""
-    race.official.wait_for_kart(
-        FAULTY,
-        lambda kart: kart.connected and state_of(kart.sent) is RED_RED,
-        'back, and held in RED_RED',
-    )
 
 
 # ----- the network -------------------------------------------------------------------------
@@ -106,7 +99,7 @@ def test_where_a_third_is_lost_a_kart_that_is_lost_comes_back_held(
     assert RaceState.GREEN_GREEN not in race.faulty.team.states[green:]
     lost = race.events(Event.DISCONNECTED, FAULTY)
     if lost:
-        check_held(race)
+        wait_for_held(race)
     record_property('30 % and 200 ms', [each.text for each in lost])
 
 
@@ -116,15 +109,10 @@ def test_where_a_third_is_lost_a_kart_that_is_lost_comes_back_held(
 def test_a_killed_bridge_is_noticed_and_comes_back_held(
     race: NetworkRace, record_property: Callable[[str, object], None]
 ) -> None:
-    race.green()
-    began = time.monotonic()
-    race.faulty.bridge.kill()
-    lost = race.wait_for_lost(began)
+    noticed = kill_bridge(race)
     check_the_other_kart_raced_on(race)
-    race.faulty.restart_bridge()
-    race.faulty.team.wait_for_state(RED_RED)
-    check_held(race)
-    record_property('bridge killed', lost.text)
+    print(f'bridge killed: {noticed}')
+    record_property('bridge killed', noticed)
 
 
 def test_a_frozen_bridge_is_seen_by_what_it_does_not_acknowledge(race: NetworkRace) -> None:
@@ -132,6 +120,7 @@ def test_a_frozen_bridge_is_seen_by_what_it_does_not_acknowledge(race: NetworkRa
     race.green()
     began = time.monotonic()
     race.faulty.bridge.signal(signal.SIGSTOP)
+    race.wait_for_stopped(began)
     check_the_other_kart_raced_on(race)
     race.official.command('all_kill')
     race.official.wait_for_acks(RED_RED, GOOD)
@@ -141,7 +130,7 @@ def test_a_frozen_bridge_is_seen_by_what_it_does_not_acknowledge(race: NetworkRa
     states = len(race.faulty.team.states)
     race.faulty.bridge.signal(signal.SIGCONT)
     race.wait_for_lost(began)
-    check_held(race)
+    wait_for_held(race)
     assert RaceState.GREEN_GREEN not in race.faulty.team.states[states:]
 
 
@@ -159,7 +148,7 @@ def test_a_machine_that_reboots_takes_the_place_of_its_own_lost_connection(
     race.faulty = race.start_ros_kart(machine)
     race.faulty.team.wait_for(lambda state: state.connected, 'a link')
     assert race.faulty.team.states == [RED_RED]
-    check_held(race)
+    wait_for_held(race)
     assert lost.text.endswith(
         (
             'a new connection from its address took its place',
@@ -170,24 +159,14 @@ def test_a_machine_that_reboots_takes_the_place_of_its_own_lost_connection(
 
 
 def test_a_stolen_address_stops_the_kart_and_gets_the_thief_nothing_but_red_red(
-    race: NetworkRace,
+    race: NetworkRace, record_property: Callable[[str, object], None]
 ) -> None:
-    race.green()
-    began = time.monotonic()
-    twin = race.track.machine('thief', kart_address(FAULTY), twin=1)
-    with race.connect(twin) as thief:
-        lost = race.wait_for_lost(began)
-        race.wait_for_stopped(began)
-        thief.wait_for_frames(3)
-        assert [state for _, state in thief.changes] == [RED_RED]
-    race.track.remove(twin)
-    # As a machine does that joins the WLAN again: ask anew who has race control's address, and
-    # thereby tell who has its own. Else the thief is remembered for up to a minute.
-    race.machine.ip('neigh flush dev eth0')
-    assert lost.text.endswith('a new connection from its address took its place')
-    race.faulty.team.wait_for(lambda state: state.connected, 'the owner is back')
-    check_held(race)
+    noticed = steal_address(race)
     check_the_other_kart_raced_on(race)
+    lost, *_ = race.events(Event.DISCONNECTED, FAULTY)
+    assert lost.text.endswith('a new connection from its address took its place')
+    print(f'address stolen: {noticed}')
+    record_property('address stolen', noticed)
 
 
 # ----- the networks themselves -------------------------------------------------------------

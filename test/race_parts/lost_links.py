@@ -7,8 +7,10 @@ import contextlib
 import dataclasses
 import itertools
 import pathlib
+import signal
 import time
 
+from evgp_kart_bridge.watch import RaceStateWatch
 from evgp_node.states import state_of
 from evgp_protocol.frames import MalformedFrame, StateFrame
 from evgp_protocol.states import RaceState
@@ -49,11 +51,17 @@ class PunctualKart(WireKart):
 
 
 class RosKart:
-    """A kart with ROS on a machine of its own: its bridge, and a team's node beside it."""
+    """
+    A kart with ROS on a machine of its own: its bridge, and a team's node beside it.
+
+    ``obeyed`` are the states that a stack with the bridge's watch obeys, each with the monotonic
+    time (s) since when: the watch also tells when the bridge is gone.
+    """
 
     def __init__(self, machine: Machine, port: int) -> None:
         """Start it; it need not find race control."""
         self.machine = machine
+        self.obeyed: list[tuple[float, RaceState]] = []
         self._port = port
         self._stack = contextlib.ExitStack()
         domain = self._stack.enter_context(Domain()).number
@@ -62,6 +70,7 @@ class RosKart:
                 self.bridge = self._start(domain)
                 self.team = Team(domain)
                 self._stack.callback(self.team.close)
+                RaceStateWatch(self.team.node, self._obey)
         except BaseException:
             self.close()
             raise
@@ -74,6 +83,11 @@ class RosKart:
     def close(self) -> None:
         """End it."""
         self._stack.close()
+
+    def _obey(self, state: RaceState) -> None:
+        with self.team.news:
+            self.obeyed.append((time.monotonic(), state))
+            self.team.news.notify_all()
 
     def _start(self, domain: int) -> Bridge:
         parameters = {'host': RACE_CONTROL}
@@ -159,7 +173,8 @@ class NetworkRace:
 
         What ran on it ends without a word to race control, as its cable has gone first.
         """
-        machine.unplug()
+        if machine.plugged:
+            machine.unplug()
         self._faulty.close()
         self.track.remove(machine)
         self.machine = self.track.machine('kart1', machine.address)
@@ -219,17 +234,17 @@ class NetworkRace:
 
     def wait_for_stopped(self, since: float) -> float:
         """
-        Return when (monotonic, s) the faulty kart's stack was told RED_RED since then.
+        Return when (monotonic, s) the faulty kart's stack had to obey RED_RED since then.
 
-        :raises AssertionError: if it is not told in time.
+        :raises AssertionError: if it need not in time.
         """
-        team = self.faulty.team
+        kart = self.faulty
 
         def found() -> float | None:
-            times = [at for at, state in team.changes if state is RaceState.RED_RED]
+            times = [at for at, state in kart.obeyed if state is RaceState.RED_RED]
             return next((at for at in times if at >= since), None)
 
-        at = team.wait_until(found, lambda: f'RED_RED; heard: {team.changes}')
+        at = kart.team.wait_until(found, lambda: f'RED_RED; obeyed: {kart.obeyed}')
         assert at is not None
         return at
 
@@ -294,16 +309,38 @@ class Noticed:
     """
     What became of one fault; times in s.
 
-    :ivar by_race_control: from the first byte that was not answered.
-    :ivar by_kart: from the last new byte that reached the kart, to the stack's RED_RED.
+    :ivar by_race_control: from the first byte that was not answered, or, where a process or a
+        machine failed, from that; None: it cannot see it.
+    :ivar by_kart: from the last new byte that reached the kart, or from the fault likewise, to
+        the RED_RED of a stack beside the bridge; None: there is nobody left to notice.
     :ivar back: from the mending to the new connection.
     :ivar gap: the worst gap between two frames of the other kart.
     """
 
-    by_race_control: float
-    by_kart: float
+    by_race_control: float | None
+    by_kart: float | None
     back: float
     gap: float
+
+
+def under_way(race: NetworkRace) -> float:
+    """Bring the race to GREEN_GREEN, let it run, and return the time (monotonic, s)."""
+    race.green()
+    race.good.wait_for_frames(round(RESTED * 20))
+    return time.monotonic()
+
+
+def wait_for_held(race: NetworkRace) -> None:
+    """
+    Return once the faulty kart is connected and sent RED_RED.
+
+    :raises AssertionError: if that does not happen in time.
+    """
+    race.official.wait_for_kart(
+        FAULTY,
+        lambda kart: kart.connected and state_of(kart.sent) is RaceState.RED_RED,
+        'back, and held in RED_RED',
+    )
 
 
 def cut(race: NetworkRace, fault: Fault) -> Noticed:
@@ -312,9 +349,7 @@ def cut(race: NetworkRace, fault: Fault) -> Noticed:
 
     :raises AssertionError: if any of that does not happen in time.
     """
-    race.green()
-    race.good.wait_for_frames(round(RESTED * 20))
-    began = time.monotonic()
+    began = under_way(race)
     fault.begin(race)
     lost = race.wait_for_lost(began)
     stopped = race.wait_for_stopped(began)
@@ -324,17 +359,101 @@ def cut(race: NetworkRace, fault: Fault) -> Noticed:
     mended = time.monotonic()
     gap = race.good.worst_gap(began)
     fault.mend(race)
-    back = race.wait_for_back(monotonic(lost))
-    race.official.wait_for_kart(
-        FAULTY,
-        lambda kart: kart.connected and state_of(kart.sent) is RaceState.RED_RED,
-        'back, and held in RED_RED',
-    )
+    back = race.wait_for_back(max(mended, monotonic(lost)))
+    wait_for_held(race)
     return Noticed(
         monotonic(lost) - times.came,
         stopped - times.arrived,
         monotonic(back) - mended,
         gap,
+    )
+
+
+def kill_bridge(race: NetworkRace) -> Noticed:
+    """
+    Kill the faulty kart's bridge, and start it again; see ``cut``.
+
+    :raises AssertionError: if what must happen does not in time.
+    """
+    began = under_way(race)
+    race.faulty.bridge.kill()
+    lost = race.wait_for_lost(began)
+    stopped = race.wait_for_stopped(began)
+    gap = race.good.worst_gap(began)
+    mended = time.monotonic()
+    race.faulty.restart_bridge()
+    back = race.wait_for_back(mended)
+    wait_for_held(race)
+    return Noticed(monotonic(lost) - began, stopped - began, monotonic(back) - mended, gap)
+
+
+def freeze_bridge(race: NetworkRace) -> Noticed:
+    """
+    Have the faulty kart's bridge stand still for longer than the link may be silent.
+
+    Its kernel goes on to answer, so race control sees nothing before the bridge goes on.
+
+    :raises AssertionError: if what must happen does not in time.
+    """
+    began = under_way(race)
+    race.faulty.bridge.signal(signal.SIGSTOP)
+    stopped = race.wait_for_stopped(began)
+    race.good.wait_for_frames(30)
+    assert not race.events(msg.RaceEvent.DISCONNECTED, FAULTY, began)
+    gap = race.good.worst_gap(began)
+    mended = time.monotonic()
+    race.faulty.bridge.signal(signal.SIGCONT)
+    back = race.wait_for_back(mended)
+    wait_for_held(race)
+    return Noticed(None, stopped - began, monotonic(back) - mended, gap)
+
+
+def reboot_machine(race: NetworkRace) -> Noticed:
+    """
+    Cut the power of the faulty kart, wait until that is noticed, and have it boot; see ``cut``.
+
+    :raises AssertionError: if what must happen does not in time.
+    """
+    began = under_way(race)
+    race.machine.air()
+    machine = race.machine
+    machine.unplug()
+    off = time.monotonic()
+    lost = race.wait_for_lost(began)
+    gap = race.good.worst_gap(began)
+    mended = time.monotonic()
+    race.faulty = race.start_ros_kart(race.reboot(machine))
+    back = race.wait_for_back(mended)
+    wait_for_held(race)
+    return Noticed(monotonic(lost) - off, None, monotonic(back) - mended, gap)
+
+
+def steal_address(race: NetworkRace) -> Noticed:
+    """
+    Have a second machine connect from the faulty kart's address, and leave; see ``cut``.
+
+    :raises AssertionError: if what must happen does not in time.
+    """
+    began = under_way(race)
+    twin = race.track.machine('thief', race.machine.address, twin=1)
+    stolen = time.monotonic()
+    with race.connect(twin) as thief:
+        lost = race.wait_for_lost(began)
+        stopped = race.wait_for_stopped(began)
+        thief.wait_for_frames(3)
+        assert [state for _, state in thief.changes] == [RaceState.RED_RED]
+    times = race.machine.times()
+    assert times.arrived is not None
+    gap = race.good.worst_gap(began)
+    mended = time.monotonic()
+    race.track.remove(twin)
+    # As a machine does that joins the WLAN again: ask anew who has race control's address, and
+    # thereby tell who has its own. Else the thief is remembered for up to a minute.
+    race.machine.ip('neigh flush dev eth0')
+    back = race.wait_for_back(mended)
+    wait_for_held(race)
+    return Noticed(
+        monotonic(lost) - stolen, stopped - times.arrived, monotonic(back) - mended, gap
     )
 
 
