@@ -35,7 +35,8 @@ class Process:
     ) -> None:
         """Start the process."""
         path = pathlib.Path(get_package_prefix(package), 'lib', package, executable)
-        command = [str(path), '--ros-args', *arguments]
+        # Whoever started it may be killed; it must not live on, on a domain that others then take.
+        command = ['setpriv', '--pdeathsig', 'KILL', str(path), '--ros-args', *arguments]
         for name, value in (parameters or {}).items():
             text = str(value).lower() if isinstance(value, bool) else str(value)
             command += ['-p', f'{name}:={text}']

@@ -1,0 +1,107 @@
+"""The other ends of the measurements: processes that do as little as can be done."""
+
+from __future__ import annotations
+
+import json
+import socket
+import sys
+import time
+from typing import Any
+
+from crowd import address_of
+from evgp_protocol.frames import encode
+from evgp_protocol.states import RaceState
+
+
+def tell(value: object) -> None:
+    """Answer with one line of JSON."""
+    print(json.dumps(value), flush=True)
+
+
+def floor(count: int) -> None:
+    """Write a state to every socket in a bare loop, when told to; answer with when it began."""
+    with socket.create_server(('127.0.0.1', 0), backlog=4096) as listening:
+        tell(listening.getsockname()[1])
+        karts = []
+        while len(karts) < count:
+            kart, _ = listening.accept()
+            kart.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            karts.append(kart)
+        tell('ready')
+        for line in sys.stdin:
+            frame = encode(RaceState[line.strip()])
+            began = time.monotonic()
+            for kart in karts:
+                kart.send(frame)
+            tell(began)
+
+
+def rules(count: int) -> None:
+    """Run the kart server and the rules without ROS; give commands, and answer with when."""
+    from evgp_rcs.kart_server import KartServer, ServerSettings
+    from evgp_rcs.race import Command, CommandKind, Kart, Race
+
+    race = Race([Kart(number, f'Team {number}', True) for number in range(1, count + 1)])
+    server = KartServer(
+        race,
+        {address_of(number): number for number in race.karts},
+        ServerSettings(host='127.0.0.1', port=0, pause=0.0),
+        on_events=lambda events: None,
+        on_copy=lambda copy, now: None,
+        on_failure=lambda error: None,
+    )
+    server.start()
+    tell(server.address[1])
+    for line in sys.stdin:
+        command = Command(CommandKind[line.strip()], statement=True)
+        began = time.monotonic()
+        answer = server.submit(command).result()
+        tell([began, answer.success])
+    server.stop()
+
+
+def service(domain: int) -> None:
+    """Offer a bare ROS service, with race control's executor."""
+    import rclpy
+    from rclpy.executors import MultiThreadedExecutor
+    from rclpy.node import Node
+    from std_srvs.srv import Trigger
+
+    def serve(_: Any, response: Any) -> Any:
+        response.success = True
+        return response
+
+    rclpy.init(domain_id=domain)
+    node = Node('bare')
+    node.create_service(Trigger, '/bare', serve)
+    executor = MultiThreadedExecutor(num_threads=4)
+    executor.add_node(node)
+    tell('ready')
+    executor.spin()
+
+
+def publisher(domain: int) -> None:
+    """Publish a race state for every frame of a TCP connection, and do nothing else."""
+    from evgp_kart_bridge.watch import LEASE, race_state_qos
+    from evgp_node.states import state_message
+    from evgp_rcs_msgs.msg import KartRaceState
+    import rclpy
+    from rclpy.node import Node
+
+    rclpy.init(domain_id=domain)
+    node = Node('bare')
+    qos = race_state_qos(LEASE)
+    topic = node.create_publisher(KartRaceState, '/kart_bridge/race_state', qos)
+    with socket.create_server(('127.0.0.1', 0)) as listening:
+        tell(listening.getsockname()[1])
+        connection, _ = listening.accept()
+        with connection:
+            while data := connection.recv(4096):
+                state = RaceState(data[data.rindex(b'$') + 1 : -1].decode())
+                topic.publish(KartRaceState(state=state_message(state)))
+
+
+if __name__ == '__main__':
+    {'floor': floor, 'rules': rules, 'service': service, 'publisher': publisher}[sys.argv[1]](
+        int(sys.argv[2])
+    )

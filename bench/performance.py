@@ -1,0 +1,553 @@
+"""
+Measure race control and the bridge, each figure beside a floor of the same run.
+
+``make bench`` prints the tables of docs/performance.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+import contextlib
+import json
+import os
+import pathlib
+import platform
+import resource
+import signal
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from typing import Any
+
+HERE = pathlib.Path(__file__).parent
+sys.path[:0] = [str(HERE), str(HERE.parent / 'test')]
+
+from crowd import address_of  # noqa: E402
+from evgp_protocol.frames import encode  # noqa: E402
+from evgp_protocol.states import RaceState  # noqa: E402
+from race_parts.domains import Domain  # noqa: E402
+from race_parts.kart import Bridge, Team  # noqa: E402
+from race_parts.official import Official  # noqa: E402
+from race_parts.process import Process  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+import yaml  # noqa: E402
+
+RED_RED, IN_GARAGE = RaceState.RED_RED, RaceState.IN_GARAGE
+TICK = os.sysconf('SC_CLK_TCK')
+
+
+class Party:
+    """A process of bench/ that is told a line and answers a line."""
+
+    def __init__(self, script: str, *arguments: object) -> None:
+        """Start it."""
+        self._process = subprocess.Popen(
+            [sys.executable, str(HERE / script), *map(str, arguments)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+
+    @property
+    def pid(self) -> int:
+        """Return its process number."""
+        return self._process.pid
+
+    def hear(self) -> Any:
+        """Return what it answers next."""
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        assert line, f'{self._process.args} ended'
+        return json.loads(line)
+
+    def tell(self, *words: object) -> None:
+        """Tell it something."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(' '.join(map(str, words)) + '\n')
+        self._process.stdin.flush()
+
+    def __enter__(self) -> Party:
+        """Return it."""
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        """End it."""
+        self._process.kill()
+        self._process.communicate()
+
+
+class Control(Process):
+    """A real race control with N karts in the race."""
+
+    def __init__(self, folder: pathlib.Path, domain: int, count: int) -> None:
+        """Start it, and wait until karts can connect."""
+        roster = folder / f'karts{count}.yaml'
+        karts = [
+            {
+                'number': number,
+                'team': f'Team {number}',
+                'address': address_of(number),
+                'in_race': True,
+            }
+            for number in range(1, count + 1)
+        ]
+        roster.write_text(yaml.safe_dump({'karts': karts}), encoding='utf-8')
+        self.domain = domain
+        parameters = {
+            'roster': roster,
+            'record': folder / f'record{count}.sqlite3',
+            'address': '127.0.0.1',
+            'port': 0,
+            'pause': 0.5,
+        }
+        super().__init__('evgp_rcs', 'rcs_node', domain, parameters)
+        self.port = int(self.wait_for_line(r'listens for .* port (\d+)')[1])
+
+
+@contextlib.contextmanager
+def racing(folder: pathlib.Path, count: int) -> Iterator[tuple[Control, Official, Party]]:
+    """Have race control, an official, and so many karts that acknowledge each change."""
+    with (
+        Domain() as domain,
+        Control(folder, domain.number, count) as control,
+        contextlib.closing(Official(domain.number)) as official,
+        Party('crowd.py', control.port, count, 'acknowledge') as crowd,
+    ):
+        assert crowd.hear() == 'ready'
+        official.wait_for_race(
+            lambda race: all(kart.connected for kart in race.karts), 'every kart connected'
+        )
+        yield control, official, crowd
+
+
+def spread(seconds: Sequence[float]) -> str:
+    """Return median and 99th percentile, ms."""
+    ordered = sorted(seconds)
+    return f'{ms(statistics.median(ordered))} / {ms(ordered[int(len(ordered) * 0.99)])}'
+
+
+def ms(seconds: float) -> str:
+    """Return milliseconds."""
+    return f'{seconds * 1e3:.2f}'
+
+
+def table(title: str, head: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+    """Print a table in Markdown."""
+    print(f'\n### {title}\n')
+    print('| ' + ' | '.join(head) + ' |')
+    print('|' + '---|' * len(head))
+    for row in rows:
+        print('| ' + ' | '.join(map(str, row)) + ' |', flush=True)
+
+
+def used(pid: int) -> float:
+    """Return the CPU seconds that a process has used."""
+    fields = pathlib.Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / TICK
+
+
+def rss(pid: int) -> float:
+    """Return the resident memory of a process, MB."""
+    pages = int(pathlib.Path(f'/proc/{pid}/statm').read_text().split()[1])
+    return pages * resource.getpagesize() / 1e6
+
+
+# ----- 1: stop latency ---------------------------------------------------------------------
+
+
+def stop_latency(folder: pathlib.Path, counts: Sequence[int], times: int) -> None:
+    """Measure from a stop to the last of N karts that reads it."""
+    call = bare_call(200)
+    rows = []
+    for count in counts:
+        bare = floor_latency(count, times)
+        server = rules_latency(count, times)
+        whole, answered = whole_latency(folder, count, times)
+        median = statistics.median
+        rows.append(
+            (
+                count,
+                spread(bare),
+                spread(server),
+                f'{median(server) / median(bare):.2f}',
+                spread(call),
+                spread(whole),
+                f'{median(whole) / (median(call) + median(bare)):.2f}',
+                spread(answered),
+            )
+        )
+    table(
+        f'Stop latency, ms, median / p99 of {times}',
+        (
+            'karts',
+            'floor',
+            'rules and fan-out',
+            '÷ floor',
+            'bare service call',
+            'whole path',
+            '÷ (call + floor)',
+            'call → answer',
+        ),
+        rows,
+    )
+
+
+def floor_latency(count: int, times: int) -> list[float]:
+    """Return the times of a bare loop, s."""
+    with (
+        Party('parties.py', 'floor', count) as writer,
+        Party('crowd.py', writer.hear(), count, 'mute') as crowd,
+    ):
+        assert crowd.hear() == 'ready'
+        assert writer.hear() == 'ready'
+        return [
+            timed(crowd, state, lambda state=state: (writer.tell(state.name), writer.hear())[1])
+            for state in (IN_GARAGE, RED_RED) * times
+        ][1::2]
+
+
+def rules_latency(count: int, times: int) -> list[float]:
+    """Return the times of the kart server with the rules, without ROS, s."""
+
+    def give(command: str) -> float:
+        server.tell(command)
+        began, success = server.hear()
+        assert success or command == 'IN_GARAGE'
+        return began
+
+    def go_home() -> None:
+        while True:
+            server.tell('IN_GARAGE')
+            if server.hear()[1]:
+                return
+            time.sleep(0.01)
+
+    with (
+        Party('parties.py', 'rules', count) as server,
+        Party('crowd.py', server.hear(), count, 'acknowledge') as crowd,
+    ):
+        assert crowd.hear() == 'ready'
+        result = []
+        for _ in range(times):
+            result.append(timed(crowd, RED_RED, lambda: give('ALL_KILL')))
+            go_home()
+            crowd.tell('watch', IN_GARAGE.name)
+            crowd.hear()
+        return result
+
+
+def timed(crowd: Party, state: RaceState, send: Callable[[], float]) -> float:
+    """Return how long after it was sent the last kart saw a state, s."""
+    crowd.tell('watch', state.name)
+    time.sleep(0.01)  # the crowd has the line before the frames come
+    began = send()
+    last: float = crowd.hear()
+    return last - began
+
+
+def whole_latency(folder: pathlib.Path, count: int, times: int) -> tuple[list[float], list[float]]:
+    """Return the times from a client's call to the last kart, and to its answer, s."""
+    answered = []
+
+    def kill() -> float:
+        began = time.monotonic()
+        assert official.call('all_kill').success
+        answered.append(time.monotonic() - began)
+        return began
+
+    with racing(folder, count) as (_, official, crowd):
+        seen = []
+        for _ in range(times + 1):
+            seen.append(timed(crowd, RED_RED, kill))
+            bring_home(official, crowd)
+        return seen[1:], answered[1:]  # the first call of a client is DDS meeting
+
+
+def bring_home(official: Official, crowd: Party) -> None:
+    """Give IN_GARAGE as soon as it is allowed, and wait until all karts have it."""
+    crowd.tell('watch', IN_GARAGE.name)
+    while not official.call('in_garage', track_safe=True).success:
+        time.sleep(0.02)
+    crowd.hear()
+
+
+def bare_call(times: int) -> list[float]:
+    """Return the times of a bare service call between two processes, s."""
+    with (
+        Domain() as domain,
+        Party('parties.py', 'service', domain.number) as party,
+        contextlib.closing(Official(domain.number)) as official,
+    ):
+        assert party.hear() == 'ready'
+        client = official.node.create_client(Trigger, '/bare')
+        result = []
+        for _ in range(times + 10):
+            began = time.monotonic()
+            official.request(client, Trigger.Request())
+            result.append(time.monotonic() - began)
+            time.sleep(0.005)
+        return result[10:]
+
+
+# ----- 2 and 3: beat, cost -----------------------------------------------------------------
+
+
+def beat_and_cost(folder: pathlib.Path, counts: Sequence[int], seconds: float) -> None:
+    """Measure frames, gaps and CPU, idle and with commands and acknowledgements going on."""
+    rows = []
+    for count in counts:
+        with racing(folder, count) as (control, official, crowd):
+            for what in ('idle', 'busy'):
+                ended = threading.Event()
+                busy = threading.Thread(target=keep_busy, args=(official, ended))
+                if what == 'busy':
+                    busy.start()
+                before, began = used(control.pid), time.monotonic()
+                crowd.tell('gaps', seconds)
+                seen = crowd.hear()
+                cpu = (used(control.pid) - before) / (time.monotonic() - began)
+                if what == 'busy':
+                    ended.set()
+                    busy.join()
+                rates = [frames / seconds for frames in seen['frames']]
+                rows.append(
+                    (
+                        count,
+                        what,
+                        f'{statistics.median(rates):.1f} / {min(rates):.1f}',
+                        f'{statistics.median(seen["worst"]) * 1e3:.0f}',
+                        f'{max(seen["worst"]) * 1e3:.0f}',
+                        f'{cpu * 100:.1f} %',
+                        f'{rss(control.pid):.0f}',
+                    )
+                )
+    table(
+        f'Beat and cost of race control over {seconds:g} s',
+        (
+            'karts',
+            'state',
+            'frames/s, median / least kart',
+            'worst gap of a median kart, ms',
+            'of all, ms',
+            'of one core',
+            'RSS, MB',
+        ),
+        rows,
+    )
+
+
+def keep_busy(official: Official, ended: threading.Event) -> None:
+    """Stop every kart and bring it home, over and over, with refused commands between."""
+    while not ended.is_set():
+        official.call('all_kill')
+        for _ in range(5):
+            official.call('kart/finish', kart=1)
+            ended.wait(0.2)
+        official.call('in_garage', track_safe=True)
+        ended.wait(0.5)
+
+
+def bridge_cost(seconds: float) -> None:
+    """Measure the bridge's CPU while it is sent 20 frames a second, with a stack listening."""
+    with (
+        Domain() as domain,
+        socket.create_server(('127.0.0.1', 0)) as listening,
+        Bridge(domain.number, listening.getsockname()[1], '127.0.1.1') as bridge,
+        contextlib.closing(Team(domain.number)) as team,
+    ):
+        connection, _ = listening.accept()
+        with connection:
+            rows = []
+            for what, states in (
+                ('one state', (IN_GARAGE,)),
+                ('a new state with every frame', (RaceState.RED_FLAG, RED_RED)),
+            ):
+                connection.sendall(encode(states[0]))
+                team.wait_for_state(states[0])
+                before, began = used(bridge.pid), time.monotonic()
+                for turn in range(round(20 * seconds)):
+                    connection.sendall(encode(states[turn % len(states)]))
+                    time.sleep(0.05)
+                cpu = (used(bridge.pid) - before) / (time.monotonic() - began)
+                rows.append((what, f'{cpu * 100:.1f} %', f'{rss(bridge.pid):.0f}'))
+    table(
+        f'Cost of the bridge at 20 Hz over {seconds:g} s',
+        ('frames', 'of one core', 'RSS, MB'),
+        rows,
+    )
+
+
+# ----- 4 and 5: the kart's side ------------------------------------------------------------
+
+
+def kart_side(times: int) -> None:
+    """Measure from a frame to the callback in the team's node, beside a bare publisher."""
+    with Domain() as domain, Party('parties.py', 'publisher', domain.number) as party:
+        bare = frame_to_callback(
+            domain.number, lambda: socket.create_connection(('127.0.0.1', party.hear())), times
+        )
+    with (
+        Domain() as domain,
+        socket.create_server(('127.0.0.1', 0)) as listening,
+        Bridge(domain.number, listening.getsockname()[1], '127.0.1.1'),
+    ):
+        bridge = frame_to_callback(domain.number, lambda: listening.accept()[0], times)
+    ratio = statistics.median(bridge) / statistics.median(bare)
+    table(
+        f'Frame on the socket → callback in the stack, ms, median / p99 of {times}',
+        ('bare publisher', 'bridge', '÷ bare'),
+        [(spread(bare), spread(bridge), f'{ratio:.2f}')],
+    )
+
+
+def frame_to_callback(
+    domain: int, connect: Callable[[], socket.socket], times: int
+) -> list[float]:
+    """Return the times from the sending of a frame to the team's callback, s."""
+    with contextlib.closing(Team(domain)) as team, connect() as connection:
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.sendall(encode(RaceState.RED_FLAG))
+        team.wait_for_state(RaceState.RED_FLAG)
+        result = []
+        for turn in range(times):
+            state = (RED_RED, RaceState.RED_FLAG)[turn % 2]
+            began = time.monotonic()
+            connection.sendall(encode(state))
+            team.wait_for_state(state)
+            result.append(team.changes[-1][0] - began)
+            time.sleep(0.02)
+        return result
+
+
+def acknowledgement(folder: pathlib.Path, times: int) -> None:
+    """Measure from the stack's acknowledgement to the official's event and snapshot."""
+    answers, heard, shown = [], [], []
+    with (
+        Domain() as domain,
+        Control(folder, domain.number, 1) as control,
+        contextlib.closing(Official(domain.number)) as official,
+        Domain() as kart_domain,
+        Bridge(kart_domain.number, control.port, address_of(1)),
+        contextlib.closing(Team(kart_domain.number)) as team,
+    ):
+        official.wait_for_connected(1)
+        for _ in range(times):
+            official.command('all_kill')
+            team.wait_for_state(RED_RED)
+            since = len(official.events)
+            began = time.monotonic()
+            assert team.acknowledge(RED_RED).success
+            answers.append(time.monotonic() - began)
+            official.wait_until(
+                lambda since=since: any(
+                    event.kind == event.ACKNOWLEDGED for event in official.events[since:]
+                ),
+                lambda: 'the event',
+            )
+            heard.append(time.monotonic() - began)
+            official.wait_for_acks(RED_RED, 1)
+            shown.append(time.monotonic() - began)
+            official.command('in_garage', track_safe=True)
+            team.wait_for_state(IN_GARAGE)
+    table(
+        f'Acknowledgement, ms after the call of the stack, median / p99 of {times}',
+        ('answered by the bridge', 'event at the official', 'in ~/race at the official'),
+        [(spread(answers), spread(heard), spread(shown))],
+    )
+
+
+# ----- 6: growth ---------------------------------------------------------------------------
+
+
+def growth(counts: Sequence[int]) -> None:
+    """Measure what a snapshot and an event of the rules cost with N karts."""
+    from evgp_rcs.messages import race_message
+    from evgp_rcs.race import Command, CommandKind, Kart, Race
+    from rclpy.serialization import serialize_message
+
+    rows = []
+    for count in counts:
+        race = Race([Kart(number, f'Team {number}', True) for number in range(1, count + 1)])
+        for number in race.karts:
+            race.connected(number, 0.0)
+        addresses = {number: address_of(number) for number in race.karts}
+        message = race_message(race, 1.0, time.time_ns(), addresses)
+        rows.append(
+            (
+                count,
+                f'{len(serialize_message(message)) / 1e3:.1f}',
+                micro(race.copy),
+                micro(lambda r=race, a=addresses: race_message(r, 1.0, time.time_ns(), a)),
+                micro(lambda m=message: serialize_message(m)),
+                micro(lambda r=race: r.tick(1.0)),
+                micro(lambda r=race: r.heard(1, r.karts[1].serial, IN_GARAGE, 1.0)),
+                micro(lambda r=race: r.command(Command(CommandKind.KART_RED_RED, 2), 1.0)),
+                micro(lambda r=race: r.command(Command(CommandKind.ALL_KILL), 1.0)),
+            )
+        )
+    table(
+        'Growth with the karts; µs, median',
+        (
+            'karts',
+            '`~/race`, kB',
+            'copy',
+            'message',
+            'serialise',
+            'tick',
+            'acknowledgement',
+            'stop of one',
+            'ALL_KILL',
+        ),
+        rows,
+    )
+
+
+def micro(work: Callable[[], object]) -> str:
+    """Return the median time of some work, µs."""
+    samples = []
+    until = time.monotonic() + 0.3
+    while time.monotonic() < until or len(samples) < 5:
+        began = time.perf_counter()
+        work()
+        samples.append(time.perf_counter() - began)
+    return f'{statistics.median(samples) * 1e6:.1f}'
+
+
+def main() -> None:
+    """Run the measurements asked for."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    measurements: dict[str, Callable[[pathlib.Path, argparse.Namespace], None]] = {
+        'stop': lambda folder, given: stop_latency(folder, given.karts, given.times),
+        'beat': lambda folder, given: beat_and_cost(folder, given.karts, given.seconds),
+        'bridge': lambda folder, given: bridge_cost(given.seconds / 3),
+        'kart': lambda folder, given: kart_side(10 * given.times),
+        'acknowledge': lambda folder, given: acknowledgement(folder, given.times),
+        'growth': lambda folder, given: growth(given.karts),
+    }
+    parser = argparse.ArgumentParser(prog='bench/performance.py', description=__doc__)
+    parser.add_argument('what', nargs='*', help=f'of {", ".join(measurements)}; all of them')
+    parser.add_argument(
+        '--karts', type=int, nargs='+', default=[1, 10, 20, 50, 100, 200, 500, 1000]
+    )
+    parser.add_argument('--times', type=int, default=50, help='repetitions of each latency')
+    parser.add_argument('--seconds', type=float, default=60.0, help='of each beat')
+    given = parser.parse_args()
+    unknown = set(given.what) - set(measurements)
+    if unknown:
+        parser.error(f'unknown: {", ".join(sorted(unknown))}')
+    print(
+        f'{time.strftime("%Y-%m-%d")}, {os.cpu_count()} cores, Python '
+        f'{platform.python_version()}, Linux {platform.release()}'
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        for name in given.what or measurements:
+            measurements[name](pathlib.Path(folder), given)
+
+
+if __name__ == '__main__':
+    main()
