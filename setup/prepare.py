@@ -1,6 +1,8 @@
 """
 Set up the environment and the workspace: .venv, then build/ and install/.
 
+With --console, what the officials' window needs as well (Qt; race control itself needs none).
+
 Needs the standard library only, and parses on any Python 3.7 or later, so that a Python that
 cannot be used can still say so. Decisions are functions of their arguments and are tested;
 whatever touches the machine stands below them.
@@ -41,6 +43,8 @@ LOG = ROOT / 'log'
 VENV_STAMP = VENV / '.stamp'
 # In build/, since install/ links into it: either of them missing means building again.
 BUILD_STAMP = BUILD / '.stamp'
+# In .venv, so that it goes with it.
+CONSOLE_STAMP = VENV / '.console-stamp'
 
 # There are wheels of Jazzy for these, on x86-64 Linux with glibc 2.28 or later, and no others.
 WHEEL_PYTHONS = ('3.11', '3.12')
@@ -290,6 +294,19 @@ def make_venv(python: Interpreter, *, sourced: bool) -> None:
     repair_wheels()
 
 
+def install_console() -> None:
+    """Install Qt for the officials' window into .venv, if what is there is not what is locked."""
+    lock = ROOT / 'setup' / 'console.txt'
+    wanted = digest([(lock.name, lock.read_bytes())])
+    if CONSOLE_STAMP.exists() and CONSOLE_STAMP.read_text() == wanted:
+        return
+    pip = [VENV / 'bin/python', '-m', 'pip', '--disable-pip-version-check', 'install']
+    pip += ['--no-input', '--require-hashes', '--only-binary', ':all:']
+    CONSOLE_STAMP.unlink(missing_ok=True)
+    run_quietly("Installing Qt for the officials' console", [*pip, '-r', lock])
+    CONSOLE_STAMP.write_text(wanted)
+
+
 def repair_wheels() -> None:
     """Put this machine's folders into the CMake files of the wheels just installed."""
     include = sysconfig.get_path('include')
@@ -329,8 +346,12 @@ def build_workspace(*, sourced: bool) -> None:
     run_quietly('Building the workspace', command, environment)
 
 
-def prepare(python: Interpreter, *, sourced: bool, chosen: bool) -> None:
-    """Make .venv and build the workspace where what is there does not do."""
+def prepare(python: Interpreter, *, sourced: bool, chosen: bool, console: bool) -> None:
+    """
+    Make .venv and build the workspace where what is there does not do.
+
+    :param console: what the officials' window needs as well.
+    """
     locks = ['tools.txt'] if sourced else ['build.txt', 'ros.txt']
     key = digest(
         # The root is part of it, since both venv and colcon write absolute paths.
@@ -344,6 +365,8 @@ def prepare(python: Interpreter, *, sourced: bool, chosen: bool) -> None:
         make_venv(python, sourced=sourced)
         VENV_STAMP.write_text(f'{wanted.key} {wanted.version}\n')
         made = wanted
+    if console:
+        install_console()
 
     built = Stamp(digest([(made.key, b''), *build_inputs(ROOT / 'src')]), made.version)
     if read_stamp(BUILD_STAMP) != built or not (INSTALL / 'setup.bash').exists():
@@ -359,6 +382,9 @@ def main() -> None:
         '--fit',
         action='store_true',
         help='only print this interpreter, or why it cannot be used (exit status 1)',
+    )
+    parser.add_argument(
+        '--console', action='store_true', help="also install what the officials' window needs"
     )
     arguments = parser.parse_args()
 
@@ -379,7 +405,12 @@ def main() -> None:
     # Two at once (a test run in one terminal, the demonstration in another) take turns.
     turn = os.open(ROOT / 'setup', os.O_RDONLY)
     fcntl.flock(turn, fcntl.LOCK_EX)
-    prepare(python, sourced=sourced, chosen=bool(os.environ.get('PYTHON')))
+    prepare(
+        python,
+        sourced=sourced,
+        chosen=bool(os.environ.get('PYTHON')),
+        console=arguments.console,
+    )
 
 
 if __name__ == '__main__':

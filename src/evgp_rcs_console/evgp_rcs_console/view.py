@@ -15,7 +15,7 @@ import string
 
 from evgp_rcs_console import words
 from evgp_rcs_console.commands import FORMS
-from evgp_rcs_console.snapshot import Available, Command, Kart, Race, State
+from evgp_rcs_console.snapshot import Available, Command, Kart, Race, State, Track
 
 GONE_AFTER = 0.9
 """
@@ -179,6 +179,18 @@ CHOSEN_KART_KEYS = {
 """With Ctrl, the keys of the commands to the chosen kart."""
 
 
+NOTHING = Race(
+    state=State.UNKNOWN,
+    state_for=0.0,
+    over=False,
+    karts=(),
+    commands={},
+    track=Track(is_open=False, allowed=False, reason='', msr_used=False),
+    alerts=(),
+)
+"""What is shown before race control is heard for the first time."""
+
+
 def is_gone(silent_for: float | None) -> bool:
     """Return whether race control counts as gone; None: it was never heard."""
     return silent_for is None or silent_for >= GONE_AFTER
@@ -213,7 +225,7 @@ def show(race: Race, age: float, pending: Pending, silent: Silence | None = None
     :param silent: what is to be said if race control is gone.
     """
     buttons = _Buttons(race, age, pending, gone=silent is not None)
-    since = words.age(race.state_for + age)
+    since = words.STATE_SINCE.format(age=words.age(race.state_for + age))
     track = race.track
     return Screen(
         state=_state_cell(race.state),

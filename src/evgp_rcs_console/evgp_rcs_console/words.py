@@ -49,7 +49,16 @@ LABELS = {
 
 IN_RACE = 'IN RACE'
 ALL_KARTS = 'ALL KARTS'
-COLUMNS = ('Kart', 'Team', 'Race', 'Link', 'Is sent', 'Since', 'Confirmed', 'Says', 'Place', '')
+COLUMNS = ('Kart', 'Team', 'Race', 'Link', 'Is sent', 'Since', 'Acknowledged', 'Says', 'Place', '')
+HEADINGS = {
+    'number': 'Kart',
+    'team': 'Team, why it is held',
+    'race': 'Race, link',
+    'sent': 'Is sent, since',
+    'acknowledged': 'Acknowledged, says',
+    'place': 'Place',
+    'buttons': 'Commands to this kart',
+}
 RACING = '● in race'
 NOT_RACING = '○ out'
 LINKED = '✓ linked'
@@ -70,6 +79,11 @@ NO_ALERT = '✓ No alerts'
 SEEN = 'SEEN'
 SEEN_ALL = 'SEEN ALL'
 ALERT_CLEARED = ' (no longer)'
+MARK_ALERT = '!'
+MARK_MSR = '⚠'
+MARK_LOST = '✗'
+MARK_YES = '✓'
+MARK_WAIT = '…'
 MORE_ALERTS = 'and {count} more alerts that you have not marked as seen'
 STILL_STANDING = 'Seen, and still there: {texts}'
 SOUND_ON = '♪ SOUND ON'
@@ -79,18 +93,20 @@ LOG = 'Events'
 EVERY_KART = 'all karts'
 ONE_KART = 'kart {number} {team}'
 NEW_RUN = '— race control was started anew —'
+DONE = '✓ '
 REFUSED = '✗ '
 
 GONE = 'RACE CONTROL IS GONE'
 NOT_YET = 'NO RACE CONTROL YET'
 GONE_ADVICE = 'USE THE MSR'
-GONE_SINCE = 'Not heard for {age}. What you see is as old as that.'
+GONE_SINCE = 'Not heard for {age}: what you see below is as old as that.'
 NOT_YET_DETAIL = 'Looking for {topic} for {age}. ROS domain {domain}.'
 GONE_REASON = 'race control is gone'
+STATE_SINCE = 'for {age}'
 KILL_HINT = 'SPACE BAR or F12'
 KILL_PRESSING = 'PRESSING, {count} times, {age}: no answer'
 KILL_NOTE_GONE = 'ALL KILL keeps pressing until race control is back.'
-KEYS_OFF = 'KEYS DO NOT REACH THIS WINDOW: click it'
+KEYS_OFF = 'KEYS OFF: click this window'
 
 READY = 'Ready.  F1 shows the keys.'
 PENDING = '{command}: no answer yet, {age}'
@@ -109,6 +125,7 @@ ASK_NO = 'NO   (N or Esc)'
 ASK_CHANGED = 'The conditions have changed. Press NO and begin again.'
 
 KART_CHOSEN = 'Kart {number} ({team}) is chosen.  Ctrl+R RED RED, Ctrl+F RED FLAG, Ctrl+G garage'
+CHOOSE_FIRST = 'Choose a kart first: type its number'
 NO_SUCH_KART = 'There is no kart {number} in the roster'
 
 HELP_TITLE = 'Keys'

@@ -1,0 +1,59 @@
+"""The officials' window as a process: `ros2 run evgp_rcs_console rcs_gui`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import os
+import signal
+import sys
+from typing import Any
+
+from evgp_rcs_console import words
+from evgp_rcs_console.client import Client, domain_of
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+
+def main(
+    arguments: Sequence[str] | None = None, on_window: Callable[[Any], object] | None = None
+) -> int:
+    """
+    Open the window, and run until it is closed.
+
+    :param on_window: is called with the window once it is there.
+    :return: 0 after an orderly end, 2 if there is no Qt or no screen.
+    """
+    try:
+        from evgp_rcs_console.qt import QtWidgets
+        from evgp_rcs_console.window import ConsoleWindow, Inbox
+    except ImportError as error:
+        print(f'{words.NO_QT} ({error})', file=sys.stderr)
+        return 2
+    if not any(map(os.environ.get, ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM'))):
+        print(words.NO_DISPLAY, file=sys.stderr)
+        return 2
+    given = list(sys.argv if arguments is None else ['rcs_gui', *arguments])
+    rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
+    application = QtWidgets.QApplication(remove_ros_args(given))
+    application.setStyle('Fusion')
+    inbox = Inbox()
+    client = Client('rcs_gui', inbox)
+    window = ConsoleWindow(inbox, client.give, client.topic, domain_of())
+    # Python runs these when the window's timer gives it the chance.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: application.quit())
+    window.showMaximized()
+    if on_window is not None:
+        on_window(window)
+    try:
+        application.exec()
+    finally:
+        window.close()
+        client.close()
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,245 @@
+"""
+The officials' window on a screen of its own: real clicks in, and what is really shown out.
+
+The window runs in a process of its own, started by this module (``python console.py``), which adds
+a probe to it: it answers, in the Qt thread, what the window's widgets show and where they are.
+Commands never go through the probe; they are clicks and keys on the X server.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import json
+import os
+import pathlib
+import re
+import socket
+import subprocess
+import sys
+import threading
+import time
+from typing import Any
+
+from race_parts.process import PATIENCE
+from race_parts.screen import Screen
+
+
+class Console:
+    """
+    An official's window on a screen of its own.
+
+    :param folder: where its socket, its output and its screenshots go.
+    :param environment: more environment variables of its process.
+    """
+
+    def __init__(
+        self,
+        folder: pathlib.Path,
+        domain: int,
+        screen: Screen,
+        environment: dict[str, str] | None = None,
+    ) -> None:
+        """Open the window; it need not find race control."""
+        self.screen = screen
+        self._folder = folder
+        self._output = folder / f'console{screen.display[1:]}.log'
+        address = folder / f'probe{screen.display[1:]}'
+        listening = socket.socket(socket.AF_UNIX)
+        listening.bind(str(address))
+        listening.listen(1)
+        listening.settimeout(PATIENCE)
+        with self._output.open('w') as output:
+            self.process = subprocess.Popen(
+                [sys.executable, __file__, str(address)],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                env={
+                    **os.environ,
+                    'ROS_DOMAIN_ID': str(domain),
+                    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+                    'DISPLAY': screen.display,
+                    'QT_QPA_PLATFORM': 'xcb',
+                    'PYTHONUNBUFFERED': '1',
+                    'PYTHONPATH': os.pathsep.join(
+                        [str(pathlib.Path(__file__).parent.parent), *sys.path]
+                    ),
+                    **(environment or {}),
+                },
+            )
+        with listening:
+            try:
+                self._probe, _ = listening.accept()
+            except OSError:
+                self.close()
+                raise AssertionError(f'the window did not open:\n{self.output}') from None
+        self._probe.settimeout(PATIENCE)
+        self._lines = self._probe.makefile('r')
+
+    @property
+    def output(self) -> str:
+        """Return all it has printed."""
+        return self._output.read_text()
+
+    def widgets(self) -> dict[str, dict[str, Any]]:
+        """Return every visible widget that has a name, by that."""
+        return dict(self._ask(do='widgets'))
+
+    def wait_for(self, name: str, **wanted: object) -> dict[str, Any]:
+        """
+        Return a widget once it is visible and as wanted.
+
+        :param wanted: ``text`` or ``tip``, a pattern that must be found in it; anything else must
+            be equal, as ``barred='false'``. ``visible=False``: that it is hidden.
+        :raises AssertionError: if it does not become so in time.
+        """
+        answer = self._ask(do='wait', name=name, wanted=wanted)
+        assert answer['found'], (
+            f'{name} did not become {wanted}; it is {answer["widget"]}\n{self.output}'
+        )
+        widget: dict[str, Any] = answer['widget']
+        return widget
+
+    def click(self, name: str, **wanted: object) -> None:
+        """Click a widget, once it is visible and as wanted."""
+        x, y = self.place(name, **wanted)
+        self.screen.click(x, y)
+
+    def hover(self, name: str) -> None:
+        """Move the pointer onto a widget."""
+        self.screen.move(*self.place(name))
+
+    def place(self, name: str, **wanted: object) -> tuple[int, int]:
+        """Return the middle of a widget, once it is visible and as wanted."""
+        widget = self.wait_for(name, **wanted)
+        return widget['x'] + widget['width'] // 2, widget['y'] + widget['height'] // 2
+
+    def key(self, *names: str) -> None:
+        """Press keys, one after the other."""
+        for name in names:
+            self.screen.key(name)
+
+    def screenshot(self, path: pathlib.Path) -> None:
+        """Write what the screen shows into a PNG file."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        assert self._ask(do='screenshot', path=str(path))
+
+    def close(self) -> int:
+        """Close it in an orderly way, or by force if that takes too long; return its exit code."""
+        self.process.terminate()
+        try:
+            code = self.process.wait(10)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            code = self.process.wait()
+        if hasattr(self, '_lines'):
+            self._lines.close()
+            self._probe.close()
+        return code
+
+    def _ask(self, **question: Any) -> Any:
+        try:
+            self._probe.sendall(json.dumps(question).encode() + b'\n')
+            line = self._lines.readline()
+        except OSError:
+            line = ''
+        assert line, f'the window does not answer:\n{self.output}'
+        return json.loads(line)
+
+
+# ----- in the window's process ------------------------------------------------------------
+
+
+def probe(window: Any, address: str) -> None:
+    """Answer the questions of a ``Console`` from within the window's process."""
+    from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
+
+    talking = socket.socket(socket.AF_UNIX)
+    talking.connect(address)
+
+    def describe(widget: Any) -> dict[str, Any]:
+        corner = widget.mapToGlobal(QtCore.QPoint(0, 0))
+        text = getattr(widget, 'whole', None)
+        for name in ('text', 'toPlainText', 'currentText'):
+            if text is None and hasattr(widget, name):
+                text = getattr(widget, name)()
+        inside = '' if isinstance(widget, QtWidgets.QPushButton) else '\n'
+        children = [each.text() for each in widget.findChildren(QtWidgets.QLabel)]
+        return {
+            'visible': widget.isVisible(),
+            'text': text if text is not None else inside.join(children),
+            'tip': widget.toolTip(),
+            'enabled': widget.isEnabled(),
+            'focus': widget.hasFocus(),
+            'font': widget.font().pixelSize(),
+            'x': corner.x(),
+            'y': corner.y(),
+            'width': widget.width(),
+            'height': widget.height(),
+            **{
+                name: widget.property(name)
+                for name in ('barred', 'tone', 'pressing', 'racing', 'chosen')
+            },
+        }
+
+    def find(name: str) -> dict[str, Any] | None:
+        widget = window.findChild(QtWidgets.QWidget, name)
+        return describe(widget) if widget is not None else None
+
+    def fits(found: dict[str, Any] | None, wanted: dict[str, Any]) -> bool:
+        if found is None or not found['visible']:
+            return wanted.get('visible') is False
+        return all(
+            re.search(value, found[name]) if name in ('text', 'tip') else found[name] == value
+            for name, value in wanted.items()
+        )
+
+    def answer(value: Any) -> None:
+        talking.sendall(json.dumps(value).encode() + b'\n')
+
+    def wait(name: str, wanted: dict[str, Any], until: float) -> None:
+        found = find(name)
+        if fits(found, wanted) or time.monotonic() > until:
+            answer({'found': fits(found, wanted), 'widget': found})
+        else:
+            QtCore.QTimer.singleShot(20, lambda: wait(name, wanted, until))
+
+    class Asked(QtCore.QObject):
+        question = Signal(object)
+
+    def take(question: dict[str, Any]) -> None:
+        if question['do'] == 'widgets':
+            named = [each for each in window.findChildren(QtWidgets.QWidget) if each.isVisible()]
+            answer({each.objectName(): describe(each) for each in named if each.objectName()})
+        elif question['do'] == 'wait':
+            # Less than the other end's own patience, so that it learns what there is instead.
+            wait(question['name'], question['wanted'], time.monotonic() + PATIENCE - 5)
+        elif question['do'] == 'screenshot':
+            picture = QtGui.QGuiApplication.primaryScreen().grabWindow(0).toImage()
+            answer(picture.save(question['path'], 'PNG', 0))
+
+    asked = Asked()
+    asked.question.connect(take, QtCore.Qt.ConnectionType.QueuedConnection)
+    window.probe = asked
+
+    def listen() -> None:
+        with talking.makefile('r') as lines:
+            for line in lines:
+                asked.question.emit(json.loads(line))
+
+    # There is no window manager on the screen: what it would do is done here.
+    window.setGeometry(QtGui.QGuiApplication.primaryScreen().geometry())
+    window.activateWindow()
+    threading.Thread(target=listen, daemon=True).start()
+
+
+def main() -> int:
+    """Open the window with a probe in it."""
+    from evgp_rcs_console.gui import main as gui
+
+    attach: Callable[[Any], None] = lambda window: probe(window, sys.argv[1])  # noqa: E731
+    return gui([], attach)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,100 @@
+"""A real X screen without a monitor, and a hand on its mouse and keyboard."""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import os
+import shutil
+import subprocess
+
+
+def why_no_screen() -> str:
+    """Return what is missing for a screen, and how to install it; empty if nothing is."""
+    if shutil.which('Xvfb') is None:
+        return "there is no Xvfb: 'apt-get install xvfb'"
+    missing = [name for name in ('X11', 'Xtst') if ctypes.util.find_library(name) is None]
+    return f"there is no lib{missing[0]}: 'apt-get install libxtst6'" if missing else ''
+
+
+class Screen:
+    """
+    An X server of its own (Xvfb), with its mouse and keyboard.
+
+    Clicks and keys go in by the XTEST extension: to a program they are those of a real device.
+    """
+
+    def __init__(self, width: int = 1366, height: int = 768) -> None:
+        """Start the server, at the first display that is free."""
+        self.width = width
+        self.height = height
+        reading, writing = os.pipe()
+        try:
+            self._server = subprocess.Popen(
+                f'Xvfb -displayfd {writing} -screen 0 {width}x{height}x24 '
+                '-nolisten tcp -noreset'.split(),
+                pass_fds=(writing,),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+        finally:
+            os.close(writing)
+        with os.fdopen(reading) as told:
+            number = told.readline().strip()
+        if not number:
+            self._server.wait()
+            raise RuntimeError('Xvfb did not start')
+        self.display = f':{number}'
+        self._x = ctypes.CDLL(ctypes.util.find_library('X11'))
+        self._test = ctypes.CDLL(ctypes.util.find_library('Xtst'))
+        self._x.XOpenDisplay.restype = ctypes.c_void_p
+        self._x.XStringToKeysym.restype = ctypes.c_ulong
+        self._open = ctypes.c_void_p(self._x.XOpenDisplay(self.display.encode()))
+        assert self._open.value, f'no connection to {self.display}'
+
+    def move(self, x: int, y: int) -> None:
+        """Move the pointer."""
+        self._test.XTestFakeMotionEvent(self._open, -1, x, y, ctypes.c_ulong(0))
+        self._x.XSync(self._open, 0)
+
+    def press_button(self) -> None:
+        """Press the left mouse button."""
+        self._button(1)
+
+    def release_button(self) -> None:
+        """Release the left mouse button."""
+        self._button(0)
+
+    def click(self, x: int, y: int) -> None:
+        """Click there."""
+        self.move(x, y)
+        self.press_button()
+        self.release_button()
+
+    def key(self, name: str) -> None:
+        """Press and release a key by its X name, as 'space' or 'F2'; 'ctrl+r' with a modifier."""
+        *modifiers, last = name.split('+')
+        codes = [self._code({'ctrl': 'Control_L', 'shift': 'Shift_L'}[m]) for m in modifiers]
+        codes.append(self._code(last))
+        for code in codes:
+            self._test.XTestFakeKeyEvent(self._open, code, 1, ctypes.c_ulong(0))
+        for code in reversed(codes):
+            self._test.XTestFakeKeyEvent(self._open, code, 0, ctypes.c_ulong(0))
+        self._x.XSync(self._open, 0)
+
+    def close(self) -> None:
+        """End the server."""
+        self._x.XCloseDisplay(self._open)
+        self._server.terminate()
+        self._server.wait()
+
+    def _button(self, down: int) -> None:
+        self._test.XTestFakeButtonEvent(self._open, 1, down, ctypes.c_ulong(0))
+        self._x.XSync(self._open, 0)
+
+    def _code(self, name: str) -> int:
+        symbol = self._x.XStringToKeysym(name.encode())
+        assert symbol, f'there is no key {name}'
+        code: int = self._x.XKeysymToKeycode(self._open, ctypes.c_ulong(symbol))
+        return code
