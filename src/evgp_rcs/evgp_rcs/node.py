@@ -74,6 +74,10 @@ EVENTS_QOS = QoSProfile(
 )
 """Of ``~/events``: a late subscriber gets the last 200 events."""
 
+SWITCH_INTERVAL = 0.0002
+"""How long one thread keeps the interpreter from another that wants it, seconds. With Python's
+usual 5 ms, a stop waits for as long while the teller makes a message of the race."""
+
 SERVICE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1000,
@@ -477,6 +481,7 @@ def main(args: list[str] | None = None) -> int:
     :return: 0 after an orderly end, 2 if a setting is wrong.
     :raises NodeFailedError: after a failure; the karts were sent RED_RED.
     """
+    sys.setswitchinterval(SWITCH_INTERVAL)
     return run_node(
         'rcs',
         RcsNode,
