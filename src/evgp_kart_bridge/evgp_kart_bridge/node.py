@@ -223,8 +223,6 @@ class KartBridge(StrictNode):
         self._until_diagnostics -= 1
 
     def _publish(self, verdict: Verdict) -> None:
-        # The lock first: it is what brakes.
-        self._stop.publish(Bool(data=not verdict.may_drive))
         self._race_state.publish(
             KartRaceState(
                 stamp=self.get_clock().now().to_msg(),
@@ -236,6 +234,7 @@ class KartBridge(StrictNode):
                 reason=verdict.reason,
             )
         )
+        self._stop.publish(Bool(data=not verdict.may_drive))
 
     def _log(self, verdict: Verdict) -> None:
         told = self._told
