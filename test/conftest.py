@@ -1,5 +1,13 @@
-"""The fixtures of the whole-system tests."""
+"""The fixtures of the whole-system tests, and tests that need a process of their own."""
 
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+
+import pytest
 from race_parts.fixtures import (  # noqa: F401 - pytest finds fixtures by name
     connect_kart,
     join_official,
@@ -8,3 +16,48 @@ from race_parts.fixtures import (  # noqa: F401 - pytest finds fixtures by name
     start_bridge,
     start_race_control,
 )
+
+IN_OWN_PROCESS = 'EVGP_TEST_IN_OWN_PROCESS'
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
+    """
+    Run a test marked `own_process` in another pytest.
+
+    Fast DDS learns the network interfaces of its process once. In a process that has used it
+    before, it does not find its way in a network namespace.
+    """
+    if item.get_closest_marker('own_process') is None or IN_OWN_PROCESS in os.environ:
+        return None
+    hook = item.ihook
+    hook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
+    began = time.time()
+    done = subprocess.run(
+        [sys.executable, '-m', 'pytest', '-p', 'no:cacheprovider', item.nodeid],
+        cwd=item.config.rootpath,
+        env={**os.environ, IN_OWN_PROCESS: '1'},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    passed = done.returncode == 0 and ' skipped' not in done.stdout.splitlines()[-1]
+    ended = time.time()
+    report = pytest.TestReport(
+        nodeid=item.nodeid,
+        location=item.location,
+        keywords={},
+        outcome='passed' if done.returncode == 0 else 'failed',
+        longrepr=None if done.returncode == 0 else done.stdout + done.stderr,
+        when='call',
+        sections=[('Its own process', done.stdout)],
+        duration=ended - began,
+        start=began,
+        stop=ended,
+    )
+    if done.returncode == 0 and not passed:
+        report.outcome = 'skipped'
+        report.longrepr = (str(item.path), 0, f'Skipped: {done.stdout}')
+    hook.pytest_runtest_logreport(report=report)
+    hook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+    return True

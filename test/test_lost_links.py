@@ -32,6 +32,8 @@ from race_parts.lost_links import (
 )
 from race_parts.networks import why_not
 
+pytestmark = pytest.mark.own_process
+
 RED_RED = RaceState.RED_RED
 Event = msg.RaceEvent
 
