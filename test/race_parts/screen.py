@@ -8,6 +8,10 @@ import os
 import shutil
 import subprocess
 
+# Of X11/X.h
+_SUBSTRUCTURE_NOTIFY = 1 << 19
+_MAP_NOTIFY = 19
+
 
 def why_no_screen() -> str:
     """Return what is missing for a screen, and how to install it; empty if nothing is."""
@@ -82,6 +86,19 @@ class Screen:
         for code in reversed(codes):
             self._test.XTestFakeKeyEvent(self._open, code, 0, ctypes.c_ulong(0))
         self._x.XSync(self._open, 0)
+
+    def expect_window(self) -> None:
+        """Begin to see windows that open; call it before one is to."""
+        self._x.XDefaultRootWindow.restype = ctypes.c_ulong
+        root = ctypes.c_ulong(self._x.XDefaultRootWindow(self._open))
+        self._x.XSelectInput(self._open, root, ctypes.c_long(_SUBSTRUCTURE_NOTIFY))
+        self._x.XSync(self._open, 0)
+
+    def wait_for_window(self) -> None:
+        """Return once a window has opened."""
+        event = (ctypes.c_long * 24)()  # XEvent
+        while ctypes.cast(event, ctypes.POINTER(ctypes.c_int))[0] != _MAP_NOTIFY:
+            self._x.XNextEvent(self._open, ctypes.byref(event))
 
     def close(self) -> None:
         """End the server."""

@@ -78,13 +78,14 @@ QPushButton[stop="true"] {{ border: {px(2)} solid #A0001C; color: #A0001C; backg
 QPushButton[stop="true"]:focus {{ border: {px(3)} solid #0047C2; background: #DCE8FF; }}
 QPushButton[large="true"] {{ font-size: {px(18)}; }}
 QFrame[row="true"] QPushButton {{ font-size: {px(13)}; padding: 0; }}
+QFrame#kill_frame {{ background: #000; border-radius: {px(12)}; }}
 QPushButton#all_kill {{
-  background: #A0001C; color: #FFF; border: {px(5)} solid #000; border-radius: {px(10)};
+  background: #A0001C; color: #FFF; border: {px(8)} solid #FFD200; border-radius: {px(10)};
   font-size: {px(42)}; font-weight: 900;
 }}
 QPushButton#all_kill:hover {{ background: #C00022; }}
 QPushButton#all_kill:pressed {{ background: #5A0010; }}
-QPushButton#all_kill:focus {{ border: {px(5)} solid #0047C2; }}
+QPushButton#all_kill:focus {{ border: {px(8)} solid #FFD200; }}
 QPushButton#all_kill[pressing="true"] {{ background: #000; color: #FFD200; font-size: {px(34)}; }}
 QLabel#kill_hint {{ font-weight: bold; font-size: {px(15)}; }}
 QLabel#kill_hint[tone="bad"] {{ font-size: {px(15)}; }}
@@ -98,7 +99,7 @@ QLabel[alert="true"] {{ font-size: {px(17)}; font-weight: bold; }}
 QLabel[alert="true"][msr="true"] {{
   color: #FFF; background: #A0001C; padding: 0 {px(6)}; border-radius: {px(3)};
 }}
-QLabel#standing, QLabel#no_alert {{ font-size: {px(13)}; }}
+QLabel#standing {{ font-size: {px(13)}; }}
 
 QLabel[heading="true"] {{ font-size: {px(12)}; color: #333; }}
 QFrame[row="true"] {{ border-bottom: 1px solid #9A9A9A; background: #FFF; }}
@@ -106,6 +107,8 @@ QFrame[row="true"][racing="false"] {{ background: #EFEFEF; }}
 QFrame[row="true"][chosen="true"] {{
   border: {px(3)} solid #0047C2; border-radius: {px(3)};
 }}
+QFrame[row="true"] QLabel {{ padding: 0 {px(4)}; }}
+QFrame[row="true"] QLabel[cell="number"] {{ padding: 0; }}
 QLabel[cell="number"] {{ font-size: {px(28)}; font-weight: 900; }}
 QLabel[cell="team"] {{ font-size: {px(15)}; font-weight: bold; }}
 QLabel[cell="note"] {{ font-size: {px(12)}; color: #333; }}
@@ -113,6 +116,7 @@ QLabel[cell="since"] {{ font-size: {px(12)}; }}
 QLabel[cell="says"] {{ font-size: {px(12)}; }}
 QLabel[cell="place"] {{ font-size: {px(20)}; font-weight: 900; }}
 QScrollArea {{ border: none; background: #FFF; }}
+QWidget#rows {{ background: #FFF; }}
 QScrollBar:vertical {{ width: {px(24)}; background: #DDD; }}
 QScrollBar::handle:vertical {{ background: #555; min-height: {px(40)}; border-radius: {px(4)}; }}
 QScrollBar::add-line, QScrollBar::sub-line {{ height: 0; }}
@@ -128,6 +132,6 @@ QLabel#status {{
 QFrame[sheet="true"] {{ background: #FFF; border: {px(6)} solid #000; border-radius: {px(8)}; }}
 QLabel[sheet_title="true"] {{ font-size: {px(36)}; font-weight: 900; }}
 QLabel[sheet_text="true"] {{ font-size: {px(20)}; }}
-QFrame[sheet="true"] QPushButton {{ font-size: {px(20)}; padding: {px(8)} {px(14)}; }}
+QFrame[sheet="true"] QPushButton {{ font-size: {px(20)}; padding: {px(5)} {px(14)}; }}
 QToolTip {{ font-size: {px(15)}; color: #000; background: #FFE08A; border: 1px solid #000; }}
 """

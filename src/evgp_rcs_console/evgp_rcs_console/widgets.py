@@ -152,8 +152,8 @@ class RaceButton(QtWidgets.QWidget):
 WIDTHS = {
     'number': 58,
     'race': 92,
-    'sent': 132,
-    'acknowledged': 122,
+    'sent': 142,
+    'acknowledged': 130,
     'place': 40,
     'button': 80,
 }
@@ -220,8 +220,9 @@ class KartRow(QtWidgets.QFrame):
         set_property(self, 'chosen', 'true' if chosen else 'false')
         faint = Tone.PLAIN if row.in_race else Tone.FAINT
         self._number.show_cell(Cell(str(row.number), faint), stale)
-        self._team.show_text(row.team)
-        self._note.show_text(row.note)
+        for elided, text in ((self._team, row.team), (self._note, row.note)):
+            elided.show_text(text)
+            set_property(elided, 'tone', 'stale' if stale else 'plain')
         self._race.show_cell(row.race, stale)
         self._link.show_cell(row.link, stale)
         self._sent.show_cell(row.sent, stale)
@@ -402,6 +403,11 @@ class SilencePanel(QtWidgets.QFrame):
         layout.setSpacing(0)
         for label in (self._title, self._advice, self._detail):
             label.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
+            # No sentence, however long, may push ALL KILL off the screen.
+            label.setSizePolicy(
+                QtWidgets.QSizePolicy.Policy.Ignored, QtWidgets.QSizePolicy.Policy.Preferred
+            )
+        self._detail.setWordWrap(True)
 
     def show_silence(self, silence: Silence) -> None:
         """Say it."""
@@ -508,6 +514,7 @@ class Help(Sheet):
             for offset, text in ((0, key), (1, meaning)):
                 label = Label(tone='good' if offset == 0 else 'plain')
                 label.setText(text)
+                label.setWordWrap(offset == 1)
                 grid.addWidget(label, place % half, 2 * (place // half) + offset)
         close = QtWidgets.QPushButton(words.HELP_CLOSE)
         close.setObjectName('close_help')
@@ -516,7 +523,9 @@ class Help(Sheet):
         layout.addLayout(grid)
         layout.addWidget(close)
         layout.setContentsMargins(24, 16, 24, 20)
-        grid.setHorizontalSpacing(24)
+        grid.setHorizontalSpacing(16)
+        grid.setColumnStretch(1, 1)
+        grid.setColumnStretch(3, 1)
 
 
 def column(parent: QtWidgets.QWidget, *children: QtWidgets.QWidget) -> QtWidgets.QVBoxLayout:

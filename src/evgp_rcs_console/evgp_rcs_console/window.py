@@ -152,7 +152,7 @@ class ConsoleWindow(QtWidgets.QWidget):
             del self._orders[order.command, order.kart]
         mark = words.DONE if answer.success else words.REFUSED
         tone = Tone.GOOD if answer.success else Tone.BAD
-        self._say(f'{mark}{answer.message}', tone)
+        self._say(f'{time.strftime("%H:%M:%S")}  {mark}{answer.message}', tone)
         self._refresh()
 
     def _take_pressing(self, count: int, since: float) -> None:
@@ -248,13 +248,15 @@ class ConsoleWindow(QtWidgets.QWidget):
         unseen = self._book.unseen
         standing = self._book.seen_and_standing
         self._banner.show_notices(unseen)
-        self._quiet_alerts.setVisible(not unseen or bool(standing))
-        if standing:
+        if not standing and unseen:
+            self._quiet_alerts.show_text(words.UNSEEN.format(count=len(unseen)))
+        elif standing:
             texts = '; '.join(notice.text for notice in standing)
             self._quiet_alerts.show_text(words.STILL_STANDING.format(texts=texts))
         else:
             self._quiet_alerts.show_text(words.NO_ALERT)
-        set_property(self._quiet_alerts, 'tone', 'wait' if standing else 'good')
+        tone = Tone.WAIT if standing or unseen else Tone.GOOD
+        set_property(self._quiet_alerts, 'tone', tone.value)
 
     def _show_kill(self) -> None:
         count, since = self._pressing
@@ -322,6 +324,8 @@ class ConsoleWindow(QtWidgets.QWidget):
     def _send(self, button: Button, stated: bool) -> None:
         order = self._give(button.command, button.kart, stated)
         self._orders[button.command, button.kart] = order
+        name = words.command_name(button.command, button.kart)
+        self._say(words.GIVEN.format(command=name))
         self._refresh()
 
     def _answer_question(self, yes: bool) -> None:
@@ -501,7 +505,8 @@ class ConsoleWindow(QtWidgets.QWidget):
         top = QtWidgets.QHBoxLayout()
         top.addWidget(self._silence_panel, 1)
         top.addWidget(self._now_panel, 1)
-        top.addWidget(self._kill_box)
+        # It stays where it is when what is beside it grows.
+        top.addWidget(self._kill_box, 0, QtCore.Qt.AlignmentFlag.AlignTop)
         self._banner = Banner()
         self._banner.hide()
         self._banner.seen.connect(self._see)
@@ -519,6 +524,8 @@ class ConsoleWindow(QtWidgets.QWidget):
         middle.addWidget(self._side)
         self._status = Elided('status')
         self._layout = QtWidgets.QVBoxLayout(self)
+        # The window never grows beyond the screen to make room for a text.
+        self._layout.setSizeConstraint(QtWidgets.QLayout.SizeConstraint.SetNoConstraint)
         self._layout.addLayout(top)
         self._layout.addLayout(alerts)
         self._layout.addLayout(middle, 1)
@@ -567,8 +574,11 @@ class ConsoleWindow(QtWidgets.QWidget):
         )
         self._kill_hint = Label('kill_hint', fill='true')
         self._kill_hint.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
+        frame = QtWidgets.QFrame()
+        frame.setObjectName('kill_frame')
+        column(frame, self._kill).setContentsMargins(3, 3, 3, 3)
         box = QtWidgets.QWidget()
-        column(box, self._kill, self._kill_hint).setSpacing(2)
+        column(box, frame, self._kill_hint).setSpacing(2)
         return box
 
     def _build_karts(self) -> QtWidgets.QLayout:
@@ -577,6 +587,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._overview.chosen.connect(self._choose)
         self._overview.hide()
         inside = QtWidgets.QWidget()
+        inside.setObjectName('rows')
         self._rows_layout = QtWidgets.QVBoxLayout(inside)
         self._rows_layout.setContentsMargins(0, 0, 0, 0)
         self._rows_layout.setSpacing(0)
@@ -655,7 +666,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._now_panel.setFixedHeight(round(128 * by))
         self._side.setFixedWidth(round(250 * by))
         self._filter.setFixedWidth(round(190 * by))
-        self._log_view.setFixedHeight(round(76 * by))
+        self._log_view.setFixedHeight(round(max(76 * by, 0.12 * self.height() - 20)))
         self._status.setFixedHeight(round(28 * by))
         self._quiet_alerts.setFixedHeight(round(26 * by))
         self._track_button.setFixedHeight(round(36 * by))
@@ -671,7 +682,7 @@ class ConsoleWindow(QtWidgets.QWidget):
             if sheet.isVisible():
                 # Over the karts, clear of ALL KILL above and of the stops at the side.
                 room = self._scroll.width()
-                sheet.setFixedWidth(min(room, round(760 * self._by)))
+                sheet.setFixedWidth(min(room, round(860 * self._by)))
                 sheet.adjustSize()
                 corner = self._scroll.mapTo(self, QtCore.QPoint(0, 0))
                 sheet.move(

@@ -1,0 +1,715 @@
+"""
+The officials' window: real clicks and keys on a real X server, a real race control, real sockets.
+
+What the window shows is asked of its widgets; what it does is seen at the karts' sockets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+import importlib.util
+import os
+import pathlib
+import signal
+import stat
+import time
+
+from evgp_protocol.states import RaceState
+import pytest
+from race_parts.console import Console
+from race_parts.domains import Domain
+from race_parts.fixtures import ConnectKart, StartRaceControl
+from race_parts.process import PATIENCE, Process
+from race_parts.race_control import RaceControl
+from race_parts.screen import Screen, why_no_screen
+from race_parts.wire_kart import Acknowledges, WireKart
+
+GREEN_GREEN = RaceState.GREEN_GREEN
+GRID_ACTIVE = RaceState.GRID_ACTIVE
+IN_GARAGE = RaceState.IN_GARAGE
+RED_FLAG = RaceState.RED_FLAG
+RED_RED = RaceState.RED_RED
+
+EACH_CHANGE = Acknowledges.EACH_CHANGE
+
+OpenConsole = Callable[..., Console]
+
+TEAMS = {1: 'Georgia Tech', 2: 'Purdue', 3: 'Michigan', 4: 'UC Berkeley', 5: 'Kennesaw State'}
+
+
+@pytest.fixture
+def need_screen() -> None:
+    """Skip the test where no window can be opened, and fail it where none may be skipped."""
+    why_not = why_no_screen()
+    if not any(map(importlib.util.find_spec, ('PySide6', 'PyQt6'))):
+        why_not = 'there is no Qt for Python: run the tests by `make test`'
+    if why_not and os.environ.get('EVGP_ALL_TESTS'):
+        pytest.fail(f'no window can be opened: {why_not}')
+    if why_not:
+        pytest.skip(why_not)
+
+
+@pytest.fixture
+def open_console(
+    need_screen: None, parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> OpenConsole:
+    """Return a function that opens an official's window on a screen of its own."""
+
+    def open_(
+        control: RaceControl, width: int = 1366, height: int = 768, **environment: str
+    ) -> Console:
+        screen = Screen(width, height)
+        parts.callback(screen.close)
+        console = Console(tmp_path, control.domain, screen, environment)
+        parts.callback(console.close)
+        return console
+
+    return open_
+
+
+def confirm(console: Console, key: str, condition: str, accepted: str) -> None:
+    """
+    Give a command by key, confirm its condition, and return once it is accepted.
+
+    Just after a stop race control asks for it again: then it is given again.
+    """
+    ends = time.monotonic() + PATIENCE
+    while time.monotonic() < ends:
+        console.key(key)
+        console.wait_for('question', text=condition)
+        console.key('y')
+        if accepted in console.wait_for('status', text=f'{accepted}|send it again')['text']:
+            return
+    raise AssertionError(f'{key} is not accepted')
+
+
+@pytest.fixture
+def start_anew(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Callable[..., RaceControl]:
+    """Return a function that starts a race control with kart 1, again if a domain is given."""
+
+    def start(domain: int | None = None, **parameters: object) -> RaceControl:
+        if domain is None:
+            domain = parts.enter_context(Domain()).number
+        control = RaceControl(tmp_path, domain, (1,), parameters=parameters)
+        parts.callback(control.close)
+        return control
+
+    return start
+
+
+def see_karts(console: Console, *numbers: int) -> None:
+    """Return once the window shows these karts as connected."""
+    for number in numbers:
+        console.wait_for(f'kart_{number}', text='✓ linked')
+
+
+# ----- a race -----------------------------------------------------------------------------
+
+
+def test_a_whole_race_by_clicks(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,), others=(2, 3), finish_delays='[0.2, 0.1]')
+    console = open_console(control)
+    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2)]
+    see_karts(console, 1, 2)
+
+    console.click('join_race_2', barred='false')
+    console.wait_for('leave_race_2')
+    console.click('grid_active', barred='false')
+    console.click('yes', text='track is clear of humans')
+    console.click('green_green', barred='false')
+    console.click('yes')
+    console.click('kart_finish_2', barred='false')
+    console.wait_for('kart_2', text='P1')
+    console.click('kart_finish_1', barred='false')
+    console.wait_for('state', text='RED RED')
+    console.wait_for('state_since', text='race over')
+    console.click('in_garage', barred='false')
+    console.click('yes', text='track is safe for humans')
+    console.wait_for('state', text='IN GARAGE')
+    console.click('open_track', barred='false')
+    console.click('yes')
+    console.wait_for('track', text='OPEN')
+
+    for kart in karts:
+        kart.wait_for_state(IN_GARAGE)
+        states = [state for _, state in kart.changes]
+        assert states == [IN_GARAGE, GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED, IN_GARAGE]
+
+
+def test_a_whole_race_by_keys_only(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,), others=(2, 3), finish_delays='[0.2, 0.1]')
+    console = open_console(control)
+    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2)]
+    see_karts(console, 1, 2)
+
+    console.key('2', 'ctrl+j')
+    console.wait_for('leave_race_2')
+    console.wait_for('grid_active', barred='false')
+    console.key('F2')
+    console.wait_for('question', text='track is clear of humans')
+    console.key('y')
+    console.wait_for('green_green', barred='false')
+    console.key('F3')
+    console.wait_for('no', focus=True)
+    console.key('Tab')
+    console.wait_for('yes', focus=True)
+    console.key('Return')
+    console.wait_for('kart_finish_2', barred='false')
+    console.key('b')
+    console.wait_for('kart_2', text='P1')
+    console.key('a')
+    console.wait_for('state', text='RED RED')
+    console.wait_for('in_garage', barred='false')
+    console.key('F6')
+    console.wait_for('question')
+    console.key('y')
+    console.wait_for('state', text='IN GARAGE')
+    console.wait_for('open_track', barred='false')
+    console.key('F7')
+    console.wait_for('question')
+    console.key('y')
+    console.wait_for('track', text='OPEN')
+    console.wait_for('close_track', barred='false')
+    console.key('F8')
+    console.wait_for('track', text='closed')
+
+    for kart in karts:
+        kart.wait_for_state(IN_GARAGE)
+        states = [state for _, state in kart.changes]
+        assert states == [IN_GARAGE, GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED, IN_GARAGE]
+
+
+def test_one_kart_is_stopped_and_released_by_keys(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 12), others=(3,))
+    console = open_console(control)
+    kart = connect_kart(control, 12, EACH_CHANGE)
+    see_karts(console, 12)
+
+    console.key('1', '2')
+    console.wait_for('kart_12', chosen='true')
+    console.key('ctrl+f')
+    kart.wait_for_state(RED_FLAG)
+    console.key('ctrl+r')
+    kart.wait_for_state(RED_RED)
+    console.wait_for('kart_12', text='held: RED_RED by an official(.|\n)*✓ yes')
+    confirm(console, 'ctrl+g', r'kart 12 \(Team 12\) stands still', 'released')
+    kart.wait_for_state(IN_GARAGE)
+
+
+def test_releasing_a_kart_that_did_not_acknowledge_asks_for_the_statement_of_race_control(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,))
+    console = open_console(control)
+    kart = connect_kart(control, 1)
+    see_karts(console, 1)
+    console.click('kart_red_red_1')
+    kart.wait_for_state(RED_RED)
+    console.wait_for('kart_1', text='■ RED RED')
+
+    console.key('1')
+    confirm(console, 'ctrl+g', 'was made safe by hand', 'released')
+
+    kart.wait_for_state(IN_GARAGE)
+
+
+# ----- ALL KILL ---------------------------------------------------------------------------
+
+
+def test_all_kill_is_one_click(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,), others=(2,))
+    console = open_console(control)
+    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2)]
+    see_karts(console, 1, 2)
+
+    console.click('all_kill')
+
+    for kart in karts:
+        kart.wait_for_state(RED_RED)
+
+
+@pytest.mark.parametrize('key', ['space', 'F12'])
+def test_all_kill_by_key_while_a_question_is_open(
+    start_race_control: StartRaceControl,
+    open_console: OpenConsole,
+    connect_kart: ConnectKart,
+    key: str,
+) -> None:
+    control = start_race_control(in_race=(1,))
+    console = open_console(control)
+    kart = connect_kart(control, 1, EACH_CHANGE)
+    see_karts(console, 1)
+    console.click('grid_active', barred='false')
+    console.wait_for('no', focus=True)
+
+    console.key(key)
+
+    kart.wait_for_state(RED_RED)
+    assert [state for _, state in kart.changes] == [IN_GARAGE, RED_RED]
+    console.wait_for('question_problem', text='the race is in RED_RED')
+    console.wait_for('yes', enabled=False)
+    console.key('y', 'n')
+    console.wait_for('question', visible=False)
+    assert kart.state is RED_RED
+
+
+def test_all_kill_by_click_while_a_question_is_open(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,))
+    console = open_console(control)
+    kart = connect_kart(control, 1, EACH_CHANGE)
+    see_karts(console, 1)
+    console.key('F2')
+    console.wait_for('question')
+
+    console.click('all_kill')
+
+    kart.wait_for_state(RED_RED)
+
+
+@pytest.mark.parametrize('where', ['filter', 'open filter', 'log', 'mute', 'kart_finish_1'])
+def test_all_kill_by_key_whichever_widget_has_the_focus(
+    start_race_control: StartRaceControl,
+    open_console: OpenConsole,
+    connect_kart: ConnectKart,
+    where: str,
+) -> None:
+    control = start_race_control(in_race=(1,))
+    console = open_console(control)
+    kart = connect_kart(control, 1, EACH_CHANGE)
+    see_karts(console, 1)
+    if where == 'open filter':
+        console.click('filter')
+    else:
+        tab_to(console, where)
+
+    console.key('space')
+
+    kart.wait_for_state(RED_RED)
+
+
+def tab_to(console: Console, name: str) -> None:
+    """Press Tab until a widget has the focus."""
+    for _ in range(60):
+        if console.wait_for(name)['focus']:
+            return
+        console.key('Tab')
+    raise AssertionError(f'Tab never reaches {name}')
+
+
+def test_all_kill_is_pressed_until_a_race_control_that_hangs_is_back(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,))
+    console = open_console(control)
+    kart = connect_kart(control, 1, EACH_CHANGE)
+    see_karts(console, 1)
+    control.signal(signal.SIGSTOP)
+    # A service hangs, and the window does not: it says so, with the time.
+    console.key('F4')
+    console.wait_for('status', text=r'RED FLAG: no answer yet, \d')
+    console.wait_for('silence_title', text='RACE CONTROL IS GONE')
+    console.wait_for('silence_advice', text='USE THE MSR')
+
+    console.key('space')
+
+    console.wait_for('all_kill', pressing='true')
+    console.wait_for('kill_hint', text=r'PRESSING, [3-9] times, \d\.\d s: no answer')
+    control.signal(signal.SIGCONT)
+    kart.wait_for_state(RED_RED)
+    console.wait_for('all_kill', pressing='false')
+    console.wait_for('silence', visible=False)
+    console.wait_for('state', text='RED RED')
+
+
+def test_all_kill_pressed_while_race_control_is_dead_is_given_to_the_next_one(
+    start_anew: Callable[..., RaceControl],
+    open_console: OpenConsole,
+    connect_kart: ConnectKart,
+    tmp_path: pathlib.Path,
+) -> None:
+    control = start_anew()
+    console = open_console(control)
+    before = connect_kart(control, 1, EACH_CHANGE)
+    see_karts(console, 1)
+    control.kill()
+    before.wait_for_end()
+    console.wait_for('silence_title', text='RACE CONTROL IS GONE')
+    console.wait_for('kart_1', text='✓ linked')
+    console.wait_for('silence_detail', text=r'Not heard for \d')
+    console.wait_for('grid_active', barred='true', tip='race control is gone')
+    console.click('all_kill')
+    console.wait_for('all_kill', pressing='true')
+
+    again = start_anew(control.domain, record=tmp_path / 'another.sqlite3')
+
+    kart = connect_kart(again, 1, EACH_CHANGE)
+    kart.wait_for_state(RED_RED)
+    console.wait_for('all_kill', pressing='false')
+    console.wait_for('silence', visible=False)
+    console.wait_for('kart_1', text='held: ALL_KILL')
+
+
+def test_a_race_control_that_was_killed_and_started_again_is_shown_as_it_is_now(
+    start_anew: Callable[..., RaceControl],
+    open_console: OpenConsole,
+    connect_kart: ConnectKart,
+) -> None:
+    control = start_anew()
+    console = open_console(control)
+    kart = connect_kart(control, 1, EACH_CHANGE)
+    see_karts(console, 1)
+    console.key('F2')
+    console.wait_for('question')
+    console.key('y')
+    kart.wait_for_state(GRID_ACTIVE)
+    console.wait_for('state', text='GRID ACTIVE')
+    control.kill()
+    console.wait_for('silence_title', text='RACE CONTROL IS GONE')
+
+    again = start_anew(control.domain)
+
+    console.wait_for('silence', visible=False)
+    console.wait_for('state', text='RED RED')
+    console.wait_for('log', text='started anew')
+    console.wait_for('kart_1', text='held: race control was re')
+    # It still commands: the race is brought home.
+    connect_kart(again, 1, EACH_CHANGE)
+    console.wait_for('in_garage', barred='false')
+    confirm(console, 'F6', 'track is safe for humans', 'IN_GARAGE is sent')
+    console.wait_for('state', text='IN GARAGE')
+
+
+def test_before_race_control_is_found_the_window_says_so_and_still_presses_all_kill(
+    start_anew: Callable[..., RaceControl], open_console: OpenConsole
+) -> None:
+    control = start_anew()
+    control.close()
+    console = open_console(control)
+    console.wait_for('silence_title', text='NO RACE CONTROL YET')
+    console.wait_for('silence_detail', text=f'/rcs/race .* ROS domain {control.domain}')
+    console.key('space')
+    console.wait_for('all_kill', pressing='true')
+
+    start_anew(control.domain)
+
+    console.wait_for('state', text='RED RED')
+    console.wait_for('all_kill', pressing='false')
+
+
+def test_the_executable_opens_a_window_that_kills_by_key(
+    start_race_control: StartRaceControl,
+    need_screen: None,
+    connect_kart: ConnectKart,
+    parts: contextlib.ExitStack,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    control = start_race_control(in_race=(1,))
+    screen = Screen()
+    parts.callback(screen.close)
+    monkeypatch.setenv('DISPLAY', screen.display)
+    monkeypatch.setenv('QT_QPA_PLATFORM', 'xcb')
+    kart = connect_kart(control, 1, EACH_CHANGE)
+
+    screen.expect_window()
+
+    window = parts.enter_context(Process('evgp_rcs_console', 'rcs_gui', control.domain))
+    screen.wait_for_window()
+    # Without a window manager the keys go to the window below the pointer.
+    screen.move(100, 100)
+    screen.key('space')
+
+    kart.wait_for_state(RED_RED)
+    assert window.close() == 0
+
+
+# ----- what is shown ----------------------------------------------------------------------
+
+
+def test_a_command_that_is_not_allowed_says_why_on_hover_on_focus_and_when_tapped(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,))
+    console = open_console(control)
+    kart = connect_kart(control, 1)
+    see_karts(console, 1)
+    console.key('F2')
+    console.wait_for('question')
+    console.key('y')
+    kart.wait_for_state(GRID_ACTIVE)
+    why = r'GREEN GREEN: waiting for kart 1 \(Team 1\): no GRID_ACTIVE yet, \d+ s'
+
+    console.wait_for('green_green', barred='true', tip=why)
+    console.hover('green_green')
+    console.wait_for('status', text=why)
+    console.hover('log')
+    console.wait_for('status', text='GRID_ACTIVE is sent')
+    console.click('green_green')
+    console.hover('log')
+    console.wait_for('status', text=why)
+    console.key('F3')
+    console.wait_for('status', text=why)
+    assert kart.state is GRID_ACTIVE
+
+
+def test_two_consoles_agree(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 2))
+    one, other = open_console(control), open_console(control)
+    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2)]
+    see_karts(one, 1, 2)
+    see_karts(other, 1, 2)
+
+    one.key('F2')
+    one.wait_for('question')
+    one.key('y')
+    other.wait_for('state', text='GRID ACTIVE')
+    other.wait_for('green_green', barred='false')
+    one.wait_for('green_green', barred='false')
+    one.key('F3')
+    one.wait_for('yes', enabled=True)
+    other.key('space')
+
+    for kart in karts:
+        kart.wait_for_state(RED_RED)
+    one.wait_for('state', text='RED RED')
+    one.wait_for('yes', enabled=False)
+    one.wait_for('log', text='RED_RED is sent to all karts')
+
+
+def test_an_alert_stays_until_it_is_seen_and_sounds_until_it_is_muted(
+    start_race_control: StartRaceControl,
+    open_console: OpenConsole,
+    connect_kart: ConnectKart,
+    tmp_path: pathlib.Path,
+) -> None:
+    player = tmp_path / 'bin' / 'pw-play'
+    player.parent.mkdir()
+    heard = tmp_path / 'heard'
+    os.mkfifo(heard)
+    player.write_text(f'#!/bin/sh\ncp "$1" {tmp_path}/alarm.wav\necho played > {heard}\n')
+    player.chmod(player.stat().st_mode | stat.S_IXUSR)
+    control = start_race_control(in_race=(1,), red_alert=0.2)
+    console = open_console(control, PATH=f'{player.parent}{os.pathsep}{os.environ["PATH"]}')
+    kart = connect_kart(control, 1)
+    see_karts(console, 1)
+
+    console.key('space')
+    console.wait_for('banner', text=r'Use the MSR: kart 1 \(Team 1\) has not acknowledged RED_RED')
+    assert heard.read_text() == 'played\n'
+    assert (tmp_path / 'alarm.wav').read_bytes()[:4] == b'RIFF'
+    kart.say(RED_RED)
+    console.wait_for('banner', text='no longer')
+    console.key('F11')
+    console.wait_for('mute', text='SOUND OFF')
+    console.key('F10')
+    console.wait_for('banner', visible=False)
+    console.wait_for('standing', text='No alerts')
+
+
+def test_an_alert_that_is_seen_and_still_stands_is_still_told(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 2), red_alert=0.2)
+    console = open_console(control)
+    for number in (1, 2):
+        connect_kart(control, number)
+    see_karts(console, 1, 2)
+    console.key('space')
+    console.wait_for('banner', text='kart 1(.|\n)*kart 2|kart 2(.|\n)*kart 1')
+
+    console.click('seen_1')
+    console.click('seen_0')
+
+    console.wait_for('banner', visible=False)
+    console.wait_for('standing', text='still there: .*kart 1.*kart 2|still there: .*2.*kart 1')
+
+
+def test_the_event_log_shows_one_kart_alone(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 2))
+    console = open_console(control)
+    for number in (1, 2):
+        connect_kart(control, number, EACH_CHANGE)
+    console.wait_for('log', text=r'Kart 1 \(Team 1\) connected(.|\n)*Kart 2 \(Team 2\) connected')
+
+    console.key('2', 'ctrl+l')
+
+    console.wait_for('filter', text='kart 2')
+    shown = console.wait_for('log', text='Kart 2')['text']
+    assert 'Kart 1' not in shown
+    console.key('ctrl+l')
+    console.wait_for('log', text='Kart 1')
+
+
+def test_whether_humans_may_be_on_the_track_is_always_shown_with_the_reason(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,))
+    console = open_console(control)
+    kart = connect_kart(control, 1)
+    see_karts(console, 1)
+    console.wait_for('humans', text='HUMANS ALLOWED')
+
+    console.key('space')
+    console.wait_for('humans', text='NO HUMANS')
+    console.wait_for('humans_reason', text='kart 1 .* has not acknowledged RED_RED')
+    kart.say(RED_RED)
+    console.wait_for('humans', text='HUMANS ALLOWED')
+
+
+def test_the_use_of_the_msr_is_recorded_by_a_statement(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,))
+    console = open_console(control)
+    kart = connect_kart(control, 1)
+    see_karts(console, 1)
+
+    console.key('F9')
+    console.wait_for('question', text='does not trigger the MSR')
+    console.click('yes', text='Master Safety Remote was used')
+
+    kart.wait_for_state(RED_RED)
+    console.wait_for('humans_reason', text='Master Safety Remote was used')
+
+
+@pytest.mark.parametrize(('width', 'height'), [(1366, 768), (3840, 2160)])
+def test_forty_karts_on_a_small_and_on_a_large_screen(
+    start_race_control: StartRaceControl,
+    open_console: OpenConsole,
+    connect_kart: ConnectKart,
+    width: int,
+    height: int,
+) -> None:
+    control = start_race_control(in_race=range(1, 41))
+    console = open_console(control, width, height)
+    karts = {number: connect_kart(control, number, EACH_CHANGE) for number in range(1, 41)}
+    see_karts(console, *karts)
+    console.key('F2')
+    console.wait_for('question')
+    console.key('y')
+    console.wait_for('green_green', barred='false')
+    console.key('F3')
+    console.wait_for('question')
+    console.key('y')
+
+    console.wait_for('kart_finish_30', barred='false')
+    console.key('shift+d')
+    console.wait_for('kart_30', text='P1')
+    # A kart further down is scrolled to by its number, and there its buttons can be clicked.
+    console.key('4', '0')
+    console.wait_for('kart_40', chosen='true')
+    console.click('kart_red_red_40')
+    karts[40].wait_for_state(RED_RED)
+    assert_all_kill_is_in_reach(console)
+    console.click('all_kill')
+    for kart in karts.values():
+        kart.wait_for_state(RED_RED)
+
+
+def assert_all_kill_is_in_reach(console: Console) -> None:
+    """Check that ALL KILL is wholly on the screen, and the largest of all buttons."""
+    widgets = console.widgets()
+    kill = widgets['all_kill']
+    assert kill['x'] >= 0
+    assert kill['y'] >= 0
+    assert kill['x'] + kill['width'] <= console.screen.width
+    assert kill['y'] + kill['height'] <= console.screen.height
+    assert kill['enabled']
+    others = [each for name, each in widgets.items() if name != 'all_kill' and each['button']]
+    assert max(each['width'] * each['height'] for each in others) < kill['width'] * kill['height']
+
+
+# ----- pictures ---------------------------------------------------------------------------
+
+
+def test_screenshots_of_every_state(
+    open_console: OpenConsole,
+    connect_kart: ConnectKart,
+    parts: contextlib.ExitStack,
+    tmp_path: pathlib.Path,
+) -> None:
+    """`make screenshots` keeps them; in each state ALL KILL must be in reach."""
+    folder = pathlib.Path(os.environ.get('EVGP_SCREENSHOTS') or tmp_path / 'screenshots')
+    parameters = {'red_alert': 0.2, 'finish_delays': '[0.1]'}
+    domain = parts.enter_context(Domain()).number
+    control = RaceControl(tmp_path, domain, (1, 2, 3), (4, 5), parameters, TEAMS)
+    parts.callback(control.close)
+    console = open_console(control)
+
+    def shoot(name: str) -> None:
+        assert_all_kill_is_in_reach(console)
+        console.screenshot(folder / f'{name}.png')
+
+    karts: dict[int, WireKart] = {
+        number: connect_kart(control, number, EACH_CHANGE) for number in (1, 2, 4)
+    }
+    karts[3] = connect_kart(control, 3)
+    see_karts(console, 1, 2, 3, 4)
+    shoot('garage')
+    console.key('F2')
+    console.wait_for('question')
+    shoot('question')
+    console.key('y')
+    console.hover('green_green')
+    console.wait_for('status', text=r'kart 3 .*: no GRID_ACTIVE yet, 2 s')
+    shoot('grid')
+    karts[3].say(GRID_ACTIVE)
+    console.wait_for('green_green', barred='false')
+    console.key('F3')
+    console.wait_for('question')
+    console.key('y')
+    karts[3].wait_for_state(GREEN_GREEN)
+    karts[3].say(GREEN_GREEN)
+    console.wait_for('kart_finish_2', barred='false')
+    console.key('b')
+    console.wait_for('kart_2', text='RED FLAG(.|\n)*✓ yes(.|\n)*P1')
+    console.hover('log')
+    shoot('race')
+    karts[3].close()
+    console.wait_for('kart_3', text='NO LINK')
+    console.wait_for('banner', text='lost its connection')
+    shoot('alert')
+    console.key('space')
+    console.wait_for('state', text='RED RED')
+    console.wait_for('kart_1', text='RED RED(.|\n)*✓ yes')
+    shoot('all-kill')
+    console.key('F1')
+    console.wait_for('help')
+    shoot('keys')
+    console.key('Escape')
+    control.kill()
+    console.wait_for('silence_title', text='GONE')
+    console.key('space')
+    console.wait_for('kill_hint', text='PRESSING, 3 times')
+    shoot('gone')
+
+    assert len(list(folder.glob('*.png'))) >= 8
+
+
+# ----- what is missing --------------------------------------------------------------------
+
+
+def test_without_a_screen_the_window_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM'):
+        monkeypatch.delenv(name, raising=False)
+    if not any(map(importlib.util.find_spec, ('PySide6', 'PyQt6'))):
+        pytest.skip('there is no Qt for Python')
+
+    with Process('evgp_rcs_console', 'rcs_gui', 20) as window:
+        code = window.wait()
+
+    assert (code, 'no screen' in window.output) == (2, True)
