@@ -10,14 +10,15 @@ ROSTER := src/evgp_rcs/config/karts.yaml
 PARAMS := src/evgp_rcs/config/rcs.yaml
 
 # Nodes on this machine find each other, and no one else's: a test must not command a real kart.
-demo test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+demo screenshots test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: help setup demo test run lint format clean
+.PHONY: help setup demo test run console screenshots lint format clean
 
 help:
 	@echo 'make demo    set up and show a race: race control, karts and their stacks'
 	@echo 'make test    set up and run every test             (ARGS="-k roster")'
 	@echo 'make run     start race control for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml)'
+	@echo "make console open the officials' window"
 	@echo 'make lint    check style and types'
 	@echo 'make format  put the code into shape, as far as a tool can'
 	@echo 'make setup   set up only'
@@ -30,11 +31,19 @@ demo:
 	$(IN_WORKSPACE) python demo/run.py $(ARGS)
 
 test:
-	$(IN_WORKSPACE) python -m pytest $(ARGS)
+	$(IN_WORKSPACE) --console python -m pytest $(ARGS)
 
 run:
 	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_node --ros-args \
 	  --params-file '$(abspath $(PARAMS))' -p 'roster:=$(abspath $(ROSTER))'
+
+console:
+	$(IN_WORKSPACE) --console install/evgp_rcs_console/lib/evgp_rcs_console/rcs_gui $(ARGS)
+
+# The pictures of docs/, made by the test that looks at every state of the window.
+screenshots:
+	EVGP_ALL_TESTS=1 EVGP_SCREENSHOTS=docs/screenshots $(IN_WORKSPACE) --console \
+	  python -m pytest test/test_console.py -k screenshots
 
 # Every check runs, whatever those before it found.
 lint:

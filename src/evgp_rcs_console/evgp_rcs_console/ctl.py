@@ -16,7 +16,7 @@ import time
 from evgp_rcs_console import words
 from evgp_rcs_console.client import Client, domain_of, Order
 from evgp_rcs_console.commands import FORMS
-from evgp_rcs_console.snapshot import Answer, Command, Event, Race
+from evgp_rcs_console.snapshot import Answer, Command, Event, Race, State
 from evgp_rcs_console.terminal import table
 from evgp_rcs_console.view import is_gone, show, silence
 import rclpy
@@ -228,7 +228,13 @@ def _watch(client: Client, desk: Desk, wanted: argparse.Namespace) -> int:
             race, heard_at = desk.race, desk.heard_at
         now = time.monotonic()
         silent_for = now - heard_at if race is not None else None
-        quiet = silence(silent_for, now - began, client.topic, domain_of())
+        quiet = silence(
+            silent_for,
+            now - began,
+            client.topic,
+            domain_of(),
+            race.state if race else State.UNKNOWN,
+        )
         lines = []
         if quiet:
             lines += [f'*** {quiet.title}: {quiet.advice} ***', quiet.detail]

@@ -197,13 +197,14 @@ def is_gone(silent_for: float | None) -> bool:
 
 
 def silence(
-    silent_for: float | None, looking_for: float, topic: str, domain: int
+    silent_for: float | None, looking_for: float, topic: str, domain: int, state: State
 ) -> Silence | None:
     """
     Return what is to be said of race control's silence, None while it is heard.
 
     :param silent_for: since when it is not heard, seconds; None: it never was.
     :param looking_for: how long it has been looked for, seconds.
+    :param state: the state of the race when it was heard last.
     """
     if not is_gone(silent_for):
         return None
@@ -212,7 +213,7 @@ def silence(
             topic=topic, age=words.age(looking_for), domain=domain
         )
         return Silence(words.NOT_YET, words.GONE_ADVICE, detail)
-    detail = words.GONE_SINCE.format(age=words.short_age(silent_for))
+    detail = words.GONE_SINCE.format(age=words.short_age(silent_for), state=words.STATES[state])
     return Silence(words.GONE, words.GONE_ADVICE, detail)
 
 

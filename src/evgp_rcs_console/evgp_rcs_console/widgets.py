@@ -514,7 +514,6 @@ class Help(Sheet):
             for offset, text in ((0, key), (1, meaning)):
                 label = Label(tone='good' if offset == 0 else 'plain')
                 label.setText(text)
-                label.setWordWrap(offset == 1)
                 grid.addWidget(label, place % half, 2 * (place // half) + offset)
         close = QtWidgets.QPushButton(words.HELP_CLOSE)
         close.setObjectName('close_help')
@@ -524,8 +523,8 @@ class Help(Sheet):
         layout.addWidget(close)
         layout.setContentsMargins(24, 16, 24, 20)
         grid.setHorizontalSpacing(16)
-        grid.setColumnStretch(1, 1)
-        grid.setColumnStretch(3, 1)
+        grid.setVerticalSpacing(4)
+        layout.addStretch(1)
 
 
 def column(parent: QtWidgets.QWidget, *children: QtWidgets.QWidget) -> QtWidgets.QVBoxLayout:

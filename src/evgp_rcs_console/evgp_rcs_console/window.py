@@ -17,7 +17,7 @@ from evgp_rcs_console.notices import AlertBook, concerns, EventLog
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.snapshot import Answer, Command, Event, Race
 from evgp_rcs_console.sound import Sound
-from evgp_rcs_console.view import Button, Cell, NOTHING, Screen, show, silence, Tone
+from evgp_rcs_console.view import Button, Cell, NOTHING, Screen, show, Silence, silence, Tone
 from evgp_rcs_console.widgets import (
     Banner,
     column,
@@ -175,17 +175,17 @@ class ConsoleWindow(QtWidgets.QWidget):
             self._sound.play()
         self._show_keys_reach()
 
-    def _silence(self, now: float) -> object:
+    def _silence(self, now: float) -> Silence | None:
         silent_for = now - self._heard_at if self._race is not None else None
-        return silence(silent_for, now - self._began, self._topic, self._domain)
+        state = (self._race or NOTHING).state
+        return silence(silent_for, now - self._began, self._topic, self._domain, state)
 
     # ----- what is shown ------------------------------------------------------------------
 
     def _refresh(self) -> None:
         now = time.monotonic()
         self._shown_at = now
-        silent_for = now - self._heard_at if self._race is not None else None
-        quiet = silence(silent_for, now - self._began, self._topic, self._domain)
+        quiet = self._silence(now)
         if (quiet is not None) != self._silent:
             self._silent = quiet is not None
             self._sounded = 0.0
@@ -255,7 +255,7 @@ class ConsoleWindow(QtWidgets.QWidget):
             self._quiet_alerts.show_text(words.STILL_STANDING.format(texts=texts))
         else:
             self._quiet_alerts.show_text(words.NO_ALERT)
-        tone = Tone.WAIT if standing or unseen else Tone.GOOD
+        tone = Tone.WAIT if standing else Tone.FAINT if unseen else Tone.GOOD
         set_property(self._quiet_alerts, 'tone', tone.value)
 
     def _show_kill(self) -> None:
@@ -682,7 +682,7 @@ class ConsoleWindow(QtWidgets.QWidget):
             if sheet.isVisible():
                 # Over the karts, clear of ALL KILL above and of the stops at the side.
                 room = self._scroll.width()
-                sheet.setFixedWidth(min(room, round(860 * self._by)))
+                sheet.setFixedWidth(min(room, round(900 * self._by)))
                 sheet.adjustSize()
                 corner = self._scroll.mapTo(self, QtCore.QPoint(0, 0))
                 sheet.move(

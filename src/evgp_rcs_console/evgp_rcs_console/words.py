@@ -100,7 +100,7 @@ REFUSED = '✗ '
 GONE = 'RACE CONTROL IS GONE'
 NOT_YET = 'NO RACE CONTROL YET'
 GONE_ADVICE = 'USE THE MSR'
-GONE_SINCE = 'Not heard for {age}: what you see below is as old as that.'
+GONE_SINCE = 'Not heard for {age}, then in {state}. What you see below is as old as that.'
 NOT_YET_DETAIL = 'Looking for {topic} for {age}. ROS domain {domain}.'
 GONE_REASON = 'race control is gone'
 STATE_SINCE = 'for {age}'
@@ -144,7 +144,7 @@ KEY_HELP = (
     ('F10', 'newest alert seen'),
     ('F11', 'sound on, off'),
     ('A letter', 'FINISH of the kart that shows it'),
-    ('A number', 'choose that kart; arrows: the next one'),
+    ('A number', 'choose that kart (arrows: the next)'),
     ('Ctrl+R, Ctrl+F', 'RED RED, RED FLAG to the chosen kart'),
     ('Ctrl+G', 'the chosen kart to the garage'),
     ('Ctrl+J', 'the chosen kart joins or leaves the race'),

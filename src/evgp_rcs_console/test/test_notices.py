@@ -1,0 +1,127 @@
+"""Alerts until they are seen, and the event log."""
+
+from __future__ import annotations
+
+from evgp_rcs_console import words
+from evgp_rcs_console.notices import AlertBook, EventLog
+from evgp_rcs_console.snapshot import Alert, Event
+
+
+def alert(kart: int, kind: str = 'KART_LOST') -> Alert:
+    """Return an alert of a kart."""
+    return Alert(kind, kart, False, f'Kart {kart} lost its connection', 0.0)
+
+
+def texts(book: AlertBook) -> list[str]:
+    """Return what is not seen yet."""
+    return [notice.text for notice in book.unseen]
+
+
+def test_alerts_stand_newest_first() -> None:
+    book = AlertBook()
+
+    first = book.update([alert(1)])
+    second = book.update([alert(2), alert(1)])
+    same = book.update([alert(2), alert(1)])
+
+    assert (first, second, same) == (True, True, False)
+    assert [notice.alert.kart for notice in book.unseen] == [2, 1]
+
+
+def test_alerts_that_came_together_keep_the_order_of_race_control() -> None:
+    book = AlertBook()
+
+    book.update([alert(2), alert(1)])
+
+    assert [notice.alert.kart for notice in book.unseen] == [2, 1]
+
+
+def test_an_alert_whose_cause_is_gone_stays_until_it_is_seen() -> None:
+    book = AlertBook()
+    book.update([alert(1)])
+
+    book.update([])
+
+    assert texts(book) == ['Kart 1 lost its connection (no longer)']
+    book.see(book.unseen[0].number)
+    assert texts(book) == []
+    assert book.seen_and_standing == []
+
+
+def test_an_alert_that_is_seen_and_stands_is_not_forgotten() -> None:
+    book = AlertBook()
+    book.update([alert(1)])
+
+    book.see_all()
+
+    assert texts(book) == []
+    assert [notice.text for notice in book.seen_and_standing] == ['Kart 1 lost its connection']
+    book.update([])
+    assert book.seen_and_standing == []
+
+
+def test_an_alert_that_comes_again_is_to_be_seen_again() -> None:
+    book = AlertBook()
+    book.update([alert(1)])
+    book.see_all()
+    book.update([])
+
+    again = book.update([alert(1)])
+
+    assert again
+    assert texts(book) == ['Kart 1 lost its connection']
+
+
+def test_an_alert_that_comes_again_before_it_was_seen_stands_beside_the_old_one() -> None:
+    book = AlertBook()
+    book.update([alert(1)])
+    book.update([])
+
+    book.update([alert(1)])
+
+    assert texts(book) == ['Kart 1 lost its connection', 'Kart 1 lost its connection (no longer)']
+
+
+def test_a_new_text_of_an_alert_is_shown() -> None:
+    book = AlertBook()
+    book.update([Alert('TRACK_UNSAFE', 0, True, 'kart 1 is not stopped', 0.0)])
+
+    news = book.update([Alert('TRACK_UNSAFE', 0, True, 'kart 2 is not stopped', 1.0)])
+
+    assert not news
+    assert texts(book) == ['kart 2 is not stopped']
+
+
+def test_the_log_of_a_kart_has_what_concerns_it_and_what_concerns_all() -> None:
+    log = EventLog()
+    for sequence, kart in enumerate((0, 1, 2), start=1):
+        log.add(Event(sequence, '12:00:00', kart, True, f'event of {kart}'))
+
+    assert [line.text for line in log.lines(2)] == ['event of 0', 'event of 2']
+    assert len(log.lines()) == 3
+
+
+def test_a_refusal_is_marked_in_the_log() -> None:
+    log = EventLog()
+
+    (line,) = log.add(Event(1, '12:00:00', 0, False, 'GREEN_GREEN refused'))
+
+    assert str(line) == '12:00:00  ✗ GREEN_GREEN refused'
+
+
+def test_a_race_control_that_was_started_anew_is_told_in_the_log() -> None:
+    log = EventLog()
+    log.add(Event(1, '12:00:00', 0, True, 'one'))
+    log.add(Event(2, '12:00:01', 0, True, 'two'))
+
+    log.add(Event(1, '12:05:00', 0, True, 'anew'))
+
+    assert [str(line) for line in log.lines()][2:] == [words.NEW_RUN, '12:05:00  anew']
+
+
+def test_the_log_keeps_the_newest() -> None:
+    log = EventLog(most=3)
+    for sequence in range(1, 10):
+        log.add(Event(sequence, '', 0, True, str(sequence)))
+
+    assert [line.text for line in log.lines()] == ['7', '8', '9']

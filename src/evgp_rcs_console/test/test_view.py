@@ -1,0 +1,255 @@
+"""From a snapshot to what is shown."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from evgp_rcs_console import words
+from evgp_rcs_console.commands import FORMS
+from evgp_rcs_console.snapshot import Alert, Available, Command, Kart, Race, State, Track
+from evgp_rcs_console.terminal import table
+from evgp_rcs_console.view import (
+    FINISH_KEYS,
+    GONE_AFTER,
+    NOTHING,
+    RACE_COMMANDS,
+    Screen,
+    show,
+    Silence,
+    silence,
+    STATE_TONES,
+    Tone,
+)
+import pytest
+
+EVERYTHING = {command: Available(True) for command in Command}
+SILENT = Silence('gone', 'MSR', 'long ago')
+
+KART = Kart(
+    number=7,
+    team='Purdue',
+    in_race=True,
+    connected=True,
+    sent=State.GRID_ACTIVE,
+    sent_for=40.0,
+    acknowledged=False,
+    reported=State.IN_GARAGE,
+    hold=State.UNKNOWN,
+    hold_reason='',
+    may_be_moving=False,
+    place=0,
+    commands=EVERYTHING,
+)
+RACE = Race(
+    state=State.GRID_ACTIVE,
+    state_for=40.0,
+    over=False,
+    karts=(KART,),
+    commands=EVERYTHING,
+    track=Track(is_open=False, allowed=False, reason='the race is in GRID_ACTIVE', msr_used=False),
+    alerts=(),
+)
+
+
+def with_kart(**changes: object) -> Screen:
+    """Return the screen of a race whose one kart is different."""
+    kart = replace(KART, **changes)  # type: ignore[arg-type]
+    return show(replace(RACE, karts=(kart,)), 0.0, {})
+
+
+def test_a_command_is_enabled_if_race_control_says_so() -> None:
+    screen = show(RACE, 0.0, {})
+
+    assert all(button.enabled for button in [*screen.race, *screen.rows[0].buttons])
+
+
+def test_a_command_that_race_control_does_not_offer_shows_its_reason_and_for_how_long() -> None:
+    why = 'waiting for kart 7 (Purdue): no GRID_ACTIVE yet'
+    commands = {**EVERYTHING, Command.GREEN_GREEN: Available(False, why)}
+
+    button = show(replace(RACE, commands=commands), 1.0, {}).button(Command.GREEN_GREEN)
+
+    assert button is not None
+    assert not button.enabled
+    assert button.explanation == f'GREEN GREEN: {why}, 41 s'
+
+
+def test_a_command_that_race_control_does_not_know_is_not_enabled() -> None:
+    button = show(replace(RACE, commands={}), 0.0, {}).button(Command.GREEN_GREEN)
+
+    assert button is not None
+    assert not button.enabled
+
+
+def test_every_command_that_loosens_asks_for_a_condition_and_no_stop_but_the_statement_does() -> (
+    None
+):
+    screen = show(RACE, 0.0, {})
+    buttons = [*screen.race, *screen.all_karts, *screen.rows[0].buttons]
+
+    asking = {button.command for button in buttons if button.condition}
+
+    assert asking == {
+        Command.GRID_ACTIVE,
+        Command.GREEN_GREEN,
+        Command.IN_GARAGE,
+        Command.RECORD_MSR,
+        Command.KART_IN_GARAGE,
+    }
+    assert screen.track_button is not None
+    assert screen.track_button.condition
+
+
+def test_the_condition_is_the_statement_of_race_control_where_it_has_one() -> None:
+    wanted = Available(True, statement='the track is clear of humans')
+    commands = {**EVERYTHING, Command.GRID_ACTIVE: wanted}
+
+    button = show(replace(RACE, commands=commands), 0.0, {}).button(Command.GRID_ACTIVE)
+
+    assert button is not None
+    assert button.condition == 'the track is clear of humans'
+
+
+def test_without_race_control_only_stops_can_be_pressed() -> None:
+    screen = show(RACE, 5.0, {}, SILENT)
+    buttons = [*screen.race, *screen.all_karts, *screen.rows[0].buttons]
+
+    assert {button.command for button in buttons if button.enabled} == {
+        command for command, form in FORMS.items() if form.stop and command is not Command.ALL_KILL
+    }
+    assert all(button.reason == words.GONE_REASON for button in buttons if not button.enabled)
+
+
+def test_before_race_control_is_heard_nothing_but_stops_can_be_pressed() -> None:
+    screen = show(NOTHING, 0.0, {}, SILENT)
+
+    assert [button.command for button in screen.race if button.enabled] == [Command.RED_FLAG]
+
+
+def test_a_command_that_waits_for_its_answer_shows_the_time_and_cannot_be_given_twice() -> None:
+    pending = {(Command.GREEN_GREEN, 0): 2.1, (Command.RED_FLAG, 0): 2.1}
+    screen = show(RACE, 0.0, pending)
+
+    green = screen.button(Command.GREEN_GREEN)
+    flag = screen.button(Command.RED_FLAG)
+
+    assert green is not None
+    assert flag is not None
+    assert (green.enabled, green.reason) == (False, 'no answer yet, 2.1 s')
+    assert flag.enabled
+
+
+def test_a_kart_shows_whether_it_acknowledged_and_what_it_says() -> None:
+    waiting = with_kart().rows[0]
+    done = with_kart(acknowledged=True, reported=State.GRID_ACTIVE).rows[0]
+
+    assert (waiting.acknowledged.text, waiting.acknowledged.tone) == ('… not yet', Tone.WAIT)
+    assert (waiting.says.text, waiting.says.tone) == ('IN GARAGE', Tone.WAIT)
+    assert (done.acknowledged.text, done.acknowledged.tone) == ('✓ yes', Tone.GOOD)
+    assert done.says.tone is Tone.PLAIN
+
+
+def test_a_kart_without_link_stands_out_if_it_matters() -> None:
+    racing = with_kart(connected=False).rows[0]
+    outside = with_kart(connected=False, in_race=False).rows[0]
+
+    assert (racing.link.text, racing.link.tone) == ('✗ NO LINK', Tone.BAD)
+    assert (outside.link.text, outside.link.tone) == ('✗ NO LINK', Tone.FAINT)
+
+
+def test_a_held_kart_shows_why() -> None:
+    row = with_kart(
+        sent=State.RED_RED, hold=State.RED_RED, hold_reason='ALL_KILL', may_be_moving=True
+    ).rows[0]
+
+    assert row.note == 'held: ALL_KILL, may be moving'
+
+
+def test_a_kart_in_the_race_can_leave_and_one_outside_can_join() -> None:
+    inside, outside = with_kart().rows[0], with_kart(in_race=False).rows[0]
+
+    assert inside.buttons[-1].command is Command.LEAVE_RACE
+    assert outside.buttons[-1].command is Command.JOIN_RACE
+
+
+def test_the_finish_key_of_a_kart_stays_its_own_when_another_leaves_the_race() -> None:
+    karts = tuple(replace(KART, number=number) for number in range(1, 41))
+    left = tuple(replace(kart, in_race=kart.number != 3) for kart in karts)
+
+    before = show(replace(RACE, karts=karts), 0.0, {}).rows
+    after = show(replace(RACE, karts=left), 0.0, {}).rows
+
+    keys = [row.buttons[2].key for row in before]
+    assert keys == [row.buttons[2].key for row in after]
+    assert len(set(keys)) == 40
+    assert keys[0] == 'A'
+    assert keys[26] == 'Shift+A'
+
+
+def test_more_karts_than_keys_are_shown_all_the_same() -> None:
+    karts = tuple(replace(KART, number=number) for number in range(1, 61))
+
+    rows = show(replace(RACE, karts=karts), 0.0, {}).rows
+
+    assert rows[len(FINISH_KEYS)].buttons[2].key == ''
+
+
+def test_no_state_is_told_by_its_colour_alone() -> None:
+    assert len(set(words.SYMBOLS.values())) == len(State)
+    assert len(set(words.STATES.values())) == len(State)
+    assert set(STATE_TONES) == set(State)
+
+
+def test_the_track_button_is_the_one_that_makes_sense() -> None:
+    shut = show(RACE, 0.0, {}).track_button
+    opened = show(replace(RACE, track=replace(RACE.track, is_open=True)), 0.0, {}).track_button
+
+    assert shut is not None
+    assert opened is not None
+    assert (shut.command, opened.command) == (Command.OPEN_TRACK, Command.CLOSE_TRACK)
+    assert not opened.condition
+
+
+@pytest.mark.parametrize(
+    ('silent_for', 'title'),
+    [
+        (None, words.NOT_YET),
+        (0.0, ''),
+        (GONE_AFTER - 0.01, ''),
+        (GONE_AFTER, words.GONE),
+        (60.0, words.GONE),
+    ],
+)
+def test_race_control_is_gone_within_a_second(silent_for: float | None, title: str) -> None:
+    said = silence(silent_for, 3.0, '/rcs/race', 7, State.GREEN_GREEN)
+
+    assert (said.title if said else '') == title
+    assert GONE_AFTER < 1.0
+    if said:
+        assert said.advice == 'USE THE MSR'
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'text'),
+    [(-1, '0 s'), (41.9, '41 s'), (99, '99 s'), (100, '1:40 min'), (3600, '1:00 h')],
+)
+def test_ages_are_short(seconds: float, text: str) -> None:
+    assert words.age(seconds) == text
+
+
+def test_the_terminal_shows_the_same() -> None:
+    alert = Alert('RED_UNACKNOWLEDGED', 7, True, 'Use the MSR: kart 7', 1.0)
+    commands = {**EVERYTHING, Command.GREEN_GREEN: Available(False, 'waiting for kart 7')}
+    race = replace(RACE, commands=commands, alerts=(alert,))
+
+    lines = '\n'.join(table(show(race, 0.0, {}), race.alerts))
+
+    assert 'Race: ▦ GRID ACTIVE  (for 40 s)' in lines
+    assert '! Use the MSR: kart 7' in lines
+    assert 'GREEN GREEN  waiting for kart 7, 40 s' in lines
+    assert '7     Purdue  ● in race' in lines
+
+
+def test_every_command_has_a_label_and_a_form() -> None:
+    assert set(words.LABELS) == set(FORMS) == set(Command)
+    assert set(RACE_COMMANDS) < set(Command)

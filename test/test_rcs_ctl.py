@@ -1,0 +1,218 @@
+"""The officials' terminal client, as a process, against a real race control."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import os
+import pathlib
+import signal
+import subprocess
+
+from ament_index_python.packages import get_package_prefix
+from evgp_protocol.states import RaceState
+from evgp_rcs_console.client import KINDS
+from evgp_rcs_console.commands import FORMS
+from evgp_rcs_console.ctl import COMMANDS
+from evgp_rcs_console.snapshot import Command
+import pytest
+from race_parts.domains import Domain
+from race_parts.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from race_parts.process import PATIENCE
+from race_parts.race_control import RaceControl
+from race_parts.wire_kart import Acknowledges
+
+ACCEPTED, REFUSED, USAGE, NOT_THERE = 0, 1, 2, 3
+
+
+def start(domain: int, *words: str) -> subprocess.Popen[str]:
+    """Start `rcs_ctl` on a domain."""
+    package = 'evgp_rcs_console'
+    executable = pathlib.Path(get_package_prefix(package), 'lib', package, 'rcs_ctl')
+    return subprocess.Popen(
+        [str(executable), *words],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={
+            **os.environ,
+            'ROS_DOMAIN_ID': str(domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        },
+    )
+
+
+@dataclass(frozen=True)
+class Done:
+    """How a command ended."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def run(domain: int, *words: str) -> Done:
+    """Run `rcs_ctl` on a domain until it ends."""
+    with start(domain, *words) as process:
+        try:
+            stdout, stderr = process.communicate(timeout=2 * PATIENCE)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise
+        return Done(process.returncode, stdout, stderr)
+
+
+def accepted(control: RaceControl, *words: str) -> str:
+    """Give a command that must be accepted and return what race control said."""
+    done = run(control.domain, *words, '--wait', str(PATIENCE))
+    while 'send it again' in done.stderr:  # race control asks for it, just after a stop
+        done = run(control.domain, *words, '--wait', str(PATIENCE))
+    assert done.returncode == ACCEPTED, f'{words}: {done.stdout}{done.stderr}'
+    return done.stdout
+
+
+def test_a_whole_race_by_commands(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 2), others=(3,), finish_delays='[0.1]')
+    official = join_official(control)
+    kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
+    connect_kart(control, 2, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1, 2)
+
+    accepted(control, 'join', '3')
+    accepted(control, 'leave', '3')
+    accepted(control, 'grid-active', '--track-is-clear')
+    official.wait_for_acks(RaceState.GRID_ACTIVE, 1, 2)
+    accepted(control, 'green-green')
+    kart.wait_for_state(RaceState.GREEN_GREEN)
+    accepted(control, 'kart-finish', '1')
+    accepted(control, 'kart-red-flag', '2')
+    accepted(control, 'kart-red-red', '2')
+    accepted(control, 'red-flag')
+    accepted(control, 'race-over')
+    official.wait_for_acks(RaceState.RED_RED, 1, 2)
+    accepted(control, 'open-track')
+    accepted(control, 'close-track')
+    accepted(control, 'in-garage', '--track-is-safe')
+    kart.wait_for_state(RaceState.IN_GARAGE)
+    accepted(control, 'all-kill')
+    kart.wait_for_state(RaceState.RED_RED)
+    accepted(control, 'record-msr', '--msr-was-used')
+    said = accepted(control, 'kart-in-garage', '3', '--made-safe-by-hand')
+    assert 'Kart 3 (Team 3) is released' in said
+
+
+def test_a_refusal_is_the_sentence_of_race_control(start_race_control: StartRaceControl) -> None:
+    control = start_race_control(in_race=(1,))
+
+    done = run(control.domain, 'green-green', '--wait', str(PATIENCE))
+
+    assert done.returncode == REFUSED
+    assert done.stderr == (
+        'GREEN_GREEN refused: the race is in IN_GARAGE; GREEN_GREEN follows GRID_ACTIVE.\n'
+    )
+
+
+def test_a_refusal_for_want_of_a_statement_names_the_flag(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
+    connect_kart(control, 1)
+    official.wait_for_connected(1)
+    official.command('kart/red_red', kart=1)
+
+    done = run(control.domain, 'kart-in-garage', '1', '--wait', str(PATIENCE))
+    while 'send it again' in done.stderr:
+        done = run(control.domain, 'kart-in-garage', '1', '--wait', str(PATIENCE))
+
+    assert done.returncode == REFUSED
+    assert 'state that kart 1 (Team 1) was made safe by hand' in done.stderr
+    assert '(--made-safe-by-hand)' in done.stderr
+
+
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        ((), 'command'),
+        (('grid-active',), '--track-is-clear'),
+        (('in-garage',), '--track-is-safe'),
+        (('record-msr',), '--msr-was-used'),
+        (('kart-finish',), 'kart'),
+        (('kart-finish', 'seven'), "invalid kart number value: 'seven'"),
+        (('kart-finish', '70000'), "invalid kart number value: '70000'"),
+        (('go',), 'invalid choice'),
+    ],
+)
+def test_wrong_usage_sends_nothing_and_says_what_is_wrong(
+    words: tuple[str, ...], said: str
+) -> None:
+    with Domain() as domain:
+        done = run(domain.number, *words)
+
+    assert done.returncode == USAGE
+    assert said in done.stderr
+
+
+@pytest.mark.parametrize(
+    ('words', 'said'),
+    [
+        (('green-green',), 'GREEN GREEN was not given: race control is not there'),
+        (('red-flag',), 'USE THE MSR'),
+        (('all-kill',), 'USE THE MSR'),
+        (('watch', '--once'), 'USE THE MSR'),
+        (('watch', '--events'), 'USE THE MSR'),
+    ],
+)
+def test_without_race_control_the_exit_code_says_so(words: tuple[str, ...], said: str) -> None:
+    with Domain() as domain:
+        done = run(domain.number, *words, '--wait', '0.5')
+
+    assert done.returncode == NOT_THERE
+    assert said in done.stdout + done.stderr
+    if words[0] != 'green-green':
+        assert 'ROS domain' in done.stdout + done.stderr
+
+
+def test_watch_shows_the_race_and_what_happens(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,), others=(2,))
+    official = join_official(control)
+    connect_kart(control, 1, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1)
+    official.command('all_kill')
+    official.wait_for_acks(RaceState.RED_RED, 1)
+
+    shown = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE))
+    events = run(control.domain, 'watch', '--events', '--once', '--kart', '1')
+
+    assert shown.returncode == ACCEPTED
+    assert 'Race: ■ RED RED' in shown.stdout
+    assert 'held: ALL_KILL' in shown.stdout
+    assert events.returncode == ACCEPTED
+    assert 'Kart 1 (Team 1) acknowledged RED_RED' in events.stdout
+    assert 'Kart 2' not in events.stdout
+
+
+def test_watch_goes_on_and_says_when_race_control_is_gone(
+    start_race_control: StartRaceControl,
+) -> None:
+    control = start_race_control(in_race=(1,))
+
+    with start(control.domain, 'watch') as watch:
+        assert watch.stdout is not None
+        try:
+            assert any('Race: ⌂ IN GARAGE' in line for line in watch.stdout)
+            control.kill()
+            assert any('RACE CONTROL IS GONE: USE THE MSR' in line for line in watch.stdout)
+        finally:
+            watch.send_signal(signal.SIGINT)
+        assert watch.wait(PATIENCE) == ACCEPTED
+
+
+def test_every_command_of_an_official_is_there_and_fits_its_service() -> None:
+    assert {command for command, _ in COMMANDS.values()} == set(Command)
+    for form in FORMS.values():
+        KINDS[form.kind].Request(**form.request(1, stated=True))
