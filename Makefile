@@ -1,7 +1,7 @@
 # The commands of the project. Each sets up first what is not set up yet (.venv, build/, install/).
 #
 #   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
-#   ARGS='...'          passed on to what test and demo run
+#   ARGS='...'          passed on to what demo, fuzz, soak and test run
 
 IN_WORKSPACE := setup/in-workspace
 
@@ -10,13 +10,17 @@ ROSTER := src/evgp_rcs/config/karts.yaml
 PARAMS := src/evgp_rcs/config/rcs.yaml
 
 # Nodes on this machine find each other, and no one else's: a test must not command a real kart.
-demo screenshots test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+demo fuzz screenshots soak test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+# At an event too, unless the environment says otherwise: docs/security.md.
+run console: export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: help setup demo test run console screenshots lint format clean
+.PHONY: help setup demo test soak fuzz run console screenshots lint format clean
 
 help:
 	@echo 'make demo    set up and show a race: race control, karts and their stacks'
 	@echo 'make test    set up and run every test             (ARGS="-k roster")'
+	@echo 'make soak    race control under random faults and commands (ARGS="--seconds 60")'
+	@echo 'make fuzz    fuzz the decoder and the roster loader, guided by coverage'
 	@echo 'make run     start race control for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml)'
 	@echo "make console open the officials' window"
 	@echo 'make lint    check style and types'
@@ -33,6 +37,12 @@ demo:
 test:
 	$(IN_WORKSPACE) --console python -m pytest $(ARGS)
 
+soak:
+	$(IN_WORKSPACE) python soak/run.py $(ARGS)
+
+fuzz:
+	$(IN_WORKSPACE) python fuzz/run.py $(ARGS)
+
 run:
 	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_node --ros-args \
 	  --params-file '$(abspath $(PARAMS))' -p 'roster:=$(abspath $(ROSTER))'
@@ -48,7 +58,8 @@ screenshots:
 # Every check runs, whatever those before it found.
 lint:
 	@failed=; \
-	for check in 'ruff check' 'ruff format --check' flake8 'pydocstyle demo setup src test' mypy; do \
+	for check in 'ruff check' 'ruff format --check' flake8 \
+	    'pydocstyle demo fuzz setup soak src test' mypy; do \
 	  echo "$$check"; \
 	  $(IN_WORKSPACE) $$check || failed=1; \
 	done; \

@@ -2,7 +2,7 @@
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.substitutions import EnvironmentVariable, LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
@@ -26,6 +26,19 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 'namespace', default_value='', description='Where the node stands in the graph.'
             ),
+            # Apart from everybody else's graph, unless told otherwise (docs/security.md).
+            DeclareLaunchArgument(
+                'discovery_range',
+                default_value=EnvironmentVariable(
+                    'ROS_AUTOMATIC_DISCOVERY_RANGE', default_value='LOCALHOST'
+                ),
+                description='How far away other nodes may be: LOCALHOST or SUBNET.',
+            ),
+            DeclareLaunchArgument(
+                'domain_id',
+                default_value=EnvironmentVariable('ROS_DOMAIN_ID', default_value='0'),
+                description='The ROS domain, 0 to 101.',
+            ),
             Node(
                 package='evgp_rcs',
                 executable='rcs_node',
@@ -35,6 +48,10 @@ def generate_launch_description() -> LaunchDescription:
                     LaunchConfiguration('params_file'),
                     {'roster': ParameterValue(LaunchConfiguration('roster'), value_type=str)},
                 ],
+                additional_env={
+                    'ROS_AUTOMATIC_DISCOVERY_RANGE': LaunchConfiguration('discovery_range'),
+                    'ROS_DOMAIN_ID': LaunchConfiguration('domain_id'),
+                },
                 output='screen',
                 # A race control that died comes back, and its karts stay stopped until then.
                 respawn=True,

@@ -1,0 +1,165 @@
+"""
+What is fuzzed: one function per target, which takes bytes and raises where a promise is broken.
+
+Nothing here knows the fuzzer; the tests call the same functions with the corpus.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import ipaddress
+import pathlib
+import random
+import re
+import tempfile
+import zlib
+
+from evgp_protocol import frames
+from evgp_protocol.states import RaceState
+from evgp_rcs import roster
+import yaml
+
+Event = frames.StateFrame | frames.MalformedFrame
+
+# The grammar of docs/wire.md in one expression, which knows nothing of reads.
+_GRAMMAR = re.compile(
+    rb"""
+    (?P<blank> [ \t\r\n]+ )
+  | (?P<frame> \$[^;$\x80-\xff]{0,30}; )
+  | (?P<cut>   \$[^;$\x80-\xff]{0,30} (?=\$) )
+  | (?P<high>  \$[^;$\x80-\xff]{0,30}[\x80-\xff] ) [^$]*
+  | (?P<long>  \$[^;$\x80-\xff]{31} ) [^$]*
+  | (?P<begun> \$[^;$\x80-\xff]{0,30} \Z )
+  | (?P<stray> [^$] ) [^$]*
+    """,
+    re.DOTALL | re.VERBOSE,
+)
+
+
+def check_decoder(data: bytes) -> None:
+    """
+    Hold the decoder against the grammar, however the stream is cut.
+
+    :raises AssertionError: if a promise of ``FrameDecoder`` is broken.
+    """
+    cut_at = random.Random(zlib.crc32(data))
+    for ready in (False, True):
+        expected, begun = _by_grammar(data, ready)
+        for pieces in (
+            [data],
+            [bytes([byte]) for byte in data],
+            _cut(data, cut_at),
+        ):
+            decoder = frames.FrameDecoder(ready_is_grid_active=ready)
+            events: list[Event] = []
+            for piece in pieces:
+                events += decoder.feed(piece)
+                kept = [value for value in vars(decoder).values() if isinstance(value, bytes)]
+                assert sum(map(len, kept)) < frames.MAX_FRAME_BYTES, kept
+            found = [_comparable(event) for event in events]
+            assert found == expected, f'{found} is not {expected}'
+            assert decoder.in_frame == begun
+            for state in RaceState:
+                behind = decoder.feed(frames.encode(state))
+                assert behind[-1:] == [frames.StateFrame(state)], (
+                    f'{state} is lost behind {data!r}'
+                )
+
+
+def check_roster(data: bytes) -> None:
+    """
+    Load the bytes as a roster: one that is right in all, or one sentence that says why not.
+
+    :raises AssertionError: if a promise of ``load_roster`` is broken; what else it raises is a
+        finding too.
+    """
+    try:
+        loaded = _load(data)
+    except roster.RosterError as error:
+        sentence = str(error)
+        assert re.match(r'roster(:[1-9]\d*)?: ', sentence), sentence
+        assert sentence.isprintable(), f'no single printable line: {sentence!r}'
+        assert len(sentence) < 1000, f'too long to read: {sentence}'
+        line = re.match(r'roster:(\d+):', sentence)
+        if line:
+            # YAML ends a line at any of these; a fault may be told behind the last one.
+            lines = len(re.split('\r\n|[\r\n\x85\u2028\u2029]', data.decode(errors='replace')))
+            assert int(line[1]) <= lines + 1, sentence
+        return
+    entries = loaded.entries
+    assert entries, 'a roster without a kart'
+    assert len({entry.number for entry in entries}) == len(entries), 'a number is in it twice'
+    assert len({entry.address for entry in entries}) == len(entries), 'an address is in it twice'
+    for entry in entries:
+        assert type(entry.number) is int, entry
+        assert 1 <= entry.number <= roster.MAX_NUMBER, entry
+        assert 1 <= len(entry.team) <= roster.MAX_TEAM_LENGTH, entry
+        assert entry.team.isprintable(), entry
+        assert entry.team == entry.team.strip(), entry
+        assert type(entry.in_race) is bool, entry
+        address = ipaddress.IPv4Address(entry.address)
+        assert str(address) == entry.address, entry
+        assert not any((address.is_multicast, address.is_reserved, address.packed[0] == 0)), entry
+    # What an official reads in the file, any reader of YAML reads in it too.
+    for entry, plain in zip(entries, yaml.safe_load(data)['karts'], strict=True):
+        assert plain['number'] == entry.number, entry
+        assert plain['team'].strip() == entry.team, entry
+        assert plain['address'] == entry.address, entry
+        assert plain['in_race'] is entry.in_race, entry
+    again = yaml.safe_dump({'karts': [vars(entry) for entry in entries]}, allow_unicode=True)
+    assert _load(again.encode()) == loaded, 'a roster written anew is another one'
+
+
+TARGETS: dict[str, Callable[[bytes], None]] = {'decoder': check_decoder, 'roster': check_roster}
+"""Every target by its name, which is also that of its corpus."""
+
+
+def corpus(name: str) -> list[pathlib.Path]:
+    """Return the committed inputs of a target."""
+    return sorted((pathlib.Path(__file__).parent / 'corpus' / name).iterdir())
+
+
+def _by_grammar(data: bytes, ready: bool) -> tuple[list[object], bool]:
+    """Return what a stream says, and whether a frame has begun at its end."""
+    names = {state.value.encode(): state for state in RaceState}
+    if ready:
+        names[b'READY'] = RaceState.GRID_ACTIVE
+    events: list[object] = []
+    begun = False
+    at = 0
+    while at < len(data):
+        match = _GRAMMAR.match(data, at)
+        assert match is not None, f'the grammar has a hole at {data[at:]!r}'
+        at = match.end()
+        kind = match.lastgroup
+        assert kind is not None
+        if kind == 'frame' and match[kind][1:-1] in names:
+            events.append(names[match[kind][1:-1]])
+        elif kind == 'begun':
+            begun = True
+        elif kind != 'blank':
+            events.append(match[kind])
+    return events, begun
+
+
+def _comparable(event: Event) -> object:
+    return event.state if isinstance(event, frames.StateFrame) else event.raw
+
+
+def _cut(data: bytes, cut_at: random.Random) -> list[bytes]:
+    pieces = []
+    while data:
+        length = cut_at.randint(1, 40)
+        pieces.append(data[:length])
+        data = data[length:]
+    return pieces
+
+
+def _load(data: bytes) -> roster.Roster:
+    with tempfile.TemporaryDirectory() as folder:
+        path = pathlib.Path(folder, 'roster')
+        path.write_bytes(data)
+        try:
+            return roster.load_roster(path)
+        except roster.RosterError as error:
+            raise roster.RosterError(str(error).removeprefix(f'{folder}/')) from error

@@ -1,0 +1,93 @@
+"""
+Fuzz the decoder and the roster loader, guided by coverage (Atheris): ``make fuzz``.
+
+    make fuzz                                   each target for a minute
+    make fuzz ARGS='--seconds 600 decoder'      one target, for longer
+    make fuzz ARGS='--runs 20000 --seed 1'      a fixed number of executions
+
+Each target begins with its committed corpus. What it finds on the way goes to ``.fuzz/<target>``
+and is the beginning of the next run; an input that breaks a promise is kept as
+``.fuzz/<target>-...``, and the exit code is not 0. Put such an input into the corpus when the
+fault is mended: the tests go through the corpus every time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import pathlib
+import subprocess
+import sys
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+HERE = ROOT / 'fuzz'
+FOUND = ROOT / '.fuzz'
+NAMES = ('decoder', 'roster')
+
+
+def fuzz(name: str, options: list[str]) -> None:
+    """Fuzz one target in this process, which libFuzzer ends."""
+    # Imported here, since only the process that fuzzes is to be instrumented.
+    import atheris
+
+    with atheris.instrument_imports(
+        include=['evgp_protocol.frames', 'evgp_rcs.roster', 'yaml'], enable_loader_override=False
+    ):
+        import fuzz_targets
+    atheris.Setup([sys.argv[0], *options], fuzz_targets.TARGETS[name])
+    atheris.Fuzz()
+
+
+def main() -> None:
+    """Fuzz the targets asked for, one after the other, each in a process of its own."""
+    parser = argparse.ArgumentParser(description='Fuzz, guided by coverage.')
+    # Not as choices: argparse wants the default of a list to be one of them.
+    parser.add_argument('target', nargs='*', help=f'{" or ".join(NAMES)}; none: each')
+    parser.add_argument('--seconds', type=int, default=60, help='for how long, each target')
+    parser.add_argument('--runs', type=int, help='how many executions instead, each target')
+    parser.add_argument('--seed', type=int, default=0, help='of the fuzzer; 0: another each time')
+    parser.add_argument('--found', type=pathlib.Path, default=FOUND, help='where findings go')
+    parser.add_argument('--inside', action='store_true', help=argparse.SUPPRESS)
+    arguments, options = parser.parse_known_args()
+    unknown = set(arguments.target) - set(NAMES)
+    if arguments.inside:
+        fuzz(arguments.target[0], options)
+        return
+    if unknown or options:
+        parser.error(f'unknown: {", ".join([*sorted(unknown), *options])}')
+
+    failed = []
+    for name in arguments.target or NAMES:
+        found = arguments.found / name
+        found.mkdir(parents=True, exist_ok=True)
+        limit = (
+            f'-max_total_time={arguments.seconds}'
+            if arguments.runs is None
+            else f'-runs={arguments.runs}'
+        )
+        print(f'=== {name}', flush=True)
+        done = subprocess.run(
+            [
+                *(sys.executable, __file__, '--inside', name),
+                limit,
+                f'-seed={arguments.seed}',
+                f'-dict={HERE / name}.dict',
+                f'-artifact_prefix={arguments.found / name}-',
+                *(
+                    '-timeout=10',
+                    '-rss_limit_mb=2048',
+                    '-max_len=4096',
+                    '-verbosity=0',
+                    '-print_final_stats=1',
+                ),
+                *(str(found), str(HERE / 'corpus' / name)),
+            ],
+            check=False,
+        )
+        if done.returncode:
+            failed.append(name)
+    if failed:
+        sys.exit(f'Found something in: {", ".join(failed)}; the input is in {arguments.found}')
+
+
+if __name__ == '__main__':
+    main()

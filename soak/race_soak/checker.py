@@ -1,0 +1,589 @@
+"""
+Judge race control from outside: by what karts are sent and say, and how calls are answered.
+
+Rules of what lives here:
+
+- Nothing of race control is used, its rules least of all. What is known are the frames that
+  arrived, the frames that were said, when connections began and ended, and officials' calls.
+- No clock, socket, thread or ROS: every input brings its time, s of one monotonic clock.
+- Never a false alarm. What is observed from outside has no instant but an interval: a call took
+  force somewhere between its beginning and its answer; a frame was written somewhere between the
+  last moment at which the socket was seen empty and the moment it was read. A rule speaks only
+  where every order of things within those intervals breaks it.
+
+Theory of operation. Inputs wait in a heap until no call that began before them is unanswered, and
+are then judged in the order of time. What makes a kart stop is a *floor*, in force from the
+answer on; what may loosen it takes the floor away from the call's beginning on. So a frame breaks
+a floor only if it arrived after the one and was read before the other.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+import heapq
+import itertools
+from typing import Literal
+
+State = Literal['GREEN_GREEN', 'GRID_ACTIVE', 'IN_GARAGE', 'RED_FLAG', 'RED_RED']
+
+# Loosest first.
+STRICTNESS: dict[str, int] = {
+    'GREEN_GREEN': 0,
+    'GRID_ACTIVE': 1,
+    'IN_GARAGE': 2,
+    'RED_FLAG': 3,
+    'RED_RED': 4,
+}
+REDS = ('RED_FLAG', 'RED_RED')
+
+STOPS = ('all_kill', 'red_flag', 'record_msr', 'kart/red_red', 'kart/red_flag')
+# Membership and the track are no commands to karts: they leave GRID_ACTIVE the last one (§4.B).
+BOOKKEEPING = ('set_in_race', 'set_track_open')
+
+EXPLAINS: dict[tuple[str, str], tuple[str, ...]] = {
+    ('IN_GARAGE', 'GRID_ACTIVE'): ('grid_active',),
+    ('GRID_ACTIVE', 'GREEN_GREEN'): ('green_green',),
+    ('GRID_ACTIVE', 'IN_GARAGE'): ('in_garage',),
+    ('RED_FLAG', 'IN_GARAGE'): ('in_garage', 'kart/in_garage'),
+    ('RED_RED', 'IN_GARAGE'): ('in_garage', 'kart/in_garage'),
+}
+"""What loosens, and the commands one of which must explain it; nothing else may loosen."""
+
+SETTLE = 0.5
+"""How late an input may be handed over, s; and how late a kart that reads may have read."""
+
+MARGIN = 0.05
+"""How long a frame that was written may be on its way, s."""
+
+NOTICE = 2.0
+"""After how long at the latest race control knows that a connection was closed, s."""
+
+KEPT = 4096
+"""How many of the frames that a kart said are remembered, of each state and connection."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """A rule that was broken: its name, when (s), and how, in one sentence."""
+
+    rule: str
+    at: float
+    text: str
+
+
+@dataclass
+class Call:
+    """
+    An official's call.
+
+    :param statement: what the official stated, where the command asks for it.
+    :param in_race: of ``set_in_race``: whether to join.
+    :param ended: when it was answered, s; ``None`` while it is not.
+    """
+
+    command: str
+    kart: int | None
+    statement: bool
+    in_race: bool
+    began: float
+    ended: float | None = None
+    success: bool = False
+    message: str = ''
+
+    def __str__(self) -> str:
+        """Return what an official would call it."""
+        return self.command if self.kart is None else f'{self.command} {self.kart}'
+
+
+@dataclass
+class _Floor:
+    """From `since` on, nothing looser than this state arrives."""
+
+    state: str
+    since: float
+    cause: str
+
+
+@dataclass
+class _Link:
+    """A connection of a kart, as the kart sees it."""
+
+    kart: int
+    opened: float
+    ended: float | None = None
+    paused: float | None = None
+    state: str | None = None
+    run_began: float = 0.0
+    former: deque[tuple[str, float, float]] = field(default_factory=lambda: deque(maxlen=8))
+    said: dict[str, deque[tuple[float, float]]] = field(default_factory=dict)
+
+    def may_have_acknowledged(self, state: str, judged: float, until: float) -> bool:
+        """
+        Return whether the kart may have said this state in time, having been sent it.
+
+        :param judged: what it was sent from this time on may matter, and
+        :param until: what it said until this time.
+        """
+        began = [
+            run_began
+            for sent, run_began, ended in self.former
+            if sent == state and ended >= judged - MARGIN
+        ]
+        if self.state == state:
+            began.append(self.run_began)
+        elif self.paused is not None:
+            began.append(self.paused)
+        began.append(until - SETTLE)  # what it is sent may not have been read yet
+        since = min(began) - MARGIN
+        return any(first >= since and last <= until for first, last in self.said.get(state, ()))
+
+
+@dataclass
+class _Kart:
+    """What is known for certain of a kart; ``member`` is None while it is not."""
+
+    number: int
+    member: bool | None
+    member_since: float
+    links: list[int] = field(default_factory=list)
+    hold: _Floor | None = None
+    suspended: _Floor | None = None
+    red: bool = False
+    freed: float = 0.0
+    in_garage: float = 0.0
+
+
+class Checker:
+    """
+    Takes what is observed, in any order within ``SETTLE``, and collects the violations.
+
+    Not safe for threads: whoever shares it locks.
+
+    :param in_race: the karts that are in the race at first.
+    :param others: the other karts of the roster.
+    :param now: the time, s.
+    """
+
+    def __init__(self, in_race: Iterable[int], others: Iterable[int], now: float) -> None:
+        """Begin with a race in the garage."""
+        self.violations: list[Violation] = []
+        self.judged: Counter[str] = Counter()
+        self._karts = {number: _Kart(number, True, now) for number in in_race}
+        self._karts |= {number: _Kart(number, False, now) for number in others}
+        self._links: dict[int, _Link] = {}
+        self._inputs: list[tuple[float, int, str, tuple[object, ...]]] = []
+        self._order = itertools.count()
+        self._unanswered: list[Call] = []
+        self._accepted: dict[str, deque[Call]] = {}
+        self._race_floor: _Floor | None = None
+        self._under_way: float | None = None
+        self._grid: Call | None = None
+        self._judged_until = now
+
+    # ----- inputs -------------------------------------------------------------------------
+
+    def opened(self, link: int, kart: int, began: float) -> None:
+        """Take note of a new connection; `began`: before it was asked for."""
+        self._put(began, 'opened', link, kart)
+
+    def closed(self, link: int, earliest: float, seen: float) -> None:
+        """Take note that a connection ended, at `earliest` at the earliest."""
+        self._put(seen, 'closed', link, earliest)
+
+    def paused(self, link: int, at: float) -> None:
+        """Take note that the kart stops reading: what it was sent is not known from now on."""
+        self._put(at, 'paused', link)
+
+    def frame(self, link: int, state: str, after: float, read: float) -> None:
+        """Take a frame that a kart read; it arrived later than `after`."""
+        self._put(read, 'frame', link, state, after)
+
+    def said(self, link: int, state: str, first: float, last: float) -> None:
+        """Take a frame that a kart said; its first byte was out at `first`, its last at `last`."""
+        self._put(last, 'said', link, state, first)
+
+    def stranger(self, address: str, data: bytes, at: float) -> None:
+        """Take what somebody who is not in the roster was sent."""
+        self._put(at, 'stranger', address, data)
+
+    def rubbish(self, kart: int, data: bytes, at: float) -> None:
+        """Take what a kart was sent that is no frame."""
+        self._put(at, 'rubbish', kart, data)
+
+    def called(self, call: Call) -> None:
+        """Take note that a call begins; to be called before it is sent."""
+        self._unanswered.append(call)
+
+    def answered(self, call: Call) -> None:
+        """Take note of the answer, which is in the call."""
+        assert call.ended is not None
+        self._unanswered.remove(call)
+        self._put(call.began, 'call_began', call)
+        self._put(call.ended, 'call_ended', call)
+
+    def judge(self, now: float) -> None:
+        """Judge what can be judged by now."""
+        horizon = min([now - SETTLE, *(call.began for call in self._unanswered)])
+        while self._inputs and self._inputs[0][0] < horizon:
+            at, _, kind, arguments = heapq.heappop(self._inputs)
+            self._judged_until = at
+            self.judged[kind] += 1
+            getattr(self, f'_{kind}')(at, *arguments)
+
+    def finish(self) -> None:
+        """Judge all that is left."""
+        self.judge(float('inf'))
+
+    def _put(self, at: float, kind: str, *arguments: object) -> None:
+        heapq.heappush(self._inputs, (at, next(self._order), kind, arguments))
+
+    # ----- connections --------------------------------------------------------------------
+
+    def _opened(self, at: float, link: int, kart: int) -> None:
+        self._links[link] = _Link(kart, at)
+        self._karts[kart].links.append(link)
+
+    def _closed(self, at: float, link: int, earliest: float) -> None:
+        self._links[link].ended = earliest
+
+    def _paused(self, at: float, link: int) -> None:
+        known = self._links[link]
+        if known.paused is None:
+            known.paused = at
+
+    def _said(self, at: float, link: int, state: str, first: float) -> None:
+        said = self._links[link].said.setdefault(state, deque(maxlen=KEPT))
+        said.append((first, at))
+
+    def _stranger(self, at: float, address: str, data: bytes) -> None:
+        self._violated('stranger', at, f'{address} is not in the roster and was sent {data!r}')
+
+    def _rubbish(self, at: float, kart: int, data: bytes) -> None:
+        self._violated('rubbish', at, f'kart {kart} was sent {data!r}')
+
+    # ----- frames -------------------------------------------------------------------------
+
+    def _frame(self, at: float, number: int, state: str, after: float) -> None:
+        link = self._links[number]
+        kart = self._karts[link.kart]
+        arrived = after - MARGIN
+        floors = [kart.hold]
+        if kart.member is True and kart.member_since < arrived:
+            floors.append(self._race_floor)
+        for floor in floors:
+            if floor and floor.since < arrived and STRICTNESS[state] < STRICTNESS[floor.state]:
+                self._violated(
+                    'looser than a stop',
+                    at,
+                    f'kart {kart.number} is sent {state} after {floor.cause}',
+                )
+        if (
+            kart.member is False
+            and kart.member_since < arrived
+            and state in ('GRID_ACTIVE', 'GREEN_GREEN')
+        ):
+            self._violated('outside the race', at, f'kart {kart.number} is sent {state}')
+        if link.state is None:
+            self._first_frame(at, number, link, kart, state)
+        elif state != link.state:
+            self._change(at, link, kart, state)
+        if state != link.state:
+            if link.state is not None:
+                link.former.append((link.state, link.run_began, at))
+            link.state = state
+            link.run_began = arrived
+        link.paused = None
+        if state in REDS:
+            kart.red = kart.red or arrived > max(kart.freed, kart.in_garage)
+        elif state == 'IN_GARAGE':
+            kart.red = False
+            kart.in_garage = at
+
+    def _change(self, at: float, link: _Link, kart: _Kart, state: str) -> None:
+        """Judge a change on one connection: what loosens must be explained by a command."""
+        assert link.state is not None
+        change = f'kart {kart.number}: {link.state}, then {state}'
+        if state in REDS and STRICTNESS[state] > STRICTNESS[link.state]:
+            return
+        commands = EXPLAINS.get((link.state, state))
+        if commands is None:
+            rule = 'unexplained GREEN_GREEN' if state == 'GREEN_GREEN' else 'impossible change'
+            self._violated(rule, at, change)
+            return
+        explaining = [
+            call
+            for command in commands
+            for call in self._accepted.get(command, ())
+            if call.kart in (None, kart.number)
+            and call.ended is not None
+            and call.began <= at
+            and call.ended >= link.run_began
+        ]
+        if not explaining:
+            rule = 'unexplained GREEN_GREEN' if state == 'GREEN_GREEN' else 'unexplained change'
+            self._violated(rule, at, f'{change}, and no {" or ".join(commands)} was accepted')
+            return
+        if state == 'GREEN_GREEN':
+            if kart.red:
+                self._violated('red, then green', at, f'{change}, without an IN_GARAGE since red')
+            if not any(
+                link.may_have_acknowledged('GRID_ACTIVE', at, call.ended or 0.0)
+                for call in explaining
+            ):
+                self._violated(
+                    'not acknowledged', at, f'{change}, and it never said GRID_ACTIVE in between'
+                )
+
+    def _first_frame(self, at: float, number: int, link: _Link, kart: _Kart, state: str) -> None:
+        """Judge what a kart is sent first on a connection (§3.E)."""
+        if state == 'GREEN_GREEN':
+            self._violated(
+                'unexplained GREEN_GREEN', at, f'kart {kart.number} is sent it as it connects'
+            )
+        if state == 'GRID_ACTIVE' and kart.red:
+            self._violated(
+                'red, then green',
+                at,
+                f'kart {kart.number} connects into GRID_ACTIVE, without an IN_GARAGE since red',
+            )
+        lost = self._lost_at(kart, number)
+        if lost is not None and self._was_lost_under_way(kart, lost):
+            if state != 'RED_RED':
+                self._violated(
+                    'lost in the race',
+                    at,
+                    f'kart {kart.number} dropped in a race under way and comes back to {state}',
+                )
+            self._hold(kart, 'RED_RED', at, 'it was lost in a race under way')
+
+    def _lost_at(self, kart: _Kart, present: int | None) -> float | None:
+        """Return when it was lost before this connection at the earliest; None: it was not."""
+        times: list[float] = []
+        for number in reversed(kart.links):
+            link = self._links[number]
+            if link.ended is not None:
+                times.append(link.ended)
+            if link.paused is not None:
+                times.append(link.paused)
+            if number != present and link.state is not None:
+                return min(times, default=None)
+            # Whatever was there before was replaced by this one, if it had not ended by itself.
+            times = [link.opened]
+        return None
+
+    def _was_lost_under_way(self, kart: _Kart, lost: float) -> bool:
+        return (
+            self._under_way is not None
+            and kart.member is True
+            and max(self._under_way, kart.member_since, kart.freed) < lost - SETTLE
+        )
+
+    # ----- calls --------------------------------------------------------------------------
+
+    def _call_began(self, at: float, call: Call) -> None:
+        """From here on the call may be in force: whatever it loosens is uncertain."""
+        if not call.success:
+            return
+        self._accepted.setdefault(call.command, deque(maxlen=500)).append(call)
+        if call.command == 'in_garage':
+            for kart in self._karts.values():
+                self._settle_loss(kart, at)
+                if kart.hold is not None:
+                    kart.suspended, kart.hold = kart.hold, None
+                kart.red = False
+                kart.freed = at
+            self._race_floor = None
+            self._under_way = None
+        elif call.command == 'kart/in_garage':
+            kart = self._karts[self._number(call)]
+            kart.hold = kart.suspended = None
+            kart.red = False
+            kart.freed = at
+            if 'out of the race' in call.message:
+                kart.member = None
+        elif call.command == 'set_in_race':
+            self._karts[self._number(call)].member = None
+
+    def _call_ended(self, at: float, call: Call) -> None:
+        """From here on the call is certainly in force."""
+        if call.command in STOPS and not call.success:
+            self._violated('stop refused', at, f'{call}: {call.message}')
+        if not call.success:
+            return
+        judge = getattr(self, f'_accepted_{call.command.replace("/", "_")}', None)
+        if judge is not None:
+            judge(at, call)
+        # A command that may have come before GRID_ACTIVE says nothing.
+        if (
+            call.command not in (*BOOKKEEPING, 'grid_active')
+            and self._grid is not None
+            and call.began > (self._grid.ended or 0.0)
+        ):
+            self._grid = None
+
+    def _accepted_all_kill(self, at: float, call: Call) -> None:
+        self._race_red(at, call, 'RED_RED')
+        for kart in self._karts.values():
+            self._tighten(kart, at, call, 'RED_RED')
+
+    _accepted_record_msr = _accepted_all_kill
+
+    def _accepted_red_flag(self, at: float, call: Call) -> None:
+        self._race_red(at, call, 'RED_FLAG')
+
+    def _accepted_race_over(self, at: float, call: Call) -> None:
+        self._race_red(at, call, 'RED_RED')
+
+    def _accepted_kart_red_red(self, at: float, call: Call) -> None:
+        self._tighten(self._karts[self._number(call)], at, call, 'RED_RED')
+
+    def _accepted_kart_red_flag(self, at: float, call: Call) -> None:
+        self._tighten(self._karts[self._number(call)], at, call, 'RED_FLAG')
+
+    def _accepted_grid_active(self, at: float, call: Call) -> None:
+        self._grid = call
+        if not call.statement:
+            self._violated('not stated', at, f'{call} without "the track is clear"')
+        if self._under_way is not None and self._under_way < call.began:
+            self._violated('not from the garage', at, f'{call} while a race is under way')
+        for kart in self._karts.values():
+            if (
+                kart.hold is not None
+                and kart.hold.since < call.began
+                and kart.member is True
+                and kart.member_since < call.began
+            ):
+                self._violated(
+                    'held on the grid', at, f'{call} with kart {kart.number}: {kart.hold.cause}'
+                )
+
+    def _accepted_green_green(self, at: float, call: Call) -> None:
+        if self._grid is None:
+            self._violated(
+                'GRID_ACTIVE not last', at, f'{call}: another command came after GRID_ACTIVE'
+            )
+        if all(
+            kart.member is False and kart.member_since < call.began
+            for kart in self._karts.values()
+        ):
+            self._violated('nobody in the race', at, str(call))
+        for kart in self._karts.values():
+            if kart.member is not True or kart.member_since > call.began:
+                continue
+            links = [self._links[number] for number in kart.links]
+            candidates = [
+                link
+                for link in links
+                if link.opened <= at and (link.ended is None or link.ended > call.began - NOTICE)
+            ]
+            if not candidates:
+                self._violated(
+                    'not connected', at, f'{call} while kart {kart.number} is not connected'
+                )
+            elif not any(
+                link.may_have_acknowledged('GRID_ACTIVE', call.began, at) for link in candidates
+            ):
+                self._violated(
+                    'not acknowledged',
+                    at,
+                    f'{call}, and kart {kart.number} has not said GRID_ACTIVE since it was sent',
+                )
+        if not self._overlapped(call, ('in_garage',)):
+            self._under_way = at
+
+    def _accepted_in_garage(self, at: float, call: Call) -> None:
+        if not call.statement:
+            self._violated('not stated', at, f'{call} without "the track is safe"')
+        for kart in self._karts.values():
+            floor, kart.suspended = kart.suspended, None
+            if floor is None or kart.hold is not None or floor.since > call.began:
+                continue
+            candidates = [
+                link
+                for link in (self._links[number] for number in kart.links)
+                if link.ended is None or link.ended > call.began - NOTICE
+            ]
+            if not any(
+                link.may_have_acknowledged(state, call.began, at)
+                for link in candidates
+                for state in REDS
+            ):
+                # Lost or silent: it stays held until it is released alone.
+                kart.hold = _Floor(floor.state, at, f'{floor.cause}, which it never acknowledged')
+        for kart in self._karts.values():
+            for number in kart.links[:-1]:
+                if self._links[number].ended is not None:
+                    self._forget(kart, number)
+
+    def _accepted_kart_in_garage(self, at: float, call: Call) -> None:
+        kart = self._karts[self._number(call)]
+        if kart.member is None:
+            kart.member = False
+            kart.member_since = at
+        candidates = [self._links[number] for number in kart.links]
+        if not call.statement and not any(
+            link.may_have_acknowledged(state, call.began, at)
+            for link in candidates
+            if link.ended is None or link.ended > call.began - NOTICE
+            for state in REDS
+        ):
+            self._violated(
+                'not stated', at, f'{call}, neither acknowledged nor "made safe by hand"'
+            )
+
+    def _accepted_set_in_race(self, at: float, call: Call) -> None:
+        kart = self._karts[self._number(call)]
+        kart.member = call.in_race
+        kart.member_since = at
+        if call.in_race and self._under_way is not None and self._under_way < call.began:
+            self._violated('not from the garage', at, f'{call} joins a race under way')
+
+    # ----- what calls have in common ------------------------------------------------------
+
+    def _race_red(self, at: float, call: Call, state: str) -> None:
+        if self._overlapped(call, ('in_garage',)):
+            return
+        if self._under_way is None:
+            self._under_way = at
+        if self._race_floor is None or STRICTNESS[self._race_floor.state] < STRICTNESS[state]:
+            self._race_floor = _Floor(state, at, str(call))
+
+    def _tighten(self, kart: _Kart, at: float, call: Call, state: str) -> None:
+        if not self._overlapped(call, ('in_garage', 'kart/in_garage'), kart.number):
+            self._hold(kart, state, at, str(call))
+
+    def _hold(self, kart: _Kart, state: str, at: float, cause: str) -> None:
+        if kart.hold is None or STRICTNESS[kart.hold.state] < STRICTNESS[state]:
+            kart.hold = _Floor(state, at, cause)
+
+    def _settle_loss(self, kart: _Kart, at: float) -> None:
+        """Hold a kart that is lost for certain, before a command that releases others."""
+        if any(self._links[number].ended is None for number in kart.links):
+            return
+        lost = self._lost_at(kart, None)
+        if lost is not None and lost + NOTICE < at and self._was_lost_under_way(kart, lost):
+            self._hold(kart, 'RED_RED', lost + NOTICE, 'it was lost in a race under way')
+
+    def _overlapped(self, call: Call, commands: tuple[str, ...], kart: int | None = None) -> bool:
+        """Return whether such a call may have come after this one, though it began before."""
+        return any(
+            (other.ended or 0.0) > call.began
+            for command in commands
+            for other in self._accepted.get(command, ())
+            if other is not call and other.kart in (None, kart)
+        )
+
+    def _forget(self, kart: _Kart, number: int) -> None:
+        link = self._links[number]
+        if link.ended is not None and link.ended < self._judged_until - 10 * NOTICE:
+            kart.links.remove(number)
+            del self._links[number]
+
+    def _number(self, call: Call) -> int:
+        assert call.kart is not None
+        return call.kart
+
+    def _violated(self, rule: str, at: float, text: str) -> None:
+        self.violations.append(Violation(rule, at, text))

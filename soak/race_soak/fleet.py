@@ -1,0 +1,437 @@
+"""Many plain TCP karts in one thread: random acknowledgements, random faults, all observed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+import heapq
+import itertools
+import random
+import re
+import selectors
+import socket
+import struct
+import threading
+import time
+
+from race_soak.checker import Checker, STRICTNESS
+
+FRAMES = {state: b'$%b;' % state.encode() for state in STRICTNESS}
+STATES = tuple(FRAMES)
+
+# What race control takes for what; `$READY;` stands for GRID_ACTIVE (§3.A).
+SAID = re.compile(rb'\$(GREEN_GREEN|GRID_ACTIVE|IN_GARAGE|RED_FLAG|RED_RED|READY);')
+LONGEST = 13
+
+MOODS = {'right': 8, 'echo': 4, 'wrong': 2, 'late': 2, 'early': 2, 'mute': 1}
+"""How a kart acknowledges, and how often."""
+
+FAULTS = {
+    'drop': 4,
+    'reset': 4,
+    'half close': 2,
+    'silence': 4,
+    'deaf': 1,
+    'garbage': 4,
+    'flood': 1,
+    'half frame': 4,
+    'reconnects': 1,
+    'stolen address': 2,
+    'stranger': 2,
+}
+"""What goes wrong, and how often."""
+
+WINDOW = 1.0
+"""Over how long the frames of a good kart are counted, s."""
+
+
+class _Link:
+    """One connection of a kart."""
+
+    def __init__(self, kart: int, number: int, link: socket.socket, opened: float) -> None:
+        self.kart = kart
+        self.number = number
+        self.socket = link
+        self.empty_at = opened
+        self.reading = True
+        self.deaf = False
+        self.ending: float | None = None
+        self.mood = 'right'
+        self.state = ''
+        self.previous = ''
+        self.unread = b''
+        self.tail: list[tuple[bytes, float]] = []
+        self.counted_since = opened
+        self.counted = 0
+
+
+class Fleet:
+    """
+    Karts with a connection each (or two, or none), until ``stop``.
+
+    :param port: race control's.
+    :param addresses: the karts' addresses, by their numbers.
+    :param strangers: addresses that are not in the roster.
+    :param checker: is told everything that is observed; only with ``lock`` held.
+    :param fault_every: how long a kart stays without a fault, on average, s.
+    """
+
+    def __init__(
+        self,
+        port: int,
+        addresses: dict[int, str],
+        strangers: Iterable[str],
+        checker: Checker,
+        lock: threading.Lock,
+        rng: random.Random,
+        fault_every: float = 4.0,
+    ) -> None:
+        """Prepare; nothing is opened before ``start``."""
+        self.port = port
+        self.disciplined = threading.Event()
+        """While set, karts acknowledge what they are sent and hardly a fault comes."""
+        self.frames = 0
+        self.said = 0
+        self.faults: Counter[str] = Counter()
+        self.windows = 0
+        self.slow_windows = 0
+        self.slowest = float('inf')
+        self.refused = 0
+        self.failure: BaseException | None = None
+        self._addresses = addresses
+        self._strangers = list(strangers)
+        self._checker = checker
+        self._lock = lock
+        self._rng = rng
+        self._fault_every = fault_every
+        self._selector = selectors.DefaultSelector()
+        self._links: dict[int, list[_Link]] = {number: [] for number in addresses}
+        self._numbers = itertools.count(1)
+        self._timers: list[tuple[float, int, Callable[[], None]]] = []
+        self._order = itertools.count()
+        self._looked_at = 0.0
+        self._lagged_at = 0.0
+        self._stopping, self._stopper = socket.socketpair()
+        self._thread = threading.Thread(target=self._run, name='karts', daemon=True)
+
+    def start(self) -> None:
+        """Connect every kart."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Close every connection and return."""
+        self._stopper.send(b'\0')
+        self._thread.join()
+        self._stopper.close()
+
+    # ----- the loop -----------------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            self._selector.register(self._stopping, selectors.EVENT_READ)
+            for kart in self._addresses:
+                self._after(self._rng.uniform(0, 0.5), self._connector(kart))
+                self._after(self._rng.uniform(0.5, self._fault_every), self._fault_of(kart))
+            while not self._turn():
+                pass
+        except BaseException as error:  # noqa: BLE001 - handed to whoever waits
+            self.failure = error
+        finally:
+            for links in self._links.values():
+                for link in list(links):
+                    self._close(link)
+            self._selector.close()
+            self._stopping.close()
+
+    def _turn(self) -> bool:
+        """Read what there is and let time pass; return whether it is time to stop."""
+        wait = self._timers[0][0] - time.monotonic() if self._timers else None
+        looks_at = time.monotonic()
+        ready = self._selector.select(max(wait, 0.0) if wait is not None else None)
+        for key, _ in ready:
+            if key.fileobj is self._stopping:
+                return True
+            if key.data.reading:  # not paused by what was read before it
+                self._read(key.data)
+        if time.monotonic() - looks_at > WINDOW / 5:
+            self._lagged_at = time.monotonic()
+        self._looked_at = looks_at
+        while self._timers and self._timers[0][0] <= time.monotonic():
+            heapq.heappop(self._timers)[2]()
+        return False
+
+    def _after(self, delay: float, work: Callable[[], None]) -> None:
+        heapq.heappush(self._timers, (time.monotonic() + delay, next(self._order), work))
+
+    # ----- connections --------------------------------------------------------------------
+
+    def _connector(self, kart: int) -> Callable[[], None]:
+        def connect() -> None:
+            if not self._links[kart]:
+                self._connect(kart)
+
+        return connect
+
+    def _connect(self, kart: int, deaf: bool = False) -> _Link | None:
+        began = time.monotonic()
+        new = socket.socket()
+        if deaf:
+            new.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
+        new.settimeout(5.0)
+        try:
+            new.bind((self._addresses[kart], 0))
+            new.connect(('127.0.0.1', self.port))
+        except OSError:
+            new.close()
+            self.refused += 1
+            self._after(0.5, self._connector(kart))
+            return None
+        new.setblocking(False)
+        new.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        link = _Link(kart, next(self._numbers), new, began)
+        link.mood = self._rng.choices(list(MOODS), list(MOODS.values()))[0]
+        link.deaf = deaf
+        self._links[kart].append(link)
+        with self._lock:
+            self._checker.opened(link.number, kart, began)
+        self._selector.register(new, selectors.EVENT_READ, link)
+        if link.mood == 'early':
+            self._after(self._rng.uniform(0, 1), lambda: self._say_early(link))
+        return link
+
+    def _close(self, link: _Link, reset: bool = False) -> None:
+        """End a connection from this side."""
+        if link not in self._links[link.kart]:
+            return
+        before = time.monotonic()
+        if reset:
+            option = struct.pack('ii', 1, 0)
+            link.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, option)
+        self._forget(link, before)
+
+    def _forget(self, link: _Link, earliest: float) -> None:
+        if link.reading:
+            self._selector.unregister(link.socket)
+        link.socket.close()
+        self._links[link.kart].remove(link)
+        with self._lock:
+            self._checker.closed(link.number, link.ending or earliest, time.monotonic())
+        most = 0.3 if self.disciplined.is_set() else 2.0
+        self._after(self._rng.uniform(0, most), self._connector(link.kart))
+
+    # ----- what is heard ------------------------------------------------------------------
+
+    def _read(self, link: _Link) -> None:
+        after = max(link.empty_at, self._looked_at)
+        try:
+            data = link.socket.recv(1 << 16)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b''
+        now = time.monotonic()
+        if not data:
+            # Nothing was left to read when the socket was looked at last.
+            self._forget(link, after)
+            return
+        *frames, link.unread = (link.unread + data).split(b';')
+        states = [frame[1:].decode(errors='replace') for frame in frames]
+        with self._lock:
+            for state, frame in zip(states, frames, strict=True):
+                if FRAMES.get(state) == frame + b';':
+                    self._checker.frame(link.number, state, after, now)
+                else:
+                    self._checker.rubbish(link.kart, frame + b';', now)
+        link.empty_at = 0.0
+        self.frames += len(states)
+        self._count(link, len(states), now)
+        for state in states:
+            if state in FRAMES:
+                self._answer(link, state)
+
+    def _count(self, link: _Link, frames: int, now: float) -> None:
+        """Count whole windows of a kart that read all the time, and was read all the time."""
+        link.counted += frames
+        if now - link.counted_since < WINDOW:
+            return
+        if self._lagged_at < link.counted_since:
+            rate = link.counted / (now - link.counted_since)
+            self.windows += 1
+            self.slow_windows += rate < 10.0
+            self.slowest = min(self.slowest, rate)
+        link.counted_since, link.counted = now, 0
+
+    # ----- what is said -------------------------------------------------------------------
+
+    def _answer(self, link: _Link, state: str) -> None:
+        change = state != link.state
+        if change:
+            link.previous, link.state = link.state, state
+        mood = 'right' if self.disciplined.is_set() else link.mood
+        if mood == 'echo':
+            self._say(link, state)
+        elif change and mood == 'right':
+            delay = 0.05 if self.disciplined.is_set() else 0.6
+            self._after(self._rng.uniform(0, delay), lambda: self._say_if(link, state))
+        elif change and mood == 'wrong':
+            self._say(link, self._rng.choice(STATES))
+        elif change and mood == 'late':
+            if link.previous:
+                self._say(link, link.previous)
+            self._after(self._rng.uniform(0.5, 3.0), lambda: self._say_if(link, state))
+        elif not change and mood == 'right' and self._rng.random() < 0.2:
+            # It may not have been right when the state came.
+            self._say(link, state)
+        if self._rng.random() < 0.01:
+            link.mood = self._rng.choices(list(MOODS), list(MOODS.values()))[0]
+
+    def _say_early(self, link: _Link) -> None:
+        if link not in self._links[link.kart]:
+            return
+        self._say(link, self._rng.choice(('GRID_ACTIVE', 'GRID_ACTIVE', *STATES)))
+        self._after(self._rng.uniform(0, 0.5), lambda: self._say_early(link))
+
+    def _say_if(self, link: _Link, state: str) -> None:
+        if link.state == state:
+            self._say(link, state)
+
+    def _say(self, link: _Link, state: str) -> None:
+        if state == 'GRID_ACTIVE' and self._rng.random() < 0.1:
+            self._send(link, b'$READY;')
+        else:
+            self._send(link, FRAMES[state])
+
+    def _send(self, link: _Link, data: bytes) -> None:
+        """Send as much as goes, and tell the checker which frames were in it."""
+        if link not in self._links[link.kart]:
+            return
+        before = time.monotonic()
+        try:
+            data = data[: link.socket.send(data)]
+        except OSError:
+            return  # full, or gone: the reader is told next
+        after = time.monotonic()
+        kept = b''.join(piece for piece, _ in link.tail)
+        for match in SAID.finditer(kept + data):
+            if match.end() <= len(kept):
+                continue
+            at, first = match.start(), after
+            for piece, out in link.tail:
+                if at < len(piece):
+                    first = out
+                    break
+                at -= len(piece)
+            state = match[1].decode().replace('READY', 'GRID_ACTIVE')
+            self.said += 1
+            with self._lock:
+                self._checker.said(link.number, state, first, before)
+        link.tail.append((data, after))
+        while sum(len(piece) for piece, _ in link.tail[1:]) >= LONGEST:
+            del link.tail[0]
+
+    # ----- what goes wrong ----------------------------------------------------------------
+
+    def _fault_of(self, kart: int) -> Callable[[], None]:
+        def fault() -> None:
+            self._after(self._rng.expovariate(1 / self._fault_every), fault)
+            if self.disciplined.is_set() and self._rng.random() < 0.95:
+                return
+            links = self._links[kart]
+            if links:
+                kind = self._rng.choices(list(FAULTS), list(FAULTS.values()))[0]
+                self.faults[kind] += 1
+                getattr(self, f'_{kind.replace(" ", "_")}')(links[-1])
+
+        return fault
+
+    def _drop(self, link: _Link) -> None:
+        self._close(link)
+
+    def _reset(self, link: _Link) -> None:
+        self._close(link, reset=True)
+
+    def _half_close(self, link: _Link) -> None:
+        if link.ending is None:
+            link.ending = time.monotonic()
+            try:
+                link.socket.shutdown(socket.SHUT_WR)
+            except OSError:
+                pass  # gone: the reader is told next
+
+    def _silence(self, link: _Link, longest: float = 0.9) -> None:
+        """Read nothing for a while, which race control puts up with."""
+        if not link.reading:
+            return
+        link.reading = False
+        self._selector.unregister(link.socket)
+        # As of the last look at it, the socket was empty.
+        link.empty_at = self._looked_at
+        with self._lock:
+            self._checker.paused(link.number, self._looked_at)
+        self._after(self._rng.uniform(0.1, longest), lambda: self._hear_again(link))
+
+    def _hear_again(self, link: _Link) -> None:
+        if link not in self._links[link.kart] or link.reading:
+            return
+        link.reading = True
+        self._selector.register(link.socket, selectors.EVENT_READ, link)
+        # Of what was sent meanwhile it is only known that it came since the pause.
+        paused, self._looked_at = link.empty_at, min(self._looked_at, link.empty_at)
+        self._read(link)
+        self._looked_at = max(self._looked_at, paused)
+        link.counted_since, link.counted = time.monotonic(), 0
+
+    def _deaf(self, link: _Link) -> None:
+        """Have a tiny buffer and never read again; race control gives such a kart up."""
+        self._close(link)
+        deaf = self._connect(link.kart, deaf=True)
+        if deaf is not None:
+            deaf.reading = False
+            self._selector.unregister(deaf.socket)
+            with self._lock:
+                self._checker.paused(deaf.number, deaf.empty_at)
+            self._after(self._rng.uniform(1.0, 5.0), lambda: self._close(deaf))
+
+    def _garbage(self, link: _Link) -> None:
+        self._send(link, self._rng.randbytes(self._rng.choice((1, 7, 40, 3000))))
+
+    def _flood(self, link: _Link) -> None:
+        frames = [self._rng.choice((*FRAMES.values(), b'$$', b';', b'\0')) for _ in range(1500)]
+        self._send(link, b''.join(frames))
+
+    def _half_frame(self, link: _Link) -> None:
+        """Say one half of a frame now and the other half later."""
+        frame = FRAMES[self._rng.choice(('GRID_ACTIVE', 'RED_RED', *STATES))]
+        cut = self._rng.randint(1, len(frame) - 1)
+        self._send(link, frame[:cut])
+        self._after(self._rng.uniform(0.01, 2.0), lambda: self._send(link, frame[cut:]))
+
+    def _reconnects(self, link: _Link) -> None:
+        """Come and go as quickly as possible."""
+        kart = link.kart
+        self._close(link, reset=True)
+        for turn in range(10):
+            new = self._connect(kart)
+            if new is not None:
+                self._close(new, reset=turn % 2 == 0)
+
+    def _stolen_address(self, link: _Link) -> None:
+        """Connect a second time from the same address."""
+        self._connect(link.kart)
+
+    def _stranger(self, link: _Link) -> None:
+        """Connect from an address that is not in the roster, which must be told nothing."""
+        address = self._rng.choice(self._strangers)
+        data = b''
+        with socket.socket() as stranger:
+            stranger.settimeout(1.0)
+            try:
+                stranger.bind((address, 0))
+                stranger.connect(('127.0.0.1', self.port))
+                stranger.send(FRAMES['GREEN_GREEN'])
+                data = stranger.recv(100)
+            except OSError:
+                pass  # closed, as it must be
+        if data:
+            with self._lock:
+                self._checker.stranger(address, data, time.monotonic())

@@ -1,0 +1,152 @@
+"""The soak as a command: start race control, let karts and officials loose, report."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import pathlib
+import random
+import re
+import secrets
+import sys
+import tempfile
+import threading
+import time
+
+from race_parts.domains import Domain
+from race_parts.race_control import address_of, RaceControl
+from race_soak.checker import Checker
+from race_soak.fleet import Fleet
+from race_soak.officials import Officials
+
+STRANGERS = tuple(f'127.0.9.{number}' for number in range(1, 9))
+REPORT_EVERY = 30.0
+
+
+def memory_of(pid: int) -> float:
+    """Return what a process has in memory, MiB."""
+    status = pathlib.Path(f'/proc/{pid}/status').read_text(encoding='ascii')
+    resident = re.search(r'VmRSS:\s+(\d+) kB', status)
+    assert resident is not None
+    return int(resident[1]) / 1024
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Soak race control for as long as asked; return 0 if no rule was broken, else 1."""
+    parser = argparse.ArgumentParser(
+        description='Soak a real race control with random faults, acknowledgements and commands.'
+    )
+    parser.add_argument('--seconds', type=float, default=600.0, help='for how long (600)')
+    parser.add_argument('--karts', type=int, default=100, help='how many, at most 250 (100)')
+    parser.add_argument('--seed', type=int, help='of what is random (another each time)')
+    parser.add_argument(
+        '--fault-every', type=float, default=4.0, help='mean time between faults of a kart, s (4)'
+    )
+    parser.add_argument(
+        '--until-violation', action='store_true', help='end at the first rule that is broken'
+    )
+    options = parser.parse_args(arguments)
+    if not 1 <= options.karts <= 250:
+        parser.error('--karts: from 1 to 250')
+    seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
+    print(f'seed {seed}, {options.karts} karts, {options.seconds:g} s', flush=True)
+    with contextlib.ExitStack() as stack:
+        return _soak(stack, options, random.Random(seed))
+
+
+def _soak(stack: contextlib.ExitStack, options: argparse.Namespace, rng: random.Random) -> int:
+    numbers = list(range(1, options.karts + 1))
+    in_race = set(rng.sample(numbers, min(10, len(numbers))))
+    folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
+    domain = stack.enter_context(Domain())
+    control = RaceControl(
+        folder,
+        domain.number,
+        in_race,
+        set(numbers) - in_race,
+        {'finish_delays': '[0.5, 0.3, 0.1]', 'finish_stop': 2.0},
+    )
+    stack.callback(control.close)
+    lock = threading.Lock()
+    checker = Checker(in_race, set(numbers) - in_race, time.monotonic())
+    fleet = Fleet(
+        control.port,
+        {number: address_of(number) for number in numbers},
+        STRANGERS,
+        checker,
+        lock,
+        random.Random(rng.random()),
+        options.fault_every,
+    )
+    officials = Officials(
+        domain.number, numbers, checker, lock, random.Random(rng.random()), fleet.disciplined
+    )
+    stack.callback(officials.close)
+    fleet.start()
+    began = time.monotonic()
+    reported = began
+    memory_at_start = memory_of(control.pid)
+    trouble = ''
+    try:
+        while time.monotonic() - began < options.seconds and not trouble:
+            officials.step()
+            with lock:
+                checker.judge(time.monotonic())
+                broken = len(checker.violations)
+            if fleet.failure is not None:
+                raise fleet.failure
+            if broken and options.until_violation:
+                break
+            if time.monotonic() - reported > REPORT_EVERY:
+                reported = time.monotonic()
+                _tell(reported - began, fleet, officials, checker, memory_of(control.pid))
+    except AssertionError as error:
+        trouble = f'race control does not answer: {error}\n{_last_lines(control)}'
+    elapsed = time.monotonic() - began
+    memory_at_end = 0.0 if trouble else memory_of(control.pid)
+    fleet.stop()
+    if fleet.failure is not None:
+        raise fleet.failure
+    checker.finish()
+
+    print(f'\n{elapsed:.0f} s of {options.karts} karts')
+    print(f'frames sent to karts   {fleet.frames}')
+    print(f'frames said by karts   {fleet.said}')
+    print(f'faults injected        {sum(fleet.faults.values())}: {_counts(fleet.faults)}')
+    print(f'commands               {officials.calls}, {officials.accepted} of them accepted')
+    print(f'races planned, started {officials.races}, {officials.greens}')
+    print(f'judged                 {_counts(checker.judged)}')
+    print(
+        f'seconds of good karts  {fleet.windows}, {fleet.slow_windows} of them below 10 frames/s,'
+        f' slowest {fleet.slowest:.1f}/s'
+    )
+    print(f'memory of rcs_node     {memory_at_start:.1f} MiB, then {memory_at_end:.1f} MiB')
+    print(f'violations             {len(checker.violations)}')
+    for violation in checker.violations[:50]:
+        print(f'  {violation.at - began:8.3f} s  {violation.rule}: {violation.text}')
+    if trouble:
+        print(trouble)
+    return 1 if checker.violations or trouble else 0
+
+
+def _tell(
+    elapsed: float, fleet: Fleet, officials: Officials, checker: Checker, memory: float
+) -> None:
+    print(
+        f'{elapsed:6.0f} s  {fleet.frames} frames, {sum(fleet.faults.values())} faults, '
+        f'{officials.calls} commands, {officials.greens} races started, {memory:.1f} MiB, '
+        f'{len(checker.violations)} violations',
+        flush=True,
+    )
+
+
+def _last_lines(control: RaceControl) -> str:
+    return '\n'.join(control.lines[-15:])
+
+
+def _counts(counter: dict[str, int]) -> str:
+    return ', '.join(f'{name} {count}' for name, count in sorted(counter.items()))
+
+
+if __name__ == '__main__':
+    sys.exit(main())
