@@ -1,0 +1,152 @@
+"""
+How fast ALL KILL of the officials' window is, and what an idle window costs.
+
+    setup/in-workspace --console python bench/console.py
+
+A real window on an X server (Xvfb), a real race control, real kart sockets, all on this machine.
+Each round begins with a race in IN_GARAGE and every kart there, and ends when the last kart has
+the first byte of its RED_RED. The three ways are taken in turn:
+
+- click: the mouse button goes down (XTEST) on ALL KILL;
+- key: the space bar goes down;
+- call: a ROS client that has been there all along calls the service, without any window.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+import contextlib
+import pathlib
+import statistics
+import sys
+import tempfile
+import time
+
+sys.path[:0] = [str(pathlib.Path(__file__).resolve().parent.parent / 'test')]
+
+from evgp_node.states import state_of  # noqa: E402
+from evgp_protocol.states import RaceState  # noqa: E402
+from race_parts.console import Console  # noqa: E402
+from race_parts.domains import Domain  # noqa: E402
+from race_parts.official import Official  # noqa: E402
+from race_parts.race_control import address_of, RaceControl  # noqa: E402
+from race_parts.screen import Screen  # noqa: E402
+from race_parts.wire_kart import Acknowledges, WireKart  # noqa: E402
+
+
+def main() -> None:
+    """Measure, and print a table."""
+    parser = argparse.ArgumentParser(description='ALL KILL of the window, from click to wire.')
+    parser.add_argument('--rounds', type=int, default=200, help='of each way (%(default)s)')
+    parser.add_argument('--karts', type=int, default=5, help='in the rounds (%(default)s)')
+    parser.add_argument('--idle-karts', type=int, default=20, help='while idle (%(default)s)')
+    parser.add_argument('--idle', type=float, default=30.0, help='seconds (%(default)s)')
+    wanted = parser.parse_args()
+    measure_stops(wanted.rounds, wanted.karts)
+    measure_idle(wanted.idle_karts, wanted.idle)
+
+
+def measure_stops(rounds: int, count: int) -> None:
+    """Print the time from a press to the last kart's socket, for each way of pressing."""
+    with contextlib.ExitStack() as parts:
+        _, official, console, screen, karts = prepare(parts, count)
+        spot = console.place('all_kill')
+        screen.move(*spot)
+        times: dict[str, list[float]] = {'click': [], 'key': [], 'call': []}
+
+        def call() -> None:
+            official.call('all_kill')
+
+        def click() -> None:
+            screen.press_button()
+            screen.release_button()
+
+        presses: dict[str, Callable[[], None]] = {
+            'click': click,
+            'key': lambda: screen.key('space'),
+            'call': call,
+        }
+        for _ in range(rounds):
+            for way, press in presses.items():
+                began = time.monotonic()
+                press()
+                last = max(kart.wait_for_state(RaceState.RED_RED) for kart in karts)
+                times[way].append((last - began) * 1000)
+                bring_home(official, console, karts)
+        print(f'ALL KILL, {rounds} rounds of each, {count} karts; from the press to the last kart')
+        print(f'{"":8} {"median":>10} {"p99":>10} {"worst":>10}')
+        for way, all_ in times.items():
+            all_.sort()
+            p99 = all_[min(len(all_) - 1, round(0.99 * len(all_)))]
+            print(f'{way:8} {statistics.median(all_):7.2f} ms {p99:7.2f} ms {all_[-1]:7.2f} ms')
+        print(f'the window and the call: {statistics.median(times["click"]):.2f} ms', end=' ')
+        print(f'beside {statistics.median(times["call"]):.2f} ms (median)')
+
+
+def bring_home(official: Official, console: Console, karts: list[WireKart]) -> None:
+    """Have every kart in IN_GARAGE again, and the window idle."""
+    numbers = range(1, len(karts) + 1)
+    official.wait_for_acks(RaceState.RED_RED, *numbers)
+    while not official.call('in_garage', track_safe=True).success:
+        time.sleep(0.1)  # just after a stop it is refused: it is to be given again
+    for kart in karts:
+        kart.wait_for_state(RaceState.IN_GARAGE)
+    official.wait_for_race(
+        lambda race: state_of(race.state) is RaceState.IN_GARAGE, 'the race in IN_GARAGE'
+    )
+    console.wait_for('state', text='IN GARAGE')
+    console.wait_for('all_kill', pressing='false')
+
+
+def measure_idle(count: int, seconds: float) -> None:
+    """Print how much of one core a window takes with which nobody does anything."""
+    with contextlib.ExitStack() as parts:
+        _, _, console, _, _ = prepare(parts, count)
+        for state in ('IN GARAGE', 'GREEN GREEN'):
+            if state == 'GREEN GREEN':
+                console.key('F2')
+                console.wait_for('question')
+                console.key('y')
+                console.wait_for('green_green', barred='false')
+                console.key('F3')
+                console.wait_for('question')
+                console.key('y')
+            console.wait_for('state', text=state)
+            before = cpu(console.process.pid)
+            time.sleep(seconds)
+            used = (cpu(console.process.pid) - before) / seconds
+            print(f'idle window, {count} karts, {state}: {100 * used:.1f} % of one core')
+
+
+def prepare(
+    parts: contextlib.ExitStack, count: int
+) -> tuple[RaceControl, Official, Console, Screen, list[WireKart]]:
+    """Start a race control, its karts, an official and a window."""
+    folder = pathlib.Path(parts.enter_context(tempfile.TemporaryDirectory()))
+    domain = parts.enter_context(Domain()).number
+    control = RaceControl(folder, domain, range(1, count + 1))
+    parts.callback(control.close)
+    official = Official(domain)
+    parts.callback(official.close)
+    screen = Screen()
+    parts.callback(screen.close)
+    console = Console(folder, domain, screen)
+    parts.callback(console.close)
+    karts = [
+        parts.enter_context(WireKart(address_of(n), control.port, Acknowledges.EACH_CHANGE))
+        for n in range(1, count + 1)
+    ]
+    official.wait_for_connected(*range(1, count + 1))
+    console.wait_for(f'kart_{count}', text='linked')
+    return control, official, console, screen, karts
+
+
+def cpu(pid: int) -> float:
+    """Return the CPU time that a process has used, seconds."""
+    fields = pathlib.Path('/proc', str(pid), 'stat').read_text().rsplit(')', 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / 100
+
+
+if __name__ == '__main__':
+    main()
