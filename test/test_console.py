@@ -13,6 +13,8 @@ import os
 import pathlib
 import signal
 import stat
+import subprocess
+import sys
 import time
 
 from evgp_protocol.states import RaceState
@@ -713,3 +715,32 @@ def test_without_a_screen_the_window_says_so(monkeypatch: pytest.MonkeyPatch) ->
         code = window.wait()
 
     assert (code, 'no screen' in window.output) == (2, True)
+
+
+def test_the_locked_qt_loses_no_reference_to_none() -> None:
+    """Else Python ends the window after some thousand calls, in the middle of a race."""
+    if not any(map(importlib.util.find_spec, ('PySide6', 'PyQt6'))):
+        pytest.skip('there is no Qt for Python')
+    code = (
+        'import sys\n'
+        'from evgp_rcs_console.qt import QtCore, QtWidgets\n'
+        'application = QtWidgets.QApplication([])\n'
+        'label = QtWidgets.QLabel()\n'
+        'before = sys.getrefcount(None)\n'
+        'for _ in range(1000):\n'
+        "    label.setText('text')\n"
+        '    label.setFixedWidth(10)\n'
+        "    label.property('none')\n"
+        'print(before - sys.getrefcount(None))\n'
+    )
+
+    done = subprocess.run(
+        [sys.executable, '-c', code],
+        env={**os.environ, 'QT_QPA_PLATFORM': 'offscreen'},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+    )
+
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) < 100
