@@ -1,0 +1,349 @@
+"""The soak: a short one of the real race control, and proof that its checker finds faults."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import random
+import re
+import subprocess
+import sys
+from types import ModuleType
+from typing import Any, NamedTuple
+
+from evgp_rcs import race as rules
+import pytest
+from race_soak.checker import Call, Checker, STRICTNESS
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+KARTS = range(1, 6)
+
+SERVICES = {
+    'all_kill': 'ALL_KILL',
+    'red_flag': 'RED_FLAG',
+    'record_msr': 'RECORD_MSR',
+    'grid_active': 'GRID_ACTIVE',
+    'green_green': 'GREEN_GREEN',
+    'race_over': 'RACE_OVER',
+    'in_garage': 'IN_GARAGE',
+    'kart/red_red': 'KART_RED_RED',
+    'kart/red_flag': 'KART_RED_FLAG',
+    'kart/finish': 'KART_FINISH',
+    'kart/in_garage': 'KART_IN_GARAGE',
+    'set_in_race': '',
+}
+
+
+class Fault(NamedTuple):
+    """A fault: what is put in place of what, and the rules one of which it must break."""
+
+    old: str
+    new: str
+    breaks: tuple[str, ...]
+
+
+FAULTS = {
+    'what was said before the command is an acknowledgement': Fault(
+        'counts = state is kart.sent and serial == kart.serial',
+        'counts = state is kart.sent',
+        ('not acknowledged', 'looser than a stop', 'held on the grid', 'not stated'),
+    ),
+    'anything said is an acknowledgement': Fault(
+        'counts = state is kart.sent and serial == kart.serial',
+        'counts = serial == kart.serial',
+        ('not acknowledged', 'looser than a stop', 'held on the grid', 'not stated'),
+    ),
+    'an acknowledgement survives the connection': Fault(
+        '        kart.connected = False\n        kart.acknowledged = False\n',
+        '        kart.connected = False\n',
+        ('not connected', 'looser than a stop', 'held on the grid'),
+    ),
+    'a stop is refused': Fault(
+        '        refusal = refusal or rule.refusal(self, kart)\n',
+        '        refusal = refusal or rule.refusal(self, kart)\n'
+        '        if command.kind is CommandKind.RED_FLAG and self.state is RED_FLAG:\n'
+        "            refusal = 'the race has RED_FLAG already'\n",
+        ('stop refused',),
+    ),
+    'ALL_KILL is for the race only': Fault(
+        "for each in self.karts.values():\n            self._hold(each, RED_RED, 'ALL_KILL', now)",
+        "for each in self.racing():\n            self._hold(each, RED_RED, 'ALL_KILL', now)",
+        ('looser than a stop',),
+    ),
+    'a kart lost in the race is not held': Fault(
+        '        if under_way and self.state is not GRID_ACTIVE:\n            self._hold',
+        '        if False:\n            self._hold',
+        ('lost in the race', 'held on the grid', 'unexplained GREEN_GREEN'),
+    ),
+    'GREEN_GREEN waits for connected karts only': Fault(
+        'if not (each.connected and each.acknowledged)',
+        'if each.connected and not each.acknowledged',
+        ('not connected',),
+    ),
+    'GREEN_GREEN does not wait': Fault(
+        "        return f'waiting for {_cut(missing)}' if missing else ''\n\n"
+        '    def _no_race_over',
+        "        return ''\n\n    def _no_race_over",
+        ('not acknowledged', 'not connected'),
+    ),
+    'GREEN_GREEN also after another command': Fault(
+        '        if not self.grid_was_last:',
+        '        if False:',
+        ('GRID_ACTIVE not last',),
+    ),
+    'IN_GARAGE releases silent karts': Fault(
+        'if each.stopped or each.hold is None:',
+        'if True:',
+        ('looser than a stop', 'held on the grid'),
+    ),
+    'GRID_ACTIVE with a held kart': Fault(
+        '        held = [each for each in racing if each.hold is not None]',
+        '        held: list[Kart] = []',
+        ('held on the grid',),
+    ),
+    'GRID_ACTIVE from a race under way': Fault(
+        "        if self.state is not IN_GARAGE:\n            return f'the race is in "
+        '{self.state.value}; bring',
+        "        if self.state is GREEN_GREEN:\n            return f'the race is in "
+        '{self.state.value}; bring',
+        ('not from the garage', 'impossible change', 'looser than a stop'),
+    ),
+    'a kart is released to the race under way': Fault(
+        '        out = kart.in_race and self.state is not IN_GARAGE\n',
+        '        out = False\n',
+        ('impossible change', 'looser than a stop', 'unexplained GREEN_GREEN'),
+    ),
+    'a RED_RED becomes a RED_FLAG': Fault(
+        'if kart.hold is None or hold.strictness > kart.hold.strictness:',
+        'if True:',
+        ('looser than a stop', 'impossible change'),
+    ),
+    'a kart outside the race races': Fault(
+        '        own = self.state if kart.in_race else IN_GARAGE\n',
+        '        own = self.state\n',
+        ('outside the race',),
+    ),
+}
+
+
+class Simulation:
+    """
+    The rules of the race and a wire that is only thought, at random, in a time of its own.
+
+    :param module: the rules, right or with a fault.
+    """
+
+    def __init__(self, module: ModuleType, seed: int) -> None:
+        """Begin with every kart connected."""
+        self.rng = random.Random(seed)
+        self.module = module
+        self.now = 100.0
+        in_race = {1, 2, 3}
+        self.race = module.Race(
+            [module.Kart(number=number, in_race=number in in_race) for number in KARTS],
+            module.RaceTimes(finish_delays=(0.5,), finish_stop=2.0),
+            self.now,
+        )
+        self.checker = Checker(in_race, set(KARTS) - in_race, self.now)
+        self.links: dict[int, int] = {}
+        self.sent: dict[int, tuple[Any, int]] = {}
+        self.on_the_way: list[tuple[int, int, int, Any]] = []
+        self.opened = 0
+        for kart in KARTS:
+            self.connect(kart)
+
+    def run(self, steps: int) -> None:
+        """Let random things happen, and judge them; end at the first violation."""
+        for _ in range(steps):
+            self.now += self.rng.choice((0.001, 0.01, 0.1, 0.1, 1.0))
+            self.step()
+            self.deliver(self.race.tick(self.now))
+            for kart in self.links:
+                if self.rng.random() < 0.5:
+                    self.hear(kart)
+            self.checker.judge(self.now)
+            if self.checker.violations:
+                return
+        self.checker.finish()
+
+    def step(self) -> None:
+        kart = self.rng.choice(KARTS)
+        what = self.rng.random()
+        if what < 0.45:
+            for number in KARTS:
+                if self.rng.random() < 0.8:
+                    self.say(number, self.rng.random() < 0.85)
+        elif what < 0.5:
+            self.disconnect(kart)
+        elif what < 0.58:
+            self.connect(kart)
+        elif what < 0.9:
+            self.bring_on()
+        else:
+            self.command(self.rng.choice(list(SERVICES)), kart, self.rng.random() < 0.5)
+        if self.on_the_way and self.rng.random() < 0.3:
+            number, link, serial, state = self.on_the_way.pop(0)
+            if self.links.get(number) == link:
+                self.deliver(self.race.heard(number, serial, state, self.now))
+
+    def bring_on(self) -> None:
+        """Give the command that most likely brings the race on."""
+        state = self.race.state.value
+        if state == 'IN_GARAGE':
+            for kart in list(self.race.racing()):
+                if kart.hold is not None and self.rng.random() < 0.7:
+                    self.command('kart/in_garage', kart.number, True)
+            if self.rng.random() < 0.2:
+                self.command('set_in_race', self.rng.choice(KARTS), True)
+            self.command('grid_active', None, True)
+        elif state == 'GRID_ACTIVE':
+            self.command('green_green', None, False)
+        elif state == 'GREEN_GREEN' and self.rng.random() < 0.5:
+            self.command(self.rng.choice(('red_flag', 'race_over', 'all_kill')), None, False)
+        elif state == 'RED_FLAG':
+            self.command('race_over', None, False)
+        elif state == 'RED_RED':
+            self.command('in_garage', None, True)
+
+    def command(self, service: str, kart: int | None, statement: bool) -> None:
+        kart = kart if '/' in service or service == 'set_in_race' else None
+        statement = statement or service == 'record_msr'
+        name = SERVICES[service] or ('JOIN_RACE' if statement else 'LEAVE_RACE')
+        call = Call(service, kart, statement, statement, self.now)
+        self.checker.called(call)
+        module = self.module
+        outcome = self.race.command(
+            module.Command(module.CommandKind[name], kart, statement), self.now
+        )
+        self.deliver(outcome)
+        call.ended = self.now + 0.0005
+        call.success, call.message = outcome.answer.success, outcome.answer.message
+        self.checker.answered(call)
+
+    def connect(self, kart: int) -> None:
+        self.opened += 1
+        if kart in self.links:
+            self.checker.closed(self.links[kart], self.now, self.now)
+        self.links[kart] = self.opened
+        self.checker.opened(self.opened, kart, self.now)
+        self.deliver(self.race.connected(kart, self.now))
+
+    def disconnect(self, kart: int) -> None:
+        if kart in self.links:
+            self.checker.closed(self.links.pop(kart), self.now, self.now)
+            self.deliver(self.race.disconnected(kart, 'it was closed', self.now))
+
+    def say(self, kart: int, right: bool) -> None:
+        if kart not in self.links:
+            return
+        state, serial = self.sent[kart]
+        if not right:
+            state = self.rng.choice(list(self.module.RaceState))
+        self.checker.said(self.links[kart], state.value, self.now, self.now)
+        if not right and self.rng.random() < 0.5:
+            # It is heard later, maybe behind a command that this kart has not seen.
+            self.on_the_way.append((kart, self.links[kart], serial, state))
+        else:
+            self.deliver(self.race.heard(kart, serial, state, self.now))
+
+    def deliver(self, outcome: Any) -> None:
+        for order in outcome.orders:
+            self.sent[order.kart] = order.state, order.serial
+            self.hear(order.kart)
+
+    def hear(self, kart: int) -> None:
+        state = self.sent[kart][0].value
+        self.checker.frame(self.links[kart], state, self.now - 0.0001, self.now + 0.0001)
+
+
+def with_fault(fault: Fault) -> ModuleType:
+    """Return the rules of the race with a fault in them."""
+    assert rules.__file__ is not None
+    text = pathlib.Path(rules.__file__).read_text(encoding='utf-8')
+    assert text.count(fault.old) == 1, 'the fault no longer fits the rules: put it in anew'
+    module = ModuleType('race_with_a_fault')
+    # Where dataclasses look for the types of their fields.
+    sys.modules[module.__name__] = module
+    code = compile(text.replace(fault.old, fault.new), module.__name__, 'exec')
+    exec(code, vars(module))  # noqa: S102
+    return module
+
+
+def run_soak(
+    *arguments: str, before_on_path: pathlib.Path | None = None
+) -> subprocess.CompletedProcess[str]:
+    path = [str(before_on_path)] if before_on_path else []
+    return subprocess.run(
+        [sys.executable, str(ROOT / 'soak' / 'run.py'), *arguments],
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join([*path, os.environ['PYTHONPATH']])},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=100,
+    )
+
+
+def test_race_control_breaks_no_rule_in_a_short_soak() -> None:
+    done = run_soak('--seconds', '12', '--karts', '20', '--seed', '1')
+
+    assert done.returncode == 0, done.stdout
+    assert 'seed 1, 20 karts' in done.stdout
+    assert re.search(r'^violations +0$', done.stdout, re.MULTILINE), done.stdout
+    for counted in ('frames sent to karts', 'frames said by karts', 'faults injected', 'commands'):
+        assert re.search(rf'^{counted} +[1-9]', done.stdout, re.MULTILINE), done.stdout
+    assert re.search(r'memory of rcs_node +[\d.]+ MiB, then [\d.]+ MiB', done.stdout)
+
+
+def test_a_race_control_with_a_fault_does_not_pass_the_soak(tmp_path: pathlib.Path) -> None:
+    fault = FAULTS['GREEN_GREEN does not wait']
+    assert rules.__file__ is not None
+    package = pathlib.Path(rules.__file__).parent
+    changed = tmp_path / 'evgp_rcs'
+    changed.mkdir()
+    for file in package.glob('*.py'):
+        text = file.read_text(encoding='utf-8')
+        (changed / file.name).write_text(text.replace(fault.old, fault.new), encoding='utf-8')
+
+    done = run_soak(
+        *('--seconds', '60', '--karts', '8', '--until-violation'), before_on_path=tmp_path
+    )
+
+    assert done.returncode == 1, done.stdout
+    assert any(f'{rule}: ' in done.stdout for rule in fault.breaks), done.stdout
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_the_checker_raises_no_false_alarm(seed: int) -> None:
+    simulation = Simulation(rules, seed)
+
+    simulation.run(3000)
+
+    assert simulation.checker.violations == []
+    assert simulation.checker.judged['frame'] > 3000
+
+
+@pytest.mark.parametrize('name', FAULTS)
+def test_the_checker_finds_a_fault_in_the_rules(name: str) -> None:
+    module = with_fault(FAULTS[name])
+    for seed in range(30):
+        simulation = Simulation(module, seed)
+        simulation.run(1500)
+        if simulation.checker.violations:
+            break
+
+    assert simulation.checker.violations, 'it was not found'
+    assert simulation.checker.violations[0].rule in FAULTS[name].breaks
+
+
+def test_a_frame_to_somebody_who_is_not_in_the_roster_is_a_violation() -> None:
+    checker = Checker({1}, {2}, 0.0)
+
+    checker.stranger('127.0.9.1', b'$IN_GARAGE;', 1.0)
+    checker.rubbish(1, b'$IN_GARAGE', 1.0)
+    checker.finish()
+
+    assert [violation.rule for violation in checker.violations] == ['stranger', 'rubbish']
+
+
+def test_the_checker_knows_every_state() -> None:
+    assert set(STRICTNESS) == {state.value for state in rules.RaceState}
