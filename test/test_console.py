@@ -279,6 +279,21 @@ def test_all_kill_by_click_while_a_question_is_open(
     kart.wait_for_state(RED_RED)
 
 
+def test_red_flag_by_key_while_a_question_is_open(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,))
+    console = open_console(control)
+    kart = connect_kart(control, 1, EACH_CHANGE)
+    see_karts(console, 1)
+    console.key('F2')
+    console.wait_for('question')
+
+    console.key('F4')
+
+    kart.wait_for_state(RED_FLAG)
+
+
 @pytest.mark.parametrize('where', ['filter', 'open filter', 'log', 'mute', 'kart_finish_1'])
 def test_all_kill_by_key_whichever_widget_has_the_focus(
     start_race_control: StartRaceControl,
@@ -348,7 +363,7 @@ def test_all_kill_pressed_while_race_control_is_dead_is_given_to_the_next_one(
     before.wait_for_end()
     console.wait_for('silence_title', text='RACE CONTROL IS GONE')
     console.wait_for('kart_1', text='✓ linked')
-    console.wait_for('silence_detail', text=r'Not heard for \d')
+    console.wait_for('silence_detail', text=r'Last heard \d')
     console.wait_for('grid_active', barred='true', tip='race control is gone')
     console.click('all_kill')
     console.wait_for('all_kill', pressing='true')

@@ -8,6 +8,7 @@ Commands never go through the probe; they are clicks and keys on the X server.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 import json
 import os
@@ -196,6 +197,15 @@ def probe(window: Any, address: str) -> None:
             for name, value in wanted.items()
         )
 
+    def colours(picture: Any, most: int) -> list[int]:
+        """Return the colours that are most frequent: a picture with a palette is far smaller."""
+        picture = picture.convertToFormat(QtGui.QImage.Format.Format_RGB32)
+        bits = picture.constBits()
+        size = picture.sizeInBytes()
+        data = bits.asstring(size) if hasattr(bits, 'asstring') else bytes(bits)
+        count = Counter(memoryview(data).cast('I'))
+        return [colour for colour, _ in count.most_common(most)]
+
     def answer(value: Any) -> None:
         talking.sendall(json.dumps(value).encode() + b'\n')
 
@@ -220,7 +230,10 @@ def probe(window: Any, address: str) -> None:
             wait(question['name'], question['wanted'], time.monotonic() + PATIENCE - 5)
         elif question['do'] == 'screenshot':
             picture = QtGui.QGuiApplication.primaryScreen().grabWindow(0).toImage()
-            answer(picture.save(question['path'], 'PNG', 0))
+            few = picture.convertToFormat(
+                QtGui.QImage.Format.Format_Indexed8, colours(picture, 256)
+            )
+            answer(few.save(question['path'], 'PNG', 0))
 
     asked = Asked()
     asked.question.connect(take, QtCore.Qt.ConnectionType.QueuedConnection)

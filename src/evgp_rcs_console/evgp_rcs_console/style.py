@@ -71,7 +71,7 @@ QPushButton:hover {{ background: #FFF; }}
 QPushButton:pressed {{ background: #B8B8B8; }}
 QPushButton:focus {{ border: {px(3)} solid #0047C2; background: #DCE8FF; }}
 QPushButton[barred="true"] {{
-  color: #767676; background: #FFF; border: {px(1)} dashed #9A9A9A; font-weight: normal;
+  color: #767676; background: #FFF; border: {px(2)} dashed #8A8A8A; font-weight: normal;
 }}
 QPushButton[barred="true"]:focus {{ border: {px(3)} dashed #0047C2; }}
 QPushButton[stop="true"] {{ border: {px(2)} solid #A0001C; color: #A0001C; background: #FFF; }}
