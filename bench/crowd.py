@@ -82,7 +82,8 @@ def main() -> None:
                 selector.unregister(karts[index])
                 continue
             # Race control writes whole frames, and these sockets take them whole.
-            state = data[data.rindex(b'$') :]
+            begin = data.rindex(b'$')
+            state = data[begin:]
             if gaps_until:
                 frames[index] += data.count(b';')
                 worst[index] = max(worst[index], now - heard_at[index])

@@ -97,7 +97,7 @@ def publisher(domain: int) -> None:
         connection, _ = listening.accept()
         with connection:
             while data := connection.recv(4096):
-                state = RaceState(data[data.rindex(b'$') + 1 : -1].decode())
+                state = RaceState(data.rpartition(b'$')[2][:-1].decode())
                 topic.publish(KartRaceState(state=state_message(state)))
 
 
