@@ -78,7 +78,7 @@ FAULTS = {
     'GREEN_GREEN waits for connected karts only': Fault(
         'if not (each.connected and each.acknowledged)',
         'if each.connected and not each.acknowledged',
-        ('not connected',),
+        ('not connected', 'not acknowledged', 'unexplained GREEN_GREEN'),
     ),
     'GREEN_GREEN does not wait': Fault(
         "        return f'waiting for {_cut(missing)}' if missing else ''\n\n"
@@ -99,7 +99,7 @@ FAULTS = {
     'GRID_ACTIVE with a held kart': Fault(
         '        held = [each for each in racing if each.hold is not None]',
         '        held: list[Kart] = []',
-        ('held on the grid',),
+        ('held on the grid', 'not acknowledged'),
     ),
     'GRID_ACTIVE from a race under way': Fault(
         "        if self.state is not IN_GARAGE:\n            return f'the race is in "

@@ -1,0 +1,288 @@
+"""Apart: no kart and no team reaches anything but its own kart's acknowledgement and link."""
+
+from __future__ import annotations
+
+import copy
+import os
+import pathlib
+import random
+import runpy
+import socket
+import subprocess
+import sys
+import threading
+from types import ModuleType
+from typing import Any
+
+from evgp_node.states import state_of
+from evgp_protocol.frames import encode
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs import msg
+import pytest
+from race_parts.fixtures import (
+    ConnectKart,
+    JoinOfficial,
+    JoinTeam,
+    StartBridge,
+    StartRaceControl,
+)
+from race_parts.official import Official
+from race_parts.race_control import RaceControl
+from race_parts.wire_kart import Acknowledges, WireKart
+from std_srvs.srv import Trigger
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+
+
+# ----- the ROS graphs ---------------------------------------------------------------------
+
+
+def test_a_node_on_a_karts_domain_neither_sees_nor_calls_all_kill(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    start_bridge: StartBridge,
+    join_team: JoinTeam,
+) -> None:
+    control = start_race_control(in_race=[1])
+    official = join_official(control)
+    team = join_team(start_bridge(control.port, 1))
+    official.wait_for_connected(1)
+    all_kill = team.node.create_client(Trigger, '/rcs/all_kill')
+
+    # It sees its own bridge, so it sees all there is to see.
+    team.wait_for_state(RaceState.IN_GARAGE)
+    answered = threading.Event()
+    all_kill.call_async(Trigger.Request()).add_done_callback(lambda _: answered.set())
+    assert team.team_stop(True).success
+    team.wait_for_state(RaceState.RED_RED)
+
+    assert not all_kill.service_is_ready()
+    assert not answered.is_set()
+    assert not any(namespace == '/rcs' or name == 'rcs' for name, namespace in graph(team.node))
+    names = [name for name, _ in team.node.get_service_names_and_types()]
+    assert not any(name.startswith('/rcs/') for name in names if name != '/rcs/all_kill')
+    names = [name for name, _ in team.node.get_topic_names_and_types()]
+    assert not any(name.startswith('/rcs/') for name in names)
+    # The one way round: officials see none of the kart's.
+    assert not any(name == 'kart_bridge' for name, _ in graph(official.node))
+    official.command('kart/red_flag', kart=1)  # heard behind everything the team has sent
+    commands = [event.command for event in official.events if event.command]
+    assert msg.CommandAvailability.ALL_KILL not in commands
+
+
+def graph(node: Any) -> list[tuple[str, str]]:
+    names: list[tuple[str, str]] = node.get_node_names_and_namespaces()
+    return names
+
+
+@pytest.mark.parametrize(('told', 'is_used'), [(None, 'LOCALHOST'), ('SUBNET', 'SUBNET')])
+def test_make_run_stays_on_the_machine_unless_told_otherwise(
+    told: str | None, is_used: str
+) -> None:
+    environment = {
+        name: value for name, value in os.environ.items() if name not in (RANGE, 'MAKEFLAGS')
+    }
+    if told:
+        environment[RANGE] = told
+
+    printed = subprocess.run(
+        ['make', '-s', 'run', f'IN_WORKSPACE=printenv {RANGE}; true'],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+
+    assert printed.split() == [is_used]
+
+
+@pytest.mark.parametrize(
+    'path',
+    [
+        'src/evgp_rcs/launch/rcs.launch.py',
+        'src/evgp_kart_bridge/launch/kart_bridge.launch.py',
+    ],
+)
+@pytest.mark.parametrize(
+    ('environment', 'arguments', 'expected'),
+    [
+        ({}, {}, ('LOCALHOST', '0')),
+        ({RANGE: 'SUBNET', 'ROS_DOMAIN_ID': '7'}, {}, ('SUBNET', '7')),
+        ({RANGE: 'OFF'}, {'discovery_range': 'SUBNET', 'domain_id': '9'}, ('SUBNET', '9')),
+    ],
+)
+def test_a_launch_file_stays_on_the_machine_unless_told_otherwise(
+    path: str,
+    environment: dict[str, str],
+    arguments: dict[str, str],
+    expected: tuple[str, str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name in (RANGE, 'ROS_DOMAIN_ID'):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    put_stand_ins_for_launch(monkeypatch)
+
+    description = runpy.run_path(str(ROOT / path))['generate_launch_description']()
+
+    (entities,) = description.positional
+    declared = {
+        entity.positional[0]: entity.named.get('default_value')
+        for entity in entities
+        if entity.kind == 'DeclareLaunchArgument'
+    }
+    (node,) = (entity for entity in entities if entity.kind == 'Node')
+    used = {}
+    for name, value in node.named['additional_env'].items():
+        argument = value.positional[0]
+        default = declared[argument]
+        used[name] = arguments.get(argument) or os.environ.get(
+            default.positional[0], default.named['default_value']
+        )
+    assert used == {RANGE: expected[0], 'ROS_DOMAIN_ID': expected[1]}
+
+
+class StandIn:
+    """Stands in for whatever a launch file makes, and keeps what it was given."""
+
+    def __init__(self, kind: str, positional: tuple[Any, ...], named: dict[str, Any]) -> None:
+        """Keep it."""
+        self.kind = kind
+        self.positional = positional
+        self.named = named
+
+
+def put_stand_ins_for_launch(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Put stand-ins where `launch` would be imported from: it is not among the wheels."""
+
+    class Module(ModuleType):
+        """Has whatever is imported from it."""
+
+        __path__: tuple[str, ...] = ()
+
+        def __getattr__(self, kind: str) -> Any:
+            if kind.startswith('__'):
+                raise AttributeError(kind)
+            return lambda *positional, **named: StandIn(kind, positional, named)
+
+    for name in (
+        *('launch', 'launch.actions', 'launch.substitutions'),
+        *('launch_ros', 'launch_ros.actions', 'launch_ros.parameter_descriptions'),
+        'launch_ros.substitutions',
+    ):
+        monkeypatch.setitem(sys.modules, name, Module(name))
+
+
+# ----- the kart port ----------------------------------------------------------------------
+
+
+def test_an_unknown_address_never_gets_a_frame(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=[1])
+    official = join_official(control)
+    kart = connect_kart(control, 1)
+
+    for service in ('red_flag', 'all_kill'):
+        for last in range(1, 11):
+            assert said_to(f'127.0.9.{last}', control) == b''
+        official.command(service)
+    kart.wait_for_state(RaceState.RED_RED)
+    assert said_to('127.0.9.1', control) == b''
+
+
+def said_to(address: str, control: RaceControl) -> bytes:
+    """Return all that an address is sent until race control hangs up."""
+    said = b''
+    with socket.create_connection(
+        ('127.0.0.1', control.port), timeout=30, source_address=(address, 0)
+    ) as stranger:
+        try:
+            stranger.sendall(b''.join(map(encode, RaceState)))
+            while True:
+                data = stranger.recv(4096)
+                if not data:
+                    return said
+                said += data
+        except ConnectionError:
+            return said
+
+
+def test_nothing_a_kart_sends_changes_anything_but_its_own_acknowledgement_and_report(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 2, 3), others=(4,))
+    official = join_official(control)
+    others = [connect_kart(control, number, Acknowledges.EACH_CHANGE) for number in (2, 3, 4)]
+    hostile = connect_kart(control, 1)
+    official.wait_for_acks(RaceState.IN_GARAGE, 2, 3, 4)
+    hostile.wait_for_state(RaceState.IN_GARAGE)
+    rng = random.Random(5)
+
+    send_everything(official, hostile, others, rng)
+    official.command('grid_active', track_clear=True)
+    official.wait_for_acks(RaceState.GRID_ACTIVE, 2, 3)
+    send_everything(official, hostile, others, rng)
+    hostile.say(RaceState.GRID_ACTIVE)
+    official.wait_for_acks(RaceState.GRID_ACTIVE, 1)
+    official.command('green_green')
+    official.wait_for_acks(RaceState.GREEN_GREEN, 2, 3)
+    send_everything(official, hostile, others, rng)
+    official.command('red_flag')
+    official.wait_for_acks(RaceState.RED_FLAG, 2, 3)
+    send_everything(official, hostile, others, rng)
+    official.command('all_kill')
+    official.wait_for_acks(RaceState.RED_RED, 2, 3, 4)
+    send_everything(official, hostile, others, rng)
+
+
+def send_everything(
+    official: Official, hostile: WireKart, others: list[WireKart], rng: random.Random
+) -> None:
+    """Send every frame, command, half and rubbish there is; nothing but the kart's own changes."""
+    official.wait_for_kart(1, lambda kart: state_of(kart.sent) is hostile.state, 'what it is sent')
+    before = copy.deepcopy(official.race)
+    changes = [list(kart.changes) for kart in others]
+    sent = list(hostile.changes)
+    words = [
+        *(encode(state) for state in RaceState),
+        *(b'$ALL_KILL;', b'$FINISH;', b'$RACE_OVER;', b'$READY;', b'$KART 2;$RED_RED;'),
+        *(b'$', b';', b'$RED_R', b'\0', b'\xff' * 40, b'{"kart": 2}', b'A' * 100),
+    ]
+    last = hostile.state
+    for _ in range(4):
+        # What it says last is heard last, and is news.
+        last = rng.choice([state for state in RaceState if state is not last])
+        said = [rng.choice([*words, rng.randbytes(9)]) for _ in range(60)]
+        hostile.send(b''.join([*rng.sample(words, len(words)), *said, encode(last)]))
+        race = official.wait_for_race(
+            lambda race, state=last: state_of(race.karts[0].reported) is state,
+            'what the kart said last',
+        )
+        assert before is not None
+        assert changes_for_all(race) == changes_for_all(before)
+        hostile.wait_for_frames(2)
+    assert [list(kart.changes) for kart in others] == changes
+    assert hostile.changes == sent
+
+
+def changes_for_all(race: msg.Race) -> dict[str, Any]:
+    """Return all of a race that one kart's word must not change, but for when it was."""
+    own, *others = (
+        {name: getattr(kart, name) for name in kart.get_fields_and_field_types()}
+        for kart in race.karts
+    )
+    for kart in (own, *others):
+        del kart['sent_since']  # told anew by another clock with each message
+    for its_own in ('acknowledged', 'reported', 'commands', 'may_be_moving'):
+        del own[its_own]  # what may be commanded, and whether it moves, follows from what it says
+    return {
+        'state': race.state,
+        'over': race.over,
+        'track': race.track.open,
+        'others': others,
+        'own': own,
+    }
