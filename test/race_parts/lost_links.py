@@ -12,15 +12,15 @@ import time
 
 from evgp_kart_bridge.watch import RaceStateWatch
 from evgp_node.states import state_of
-from evgp_protocol.frames import MalformedFrame, StateFrame
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
 from race_parts.domains import Domain
 from race_parts.kart import Bridge, Team
 from race_parts.networks import kart_address, Machine, RACE_CONTROL, Track
 from race_parts.official import Official
+from race_parts.punctual_kart import PunctualKart
 from race_parts.race_control import RaceControl
-from race_parts.wire_kart import Acknowledges, WireKart
+from race_parts.wire_kart import Acknowledges
 import yaml
 
 FAULTY, GOOD = 1, 2
@@ -28,26 +28,6 @@ FAULTY, GOOD = 1, 2
 
 RESTED = 0.3
 """How long a race goes on in GREEN_GREEN before a fault, s; no fault waits for it."""
-
-
-class PunctualKart(WireKart):
-    """A plain kart that notes when each frame came; ``times`` are monotonic, s."""
-
-    def __init__(
-        self, address: str, port: int, acknowledges: Acknowledges, host: str = '127.0.0.1'
-    ) -> None:
-        """Connect."""
-        self.times: list[float] = []
-        super().__init__(address, port, acknowledges, host)
-
-    def worst_gap(self, since: float) -> float:
-        """Return the longest time between two frames since then, s."""
-        times = [at for at in [*self.times, time.monotonic()] if at >= since]
-        return max((late - early for early, late in itertools.pairwise(times)), default=0.0)
-
-    def _hear(self, heard: StateFrame | MalformedFrame) -> None:
-        self.times.append(time.monotonic())
-        super()._hear(heard)
 
 
 class RosKart:
@@ -102,22 +82,25 @@ class NetworkRace:
 
     :param folder: where race control's files are written.
     :param seed: of the dice that decide what is lost.
+    :param congestion: TCP's congestion control; empty: this machine's own.
     :param parameters: more ROS parameters of race control.
     """
 
-    def __init__(self, folder: pathlib.Path, seed: int = 0, **parameters: object) -> None:
+    def __init__(
+        self, folder: pathlib.Path, seed: int = 0, congestion: str = '', **parameters: object
+    ) -> None:
         """Start everything, and wait until both karts are connected."""
         self._folder = folder
         self._stack = contextlib.ExitStack()
         try:
-            self._start(seed, parameters)
+            self._start(Track(seed, congestion), parameters)
         except BaseException:
             self.close()
             raise
 
-    def _start(self, seed: int, parameters: dict[str, object]) -> None:
+    def _start(self, track: Track, parameters: dict[str, object]) -> None:
         enter = self._stack.enter_context
-        self.track = enter(Track(seed))
+        self.track = enter(track)
         roster = self._folder / 'track.yaml'
         karts = [
             {'number': each, 'team': f'Team {each}', 'address': kart_address(each)}
@@ -128,6 +111,10 @@ class NetworkRace:
             encoding='utf-8',
         )
         domain = enter(Domain()).number
+        # Fast DDS asks for the network interfaces of a process once. Here, where there is but
+        # the loopback, what it learns is true on every machine.
+        with self.track.middle.inside():
+            Official(domain).close()
         with self.track.machine('rcs', RACE_CONTROL).inside():
             self.control = enter(
                 RaceControl(

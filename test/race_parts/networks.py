@@ -36,6 +36,7 @@ _SIOCETHTOOL = 0x8946
 _OFFLOADS = (0x17, 0x19, 0x1F, 0x24, 0x2C)
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
+NETWORK = '10.77.0.0/24'
 RACE_CONTROL = '10.77.0.1'
 """Race control's address on a track."""
 
@@ -164,6 +165,11 @@ class Machine(Namespace):
             with self.inside():
                 _switch_offloads_off('eth0')
             self.ip(f'addr add {address}/24 dev eth0', 'link set eth0 up')
+            if track.congestion:
+                self.ip(
+                    f'route replace {NETWORK} dev eth0 proto kernel scope link src {address} '
+                    f'congctl {track.congestion}'
+                )
             track.order('plug', name=name, hardware=hardware)
         except BaseException:
             super().close()
@@ -226,11 +232,14 @@ class Track:
     The network between race control and the karts.
 
     :param seed: of the dice that decide what is lost.
+    :param congestion: TCP's congestion control in all machines, such as 'cubic'; empty: this
+        machine's own.
     :raises NetworkError: if this machine does not let us make networks.
     """
 
-    def __init__(self, seed: int = 0) -> None:
+    def __init__(self, seed: int = 0, congestion: str = '') -> None:
         """Make the namespace in the middle and start the relay there."""
+        self.congestion = congestion
         self.middle = Namespace()
         script = pathlib.Path(__file__).with_name('relay.py')
         with self.middle.inside():

@@ -66,6 +66,12 @@ WAITING = frozenset(
 )
 """The commands that are not taken during a pause: those that loosen or start something."""
 
+TCP_THIN_LINEAR_TIMEOUTS = 16
+"""An option of Linux (since 2.6.34) that Python does not name."""
+
+CONNECTIONS = (10, 2.0)
+"""How often a kart may connect: so many times at once, and then so often a second."""
+
 FRAMES = {state: encode(state) for state in RaceState}
 
 
@@ -98,16 +104,17 @@ class ServerSettings:
 
 
 class _Allowance:
-    """So many events at once, and then one a second: what a peer may cause to be told."""
+    """So many times at once, and then so often a second: what a peer may cause."""
 
-    def __init__(self, burst: int) -> None:
+    def __init__(self, burst: int, rate: float = 1.0) -> None:
         self._burst = burst
+        self._rate = rate
         self._left = float(burst)
         self._at = 0.0
         self.withheld = 0
 
     def take(self, now: float) -> bool:
-        self._left = min(self._burst, self._left + (now - self._at))
+        self._left = min(self._burst, self._left + self._rate * (now - self._at))
         self._at = now
         if self._left < 1:
             self.withheld += 1
@@ -138,6 +145,12 @@ class _KartLink(asyncio.BufferedProtocol):
         self._unprocessed = 0
         self._stale = 0
         self._stale_frame = False
+        # How many bytes were written; how many of them were answered, and when that last grew.
+        self._written = 0
+        self._answered = 0
+        self._answered_at = 0.0
+        self._ask_at = 0.0
+        self._send_timeout = 0.0
         self.number = 0
         self.serial = 0
         self.frame = b''
@@ -155,10 +168,16 @@ class _KartLink(asyncio.BufferedProtocol):
     def set_up(self, settings: ServerSettings) -> None:
         """Make the socket prompt: no Nagle, little in flight, and a vanished kart noticed."""
         assert self._socket is not None
-        timeout_ms = int(settings.send_timeout * 1000)
+        self._send_timeout = settings.send_timeout
+        self._answered_at = time.monotonic()
         option = self._socket.setsockopt
         option(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        option(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, timeout_ms)
+        # What was lost is sent again at an even pace. With ever longer waits, a link that fails
+        # for half a second would stay silent for more than one.
+        option(socket.IPPROTO_TCP, TCP_THIN_LINEAR_TIMEOUTS, 1)
+        # Only for the case that `_is_unanswered` is not asked: the kernel counts from when it
+        # first had to send anything again, even if that has been answered since.
+        option(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(3 * settings.send_timeout * 1000))
         option(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         option(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 1)
         option(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 1)
@@ -220,6 +239,9 @@ class _KartLink(asyncio.BufferedProtocol):
         self._read_this_beat = 0
         if self._transport is None:
             return
+        if self._is_unanswered():
+            self.drop('it left what it was sent unanswered')
+            return
         if self._paused:
             self._paused = False
             self._open_beats = 0
@@ -251,15 +273,32 @@ class _KartLink(asyncio.BufferedProtocol):
             return
         self._transport.write(self.frame)
         self.frames_sent += 1
+        self._written += len(self.frame)
         if self._transport.get_write_buffer_size() > UNSENT_BYTES:
             self.drop('the kart does not read what it is sent')
 
+    def _is_unanswered(self) -> bool:
+        """Return whether the kart has answered nothing of what it was sent for too long (§4.D)."""
+        now = time.monotonic()
+        if self._transport is None or now < self._ask_at:
+            return False
+        self._ask_at = now + self._send_timeout / 8  # to ask the kernel at every beat is too dear
+        unanswered = self._transport.get_write_buffer_size() + self._in_kernel(termios.TIOCOUTQ)
+        answered = self._written - unanswered
+        if not unanswered or answered > self._answered:
+            self._answered = answered
+            self._answered_at = now
+        return now - self._answered_at >= self._send_timeout
+
     def _unread(self) -> int:
         """Return how many bytes lie in the kernel, read by nobody yet."""
+        return self._in_kernel(termios.FIONREAD)
+
+    def _in_kernel(self, which: int) -> int:
         if self._socket is None or self._transport is None:
             return 0
         count = array.array('i', [0])
-        fcntl.ioctl(self._socket.fileno(), termios.FIONREAD, count)
+        fcntl.ioctl(self._socket.fileno(), which, count)
         return count[0]
 
 
@@ -301,6 +340,8 @@ class KartServer:
         self._commands: deque[tuple[Command, concurrent.futures.Future[Answer]]] = deque()
         self._sequence = itertools.count(1)
         self._refusals = _Allowance(5)
+        self._connections = {number: _Allowance(*CONNECTIONS) for number in race.karts}
+        self._too_often = {number: _Allowance(1) for number in race.karts}
         self._rubbish = {number: _Allowance(5) for number in race.karts}
         self._reports = {number: _Allowance(20) for number in race.karts}
         self._paused_until = 0.0
@@ -550,6 +591,17 @@ class KartServer:
                     f'address{self._refusals.mention()}'
                 )
                 self._tell([Event(EventKind.REFUSED_CONNECTION, text, success=False)])
+            return
+        if not self._connections[number].take(now):
+            link.drop('it connects too often')
+            allowance = self._too_often[number]
+            if allowance.take(now):
+                text = (
+                    f'A connection of {self._race.karts[number]} was refused: it connects too '
+                    f'often{allowance.mention()}'
+                )
+                event = Event(EventKind.REFUSED_CONNECTION, text, kart=number, success=False)
+                self._tell([event])
             return
         old = self._links.pop(number, None)
         if old is not None:

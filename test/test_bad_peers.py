@@ -1,0 +1,126 @@
+"""
+Bad peers: while one does its worst, the karts of the race and the officials do not notice.
+
+``bench/bad_peers.py`` measures how little; here, frames are counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import pathlib
+import resource
+import socket
+import time
+
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs import msg
+import pytest
+from race_parts.bad_peers import AttackedRace, attacking, ATTACKS, BAD, open_files, resident
+from race_parts.process import PATIENCE
+from race_parts.race_control import address_of
+from race_parts.wire_kart import WireKart
+
+GRID_ACTIVE = RaceState.GRID_ACTIVE
+GREEN_GREEN = RaceState.GREEN_GREEN
+RED_RED = RaceState.RED_RED
+
+STRETCH = 1.5
+"""How long each attack goes on before ALL_KILL, s."""
+
+LEAST_RATE = 10.0
+"""Frames per second that every kart is sent at least (§4.C)."""
+
+MOST_LINES = 80
+"""More lines than this in the log of one attack nobody reads."""
+
+MOST_MEMORY = 30 * 1024
+"""So much more memory race control may need after an attack, KiB: one copy of what it has."""
+
+
+def check_frames(race: AttackedRace) -> float:
+    """Check that every good kart goes on to be sent frames, and return the least rate, Hz."""
+    before = [kart.frames for kart in race.karts]
+    began = time.monotonic()
+    while time.monotonic() - began < STRETCH:
+        race.karts[0].wait_for_frames(1)
+    took = time.monotonic() - began
+    rates = [
+        (kart.frames - frames) / took for kart, frames in zip(race.karts, before, strict=True)
+    ]
+    assert min(rates) >= LEAST_RATE, rates
+    return min(rates)
+
+
+def check_all_kill(race: AttackedRace) -> None:
+    """Check that ALL_KILL reaches every good kart, and nothing else has."""
+    race.official.command('all_kill')
+    for kart in race.karts:
+        kart.wait_for_state(RED_RED)
+        assert [state for _, state in kart.changes][-3:] == [GRID_ACTIVE, GREEN_GREEN, RED_RED]
+        assert not kart.malformed
+
+
+@pytest.fixture(scope='module')
+def attacked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AttackedRace]:
+    """Return the race that all attacks of this file meet, one after the other."""
+    with AttackedRace(tmp_path_factory.mktemp('attacked')) as race:
+        yield race
+
+
+@pytest.mark.parametrize('attack', ATTACKS)
+def test_a_bad_peer_costs_only_itself(
+    attacked: AttackedRace, attack: str, record_property: Callable[[str, object], None]
+) -> None:
+    control = attacked.control
+    attacked.green()
+    lines = len(control.lines)
+    memory = resident(control.pid)
+    with attacking(attack, control.port):
+        rate = check_frames(attacked)
+        check_all_kill(attacked)
+    more = resident(control.pid) - memory
+    told = control.lines[lines:]
+    figures = f'{rate:.1f} frames per second, {len(told)} lines, {more} KiB more'
+    print(f'{attack}: {figures}')
+    record_property(attack, figures)
+    assert len(told) <= MOST_LINES, '\n'.join(told)
+    assert more <= MOST_MEMORY
+    attacked.home()
+
+
+def test_out_of_files_the_race_goes_on_and_karts_come_back_later(tmp_path: pathlib.Path) -> None:
+    with AttackedRace(tmp_path) as race:
+        race.green()
+        pid = race.control.pid
+        lines = len(race.control.lines)
+        _, hard = resource.prlimit(pid, resource.RLIMIT_NOFILE)
+        resource.prlimit(pid, resource.RLIMIT_NOFILE, (open_files(pid) + 1, hard))
+        with attacking('many_connections', race.control.port):
+            check_frames(race)
+            check_all_kill(race)
+        assert len(race.control.lines) - lines <= MOST_LINES, race.control.output
+        resource.prlimit(pid, resource.RLIMIT_NOFILE, (hard, hard))
+        with WireKart(address_of(BAD), race.control.port) as late:
+            late.wait_for_frames(1)
+
+
+def test_a_kart_that_reconnects_too_often_is_refused_and_told_of_seldom(
+    attacked: AttackedRace,
+) -> None:
+    official = attacked.official
+    with attacking('reconnects', attacked.control.port):
+        event = official.wait_for_event(
+            lambda event: (
+                event.kind == msg.RaceEvent.REFUSED_CONNECTION and 'too often' in event.text
+            ),
+            'refused',
+        )
+    assert event.text.startswith(f'A connection of kart {BAD} (Team {BAD}) was refused')
+    # It is let in again soon: until then the connection ends without a frame.
+    frames = 0
+    while not frames:
+        with socket.create_connection(
+            ('127.0.0.1', attacked.control.port), PATIENCE, (address_of(BAD), 0)
+        ) as kart:
+            frames = len(kart.recv(64))
+            time.sleep(0.0 if frames else 0.1)
