@@ -7,12 +7,13 @@ import os
 import pathlib
 import signal
 import subprocess
+import threading
 
 from ament_index_python.packages import get_package_prefix
 from evgp_protocol.states import RaceState
-from evgp_rcs_console.client import KINDS
+from evgp_rcs_console.client import Client, KINDS
 from evgp_rcs_console.commands import FORMS
-from evgp_rcs_console.ctl import COMMANDS
+from evgp_rcs_console.ctl import COMMANDS, Desk
 from evgp_rcs_console.snapshot import Command
 import pytest
 from race_parts.domains import Domain
@@ -20,6 +21,8 @@ from race_parts.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from race_parts.process import PATIENCE
 from race_parts.race_control import RaceControl
 from race_parts.wire_kart import Acknowledges
+import rclpy
+from rclpy.context import Context
 
 ACCEPTED, REFUSED, USAGE, NOT_THERE = 0, 1, 2, 3
 
@@ -210,6 +213,42 @@ def test_watch_goes_on_and_says_when_race_control_is_gone(
         finally:
             watch.send_signal(signal.SIGINT)
         assert watch.wait(PATIENCE) == ACCEPTED
+
+
+class SlowListener(Desk):
+    """Takes its time over the news that ALL KILL is pressed, unless it is accepted meanwhile."""
+
+    def __init__(self) -> None:
+        """Begin with nothing told."""
+        super().__init__()
+        self.told: list[int] = []
+        self.accepted = threading.Event()
+
+    def on_pressing(self, count: int, since: float) -> None:
+        """Keep the news, in the order in which the telling ended."""
+        if count:
+            self.accepted.wait(0.5)
+        else:
+            self.accepted.set()
+        self.told.append(count)
+
+
+def test_that_all_kill_is_accepted_is_told_last(start_race_control: StartRaceControl) -> None:
+    control = start_race_control(in_race=(1,))
+    context = Context()
+    rclpy.init(context=context, domain_id=control.domain)
+    listener = SlowListener()
+    client = Client('slow', listener, context=context, use_global_arguments=False)
+
+    try:
+        client.give(Command.ALL_KILL)
+        with listener.news:
+            assert listener.news.wait_for(lambda: listener.answer, PATIENCE)
+    finally:
+        client.close()
+        rclpy.try_shutdown(context=context)
+
+    assert listener.told[-1] == 0
 
 
 def test_every_command_of_an_official_is_there_and_fits_its_service() -> None:

@@ -68,7 +68,11 @@ class Order:
 
 
 class Listener(Protocol):
-    """Who is told what the client hears; called in the client's threads."""
+    """
+    Who is told what the client hears.
+
+    Called in the client's threads, with its lock held at times: it must not call the client.
+    """
 
     def on_race(self, race: Race, at: float) -> None:
         """Take a snapshot, and when it came (monotonic, seconds)."""
@@ -176,7 +180,10 @@ class Client:
             self._presses += 1
             count = self._presses
         self._request(order)
-        self._listener.on_pressing(count, order.at)
+        # Told under the lock: never after it is told that the press was accepted.
+        with self._lock:
+            if self._kill is order:
+                self._listener.on_pressing(count, order.at)
 
     def _call(self, order: Order) -> None:
         form = FORMS[order.command]
@@ -227,11 +234,10 @@ class Client:
             killed = order is self._kill and answer.success
             if killed:
                 self._kill = None
-        if order.command is Command.ALL_KILL:
-            if not killed:
-                return  # an earlier press of the same, or one that failed and is pressed again
-            self._listener.on_pressing(0, order.at)
-        self._listener.on_answer(order, answer)
+                self._listener.on_pressing(0, order.at)
+        # An earlier press of the same, or one that failed, is pressed again and not told.
+        if killed or order.command is not Command.ALL_KILL:
+            self._listener.on_answer(order, answer)
 
     def _hear_race(self, race: msg.Race) -> None:
         self._listener.on_race(read_race(race), time.monotonic())
