@@ -1,0 +1,90 @@
+"""
+Measure what good karts notice of bad peers: their frames, and how soon ALL_KILL is there.
+
+    setup/in-workspace python bench/bad_peers.py
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import pathlib
+import statistics
+import sys
+import tempfile
+import time
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from race_parts.bad_peers import AttackedRace
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+
+
+def measure(race: AttackedRace, name: str, repetitions: int) -> None:
+    """Print a line: the frames of the good karts and the time of ALL_KILL under an attack."""
+    from evgp_protocol.states import RaceState
+    from race_parts.bad_peers import attacking, resident
+
+    kills: list[float] = []
+    gap = 0.0
+    frames, seconds = 0, 0.0
+    memory = resident(race.control.pid)
+    lines = len(race.control.lines)
+    attack = attacking(name, race.control.port) if name else contextlib.nullcontext()
+    with attack:
+        began_all = time.monotonic()
+        for _ in range(repetitions):
+            race.green()
+            began = time.monotonic()
+            before = race.karts[0].frames
+            race.karts[0].wait_for_frames(20)
+            seconds += time.monotonic() - began
+            frames += race.karts[0].frames - before
+            gap = max(gap, *(kart.worst_gap(began) for kart in race.karts))
+            called = time.monotonic()
+            race.official.command('all_kill')
+            kills.append(
+                max(kart.wait_for_state(RaceState.RED_RED) for kart in race.karts) - called
+            )
+            race.home()
+        took = time.monotonic() - began_all
+    columns = (
+        name or 'none',
+        f'{frames / seconds:.1f}',
+        f'{gap * 1000:.0f}',
+        f'{statistics.median(kills) * 1000:.1f} / {max(kills) * 1000:.1f}',
+        f'{resident(race.control.pid) - memory:+d}',
+        f'{(len(race.control.lines) - lines) / took:.1f}',
+    )
+    print(f'| {" | ".join(columns)} |', flush=True)
+
+
+def main() -> int:
+    """Measure every attack, and before and after them none."""
+    parser = argparse.ArgumentParser(description='Measure what good karts notice of bad peers.')
+    parser.add_argument('--repetitions', type=int, default=20, help='of each ALL_KILL (20)')
+    parser.add_argument('--only', default='', help='only attacks whose name has this in it')
+    options = parser.parse_args()
+    # The parts of a race live with the tests; they can be imported only from here on.
+    sys.path.insert(0, str(ROOT / 'test'))
+    from race_parts.bad_peers import AttackedRace, ATTACKS
+
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    print(
+        '| bad peer | frames per second | worst gap, ms | ALL_KILL: call to last frame, ms, '
+        f'median / worst of {options.repetitions} | memory, KiB | log lines per second |'
+    )
+    print('|---|---|---|---|---|---|')
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        AttackedRace(pathlib.Path(folder)) as race,
+    ):
+        for name in ['', *(each for each in ATTACKS if options.only in each), '']:
+            measure(race, name, options.repetitions)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
