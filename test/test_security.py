@@ -1,0 +1,93 @@
+"""SROS2: the policies name what there is, and race control does not run insecure in silence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import pathlib
+from xml.etree import ElementTree
+
+import pytest
+from race_parts.domains import Domain
+from race_parts.fixtures import JoinOfficial, StartRaceControl
+from race_parts.official import SERVICES
+from race_parts.process import Process
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+POLICY = ROOT / 'security' / 'rcs.policy.xml'
+
+# What every node of rclpy has beside its own.
+OF_RCLPY = {'/rosout', '/parameter_events'}
+
+
+def allowed(enclave: str, kind: str, what: str) -> set[str]:
+    """Return what the policies allow an enclave, such as the services it may request."""
+    names: set[str] = set()
+    policy = ElementTree.parse(POLICY)  # noqa: S314 - our own file
+    for profile in policy.iterfind(f".//enclave[@path='{enclave}']//profile"):
+        for rule in profile.iterfind(kind):
+            if rule.get(what) == 'ALLOW':
+                names |= {(name.text or '').replace('~', '/rcs') for name in rule}
+    return names
+
+
+def test_race_control_is_allowed_what_it_does_and_nothing_else(
+    start_race_control: StartRaceControl, join_official: JoinOfficial
+) -> None:
+    official = join_official(start_race_control())
+    node = official.node
+    official.wait_for_race(
+        lambda _: ('rcs', '/') in node.get_node_names_and_namespaces(), 'the node in the graph'
+    )
+
+    services = {name for name, _ in node.get_service_names_and_types_by_node('rcs', '/')}
+    published = {name for name, _ in node.get_publisher_names_and_types_by_node('rcs', '/')}
+    subscribed = {name for name, _ in node.get_subscriber_names_and_types_by_node('rcs', '/')}
+
+    assert services == allowed('/rcs', 'services', 'reply')
+    assert published == allowed('/rcs', 'topics', 'publish')
+    assert subscribed <= allowed('/rcs', 'topics', 'subscribe')
+    assert allowed('/rcs', 'services', 'request') == set()
+
+
+def test_officials_may_give_every_command_and_publish_nothing_of_race_controls() -> None:
+    commands = {f'/rcs/{service}' for service in SERVICES}
+
+    assert allowed('/officials', 'services', 'request') >= commands
+    assert allowed('/officials', 'topics', 'publish') == OF_RCLPY
+    assert not any(name.startswith('/rcs/') for name in allowed('/officials', 'services', 'reply'))
+
+
+def test_watchers_may_command_nothing() -> None:
+    assert {'/rcs/race', '/rcs/events'} <= allowed('/watchers', 'topics', 'subscribe')
+    assert allowed('/watchers', 'topics', 'publish') == OF_RCLPY
+    assert allowed('/watchers', 'services', 'request') == set()
+
+
+@pytest.fixture
+def domain() -> Iterator[int]:
+    """Return a domain of this test's own."""
+    with Domain() as taken:
+        yield taken.number
+
+
+def test_race_control_does_not_start_where_security_is_demanded_and_cannot_be_had(
+    domain: int, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A keystore without race control's enclave: with any RMW there is nothing to be secure by."""
+    roster = tmp_path / 'karts.yaml'
+    roster.write_text('karts:\n- {number: 1, team: A, address: 127.0.1.1, in_race: true}\n')
+    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
+    monkeypatch.setenv('ROS_SECURITY_STRATEGY', 'Enforce')
+    monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path))
+
+    with Process(
+        'evgp_rcs',
+        'rcs_node',
+        domain,
+        {'roster': roster, 'record': tmp_path / 'record.sqlite3', 'port': 0},
+        ('--enclave', '/rcs'),
+    ) as control:
+        assert control.wait() == 2
+
+    assert 'SECURITY ERROR' in control.output
+    assert 'listens for' not in control.output
