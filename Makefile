@@ -10,16 +10,17 @@ ROSTER := src/evgp_rcs/config/karts.yaml
 PARAMS := src/evgp_rcs/config/rcs.yaml
 
 # Nodes on this machine find each other, and no one else's: a test must not command a real kart.
-demo fuzz screenshots soak test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+bench demo fuzz screenshots soak test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 # At an event too, unless the environment says otherwise: docs/security.md.
 run console: export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: help setup demo test soak fuzz run console screenshots lint format clean
+.PHONY: help setup demo test bench soak fuzz run console screenshots lint format clean
 
 help:
 	@echo 'make demo    set up and show a race: race control, karts and their stacks'
 	@echo 'make test    set up and run every test             (ARGS="-k roster")'
 	@echo 'make soak    race control under random faults and commands (ARGS="--seconds 60")'
+	@echo 'make bench   measure speed and cost                 (ARGS="stop --karts 20")'
 	@echo 'make fuzz    fuzz the decoder and the roster loader, guided by coverage'
 	@echo 'make run     start race control for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml)'
 	@echo "make console open the officials' window"
@@ -39,6 +40,9 @@ test:
 
 soak:
 	$(IN_WORKSPACE) python soak/run.py $(ARGS)
+
+bench:
+	$(IN_WORKSPACE) python bench/performance.py $(ARGS)
 
 fuzz:
 	$(IN_WORKSPACE) python fuzz/run.py $(ARGS)
