@@ -8,6 +8,7 @@ from typing import TypeVar
 
 from race_parts.process import PATIENCE
 import rclpy
+from rclpy._rclpy_pybind11 import InvalidHandle
 from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
@@ -29,6 +30,7 @@ class RosSide:
     def __init__(self, name: str, domain: int) -> None:
         """Join the domain and spin."""
         self.news = threading.Condition()
+        self._closing = False
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.node = Node(name, context=self.context, use_global_arguments=False)
@@ -68,6 +70,7 @@ class RosSide:
 
     def close(self) -> None:
         """Leave the domain."""
+        self._closing = True
         self._executor.shutdown()
         if self._thread.ident is not None:
             self._thread.join(PATIENCE)
@@ -79,3 +82,6 @@ class RosSide:
             self._executor.spin()
         except ExternalShutdownException:
             pass  # closed while waiting: that is how it ends
+        except InvalidHandle:
+            if not self._closing:  # closed while a message came in
+                raise
