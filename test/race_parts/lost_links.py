@@ -492,6 +492,10 @@ def race_in_bad_air(race: NetworkRace, loss: float, delay: float, seconds: float
         _come_back(race, stretch, began, states)
         for machine in machines:
             machine.air()
+        # For as long as race control may wait for an answer: a kart may be lost only now.
+        time.sleep(2.0)
+        if race.good.ended:
+            race.reconnect_good()
     return stretch
 
 
@@ -507,6 +511,4 @@ def _come_back(race: NetworkRace, stretch: Stretch, began: float, states: int) -
     for event in _lost(race, FAULTY, began)[:1]:
         stretch.lost.append(event.text)
         stretch.back.append(monotonic(race.wait_for_back(monotonic(event))) - monotonic(event))
-    if _lost(race, GOOD, began):
-        stretch.lost.append(_lost(race, GOOD, began)[0].text)
-        race.reconnect_good()
+    stretch.lost += [event.text for event in _lost(race, GOOD, began)]

@@ -168,7 +168,7 @@ class Machine(Namespace):
             if track.congestion:
                 self.ip(
                     f'route replace {NETWORK} dev eth0 proto kernel scope link src {address} '
-                    f'congctl {track.congestion}'
+                    f'congctl lock {track.congestion}'
                 )
             track.order('plug', name=name, hardware=hardware)
         except BaseException:
