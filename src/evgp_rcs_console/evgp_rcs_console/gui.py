@@ -33,6 +33,8 @@ def main(
     if not any(map(os.environ.get, ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM'))):
         print(words.NO_DISPLAY, file=sys.stderr)
         return 2
+    # The thread that sends ALL KILL must not wait for one that draws.
+    sys.setswitchinterval(0.001)
     given = list(sys.argv if arguments is None else ['rcs_gui', *arguments])
     rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     application = QtWidgets.QApplication(remove_ros_args(given))
