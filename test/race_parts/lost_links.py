@@ -146,6 +146,12 @@ class NetworkRace:
         with machine.inside():
             return PunctualKart(machine.address, self.control.port, acknowledges, RACE_CONTROL)
 
+    def is_connected(self, number: int) -> bool:
+        """Return whether race control says that a kart is connected."""
+        race = self.official.race
+        assert race is not None
+        return any(kart.number == number and kart.connected for kart in race.karts)
+
     def reconnect_good(self) -> None:
         """Connect the good kart anew."""
         self.good.close()
@@ -494,7 +500,7 @@ def race_in_bad_air(race: NetworkRace, loss: float, delay: float, seconds: float
             machine.air()
         # For as long as race control may wait for an answer: a kart may be lost only now.
         time.sleep(2.0)
-        if race.good.ended:
+        if not race.is_connected(GOOD):
             race.reconnect_good()
     return stretch
 
