@@ -26,6 +26,7 @@ from evgp_rcs_msgs.msg import KartRaceState
 from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
@@ -35,6 +36,9 @@ try:
     from rclpy.event_handler import SubscriptionEventCallbacks
 except ImportError:  # ROS 2 Humble has it there
     from rclpy.qos_event import SubscriptionEventCallbacks
+
+LAST_WORD = 0.5
+"""How long the bridge waits at its end for its last word to be heard, seconds."""
 
 ANSWER_TIMEOUT = 1.0
 """How long a call of the team waits for the link before it says so, seconds."""
@@ -134,6 +138,9 @@ class KartBridge(StrictNode):
         """Leave race control, and tell RED_RED last."""
         self._link.stop()
         self._publish(_ENDED)
+        # A publisher that is gone sends nothing again that got lost.
+        for publisher in (self._race_state, self._stop):
+            publisher.wait_for_all_acked(Duration(seconds=LAST_WORD))
 
     # ----- what the team says; in the executor's thread -----------------------------------
 
