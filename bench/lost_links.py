@@ -69,7 +69,7 @@ def measure_bad_air(race: NetworkRace, loss: float, delay: float, minutes: float
         f'{stretch.seconds / 60:.1f} minutes in GREEN_GREEN:'
     )
     print(f'  lost, by race control: {len(stretch.lost)} times; by the bridge: {stretch.stopped}')
-    for text in stretch.lost:
+    for text in stretch.lost[:5]:
         print(f'    {text}')
     print(f'  back after (median / worst, s): {figures([*stretch.back])}')
     print(
