@@ -184,8 +184,9 @@ class Link:
             await asyncio.sleep(0)  # what was given before has its turn
             for task in tasks:
                 task.cancel()
-            if self._connection is not None:
-                self._connection.abort()
+            connection, self._connection = self._connection, None
+            if connection is not None:
+                connection.abort()
 
     def _end(self, error: BaseException | None) -> None:
         if self._ending.done():

@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 import enum
+import signal
 import sys
 import threading
 import time
@@ -110,6 +111,10 @@ class Desk:
         """Nothing is shown of it."""
 
 
+SETTLED = 0.5
+"""So long without a further past event, and all of them have come, seconds."""
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """
     Give one command, or watch the race.
@@ -119,6 +124,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv if arguments is None else ['rcs_ctl', *arguments])
     wanted = _parser().parse_args(remove_ros_args(given)[1:])
     # Ctrl-C is Python's own KeyboardInterrupt: there is nothing to shut down in order.
+    # A shell that puts it into the background has SIGINT ignored, which Python would leave so.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     desk = Desk()
     client = Client('rcs_ctl', desk)
@@ -252,16 +259,17 @@ def _watch(client: Client, desk: Desk, wanted: argparse.Namespace) -> int:
 def _watch_events(desk: Desk, wanted: argparse.Namespace) -> int:
     shown = 0
     while True:
-        fresh = desk.wait_for_events(shown, wanted.wait)
+        # The past events come one by one: it is over when no further one follows.
+        fresh = desk.wait_for_events(shown, SETTLED if wanted.once and shown else wanted.wait)
         shown += len(fresh)
-        silent = desk.race is None
+        silent = desk.race is None and not shown
         if silent and not fresh:
             print(f'{words.NOT_YET}: {words.GONE_ADVICE} ({_domain()})', file=sys.stderr)
             return Exit.NOT_THERE
         for event in fresh:
             if not wanted.kart or event.kart in (0, wanted.kart):
                 print(f'{event.clock} {" " if event.success else "!"} {event.text}', flush=True)
-        if wanted.once:
+        if wanted.once and not fresh:
             return Exit.ACCEPTED
 
 
