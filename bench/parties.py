@@ -61,9 +61,8 @@ def rules(count: int) -> None:
 
 
 def service(domain: int) -> None:
-    """Offer a bare ROS service, with race control's executor."""
+    """Offer a bare ROS service."""
     import rclpy
-    from rclpy.executors import MultiThreadedExecutor
     from rclpy.node import Node
     from std_srvs.srv import Trigger
 
@@ -74,10 +73,8 @@ def service(domain: int) -> None:
     rclpy.init(domain_id=domain)
     node = Node('bare')
     node.create_service(Trigger, '/bare', serve)
-    executor = MultiThreadedExecutor(num_threads=4)
-    executor.add_node(node)
     tell('ready')
-    executor.spin()
+    rclpy.spin(node)
 
 
 def publisher(domain: int) -> None:

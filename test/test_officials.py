@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
+import pathlib
 import signal
 import threading
 
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
+from race_parts.domains import Domain
 from race_parts.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from race_parts.official import SERVICES
+from race_parts.race_control import RaceControl
+from race_parts.ros_side import RosSide
 from race_parts.wire_kart import Acknowledges
+from std_srvs.srv import Trigger
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -158,6 +164,24 @@ def test_the_service_of_every_command_is_there(
     offered = {name for name, _ in official.node.get_service_names_and_types()}
 
     assert {f'/rcs/{name}' for name in SERVICES} <= offered
+
+
+def test_the_stops_have_the_name_that_race_control_was_given(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    names = ('-r', '__ns:=/north', '-r', '__node:=control', '-r', '~/red_flag:=/flag')
+    parts.enter_context(RaceControl(tmp_path, domain, [1], arguments=names))
+    caller = RosSide('caller', domain)
+    parts.callback(caller.close)
+    caller.spin()
+
+    answers = [
+        caller.request(caller.node.create_client(Trigger, name), Trigger.Request())
+        for name in ('/north/control/all_kill', '/flag')
+    ]
+
+    assert [answer.success for answer in answers] == [True, True]
 
 
 def test_a_late_official_gets_the_race_and_its_past_events(

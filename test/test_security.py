@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import pathlib
 from xml.etree import ElementTree
 
@@ -35,13 +35,17 @@ def test_race_control_is_allowed_what_it_does_and_nothing_else(
 ) -> None:
     official = join_official(start_race_control())
     node = official.node
+    own = {('rcs', '/'), ('rcs_stops', '/')}
     official.wait_for_race(
-        lambda _: ('rcs', '/') in node.get_node_names_and_namespaces(), 'the node in the graph'
+        lambda _: own <= set(node.get_node_names_and_namespaces()), 'the nodes in the graph'
     )
 
-    services = {name for name, _ in node.get_service_names_and_types_by_node('rcs', '/')}
-    published = {name for name, _ in node.get_publisher_names_and_types_by_node('rcs', '/')}
-    subscribed = {name for name, _ in node.get_subscriber_names_and_types_by_node('rcs', '/')}
+    def of_both(names_and_types: Callable[[str, str], list[tuple[str, list[str]]]]) -> set[str]:
+        return {name for each in own for name, _ in names_and_types(*each)}
+
+    services = of_both(node.get_service_names_and_types_by_node)
+    published = of_both(node.get_publisher_names_and_types_by_node)
+    subscribed = of_both(node.get_subscriber_names_and_types_by_node)
 
     assert services == allowed('/rcs', 'services', 'reply')
     assert published == allowed('/rcs', 'topics', 'publish')

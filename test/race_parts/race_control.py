@@ -23,6 +23,7 @@ class RaceControl(Process):
     :param others: the numbers of the karts that are in the roster only.
     :param parameters: more ROS parameters of the node.
     :param teams: the names of teams, by the numbers of their karts.
+    :param arguments: more ROS arguments of the node.
     """
 
     def __init__(
@@ -33,6 +34,7 @@ class RaceControl(Process):
         others: Iterable[int] = (),
         parameters: Mapping[str, object] | None = None,
         teams: Mapping[int, str] | None = None,
+        arguments: tuple[str, ...] = (),
     ) -> None:
         """Start race control and wait until karts can connect."""
         racing = set(in_race)
@@ -59,6 +61,7 @@ class RaceControl(Process):
                 'port': 0,
                 **(parameters or {}),
             },
+            arguments,
         )
         try:
             self.port = int(self.wait_for_line(r'listens for .* port (\d+)')[1])

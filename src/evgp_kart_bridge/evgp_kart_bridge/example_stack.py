@@ -17,7 +17,6 @@ from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
-from rclpy.executors import SingleThreadedExecutor
 
 STEP = 0.02  # s
 ASK_AGAIN = 0.2  # s
@@ -87,7 +86,7 @@ class ExampleStack(StrictNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the stack until SIGINT or SIGTERM."""
-    return run_node('example_stack', ExampleStack, SingleThreadedExecutor, (ParameterError,), args)
+    return run_node('example_stack', ExampleStack, (ParameterError,), args)
 
 
 if __name__ == '__main__':

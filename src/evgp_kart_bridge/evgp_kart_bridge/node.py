@@ -27,7 +27,6 @@ from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
@@ -361,7 +360,7 @@ def main(args: list[str] | None = None) -> int:
     :return: 0 after an orderly end, 2 if a setting is wrong.
     :raises NodeFailedError: after a failure; what was told last is RED_RED.
     """
-    return run_node('kart_bridge', KartBridge, SingleThreadedExecutor, (ParameterError,), args)
+    return run_node('kart_bridge', KartBridge, (ParameterError,), args)
 
 
 if __name__ == '__main__':

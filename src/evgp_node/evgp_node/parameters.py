@@ -48,8 +48,11 @@ class StrictNode(Node):
     """
     A node that knows which parameters it was given, declared or not.
 
+    :ivar beside: as `evgp_node.process.ClosableNode` has it.
     :raises ParameterError: if one of them has no value.
     """
+
+    beside: tuple[Node, ...] = ()
 
     def __init__(self, name: str, **node_options: Any) -> None:
         """Make the node, with no parameter declared but ROS's own."""

@@ -12,7 +12,8 @@ from typing import Protocol
 from evgp_node.output import unwaiting_output
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
-from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
 
 OnFailure = Callable[[BaseException], None]
 
@@ -21,7 +22,13 @@ ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 class ClosableNode(Protocol):
-    """A node with threads of its own."""
+    """
+    A node with threads of its own.
+
+    :ivar beside: nodes of the same process, each with an executor of its own.
+    """
+
+    beside: tuple[Node, ...]
 
     def close(self) -> None:
         """End them and leave everything in its safe state; ROS still works meanwhile."""
@@ -37,7 +44,6 @@ class NodeFailedError(RuntimeError):
 def run_node(
     name: str,
     make_node: Callable[[OnFailure], ClosableNode],
-    make_executor: Callable[[], Executor],
     refusals: tuple[type[Exception], ...],
     args: list[str] | None = None,
 ) -> int:
@@ -63,7 +69,7 @@ def run_node(
         signal.signal(signal.SIGTSTP, signal.SIG_IGN)
         try:
             with unwaiting_output():
-                return _run(name, make_node, make_executor, refusals, args, ending, end)
+                return _run(name, make_node, refusals, args, ending, end)
         finally:
             signal.set_wakeup_fd(-1)
 
@@ -71,7 +77,6 @@ def run_node(
 def _run(
     name: str,
     make_node: Callable[[OnFailure], ClosableNode],
-    make_executor: Callable[[], Executor],
     refusals: tuple[type[Exception], ...],
     args: list[str] | None,
     ending: socket.socket,
@@ -99,10 +104,8 @@ def _run(
         print(f'{name}: {error}', file=sys.stderr)
         rclpy.try_shutdown()
         return 2
-    executor = make_executor()
-    executor.add_node(node)
 
-    def spin() -> None:
+    def spin(executor: Executor) -> None:
         try:
             executor.spin()
         except ExternalShutdownException:
@@ -110,13 +113,20 @@ def _run(
         except BaseException as error:  # noqa: BLE001 - raised again by the main thread
             fail(error)
 
-    spinning = threading.Thread(target=spin, name='executor', daemon=True)
-    spinning.start()
+    spinning = []
+    for each in (node, *node.beside):
+        executor = SingleThreadedExecutor()
+        executor.add_node(each)
+        thread = threading.Thread(target=spin, args=(executor,), name='executor', daemon=True)
+        spinning.append((executor, thread, each))
+    for _, thread, _ in spinning:
+        thread.start()
     ending.recv(1)
     node.close()
-    executor.shutdown()
-    spinning.join()
-    node.destroy_node()
+    for executor, thread, each in spinning:
+        executor.shutdown()
+        thread.join()
+        each.destroy_node()
     rclpy.try_shutdown()
     if failures:
         raise NodeFailedError(f'{name} could not go on') from failures[0]

@@ -56,6 +56,10 @@ UNSENT_BYTES = 4096
 HELD_UP = 1.0
 """A beat that comes later than this, s: officials and karts have waited for race control."""
 
+PAUSE_AFTER_HELD_UP = 5.0
+"""So long after that nothing is taken that loosens or starts anything, s. What officials sent
+meanwhile comes late: up to 3 s were seen, where DDS had to introduce the two ends first."""
+
 WAITING = frozenset(
     {
         CommandKind.GRID_ACTIVE,
@@ -88,8 +92,8 @@ class ServerSettings:
     :param port: the TCP port; 0 lets the system choose one (for tests).
     :param beat_rate: frames per second to each kart; §4.C wants at least 10 Hz.
     :param send_timeout: how long a kart may leave bytes unanswered before it counts as lost, s.
-    :param pause: after a stop, and after race control was held up, for how long no command but
-        a stop that loosens or starts anything is taken, s.
+    :param pause: after a stop, for how long no command that loosens or starts anything is
+        taken, s; after race control was held up, at least `PAUSE_AFTER_HELD_UP`.
     :param copy_interval: the least time between two copies of the race handed out, s.
     :param copy_at_least: the most time between two copies, even if nothing changed, s.
     """
@@ -101,6 +105,15 @@ class ServerSettings:
     pause: float = 1.0
     copy_interval: float = 0.05
     copy_at_least: float = 0.5
+
+
+@dataclass(frozen=True)
+class _Waiting:
+    """A command that was not judged yet, and when it came (s)."""
+
+    command: Command
+    answer: concurrent.futures.Future[Answer]
+    came: float
 
 
 class _Allowance:
@@ -342,8 +355,8 @@ class KartServer:
         self._on_failure = on_failure
         self._first_events = tuple(first_events)
         self._links: dict[int, _KartLink] = {}
-        self._stops: deque[tuple[Command, concurrent.futures.Future[Answer]]] = deque()
-        self._commands: deque[tuple[Command, concurrent.futures.Future[Answer]]] = deque()
+        self._stops: deque[_Waiting] = deque()
+        self._commands: deque[_Waiting] = deque()
         self._sequence = itertools.count(1)
         self._refusals = _Allowance(5)
         self._connections = {number: _Allowance(*CONNECTIONS) for number in race.karts}
@@ -361,6 +374,10 @@ class KartServer:
         self._thread = threading.Thread(target=self._run, name='kart_server', daemon=True)
         self._failure: BaseException | None = None
         self.address = ('', 0)
+        self.calm = threading.Event()
+        """Not set while a stop or a beat is on its way to the karts: whoever has work that can
+        wait waits for it between two pieces. Else each write hands them the interpreter."""
+        self.calm.set()
 
     # ----- for other threads --------------------------------------------------------------
 
@@ -380,15 +397,23 @@ class KartServer:
                 'stop the program that has the port, or choose another address or port'
             ) from error
 
-    def submit(self, command: Command) -> concurrent.futures.Future[Answer]:
+    def submit(
+        self, command: Command, came: float | None = None
+    ) -> concurrent.futures.Future[Answer]:
         """
         Hand over an official's command; stops are taken before anything else that waits.
 
+        :param came: when it came (monotonic, s), if that was before.
         :returns: a future with the answer, done once every frame has been written.
         :raises KartServerError: if the server is not running: then only the MSR is left.
         """
         answer: concurrent.futures.Future[Answer] = concurrent.futures.Future()
-        (self._stops if command.kind in STOPS else self._commands).append((command, answer))
+        waiting = _Waiting(command, answer, time.monotonic() if came is None else came)
+        if command.kind in STOPS:
+            self.calm.clear()
+            self._stops.append(waiting)
+        else:
+            self._commands.append(waiting)
         self._call(self.take_commands)
         return answer
 
@@ -415,6 +440,7 @@ class KartServer:
             assert self._loop is not None, 'nothing can be asked for before start'
             self._loop.call_soon_threadsafe(work)
         except RuntimeError as error:
+            self.calm.set()
             raise KartServerError('the kart server is not running: use the MSR') from error
 
     def stop(self) -> None:
@@ -489,7 +515,8 @@ class KartServer:
         answer = Answer(False, 'Race control is stopping; if a kart still moves, use the MSR.')
         for queue in (self._stops, self._commands):
             while queue:
-                queue.popleft()[1].set_result(answer)
+                queue.popleft().answer.set_result(answer)
+        self.calm.set()
 
     def _beat(self, due: float) -> None:
         assert self._loop is not None
@@ -500,8 +527,10 @@ class KartServer:
         self.take_commands()
         now = self._beat_at = self._now()
         self._apply(self._race.tick(now))
+        self.calm.clear()
         for link in list(self._links.values()):
             link.beat()
+        self.calm.set()
         if now - self._copied_at >= self._settings.copy_at_least:
             self._ask_for_copy()
         period = 1.0 / self._settings.beat_rate
@@ -515,12 +544,13 @@ class KartServer:
             now = self._now()
             self._notice_delay(now)
             is_stop = bool(self._stops)
-            command, future = (self._stops or self._commands).popleft()
+            waiting = (self._stops or self._commands).popleft()
+            command, future = waiting.command, waiting.answer
             if is_stop:
-                self._pause(now, 'a stop was given just now')
+                self._pause(now + self._settings.pause, 'a stop was given just now')
             elif not future.set_running_or_notify_cancel():
                 continue  # its official has been told that it is not answered
-            if command.kind in WAITING and now < self._paused_until:
+            if command.kind in WAITING and waiting.came < self._paused_until:
                 outcome = self._race.refuse(
                     command, f'{self._paused_by}; look at the race, and send it again'
                 )
@@ -530,23 +560,26 @@ class KartServer:
             if is_stop and not future.set_running_or_notify_cancel():
                 continue
             future.set_result(outcome.answer)
+        self.calm.set()
 
-    def _pause(self, now: float, why: str) -> None:
+    def _pause(self, until: float, why: str) -> None:
         """
-        Take nothing that loosens for a while.
+        Take nothing that loosens until then, s.
 
         A release may have been sent before a stop, by an official who had not seen it, and come
         here after it. It must not undo the stop.
         """
-        self._paused_until = now + self._settings.pause
-        self._paused_by = why
+        if until > self._paused_until:
+            self._paused_until = until
+            self._paused_by = why
 
     def _notice_delay(self, now: float) -> None:
         """Pause if race control was held up: what waits may have been sent long ago."""
         held_up = now - self._beat_at - 1.0 / self._settings.beat_rate
         if held_up > HELD_UP:
             self._beat_at = now
-            self._pause(now, f'race control was held up for {held_up:.1f} s')
+            until = now + max(self._settings.pause, PAUSE_AFTER_HELD_UP)
+            self._pause(until, f'race control was held up for {held_up:.1f} s')
 
     def _apply(self, outcome: Outcome) -> None:
         for order in outcome.orders:

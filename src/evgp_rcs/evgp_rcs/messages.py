@@ -6,7 +6,7 @@ Nothing is decided here. A copy of the race goes in, a message comes out.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 import enum
 from typing import Any
 
@@ -46,6 +46,7 @@ def race_message(
     wall_ns: int,
     addresses: dict[int, str],
     more_alerts: Iterable[msg.Alert] = (),
+    give_way: Callable[[], object] = lambda: None,
 ) -> msg.Race:
     """
     Return the whole race as one message.
@@ -54,6 +55,7 @@ def race_message(
     :param wall_ns: the wall time of that moment (ns since the epoch).
     :param addresses: the address of each kart of the roster.
     :param more_alerts: alerts that the rules know nothing of.
+    :param give_way: is called before each kart; it may wait until more urgent work is done.
     """
 
     def wall(monotonic: float) -> Time:
@@ -69,6 +71,7 @@ def race_message(
         )
 
     def status(kart: Kart) -> msg.KartStatus:
+        give_way()
         return msg.KartStatus(
             number=kart.number,
             team=kart.team,

@@ -1,11 +1,11 @@
 """
 The ``rcs`` node: race control as ROS topics and services (§4.B).
 
-Three threads, each with its own work, and no state shared between them:
+Four threads, each with its own work, and no state shared between them:
 
 - the kart server's thread owns the race and the sockets (``kart_server``);
-- the executor's threads take officials' service calls, hand each to the kart server and wait for
-  its answer; the stops have a callback group of their own, so none waits behind another call;
+- two executors take officials' service calls, hand each to the kart server and wait for its
+  answer: one for the stops alone, so that none waits behind another call, and one for the rest;
 - the teller's thread (``Teller``) publishes the race and its events, and logs.
 """
 
@@ -40,12 +40,8 @@ from evgp_rcs.race import (
 from evgp_rcs.record import default_path, Record, RecordError
 from evgp_rcs.roster import load_roster, Roster, RosterError
 from evgp_rcs_msgs import msg, srv
-from rclpy.callback_groups import (
-    CallbackGroup,
-    MutuallyExclusiveCallbackGroup,
-    ReentrantCallbackGroup,
-)
-from rclpy.executors import MultiThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import SetBool, Trigger
 
@@ -73,6 +69,9 @@ EVENTS_QOS = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 """Of ``~/events``: a late subscriber gets the last 200 events."""
+
+CALM_TIMEOUT = 0.05
+"""How long a piece of news may wait for frames that go to the karts, s."""
 
 SWITCH_INTERVAL = 0.0002
 """How long one thread keeps the interpreter from another that wants it, seconds. With Python's
@@ -135,6 +134,7 @@ class RcsNode(StrictNode):
             first_events=recovered,
         )
         self._teller.report = self._server.report
+        self._teller.give_way = lambda: self._server.calm.wait(CALM_TIMEOUT)
         self._on_failure = on_failure
         self._failed = False
         self._offer_services()
@@ -173,10 +173,20 @@ class RcsNode(StrictNode):
     # ----- services -----------------------------------------------------------------------
 
     def _offer_services(self) -> None:
-        stops = ReentrantCallbackGroup()
-        others = MutuallyExclusiveCallbackGroup()
+        # A node has one executor, and what that has to do for each of the other services is
+        # what a stop would wait for most. So the stops have a node of their own.
+        stops = Node(
+            f'{self.get_name()}_stops',
+            context=self.context,
+            namespace=self.get_namespace(),
+            use_global_arguments=False,
+            enable_rosout=False,
+            start_parameter_services=False,
+            parameter_overrides=[Parameter('start_type_description_service', value=False)],
+        )
+        self.beside = (stops,)
+        others = self
         offer = self._offer
-        # The stops first: of requests that are ready together, these are taken first.
         offer(stops, '~/all_kill', Trigger, CommandKind.ALL_KILL)
         offer(stops, '~/red_flag', Trigger, CommandKind.RED_FLAG)
         offer(stops, '~/kart/red_red', srv.KartCommand, CommandKind.KART_RED_RED)
@@ -221,7 +231,7 @@ class RcsNode(StrictNode):
 
     def _offer(
         self,
-        group: CallbackGroup,
+        node: Node,
         name: str,
         service: Any,
         kind: CommandKind | Callable[[Any], CommandKind],
@@ -239,14 +249,17 @@ class RcsNode(StrictNode):
             response.message = answer.message
             return response
 
-        self.create_service(service, name, serve, callback_group=group, qos_profile=SERVICE_QOS)
+        # Also below another node a name is what it is in this one, remapped or not.
+        own = name if node is self else self.resolve_service_name(name)
+        node.create_service(service, own, serve, qos_profile=SERVICE_QOS)
 
     def _command(self, command: Command) -> Answer:
+        came = time.monotonic()
         waiting: concurrent.futures.Future[Answer] | None = None
         try:
             if command.kind is CommandKind.GREEN_GREEN:
                 self._remember_the_grid()
-            waiting = self._server.submit(command)
+            waiting = self._server.submit(command, came)
             return waiting.result(ANSWER_TIMEOUT)
         except KartServerError as error:
             return Answer(False, f'{command.kind.value} was not given: {error}.')
@@ -355,6 +368,8 @@ class Teller:
         self._trouble_since_ns = 0
         self.report: Callable[[Event], None] = lambda event: None
         """Has an event told among the others."""
+        self.give_way: Callable[[], object] = lambda: None
+        """Waits while frames are on their way to the karts."""
         self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
         self._events = node.create_publisher(msg.RaceEvent, '~/events', EVENTS_QOS)
@@ -394,6 +409,7 @@ class Teller:
                     newest = news[0], news[1]
             self._record.put(told)
             for stamped in told:
+                self.give_way()
                 self._tell(stamped)
             if newest is not None:
                 self._record.remember(newest[0].memory())
@@ -425,7 +441,9 @@ class Teller:
     def _tell_race(self, race: Race, now: float) -> None:
         wall_ns = time.time_ns() - round((time.monotonic() - now) * 1e9)
         more = [record_alert(self._trouble, self._trouble_since_ns)] if self._trouble else []
-        self._race.publish(race_message(race, now, wall_ns, self._addresses, more))
+        message = race_message(race, now, wall_ns, self._addresses, more, self.give_way)
+        self.give_way()
+        self._race.publish(message)
         if now - self._told_diagnostics >= 1.0:
             self._told_diagnostics = now
             self._diagnostics.publish(self._diagnostic(race, now))
@@ -482,14 +500,8 @@ def main(args: list[str] | None = None) -> int:
     :raises NodeFailedError: after a failure; the karts were sent RED_RED.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
-    return run_node(
-        'rcs',
-        RcsNode,
-        # More threads than calls that can wait for an answer without being stops.
-        lambda: MultiThreadedExecutor(num_threads=4),
-        (ParameterError, RosterError, RecordError, KartServerError),
-        args,
-    )
+    refusals = (ParameterError, RosterError, RecordError, KartServerError)
+    return run_node('rcs', RcsNode, refusals, args)
 
 
 if __name__ == '__main__':

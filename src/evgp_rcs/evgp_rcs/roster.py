@@ -17,9 +17,9 @@ import re
 
 import yaml
 
-# A roster of 999 karts fits.
+# A roster of 1000 karts fits.
 MAX_BYTES = 200_000
-MAX_NUMBER = 999
+MAX_NUMBER = 9999
 # What still fits beside the buttons of a GUI.
 MAX_TEAM_LENGTH = 64
 
@@ -41,7 +41,7 @@ class RosterError(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class RosterEntry:
-    """One kart: its number (1 to 999), team, IPv4 address, and if it is in the first race."""
+    """One kart: its number (1 to 9999), team, IPv4 address, and if it is in the first race."""
 
     number: int
     team: str
@@ -221,7 +221,7 @@ class _Parser:
 
     def _number(self, node: yaml.Node, what: str) -> int:
         # Decimal only: YAML would read 010 as eight and 1:30 as ninety.
-        if node.tag == _INT and re.fullmatch('[1-9][0-9]{0,2}', node.value):
+        if node.tag == _INT and re.fullmatch('[1-9][0-9]{0,3}', node.value):
             return int(node.value)
         raise self._error(
             node,

@@ -393,10 +393,50 @@ def test_a_release_is_taken_when_the_pause_after_a_stop_is_over(
     assert running.race.state is IN_GARAGE
 
 
+def test_a_release_that_came_before_a_pause_was_over_is_refused_behind_it_too(
+    run: Run, connect: Connect
+) -> None:
+    running = run(pause=0.05)
+    came = time.monotonic()
+    running.give(CommandKind.ALL_KILL)
+    while time.monotonic() < came + 0.2:
+        running.give(CommandKind.CLOSE_TRACK)
+    answer = running.server.submit(Command(CommandKind.IN_GARAGE, None, True), came)
+    assert not answer.result(PATIENCE).success
+    assert running.race.state is RED_RED
+
+
 def test_a_stop_is_taken_in_the_pause_after_a_stop(run: Run, connect: Connect) -> None:
     running = run(pause=PATIENCE)
     running.give(CommandKind.KART_RED_RED, 1)
     assert running.give(CommandKind.ALL_KILL).success
+
+
+def test_what_can_wait_is_told_to_wait_while_a_stop_is_on_its_way(
+    run: Run, connect: Connect
+) -> None:
+    running = run()
+    calm = []
+
+    def stop_meanwhile(event: Event) -> None:
+        if event.kind is EventKind.CONNECTED:
+            calm.append(running.server.calm.is_set())
+            running.server.submit(Command(CommandKind.ALL_KILL))
+            calm.append(running.server.calm.is_set())
+
+    running.on_event = stop_meanwhile
+    connect(running, 1)
+    running.wait_for(EventKind.COMMAND)
+    assert calm == [True, False]
+    assert running.server.calm.wait(PATIENCE)
+
+
+def test_a_stop_to_a_stopped_server_leaves_nothing_waiting(run: Run) -> None:
+    running = run()
+    running.server.stop()
+    with pytest.raises(KartServerError):
+        running.server.submit(Command(CommandKind.ALL_KILL))
+    assert running.server.calm.is_set()
 
 
 def test_a_start_that_waited_while_race_control_was_held_up_is_refused(

@@ -64,11 +64,11 @@ def test_the_refusal_of_a_double_number_names_both_lines() -> None:
     )
 
 
-@pytest.mark.parametrize('number', ['0', '1000', '-1', '010', '1_0', '0x1', '1.0', '1:30'])
-def test_a_number_that_is_not_from_1_to_999_in_decimal_is_refused(number: str) -> None:
+@pytest.mark.parametrize('number', ['0', '10000', '-1', '010', '1_0', '0x1', '1.0', '1:30'])
+def test_a_number_that_is_not_from_1_to_9999_in_decimal_is_refused(number: str) -> None:
     assert fault_of_two_karts_with('number: 2', f'number: {number}') == (
         f'karts.yaml:6: kart entry 2: number {number} is not one; '
-        'give a whole number from 1 to 999, without quotes'
+        'give a whole number from 1 to 9999, without quotes'
     )
 
 
@@ -78,7 +78,7 @@ def test_a_number_of_another_type_is_refused(number: str) -> None:
     assert fault.startswith('karts.yaml:6: kart entry 2: number ')
 
 
-@pytest.mark.parametrize('number', [1, 999])
+@pytest.mark.parametrize('number', [1, 9999])
 def test_a_number_at_the_end_of_the_range_is_taken(number: int) -> None:
     text = TWO_KARTS.replace('number: 2', 'number: 2').replace('number: 1', f'number: {number}')
     assert parse_roster(text, 'karts.yaml').entries[0].number == number
