@@ -309,14 +309,30 @@ def test_a_stack_stops_when_its_bridge_dies_or_hangs(
     start_race: StartRace, number: signal.Signals
 ) -> None:
     race = start_race()
-    race.green()
-    with ExampleStack(race.bridge.domain):
+    with ExampleStack(race.bridge.domain) as stack:
+        stack.wait_for_line('IN_GARAGE')
+        race.green()
         race.team.wait_for_speed(lambda speed: speed > 1.0)
         race.bridge.signal(number)
         race.team.wait_for_speed(lambda speed: speed == 0.0)
     # Nobody told it to: that is the point.
     assert race.team.state is not None
     assert state_of(race.team.state.state) is GREEN_GREEN
+
+
+def test_a_stack_that_is_killed_and_starts_again_stands_and_says_why(
+    start_race: StartRace,
+) -> None:
+    race = start_race()
+    with ExampleStack(race.bridge.domain) as stack:
+        stack.wait_for_line('IN_GARAGE')
+        race.green()
+        race.team.wait_for_speed(lambda speed: speed > 1.0)
+        stack.kill()
+    with ExampleStack(race.bridge.domain) as again:
+        again.wait_for_line('RED_RED no GRID_ACTIVE was heard before GREEN_GREEN')
+        race.team.wait_for_speed(lambda speed: speed == 0.0)
+        assert 'GREEN_GREEN ' not in again.output.replace('before GREEN_GREEN', '')
 
 
 def test_a_bridge_that_hung_comes_back_in_red_red(

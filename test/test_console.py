@@ -21,7 +21,7 @@ from evgp_protocol.states import RaceState
 import pytest
 from race_parts.console import Console
 from race_parts.domains import Domain
-from race_parts.fixtures import ConnectKart, StartRaceControl
+from race_parts.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from race_parts.process import PATIENCE, Process
 from race_parts.race_control import RaceControl
 from race_parts.screen import Screen, why_no_screen
@@ -448,6 +448,38 @@ def test_the_executable_opens_a_window_that_kills_by_key(
 
     kart.wait_for_state(RED_RED)
     assert window.close() == 0
+
+
+def test_a_window_that_is_killed_changes_nothing_and_the_next_one_stops_the_kart(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    need_screen: None,
+    connect_kart: ConnectKart,
+    parts: contextlib.ExitStack,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
+    screen = Screen()
+    parts.callback(screen.close)
+    monkeypatch.setenv('DISPLAY', screen.display)
+    monkeypatch.setenv('QT_QPA_PLATFORM', 'xcb')
+    kart = connect_kart(control, 1, EACH_CHANGE)
+    official.wait_for_connected(1)
+    screen.expect_window()
+    window = parts.enter_context(Process('evgp_rcs_console', 'rcs_gui', control.domain))
+    screen.wait_for_window()
+    official.command('grid_active', track_clear=True)
+    official.wait_for_acks(GRID_ACTIVE, 1)
+
+    window.kill()
+    parts.enter_context(Process('evgp_rcs_console', 'rcs_gui', control.domain))
+    screen.wait_for_window()
+    assert kart.state is GRID_ACTIVE
+    screen.move(100, 100)
+    screen.key('space')
+
+    kart.wait_for_state(RED_RED)
 
 
 # ----- what is shown ----------------------------------------------------------------------

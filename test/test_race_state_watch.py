@@ -7,6 +7,7 @@ import contextlib
 import threading
 import time
 
+from evgp_kart_bridge import watch
 from evgp_kart_bridge.watch import race_state_qos, RaceStateWatch
 from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
@@ -17,6 +18,7 @@ from race_parts.domains import Domain
 from race_parts.ros_side import RosSide
 
 GREEN_GREEN = RaceState.GREEN_GREEN
+GRID_ACTIVE = RaceState.GRID_ACTIVE
 RED_RED = RaceState.RED_RED
 LEASE = 0.5
 
@@ -46,6 +48,11 @@ class Stack(RosSide):
 
         self.wait_until(found, lambda: f'a message {state}; it was told {self.told}')
 
+    def wait_for_reason(self, reason: str) -> None:
+        self.wait_until(
+            lambda: self.watch.reason == reason, lambda: f'{reason}; it was told {self.told}'
+        )
+
     def _wake(self) -> None:
         with self.news:
             self.news.notify_all()
@@ -62,17 +69,23 @@ class Stack(RosSide):
 class BareBridge(RosSide):
     """A publisher in the bridge's place, which says one state again and again."""
 
-    def __init__(self, domain: int, name: str) -> None:
+    def __init__(self, domain: int, name: str, says: RaceState) -> None:
         super().__init__(name, domain)
-        self.message = KartRaceState(state=state_message(GREEN_GREEN))
+        self.message = KartRaceState(state=state_message(says))
         self._publisher = self.node.create_publisher(
             KartRaceState, '/kart_bridge/race_state', race_state_qos(LEASE)
         )
         self._timer = self.node.create_timer(0.05, self._say)
         self.spin()
 
+    def say(self, state: RaceState) -> None:
+        self.message = KartRaceState(state=state_message(state))
+
     def fall_silent(self) -> None:
         self._timer.cancel()
+
+    def go_on(self) -> None:
+        self._timer.reset()
 
     def _say(self) -> None:
         self._publisher.publish(self.message)
@@ -105,12 +118,23 @@ def idle_stack(domain: Domain) -> Iterator[Stack]:
 def start_bare(parts: contextlib.ExitStack, domain: Domain) -> StartBare:
     """Return a function that starts a publisher in the bridge's place."""
 
-    def start(name: str = 'kart_bridge') -> BareBridge:
-        bridge = BareBridge(domain.number, name)
+    def start(name: str = 'kart_bridge', says: RaceState = GRID_ACTIVE) -> BareBridge:
+        bridge = BareBridge(domain.number, name, says)
         parts.callback(bridge.close)
         return bridge
 
     return start
+
+
+def start_green(start_bare: StartBare, *stacks: Stack) -> BareBridge:
+    """Start a bridge, and have it say GREEN_GREEN once all have heard GRID_ACTIVE."""
+    bridge = start_bare()
+    for stack in stacks:
+        stack.wait_for_state(GRID_ACTIVE)
+    bridge.say(GREEN_GREEN)
+    for stack in stacks:
+        stack.wait_for_state(GREEN_GREEN)
+    return bridge
 
 
 def test_a_stack_that_hears_no_bridge_is_told_red_red(stack: Stack) -> None:
@@ -119,22 +143,20 @@ def test_a_stack_that_hears_no_bridge_is_told_red_red(stack: Stack) -> None:
 
 
 def test_a_stack_is_told_what_the_bridge_says(stack: Stack, start_bare: StartBare) -> None:
-    bridge = start_bare()
-    stack.wait_for_state(GREEN_GREEN)
-    bridge.message = KartRaceState(state=state_message(RaceState.RED_FLAG))
+    bridge = start_green(start_bare, stack)
+    bridge.say(RaceState.RED_FLAG)
     stack.wait_for_state(RaceState.RED_FLAG)
+    assert stack.watch.reason == ''
 
 
 def test_a_bridge_that_falls_silent_is_red_red(stack: Stack, start_bare: StartBare) -> None:
-    bridge = start_bare()
-    stack.wait_for_state(GREEN_GREEN)
+    bridge = start_green(start_bare, stack)
     bridge.fall_silent()
     stack.wait_for_state(RED_RED)
 
 
 def test_a_bridge_that_leaves_is_red_red(stack: Stack, start_bare: StartBare) -> None:
-    bridge = start_bare()
-    stack.wait_for_state(GREEN_GREEN)
+    bridge = start_green(start_bare, stack)
     bridge.close()
     stack.wait_for_state(RED_RED)
 
@@ -143,15 +165,13 @@ def test_a_bridge_that_leaves_is_red_red(stack: Stack, start_bare: StartBare) ->
 def test_what_is_no_race_state_is_red_red(
     stack: Stack, start_bare: StartBare, number: int
 ) -> None:
-    bridge = start_bare()
-    stack.wait_for_state(GREEN_GREEN)
+    bridge = start_green(start_bare, stack)
     bridge.message = KartRaceState(state=RaceStateMessage(state=number))
     stack.wait_for_state(RED_RED)
 
 
 def test_two_bridges_on_one_topic_are_red_red(stack: Stack, start_bare: StartBare) -> None:
-    start_bare()
-    stack.wait_for_state(GREEN_GREEN)
+    start_green(start_bare, stack)
     start_bare('second')
     stack.wait_for_state(RED_RED)
 
@@ -161,7 +181,10 @@ def test_a_busy_stack_that_asks_is_told_red_red_when_the_bridge_is_silent(
 ) -> None:
     stack.busy_at = GREEN_GREEN
     bridge = start_bare()
+    stack.wait_for_state(GRID_ACTIVE)
+    idle_stack.wait_for_state(GRID_ACTIVE)
     with stack.busy:
+        bridge.say(GREEN_GREEN)
         stack.wait_for_state(GREEN_GREEN)  # and from now on its executor is busy
         idle_stack.wait_for_state(GREEN_GREEN)
         bridge.fall_silent()
@@ -172,14 +195,62 @@ def test_a_busy_stack_that_asks_is_told_red_red_when_the_bridge_is_silent(
 def test_what_was_said_before_the_lease_is_not_obeyed_after_it(
     stack: Stack, idle_stack: Stack, start_bare: StartBare
 ) -> None:
-    stack.busy_at = RaceState.RED_FLAG
+    stack.busy_at = GRID_ACTIVE
     bridge = start_bare()
-    bridge.message = KartRaceState(state=state_message(RaceState.RED_FLAG))
     with stack.busy:
-        stack.wait_for_state(RaceState.RED_FLAG)  # and from now on its executor is busy
-        bridge.message = KartRaceState(state=state_message(GREEN_GREEN))
+        stack.wait_for_state(GRID_ACTIVE)  # and from now on its executor is busy
+        idle_stack.wait_for_state(GRID_ACTIVE)
+        bridge.say(GREEN_GREEN)
         idle_stack.wait_for_state(GREEN_GREEN)
         bridge.fall_silent()
         time.sleep(LEASE)  # that time passes is itself what is awaited
     stack.wait_for_message(GREEN_GREEN)
     assert GREEN_GREEN not in stack.told
+
+
+@pytest.mark.parametrize('before', [RaceState.IN_GARAGE, RaceState.RED_FLAG, RED_RED])
+def test_a_red_or_the_garage_takes_the_start_away(
+    stack: Stack, start_bare: StartBare, before: RaceState
+) -> None:
+    bridge = start_bare()
+    stack.wait_for_state(GRID_ACTIVE)
+    bridge.say(before)
+    stack.wait_for_state(before)
+    bridge.say(GREEN_GREEN)
+    stack.wait_for_reason('no GRID_ACTIVE was heard before GREEN_GREEN')
+    assert stack.watch.state is RED_RED
+    assert GREEN_GREEN not in stack.told
+
+
+def test_a_stack_that_begins_in_mid_race_does_not_drive_off(
+    stack: Stack, start_bare: StartBare
+) -> None:
+    start_bare(says=GREEN_GREEN)
+    stack.wait_for_reason('no GRID_ACTIVE was heard before GREEN_GREEN')
+    assert stack.told == [RED_RED]
+
+
+def test_a_bridge_that_was_away_for_long_is_back_without_its_start(
+    stack: Stack, start_bare: StartBare
+) -> None:
+    bridge = start_green(start_bare, stack)
+    bridge.fall_silent()
+    stack.wait_for_state(RED_RED)
+    time.sleep(watch.FORGIVEN)  # that time passes is itself what is awaited
+    bridge.go_on()
+    stack.wait_for_reason('no GRID_ACTIVE was heard before GREEN_GREEN')
+    bridge.say(GRID_ACTIVE)
+    stack.wait_for_state(GRID_ACTIVE)
+    bridge.say(GREEN_GREEN)
+    stack.wait_for_state(GREEN_GREEN)
+
+
+def test_a_bridge_that_was_silent_for_a_moment_is_obeyed_again(
+    stack: Stack, start_bare: StartBare, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(watch, 'FORGIVEN', 60.0)  # however slow this machine is
+    bridge = start_green(start_bare, stack)
+    bridge.fall_silent()
+    stack.wait_for_state(RED_RED)
+    bridge.go_on()
+    stack.wait_for_state(GREEN_GREEN)

@@ -39,6 +39,7 @@ class ExampleStack(StrictNode):
         super().__init__('example_stack', **node_options)
         Parameters(self).refuse_unknown()
         self._speed = 0.0
+        self._obeyed = ''
         self._asking: Any = None
         self._asked, self._ask_again_at = None, 0.0
         self._watch = RaceStateWatch(self)
@@ -51,6 +52,10 @@ class ExampleStack(StrictNode):
 
     def _drive(self) -> None:
         state = self._watch.state
+        obeyed = f'{state.value} {self._watch.reason}'
+        if obeyed != self._obeyed:
+            self._obeyed = obeyed
+            self.get_logger().info(obeyed)
         target, rate = DRIVING[state]
         change = max(-rate * STEP, min(rate * STEP, target - self._speed))
         self._speed += change

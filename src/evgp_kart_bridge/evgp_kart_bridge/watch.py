@@ -35,6 +35,9 @@ except ImportError:  # ROS 2 Humble has it there
 LEASE = 0.5
 """The bridge's default `liveliness_lease`, seconds."""
 
+FORGIVEN = 1.0
+"""A stack that did not know its state for longer, s, starts only behind a new GRID_ACTIVE."""
+
 
 def race_state_qos(lease: float) -> QoSProfile:
     """
@@ -59,6 +62,9 @@ class RaceStateWatch:
     """
     The state that the kart must obey now, for a node of a team's stack.
 
+    GREEN_GREEN must be armed here too: by a GRID_ACTIVE that this watch has heard. So a stack that
+    is started again in mid-race, or one whose bridge was gone, does not drive off by itself.
+
     :ivar message: the bridge's last message; None: there was none.
     :param on_change: is called by the node's executor with each new state, beginning with
         RED_RED.
@@ -79,6 +85,8 @@ class RaceStateWatch:
         self._lease = lease
         self._heard_at = -math.inf
         self._bridges_alive: int | None = None  # None: the middleware has not said yet
+        self._armed = False
+        self._sure_at = -math.inf  # when there was no doubt last
         # Of its own, so that subscription and timer wait for the same things: see `_hear`.
         group = MutuallyExclusiveCallbackGroup()
         # When the executor last called the timer, and when before that.
@@ -107,13 +115,41 @@ class RaceStateWatch:
         The state to obey now.
 
         RED_RED before the bridge is heard, when it says so, once it has been silent for the
-        lease, when it is gone, when two bridges speak, and when it says what is no state. It
-        looks at the clock itself, so it holds also while the executor is busy.
+        lease, when it is gone, when two bridges speak, when it says what is no state, and when it
+        says GREEN_GREEN that is not armed. It looks at the clock itself, so it holds also while
+        the executor is busy.
         """
-        silent = time.monotonic() - self._heard_at > self._lease
-        if self.message is None or silent or self._bridges_alive not in (None, 1):
-            return RaceState.RED_RED
-        return state_of(self.message.state) or RaceState.RED_RED
+        return self._judge()[0]
+
+    @property
+    def reason(self) -> str:
+        """Why that is not what race control commands, for people; empty: it is."""
+        return self._judge()[1]
+
+    def _judge(self) -> tuple[RaceState, str]:
+        now = time.monotonic()
+        doubt = self._doubt(now)
+        if doubt or self.message is None:
+            return RaceState.RED_RED, doubt
+        state = state_of(self.message.state)
+        if state is None:
+            return RaceState.RED_RED, 'the bridge says what is no race state'
+        if state is RaceState.GREEN_GREEN and not self._is_armed(now):
+            return RaceState.RED_RED, 'no GRID_ACTIVE was heard before GREEN_GREEN'
+        return state, str(self.message.reason)
+
+    def _doubt(self, now: float) -> str:
+        """Return why what was heard last may not be true any more; empty: it is."""
+        if self.message is None:
+            return 'the bridge was not heard yet'
+        if now - self._heard_at > self._lease:
+            return 'the bridge is silent, or this node was too busy to hear it'
+        if self._bridges_alive not in (None, 1):
+            return f'{self._bridges_alive} bridges speak; there must be one'
+        return ''
+
+    def _is_armed(self, now: float) -> bool:
+        return self._armed and now - self._sure_at <= FORGIVEN
 
     def _hear(self, message: KartRaceState) -> None:
         self.message = message
@@ -134,6 +170,13 @@ class RaceStateWatch:
         self._look()
 
     def _look(self) -> None:
+        now = time.monotonic()
+        if self.message is not None and not self._doubt(now):
+            said = state_of(self.message.state)
+            self._armed = said is RaceState.GRID_ACTIVE or (
+                said is RaceState.GREEN_GREEN and self._is_armed(now)
+            )
+            self._sure_at = now
         state = self.state
         if state is not self._told:
             self._told = state
