@@ -59,7 +59,9 @@ def test_a_node_on_a_karts_domain_neither_sees_nor_calls_all_kill(
 
     assert not all_kill.service_is_ready()
     assert not answered.is_set()
-    assert not any(namespace == '/rcs' or name == 'rcs' for name, namespace in graph(team.node))
+    assert not any(
+        namespace == '/rcs' or name.startswith('rcs') for name, namespace in graph(team.node)
+    )
     names = [name for name, _ in team.node.get_service_names_and_types()]
     assert not any(name.startswith('/rcs/') for name in names if name != '/rcs/all_kill')
     names = [name for name, _ in team.node.get_topic_names_and_types()]
