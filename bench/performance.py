@@ -23,6 +23,7 @@ import sys
 import tempfile
 import threading
 import time
+from types import FrameType
 from typing import Any
 
 HERE = pathlib.Path(__file__).parent
@@ -513,41 +514,55 @@ def growth(counts: Sequence[int]) -> None:
     from evgp_rcs.race import Command, CommandKind, Kart, Race
     from rclpy.serialization import serialize_message
 
-    rows = []
+    costs, steps = [], []
     for count in counts:
         race = Race([Kart(number, f'Team {number}', True) for number in range(1, count + 1)])
         for number in race.karts:
             race.connected(number, 0.0)
         addresses = {number: address_of(number) for number in race.karts}
         message = race_message(race, 1.0, time.time_ns(), addresses)
-        rows.append(
+        rules: tuple[Callable[[], object], ...] = (
+            lambda r=race: r.tick(1.0),
+            lambda r=race: r.heard(1, r.karts[1].serial, IN_GARAGE, 1.0),
+            lambda r=race: r.command(Command(CommandKind.KART_RED_RED, 1), 1.0),
+            lambda r=race: r.command(Command(CommandKind.ALL_KILL), 1.0),
+            race.copy,
+        )
+        steps.append((count, *(instructions(work) for work in rules)))
+        costs.append(
             (
                 count,
                 f'{len(serialize_message(message)) / 1e3:.1f}',
-                micro(race.copy),
                 micro(lambda r=race, a=addresses: race_message(r, 1.0, time.time_ns(), a)),
                 micro(lambda m=message: serialize_message(m)),
-                micro(lambda r=race: r.tick(1.0)),
-                micro(lambda r=race: r.heard(1, r.karts[1].serial, IN_GARAGE, 1.0)),
-                micro(lambda r=race: r.command(Command(CommandKind.KART_RED_RED, 2), 1.0)),
-                micro(lambda r=race: r.command(Command(CommandKind.ALL_KILL), 1.0)),
+                *(micro(work) for work in rules),
             )
         )
+    of_rules = ('tick', 'acknowledgement', 'stop of one', 'ALL_KILL', 'copy')
     table(
         'Growth with the karts; µs, median',
-        (
-            'karts',
-            '`~/race`, kB',
-            'copy',
-            'message',
-            'serialise',
-            'tick',
-            'acknowledgement',
-            'stop of one',
-            'ALL_KILL',
-        ),
-        rows,
+        ('karts', '`~/race`, kB', 'message', 'serialise', *of_rules),
+        costs,
     )
+    table('Growth of the rules; instructions of Python', ('karts', *of_rules), steps)
+
+
+def instructions(work: Callable[[], object]) -> int:
+    """Return how many instructions of Python's virtual machine some work takes."""
+    count = 0
+
+    def trace(frame: FrameType, event: str, argument: object) -> Any:
+        nonlocal count
+        frame.f_trace_opcodes, frame.f_trace_lines = True, False
+        count += event == 'opcode'
+        return trace
+
+    sys.settrace(trace)
+    try:
+        work()
+    finally:
+        sys.settrace(None)
+    return count
 
 
 def micro(work: Callable[[], object]) -> str:
