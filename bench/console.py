@@ -125,7 +125,7 @@ def prepare(
     """Start a race control, its karts, an official and a window."""
     folder = pathlib.Path(parts.enter_context(tempfile.TemporaryDirectory()))
     domain = parts.enter_context(Domain()).number
-    control = RaceControl(folder, domain, range(1, count + 1))
+    control = RaceControl(folder, domain, range(1, count + 1), parameters={'pause': 0.5})
     parts.callback(control.close)
     official = Official(domain)
     parts.callback(official.close)
