@@ -424,6 +424,18 @@ def test_before_race_control_is_found_the_window_says_so_and_still_presses_all_k
     console.wait_for('all_kill', pressing='false')
 
 
+def begin_to_watch_for_windows(
+    parts: contextlib.ExitStack, monkeypatch: pytest.MonkeyPatch
+) -> Screen:
+    """Return a screen on which programs started from now on open their windows."""
+    screen = Screen()
+    parts.callback(screen.close)
+    monkeypatch.setenv('DISPLAY', screen.display)
+    monkeypatch.setenv('QT_QPA_PLATFORM', 'xcb')
+    screen.expect_window()
+    return screen
+
+
 def test_the_executable_opens_a_window_that_kills_by_key(
     start_race_control: StartRaceControl,
     need_screen: None,
@@ -432,13 +444,8 @@ def test_the_executable_opens_a_window_that_kills_by_key(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     control = start_race_control(in_race=(1,))
-    screen = Screen()
-    parts.callback(screen.close)
-    monkeypatch.setenv('DISPLAY', screen.display)
-    monkeypatch.setenv('QT_QPA_PLATFORM', 'xcb')
+    screen = begin_to_watch_for_windows(parts, monkeypatch)
     kart = connect_kart(control, 1, EACH_CHANGE)
-
-    screen.expect_window()
 
     window = parts.enter_context(Process('evgp_rcs_console', 'rcs_gui', control.domain))
     screen.wait_for_window()
@@ -460,13 +467,9 @@ def test_a_window_that_is_killed_changes_nothing_and_the_next_one_stops_the_kart
 ) -> None:
     control = start_race_control(in_race=(1,))
     official = join_official(control)
-    screen = Screen()
-    parts.callback(screen.close)
-    monkeypatch.setenv('DISPLAY', screen.display)
-    monkeypatch.setenv('QT_QPA_PLATFORM', 'xcb')
+    screen = begin_to_watch_for_windows(parts, monkeypatch)
     kart = connect_kart(control, 1, EACH_CHANGE)
     official.wait_for_connected(1)
-    screen.expect_window()
     window = parts.enter_context(Process('evgp_rcs_console', 'rcs_gui', control.domain))
     screen.wait_for_window()
     official.command('grid_active', track_clear=True)
