@@ -25,7 +25,8 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 def measure(race: AttackedRace, name: str, repetitions: int) -> None:
     """Print a line: the frames of the good karts and the time of ALL_KILL under an attack."""
     from evgp_protocol.states import RaceState
-    from race_parts.bad_peers import attacking, resident
+    from race_parts.bad_peers import attacking
+    from race_parts.usage import resident
 
     kills: list[float] = []
     gap = 0.0

@@ -32,6 +32,7 @@ from race_parts.domains import Domain  # noqa: E402
 from race_parts.official import Official  # noqa: E402
 from race_parts.race_control import address_of, RaceControl  # noqa: E402
 from race_parts.screen import Screen  # noqa: E402
+from race_parts.usage import cpu_seconds  # noqa: E402
 from race_parts.wire_kart import Acknowledges, WireKart  # noqa: E402
 
 
@@ -88,8 +89,7 @@ def bring_home(official: Official, console: Console, karts: list[WireKart]) -> N
     """Have every kart in IN_GARAGE again, and the window idle."""
     numbers = range(1, len(karts) + 1)
     official.wait_for_acks(RaceState.RED_RED, *numbers)
-    while not official.call('in_garage', track_safe=True).success:
-        time.sleep(0.1)  # just after a stop it is refused: it is to be given again
+    official.command('in_garage', track_safe=True)
     for kart in karts:
         kart.wait_for_state(RaceState.IN_GARAGE)
     official.wait_for_race(
@@ -113,9 +113,9 @@ def measure_idle(count: int, seconds: float) -> None:
                 console.wait_for('question')
                 console.key('y')
             console.wait_for('state', text=state)
-            before = cpu(console.process.pid)
+            before = cpu_seconds(console.process.pid)
             time.sleep(seconds)
-            used = (cpu(console.process.pid) - before) / seconds
+            used = (cpu_seconds(console.process.pid) - before) / seconds
             print(f'idle window, {count} karts, {state}: {100 * used:.1f} % of one core')
 
 
@@ -140,12 +140,6 @@ def prepare(
     official.wait_for_connected(*range(1, count + 1))
     console.wait_for(f'kart_{count}', text='linked')
     return control, official, console, screen, karts
-
-
-def cpu(pid: int) -> float:
-    """Return the CPU time that a process has used, seconds."""
-    fields = pathlib.Path('/proc', str(pid), 'stat').read_text().rsplit(')', 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / 100
 
 
 if __name__ == '__main__':

@@ -14,7 +14,6 @@ import os
 import pathlib
 import platform
 import random
-import resource
 import signal
 import socket
 import statistics
@@ -36,12 +35,12 @@ from race_parts.domains import Domain  # noqa: E402
 from race_parts.kart import Bridge, Team  # noqa: E402
 from race_parts.official import Official  # noqa: E402
 from race_parts.process import Process  # noqa: E402
+from race_parts.usage import cpu_seconds, resident  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 import yaml  # noqa: E402
 
 RED_RED, IN_GARAGE = RaceState.RED_RED, RaceState.IN_GARAGE
 GREEN_GREEN = RaceState.GREEN_GREEN
-TICK = os.sysconf('SC_CLK_TCK')
 
 
 class Party:
@@ -148,16 +147,9 @@ def table(title: str, head: Sequence[str], rows: Sequence[Sequence[object]]) -> 
         print('| ' + ' | '.join(map(str, row)) + ' |', flush=True)
 
 
-def used(pid: int) -> float:
-    """Return the CPU seconds that a process has used."""
-    fields = pathlib.Path(f'/proc/{pid}/stat').read_text().rsplit(')', 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / TICK
-
-
 def rss(pid: int) -> float:
     """Return the resident memory of a process, MB."""
-    pages = int(pathlib.Path(f'/proc/{pid}/statm').read_text().split()[1])
-    return pages * resource.getpagesize() / 1e6
+    return resident(pid) * 1024 / 1e6
 
 
 # ----- 1: stop latency ---------------------------------------------------------------------
@@ -337,10 +329,10 @@ def beat_and_cost(folder: pathlib.Path, counts: Sequence[int], seconds: float) -
                     start_race(official, count)
                 if what == 'commands':
                     busy.start()
-                before, began = used(control.pid), time.monotonic()
+                before, began = cpu_seconds(control.pid), time.monotonic()
                 crowd.tell('gaps', seconds)
                 seen = crowd.hear()
-                cpu = (used(control.pid) - before) / (time.monotonic() - began)
+                cpu = (cpu_seconds(control.pid) - before) / (time.monotonic() - began)
                 if what == 'commands':
                     ended.set()
                     busy.join()
@@ -413,11 +405,11 @@ def bridge_cost(seconds: float) -> None:
             ):
                 connection.sendall(encode(states[0]))
                 team.wait_for_state(states[0])
-                before, began = used(bridge.pid), time.monotonic()
+                before, began = cpu_seconds(bridge.pid), time.monotonic()
                 for turn in range(round(20 * seconds)):
                     connection.sendall(encode(states[turn % len(states)]))
                     time.sleep(0.05)
-                cpu = (used(bridge.pid) - before) / (time.monotonic() - began)
+                cpu = (cpu_seconds(bridge.pid) - before) / (time.monotonic() - began)
                 rows.append((what, f'{cpu * 100:.1f} %', f'{rss(bridge.pid):.0f}'))
     table(
         f'Cost of the bridge at 20 Hz over {seconds:g} s',

@@ -15,9 +15,10 @@ import time
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
 import pytest
-from race_parts.bad_peers import AttackedRace, attacking, ATTACKS, BAD, open_files, resident
+from race_parts.bad_peers import AttackedRace, attacking, ATTACKS, BAD
 from race_parts.process import PATIENCE
 from race_parts.race_control import address_of
+from race_parts.usage import open_files, resident
 from race_parts.wire_kart import WireKart
 
 GRID_ACTIVE = RaceState.GRID_ACTIVE

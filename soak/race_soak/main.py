@@ -6,7 +6,6 @@ import argparse
 import contextlib
 import pathlib
 import random
-import re
 import secrets
 import sys
 import tempfile
@@ -15,20 +14,13 @@ import time
 
 from race_parts.domains import Domain
 from race_parts.race_control import address_of, RaceControl
+from race_parts.usage import resident
 from race_soak.checker import Checker
 from race_soak.fleet import Fleet
 from race_soak.officials import Officials
 
 STRANGERS = tuple(f'127.0.9.{number}' for number in range(1, 9))
 REPORT_EVERY = 30.0
-
-
-def memory_of(pid: int) -> float:
-    """Return what a process has in memory, MiB."""
-    status = pathlib.Path(f'/proc/{pid}/status').read_text(encoding='ascii')
-    resident = re.search(r'VmRSS:\s+(\d+) kB', status)
-    assert resident is not None
-    return int(resident[1]) / 1024
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -85,7 +77,7 @@ def _soak(stack: contextlib.ExitStack, options: argparse.Namespace, rng: random.
     fleet.start()
     began = time.monotonic()
     reported = began
-    memory_at_start = memory_of(control.pid)
+    memory_at_start = resident(control.pid) / 1024
     trouble = ''
     try:
         while time.monotonic() - began < options.seconds and not trouble:
@@ -99,11 +91,11 @@ def _soak(stack: contextlib.ExitStack, options: argparse.Namespace, rng: random.
                 break
             if time.monotonic() - reported > REPORT_EVERY:
                 reported = time.monotonic()
-                _tell(reported - began, fleet, officials, checker, memory_of(control.pid))
+                _tell(reported - began, fleet, officials, checker, resident(control.pid) / 1024)
     except AssertionError as error:
         trouble = f'race control does not answer: {error}\n{_last_lines(control)}'
     elapsed = time.monotonic() - began
-    memory_at_end = 0.0 if trouble else memory_of(control.pid)
+    memory_at_end = 0.0 if trouble else resident(control.pid) / 1024
     fleet.stop()
     if fleet.failure is not None:
         raise fleet.failure

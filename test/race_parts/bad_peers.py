@@ -118,14 +118,3 @@ def attacking(name: str, port: int, host: str = '127.0.0.1') -> Iterator[None]:
                 peer.wait(10)
             except subprocess.TimeoutExpired:
                 peer.kill()
-
-
-def resident(pid: int) -> int:
-    """Return how much memory a process has, in KiB (Linux)."""
-    status = pathlib.Path(f'/proc/{pid}/status').read_text(encoding='ascii')
-    return next(int(line.split()[1]) for line in status.splitlines() if 'VmRSS:' in line)
-
-
-def open_files(pid: int) -> int:
-    """Return how many files a process has open (Linux)."""
-    return len(list(pathlib.Path(f'/proc/{pid}/fd').iterdir()))
