@@ -105,13 +105,7 @@ def measure_idle(count: int, seconds: float) -> None:
         _, _, console, _, _ = prepare(parts, count)
         for state in ('IN GARAGE', 'GREEN GREEN'):
             if state == 'GREEN GREEN':
-                console.key('F2')
-                console.wait_for('question')
-                console.key('y')
-                console.wait_for('green_green', barred='false')
-                console.key('F3')
-                console.wait_for('question')
-                console.key('y')
+                console.start_race()
             console.wait_for('state', text=state)
             before = cpu_seconds(console.process.pid)
             time.sleep(seconds)

@@ -51,6 +51,11 @@ class OneKartRace:
         self.team.wait_for_state(GREEN_GREEN)
         self.team.wait_for_stop(False)
 
+    def drive(self, stack: ExampleStack) -> None:
+        stack.wait_for_line('IN_GARAGE')
+        self.green()
+        self.team.wait_for_speed(lambda speed: speed > 1.0)
+
 
 StartRace = Callable[..., OneKartRace]
 
@@ -310,9 +315,7 @@ def test_a_stack_stops_when_its_bridge_dies_or_hangs(
 ) -> None:
     race = start_race()
     with ExampleStack(race.bridge.domain) as stack:
-        stack.wait_for_line('IN_GARAGE')
-        race.green()
-        race.team.wait_for_speed(lambda speed: speed > 1.0)
+        race.drive(stack)
         race.bridge.signal(number)
         race.team.wait_for_speed(lambda speed: speed == 0.0)
     # Nobody told it to: that is the point.
@@ -325,9 +328,7 @@ def test_a_stack_that_is_killed_and_starts_again_stands_and_says_why(
 ) -> None:
     race = start_race()
     with ExampleStack(race.bridge.domain) as stack:
-        stack.wait_for_line('IN_GARAGE')
-        race.green()
-        race.team.wait_for_speed(lambda speed: speed > 1.0)
+        race.drive(stack)
         stack.kill()
     with ExampleStack(race.bridge.domain) as again:
         again.wait_for_line('RED_RED no GRID_ACTIVE was heard before GREEN_GREEN')

@@ -650,13 +650,7 @@ def test_forty_karts_on_a_small_and_on_a_large_screen(
     console = open_console(control, width, height)
     karts = {number: connect_kart(control, number, EACH_CHANGE) for number in range(1, 41)}
     see_karts(console, *karts)
-    console.key('F2')
-    console.wait_for('question')
-    console.key('y')
-    console.wait_for('green_green', barred='false')
-    console.key('F3')
-    console.wait_for('question')
-    console.key('y')
+    console.start_race()
 
     console.wait_for('kart_finish_30', barred='false')
     console.key('shift+d')

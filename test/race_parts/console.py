@@ -121,6 +121,16 @@ class Console:
         for name in names:
             self.screen.key(name)
 
+    def start_race(self) -> None:
+        """Give GRID_ACTIVE and, once that is allowed, GREEN_GREEN, by keys."""
+        self.key('F2')
+        self.wait_for('question')
+        self.key('y')
+        self.wait_for('green_green', barred='false')
+        self.key('F3')
+        self.wait_for('question')
+        self.key('y')
+
     def screenshot(self, path: pathlib.Path) -> None:
         """Write what the screen shows into a PNG file."""
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -118,9 +118,8 @@ def _run(
         executor = SingleThreadedExecutor()
         executor.add_node(each)
         thread = threading.Thread(target=spin, args=(executor,), name='executor', daemon=True)
-        spinning.append((executor, thread, each))
-    for _, thread, _ in spinning:
         thread.start()
+        spinning.append((executor, thread, each))
     ending.recv(1)
     node.close()
     for executor, thread, each in spinning:
