@@ -11,6 +11,7 @@ Four threads, each with its own work, and no state shared between them:
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 import concurrent.futures
 import pathlib
@@ -73,9 +74,11 @@ EVENTS_QOS = QoSProfile(
 CALM_TIMEOUT = 0.05
 """How long a piece of news may wait for frames that go to the karts, s."""
 
-SWITCH_INTERVAL = 0.0002
-"""How long one thread keeps the interpreter from another that wants it, seconds. With Python's
-usual 5 ms, a stop waits for as long while the teller makes a message of the race."""
+TURN = 0.05
+"""So long are events told before a newer race is, s."""
+
+MOST_WAITING = 5000
+"""So many events wait to be told. Of more, only the record has the oldest."""
 
 SERVICE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -357,10 +360,11 @@ class Teller:
     """
     Publishes what the kart server hands over, in a thread of its own.
 
-    Events go out each, in order; of several copies of the race only the newest does.
+    Events go out each, in order; of several copies of the race only the newest does, and that
+    does not wait for more events than are told in `TURN`: what officials see is the present race.
     """
 
-    def __init__(self, node: RcsNode, roster: Roster, record: Record) -> None:
+    def __init__(self, node: Node, roster: Roster, record: Record) -> None:
         """Create the publishers; nothing is published before ``start``."""
         self._node = node
         self._record = record
@@ -393,28 +397,41 @@ class Teller:
             self._thread.join()
 
     def _run(self) -> None:
-        last = False
-        while not last:
-            waiting = [self._queue.get()]
+        waiting: deque[StampedEvent] = deque()
+        ended = False
+        while not ended or waiting:
+            came = [] if waiting else [self._queue.get()]
             while not self._queue.empty():
-                waiting.append(self._queue.get())
+                came.append(self._queue.get())
             newest: tuple[Race, float] | None = None
             told: list[StampedEvent] = []
-            for news in waiting:
+            for news in came:
                 if news is None:
-                    last = True
+                    ended = True
                 elif len(news) == 1:
                     told += news[0]
                 else:
                     newest = news[0], news[1]
             self._record.put(told)
-            for stamped in told:
+            waiting += told
+            self._leave_out(waiting)
+            until = time.monotonic() + TURN
+            while waiting and time.monotonic() < until:
                 self.give_way()
-                self._tell(stamped)
+                self._tell(waiting.popleft())
             if newest is not None:
                 self._record.remember(newest[0].memory())
                 self._look_at_the_record()
                 self._tell_race(*newest)
+
+    def _leave_out(self, waiting: deque[StampedEvent]) -> None:
+        left_out = len(waiting) - MOST_WAITING
+        if left_out > 0:
+            for _ in range(left_out):
+                waiting.popleft()
+            self._node.get_logger().warning(
+                f'{left_out} events came faster than they can be told; only the record has them'
+            )
 
     def _look_at_the_record(self) -> None:
         """Raise the alert when the record begins to fail, and clear it when it no longer does."""
@@ -434,6 +451,8 @@ class Teller:
         log = self._node.get_logger()
         if event.kind is EventKind.ALERT_RAISED or not event.success:
             log.warning(event.text)
+        elif event.kind is EventKind.ACKNOWLEDGED:
+            log.debug(event.text)  # that all have, or that one is late, is told for itself
         elif event.kind not in (EventKind.KART_STATE, EventKind.FINISHED):  # the command says it
             log.info(event.text)
         self._events.publish(event_message(stamped))
@@ -499,7 +518,6 @@ def main(args: list[str] | None = None) -> int:
     :return: 0 after an orderly end, 2 if a setting is wrong.
     :raises NodeFailedError: after a failure; the karts were sent RED_RED.
     """
-    sys.setswitchinterval(SWITCH_INTERVAL)
     refusals = (ParameterError, RosterError, RecordError, KartServerError)
     return run_node('rcs', RcsNode, refusals, args)
 

@@ -517,8 +517,7 @@ class Race:
                 kart.may_be_moving = False
             self._tell(
                 EventKind.ACKNOWLEDGED, f'{_capital(kart)} acknowledged {state.value}', kart, state
-            )
-            self._tell_all_acknowledged()
+            )  # that all have, the next tick tells: to look at each kart now takes N times N steps
         elif state is not kart.reported:
             self._tell(
                 EventKind.REPORTED,

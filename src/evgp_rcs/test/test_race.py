@@ -534,10 +534,12 @@ def test_race_over_in_the_garage_is_refused(officials: Officials) -> None:
 
 def test_officials_are_told_once_when_every_kart_has_acknowledged(officials: Officials) -> None:
     officials.to_over()
-    assert EventKind.ALL_ACKNOWLEDGED not in kinds(officials.says(1, RED_RED))
+    officials.says(1, RED_RED)
+    assert EventKind.ALL_ACKNOWLEDGED not in kinds(officials.wait(0.05))
+    officials.says(2, RED_RED)
     news = [
         event.text
-        for event in officials.says(2, RED_RED).events
+        for event in officials.wait(0.05).events
         if event.kind is EventKind.ALL_ACKNOWLEDGED
     ]
     assert news == [
@@ -552,7 +554,8 @@ def test_green_is_not_announced_when_another_command_has_come_between(
 ) -> None:
     officials.to_grid().does('KART_RED_FLAG', SPECTATOR)
     officials.acknowledge(1)
-    *_, news = officials.says(2, GRID_ACTIVE).events
+    officials.says(2, GRID_ACTIVE)
+    (news,) = officials.wait(0.05).events
     assert 'another command was given after GRID_ACTIVE' in news.text
     assert 'GREEN_GREEN may be sent' not in news.text
 
