@@ -126,7 +126,7 @@ class Official(RosSide):
         """
         self.wait_until(
             lambda: self.race is not None and found(self.race),
-            lambda: f'{what}; the race: {self.race}',
+            lambda: f'{what}; the race: {self.race!s:.5000}',
         )
         assert self.race is not None
         return self.race
@@ -139,7 +139,7 @@ class Official(RosSide):
         """
         return self.wait_until(
             lambda: next((event for event in self.events if found(event)), None),
-            lambda: f'{what}; heard: {[event.text for event in self.events]}',
+            lambda: f'{what}; heard last: {[event.text for event in self.events[-50:]]}',
         )
 
     def wait_for_kart(

@@ -535,6 +535,9 @@ class KartServer:
         self._apply(self._race.tick(now))
         self.calm.clear()
         for link in list(self._links.values()):
+            if self._stops:
+                self.take_commands()
+                self.calm.clear()
             link.beat()
         self.calm.set()
         if now - self._copied_at >= self._settings.copy_at_least:

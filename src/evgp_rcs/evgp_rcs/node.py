@@ -137,7 +137,7 @@ class RcsNode(StrictNode):
             first_events=recovered,
         )
         self._teller.report = self._server.report
-        self._teller.give_way = lambda: self._server.calm.wait(CALM_TIMEOUT)
+        self._teller.give_way = self._record.give_way = self._give_way
         self._on_failure = on_failure
         self._failed = False
         self._offer_services()
@@ -168,6 +168,9 @@ class RcsNode(StrictNode):
         """
         self._record.remember(self._server.copy().result(ANSWER_TIMEOUT).memory())
         self._record.flush(REMEMBER_TIMEOUT)
+
+    def _give_way(self) -> None:
+        self._server.calm.wait(CALM_TIMEOUT)
 
     def _fail(self, error: BaseException) -> None:
         self._failed = True
@@ -491,24 +494,25 @@ class Teller:
                     KeyValue(key='alerts', value=str(len(alerts))),
                 ],
             ),
-            *(
-                DiagnosticStatus(
-                    level=DiagnosticStatus.OK
-                    if kart.connected or not kart.in_race
-                    else DiagnosticStatus.WARN,
-                    name=f'{name}: kart {kart.number}',
-                    message='connected' if kart.connected else 'not connected',
-                    hardware_id=self._addresses[kart.number],
-                    values=[
-                        KeyValue(key='team', value=kart.team),
-                        KeyValue(key='sent', value=kart.sent.value),
-                        KeyValue(key='acknowledged', value=str(kart.acknowledged).lower()),
-                    ],
-                )
-                for kart in race.karts.values()
-            ),
+            *(self._kart_diagnostic(name, kart) for kart in race.karts.values()),
         ]
         return array
+
+    def _kart_diagnostic(self, name: str, kart: Kart) -> DiagnosticStatus:
+        self.give_way()
+        return DiagnosticStatus(
+            level=DiagnosticStatus.OK
+            if kart.connected or not kart.in_race
+            else DiagnosticStatus.WARN,
+            name=f'{name}: kart {kart.number}',
+            message='connected' if kart.connected else 'not connected',
+            hardware_id=self._addresses[kart.number],
+            values=[
+                KeyValue(key='team', value=kart.team),
+                KeyValue(key='sent', value=kart.sent.value),
+                KeyValue(key='acknowledged', value=str(kart.acknowledged).lower()),
+            ],
+        )
 
 
 def main(args: list[str] | None = None) -> int:

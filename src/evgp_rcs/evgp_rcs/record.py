@@ -34,7 +34,7 @@ memory   session             the run
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 import contextlib
 import dataclasses
 import fcntl
@@ -131,6 +131,8 @@ class Record:
         self._session = 0
         self._claimed: IO[bytes] | None = None
         self._written = 0  # the sequence number of the last event
+        self.give_way: Callable[[], object] = lambda: None
+        """Waits while frames are on their way to the karts; called between any two pieces."""
         self.left_behind: RaceMemory | None = None
         """What the last run left, unless it ended in good order with nothing under way."""
         try:
@@ -304,10 +306,19 @@ class Record:
         self, batch: Sequence[StampedEvent], memory: RaceMemory | None, ending: bool
     ) -> None:
         assert self._database is not None
+        rows = []
+        for stamped in batch:
+            self.give_way()
+            rows.append(_row(self._session, stamped))
+        karts = {}
+        if memory is not None:
+            for number, kart in memory.karts.items():
+                self.give_way()
+                karts[number] = dataclasses.asdict(kart)
         with _transaction(self._database):
             self._database.executemany(
                 'INSERT INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)',
-                [_row(self._session, stamped) for stamped in batch],
+                rows,
             )
             if memory is not None:
                 self._database.execute(
@@ -316,12 +327,7 @@ class Record:
                         self._session,
                         batch[-1].sequence if batch else self._written,
                         memory.state.value,
-                        json.dumps(
-                            {
-                                number: dataclasses.asdict(kart)
-                                for number, kart in memory.karts.items()
-                            }
-                        ),
+                        json.dumps(karts),
                     ),
                 )
             if ending and self._ended_in_order:

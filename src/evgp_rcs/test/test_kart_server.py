@@ -17,7 +17,17 @@ from evgp_rcs.kart_server import (
     READ_BYTES,
     ServerSettings,
 )
-from evgp_rcs.race import Answer, Command, CommandKind, Event, EventKind, Kart, Race, StampedEvent
+from evgp_rcs.race import (
+    Answer,
+    Command,
+    CommandKind,
+    Event,
+    EventKind,
+    Kart,
+    Race,
+    RaceTimes,
+    StampedEvent,
+)
 import pytest
 
 PATIENCE = 20.0
@@ -26,6 +36,7 @@ NO_BEAT = 0.001  # Hz: no second frame comes by itself while a test runs
 GRID_ACTIVE = RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN
 IN_GARAGE = RaceState.IN_GARAGE
+RED_FLAG = RaceState.RED_FLAG
 RED_RED = RaceState.RED_RED
 
 
@@ -37,7 +48,10 @@ class Running:
         self.failures: list[BaseException] = []
         self.on_event: Callable[[Event], None] = lambda event: None
         self._news = threading.Condition()
-        self.race = Race([Kart(1, 'A', True), Kart(2, 'B', True), Kart(3, 'C')])
+        self.race = Race(
+            [Kart(1, 'A', True), Kart(2, 'B', True), Kart(3, 'C')],
+            RaceTimes(finish_delays=(0.1,)),
+        )
         self.server = KartServer(
             self.race,
             {f'127.0.2.{number}': number for number in (1, 2, 3)},
@@ -429,6 +443,23 @@ def test_what_can_wait_is_told_to_wait_while_a_stop_is_on_its_way(
     running.wait_for(EventKind.COMMAND)
     assert calm == [True, False]
     assert running.server.calm.wait(PATIENCE)
+
+
+def test_a_stop_waits_for_no_beat_that_has_begun(
+    green: Green,
+) -> None:
+    running, _, other = green
+    commands = len(running.wait_for(EventKind.COMMAND))
+
+    def stop_amid_the_beat(event: Event) -> None:
+        if (event.kind, event.state) == (EventKind.KART_STATE, RED_FLAG):
+            other.recv(65536)  # what the beats before have sent
+            running.server.submit(Command(CommandKind.ALL_KILL))
+
+    running.on_event = stop_amid_the_beat
+    assert running.give(CommandKind.KART_FINISH, 1).success
+    running.wait_for(EventKind.COMMAND, count=commands + 1)
+    assert other.recv(4096).startswith(encode(RED_RED))
 
 
 def test_a_stop_to_a_stopped_server_leaves_nothing_waiting(run: Run) -> None:

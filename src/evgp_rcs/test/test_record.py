@@ -8,6 +8,7 @@ import os
 import pathlib
 import sqlite3
 import subprocess
+import threading
 import time
 
 from evgp_protocol.states import RaceState
@@ -312,3 +313,19 @@ def test_a_record_that_is_not_there_is_named(
 ) -> None:
     assert print_timeline([str(path)]) == 2
     assert f'there is no {path}' in capsys.readouterr().err
+
+
+def test_the_writer_waits_while_frames_go_out(begin: Begin) -> None:
+    record = begin()
+    asked, calm = threading.Event(), threading.Event()
+
+    def give_way() -> None:
+        asked.set()
+        calm.wait(PATIENCE)
+
+    record.give_way = give_way
+    record.put([event(1)])
+    assert asked.wait(PATIENCE)
+    assert not record.flush(0.0)
+    calm.set()
+    assert record.flush(PATIENCE)
