@@ -200,15 +200,16 @@ class Link:
         """Give the arbiter an input and do what it says."""
         loop = asyncio.get_running_loop()
         outcome = take(self._arbiter, loop.time())
+        verdict = outcome.verdict
         connection = self._connection
         if outcome.give_up is not None and connection is not None:
             self._connection = None
             connection.abort()
         elif outcome.send is not None and connection is not None:
             connection.send(outcome.send)
-        # Not the outcome's: sending may have ended the connection.
-        if self._arbiter.verdict != self._told:
-            self._tell_now()
+            verdict = self._arbiter.verdict  # sending may have ended the connection
+        if verdict != self._told:
+            self._tell_now(verdict)
         due = self._arbiter.deadline
         if due is not None and (self._timer is None or due < self._timer.when()):
             if self._timer is not None:
@@ -220,14 +221,14 @@ class Link:
         self._timer = None
         self._take(Arbiter.tick)
 
-    def _tell_now(self) -> None:
-        self._told = self._arbiter.verdict
-        self._tell(self._told, self._status)
+    def _tell_now(self, verdict: Verdict) -> None:
+        self._told = verdict
+        self._tell(verdict, self._status)
 
     async def _repeat(self) -> None:
         while True:
             self._take(Arbiter.tick)
-            self._tell_now()
+            self._tell_now(self._arbiter.verdict)
             await asyncio.sleep(1 / REPEAT)
 
     # ----- the connection -----------------------------------------------------------------
