@@ -47,9 +47,9 @@ def telling(tmp_path: pathlib.Path) -> Iterator[Telling]:
         record.end(PATIENCE)
 
 
-def some_events(count: int) -> list[StampedEvent]:
+def some_events(count: int, kind: EventKind = EventKind.REPORTED) -> list[StampedEvent]:
     return [
-        StampedEvent(number, time.time_ns(), 0.0, Event(EventKind.REPORTED, 'news', kart=7))
+        StampedEvent(number, time.time_ns(), 0.0, Event(kind, 'news', kart=7))
         for number in range(1, count + 1)
     ]
 
@@ -66,19 +66,26 @@ def test_the_race_does_not_wait_for_all_the_events_before_it(telling: Telling) -
             telling.official.wait_for_race(lambda race: race.karts[0].number == 7, 'the race')
             race_heard.set()
 
-    telling.teller.give_way = give_way
+    telling.teller.courtesy = lambda: give_way
     telling.teller.put(some_events(100))
     telling.teller.put(Race([Kart(7, 'Team', True)]), 0.0)
     telling.teller.start()
     assert race_heard.wait(PATIENCE)
 
 
-def test_of_too_many_events_the_oldest_are_only_in_the_record(telling: Telling) -> None:
-    last = MOST_WAITING + 500
-    telling.teller.put(some_events(last))
+def test_an_alert_is_told_however_much_karts_say_behind_it(telling: Telling) -> None:
+    alert, *reports = some_events(MOST_WAITING + 1)
+    alert = dataclasses.replace(alert, event=Event(EventKind.ALERT_RAISED, 'use the MSR'))
+    telling.teller.put([alert, *reports])
     telling.teller.start()
-    telling.official.wait_for_event(lambda event: event.sequence == last, 'the newest event')
-    assert telling.official.events[0].sequence > 500
+    told = telling.official.wait_for_event(lambda event: True, 'the alert')
+    assert told.text == 'use the MSR'
+
+
+def test_what_is_not_told_is_in_the_record(telling: Telling) -> None:
+    telling.teller.put(some_events(MOST_WAITING + 1))
+    telling.teller.start()
+    telling.teller.stop()
     assert telling.record.flush(PATIENCE)
     with contextlib.closing(open_read_only(telling.path)) as database:
-        assert len(list(events(database, 1))) == last
+        assert len(list(events(database, 1))) == MOST_WAITING + 1

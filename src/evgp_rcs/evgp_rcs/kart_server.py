@@ -80,6 +80,9 @@ COPY_PER_KART = 0.0002
 """The least time between two copies of the race, for each of its karts, s. Whoever takes one of a
 thousand karts has 40 ms of work with it."""
 
+MOST_WAITED = 0.2
+"""So long in all does a piece of work wait for frames that go to the karts, s."""
+
 FRAMES = {state: encode(state) for state in RaceState}
 
 
@@ -382,7 +385,7 @@ class KartServer:
         self.address = ('', 0)
         self.calm = threading.Event()
         """Not set while a stop or a beat is on its way to the karts: whoever has work that can
-        wait waits for it between two pieces. Else each write hands them the interpreter."""
+        wait waits for it, see ``courtesy``. Else each write hands them the interpreter."""
         self.calm.set()
 
     # ----- for other threads --------------------------------------------------------------
@@ -431,15 +434,32 @@ class KartServer:
         """
         self._call(lambda: self._tell([event]))
 
-    def copy(self) -> concurrent.futures.Future[Race]:
+    def copy(self) -> concurrent.futures.Future[tuple[Race, float]]:
         """
-        Return a copy of the race, as soon as the server comes to it.
+        Return a copy of the race with its time (s), as soon as the server comes to it.
 
         :raises KartServerError: if the server is not running.
         """
-        future: concurrent.futures.Future[Race] = concurrent.futures.Future()
-        self._call(lambda: future.set_result(self._race.copy()))
+        future: concurrent.futures.Future[tuple[Race, float]] = concurrent.futures.Future()
+        self._call(lambda: future.set_result((self._race.copy(), self._now())))
         return future
+
+    def courtesy(self) -> Callable[[], None]:
+        """
+        Return what a piece of work calls between its parts, in whatever thread.
+
+        It waits while frames are on their way to the karts, `MOST_WAITED` in all its calls.
+        """
+        left = MOST_WAITED
+
+        def give_way() -> None:
+            nonlocal left
+            if left > 0 and not self.calm.is_set():
+                began = time.monotonic()
+                self.calm.wait(left)
+                left -= time.monotonic() - began
+
+        return give_way
 
     def _call(self, work: Callable[[], object]) -> None:
         try:
@@ -470,6 +490,9 @@ class KartServer:
                 self._on_failure(error)
             else:
                 self._listening.set_exception(error)
+        finally:
+            # Again: until the loop was closed, something could still be handed over.
+            self._refuse_the_rest()
 
     async def _serve(self) -> None:
         self._loop = loop = asyncio.get_running_loop()
@@ -521,7 +544,9 @@ class KartServer:
         answer = Answer(False, 'Race control is stopping; if a kart still moves, use the MSR.')
         for queue in (self._stops, self._commands):
             while queue:
-                queue.popleft().answer.set_result(answer)
+                future = queue.popleft().answer
+                if future.set_running_or_notify_cancel():
+                    future.set_result(answer)
         self.calm.set()
 
     def _beat(self, due: float) -> None:
@@ -539,7 +564,8 @@ class KartServer:
                 self.take_commands()
                 self.calm.clear()
             link.beat()
-        self.calm.set()
+        if not self._stops:
+            self.calm.set()
         if now - self._copied_at >= self._settings.copy_at_least:
             self._ask_for_copy()
         period = 1.0 / self._settings.beat_rate
@@ -556,6 +582,7 @@ class KartServer:
             waiting = (self._stops or self._commands).popleft()
             command, future = waiting.command, waiting.answer
             if is_stop:
+                self.calm.clear()
                 self._pause(now + self._settings.pause, 'a stop was given just now')
             elif not future.set_running_or_notify_cancel():
                 continue  # its official has been told that it is not answered

@@ -1,12 +1,13 @@
 """
 The ``rcs`` node: race control as ROS topics and services (§4.B).
 
-Four threads, each with its own work, and no state shared between them:
+Each thread has its own work, and hands over what it has done; they share no state:
 
 - the kart server's thread owns the race and the sockets (``kart_server``);
 - two executors take officials' service calls, hand each to the kart server and wait for its
   answer: one for the stops alone, so that none waits behind another call, and one for the rest;
-- the teller's thread (``Teller``) publishes the race and its events, and logs.
+- the teller's thread (``Teller``) publishes the race and its events, and logs;
+- the record's thread (``record``) writes them to the disk.
 """
 
 from __future__ import annotations
@@ -71,14 +72,14 @@ EVENTS_QOS = QoSProfile(
 )
 """Of ``~/events``: a late subscriber gets the last 200 events."""
 
-CALM_TIMEOUT = 0.05
-"""How long a piece of news may wait for frames that go to the karts, s."""
-
 TURN = 0.05
-"""So long are events told before a newer race is, s."""
+"""So long are events told before a newer race is, s; waiting for frames comes on top."""
 
 MOST_WAITING = 5000
-"""So many events wait to be told. Of more, only the record has the oldest."""
+"""So many events wait to be told. When there are more, only the record has the lesser ones."""
+
+LESSER = (EventKind.ACKNOWLEDGED, EventKind.KART_STATE, EventKind.REPORTED)
+"""What karts do by the hundred, and what ``~/race`` shows as well."""
 
 SERVICE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -125,7 +126,7 @@ class RcsNode(StrictNode):
         recovered: tuple[Event, ...] = ()
         if self._record.left_behind is not None:
             recovered = race.recover(self._record.left_behind, time.monotonic()).events
-        self._record.remember(race.memory())
+        self._record.remember(race.memory(), time.monotonic())
         self._teller = Teller(self, roster, self._record)
         self._server = KartServer(
             race,
@@ -137,7 +138,7 @@ class RcsNode(StrictNode):
             first_events=recovered,
         )
         self._teller.report = self._server.report
-        self._teller.give_way = self._record.give_way = self._give_way
+        self._teller.courtesy = self._record.courtesy = self._server.courtesy
         self._on_failure = on_failure
         self._failed = False
         self._offer_services()
@@ -166,11 +167,9 @@ class RcsNode(StrictNode):
         If the disk does not take it, the race goes on; the alert is loud by then. No stop ever
         comes by here.
         """
-        self._record.remember(self._server.copy().result(ANSWER_TIMEOUT).memory())
+        race, at = self._server.copy().result(ANSWER_TIMEOUT)
+        self._record.remember(race.memory(), at)
         self._record.flush(REMEMBER_TIMEOUT)
-
-    def _give_way(self) -> None:
-        self._server.calm.wait(CALM_TIMEOUT)
 
     def _fail(self, error: BaseException) -> None:
         self._failed = True
@@ -363,8 +362,9 @@ class Teller:
     """
     Publishes what the kart server hands over, in a thread of its own.
 
-    Events go out each, in order; of several copies of the race only the newest does, and that
-    does not wait for more events than are told in `TURN`: what officials see is the present race.
+    Events go out in order, all of them unless more than `MOST_WAITING` wait. Of several copies of
+    the race only the newest does, and that may overtake events: it waits for no more of them than
+    are told in `TURN`, so that what officials see is the present race.
     """
 
     def __init__(self, node: Node, roster: Roster, record: Record) -> None:
@@ -375,8 +375,8 @@ class Teller:
         self._trouble_since_ns = 0
         self.report: Callable[[Event], None] = lambda event: None
         """Has an event told among the others."""
-        self.give_way: Callable[[], object] = lambda: None
-        """Waits while frames are on their way to the karts."""
+        self.courtesy: Callable[[], Callable[[], object]] = lambda: lambda: None
+        """Called for each message; what it returns waits while frames are on their way."""
         self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
         self._events = node.create_publisher(msg.RaceEvent, '~/events', EVENTS_QOS)
@@ -416,25 +416,28 @@ class Teller:
                 else:
                     newest = news[0], news[1]
             self._record.put(told)
-            waiting += told
-            self._leave_out(waiting)
+            if newest is not None:
+                self._record.remember(newest[0].memory(), newest[1])
+            waiting = self._without_lesser(waiting + deque(told))
+            give_way = self.courtesy()
             until = time.monotonic() + TURN
             while waiting and time.monotonic() < until:
-                self.give_way()
+                give_way()
                 self._tell(waiting.popleft())
             if newest is not None:
-                self._record.remember(newest[0].memory())
                 self._look_at_the_record()
                 self._tell_race(*newest)
 
-    def _leave_out(self, waiting: deque[StampedEvent]) -> None:
-        left_out = len(waiting) - MOST_WAITING
-        if left_out > 0:
-            for _ in range(left_out):
-                waiting.popleft()
-            self._node.get_logger().warning(
-                f'{left_out} events came faster than they can be told; only the record has them'
-            )
+    def _without_lesser(self, events: deque[StampedEvent]) -> deque[StampedEvent]:
+        """Return the events, without the lesser ones if there are too many to tell them all."""
+        if len(events) <= MOST_WAITING:
+            return events
+        kept = deque((each for each in events if each.event.kind not in LESSER), MOST_WAITING)
+        self._node.get_logger().warning(
+            f'{len(events) - len(kept)} events came faster than they can be told; '
+            'only the record has them'
+        )
+        return kept
 
     def _look_at_the_record(self) -> None:
         """Raise the alert when the record begins to fail, and clear it when it no longer does."""
@@ -463,14 +466,16 @@ class Teller:
     def _tell_race(self, race: Race, now: float) -> None:
         wall_ns = time.time_ns() - round((time.monotonic() - now) * 1e9)
         more = [record_alert(self._trouble, self._trouble_since_ns)] if self._trouble else []
-        message = race_message(race, now, wall_ns, self._addresses, more, self.give_way)
-        self.give_way()
+        give_way = self.courtesy()
+        message = race_message(race, now, wall_ns, self._addresses, more, give_way)
+        give_way()
         self._race.publish(message)
         if now - self._told_diagnostics >= 1.0:
             self._told_diagnostics = now
             self._diagnostics.publish(self._diagnostic(race, now))
 
     def _diagnostic(self, race: Race, now: float) -> DiagnosticArray:
+        give_way = self.courtesy()
         name = self._node.get_fully_qualified_name().lstrip('/')
         alerts = race.alerts(now)
         level, summary = DiagnosticStatus.OK, f'The race is in {race.state.value}'
@@ -494,12 +499,14 @@ class Teller:
                     KeyValue(key='alerts', value=str(len(alerts))),
                 ],
             ),
-            *(self._kart_diagnostic(name, kart) for kart in race.karts.values()),
+            *(self._kart_diagnostic(name, kart, give_way) for kart in race.karts.values()),
         ]
         return array
 
-    def _kart_diagnostic(self, name: str, kart: Kart) -> DiagnosticStatus:
-        self.give_way()
+    def _kart_diagnostic(
+        self, name: str, kart: Kart, give_way: Callable[[], object]
+    ) -> DiagnosticStatus:
+        give_way()
         return DiagnosticStatus(
             level=DiagnosticStatus.OK
             if kart.connected or not kart.in_race

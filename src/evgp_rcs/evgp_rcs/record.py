@@ -39,6 +39,7 @@ import contextlib
 import dataclasses
 import fcntl
 import json
+import math
 import os
 import pathlib
 import sqlite3
@@ -122,6 +123,7 @@ class Record:
         self._lock = threading.Condition()
         self._waiting: deque[tuple[float, StampedEvent]] = deque()
         self._memory: RaceMemory | None = None
+        self._memory_at = -math.inf
         self._memory_waits = False
         self._lost = 0
         self._error = ''
@@ -131,8 +133,9 @@ class Record:
         self._session = 0
         self._claimed: IO[bytes] | None = None
         self._written = 0  # the sequence number of the last event
-        self.give_way: Callable[[], object] = lambda: None
-        """Waits while frames are on their way to the karts; called between any two pieces."""
+        self.courtesy: Callable[[], Callable[[], object]] = lambda: lambda: None
+        """Called for each batch; what it returns is called before each event and each kart that is
+        put into the batch, and waits while frames are on their way to the karts."""
         self.left_behind: RaceMemory | None = None
         """What the last run left, unless it ended in good order with nothing under way."""
         try:
@@ -159,9 +162,16 @@ class Record:
                     self._lost += 1
             self._lock.notify_all()
 
-    def remember(self, memory: RaceMemory) -> None:
-        """Have this be what the next run finds, if it differs from what was given last."""
+    def remember(self, memory: RaceMemory, at: float) -> None:
+        """
+        Have this be what the next run finds.
+
+        :param at: the time of it, on any clock (s): what is older than what is known is ignored.
+        """
         with self._lock:
+            if at < self._memory_at:
+                return
+            self._memory_at = at
             if memory != self._memory:
                 self._memory = memory
                 self._memory_waits = True
@@ -306,14 +316,15 @@ class Record:
         self, batch: Sequence[StampedEvent], memory: RaceMemory | None, ending: bool
     ) -> None:
         assert self._database is not None
+        give_way = self.courtesy()
         rows = []
         for stamped in batch:
-            self.give_way()
+            give_way()
             rows.append(_row(self._session, stamped))
         karts = {}
         if memory is not None:
             for number, kart in memory.karts.items():
-                self.give_way()
+                give_way()
                 karts[number] = dataclasses.asdict(kart)
         with _transaction(self._database):
             self._database.executemany(

@@ -10,6 +10,7 @@ import time
 
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
+from evgp_rcs import kart_server
 from evgp_rcs.kart_server import (
     HELD_UP,
     KartServer,
@@ -25,7 +26,6 @@ from evgp_rcs.race import (
     EventKind,
     Kart,
     Race,
-    RaceTimes,
     StampedEvent,
 )
 import pytest
@@ -36,7 +36,6 @@ NO_BEAT = 0.001  # Hz: no second frame comes by itself while a test runs
 GRID_ACTIVE = RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN
 IN_GARAGE = RaceState.IN_GARAGE
-RED_FLAG = RaceState.RED_FLAG
 RED_RED = RaceState.RED_RED
 
 
@@ -48,10 +47,7 @@ class Running:
         self.failures: list[BaseException] = []
         self.on_event: Callable[[Event], None] = lambda event: None
         self._news = threading.Condition()
-        self.race = Race(
-            [Kart(1, 'A', True), Kart(2, 'B', True), Kart(3, 'C')],
-            RaceTimes(finish_delays=(0.1,)),
-        )
+        self.race = Race([Kart(1, 'A', True), Kart(2, 'B', True), Kart(3, 'C')])
         self.server = KartServer(
             self.race,
             {f'127.0.2.{number}': number for number in (1, 2, 3)},
@@ -446,20 +442,33 @@ def test_what_can_wait_is_told_to_wait_while_a_stop_is_on_its_way(
 
 
 def test_a_stop_waits_for_no_beat_that_has_begun(
-    green: Green,
+    green: Green, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     running, _, other = green
-    commands = len(running.wait_for(EventKind.COMMAND))
+    beat = kart_server._KartLink.beat
+    taken = threading.Event()
 
-    def stop_amid_the_beat(event: Event) -> None:
-        if (event.kind, event.state) == (EventKind.KART_STATE, RED_FLAG):
-            other.recv(65536)  # what the beats before have sent
+    def beat_amid_which_a_stop_comes(link: kart_server._KartLink) -> None:
+        beat(link)
+        if link.number == 1 and not taken.is_set():
+            with contextlib.suppress(BlockingIOError):  # what the beats before have sent
+                other.recv(65536, socket.MSG_DONTWAIT)
             running.server.submit(Command(CommandKind.ALL_KILL))
+            taken.set()
 
-    running.on_event = stop_amid_the_beat
-    assert running.give(CommandKind.KART_FINISH, 1).success
-    running.wait_for(EventKind.COMMAND, count=commands + 1)
+    monkeypatch.setattr(kart_server._KartLink, 'beat', beat_amid_which_a_stop_comes)
+    assert taken.wait(PATIENCE)
     assert other.recv(4096).startswith(encode(RED_RED))
+
+
+def test_work_waits_for_frames_but_not_for_ever(run: Run) -> None:
+    server = run().server
+    server.stop()
+    server.calm.clear()  # and nobody is left who would set it
+    give_way = server.courtesy()
+    for _ in range(1000):  # each time for ever, or each time anew, the test would time out
+        give_way()
+    assert not server.calm.is_set()
 
 
 def test_a_stop_to_a_stopped_server_leaves_nothing_waiting(run: Run) -> None:

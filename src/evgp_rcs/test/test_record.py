@@ -92,14 +92,14 @@ def test_all_of_an_event_is_written(begin: Begin, path: pathlib.Path) -> None:
 
 def test_a_run_that_ended_at_home_leaves_nothing_behind(begin: Begin) -> None:
     record = begin()
-    record.remember(HOME)
+    record.remember(HOME, 0.0)
     record.end(PATIENCE)
     assert begin().left_behind is None
 
 
 def test_a_run_that_crashed_at_home_leaves_its_race(begin: Begin) -> None:
     record = begin()
-    record.remember(HOME)
+    record.remember(HOME, 0.0)
     crash(record)
     assert begin().left_behind == HOME
 
@@ -107,10 +107,19 @@ def test_a_run_that_crashed_at_home_leaves_its_race(begin: Begin) -> None:
 @pytest.mark.parametrize('in_order', [True, False], ids=['ended', 'crashed'])
 def test_a_run_that_was_not_at_home_leaves_its_race(begin: Begin, in_order: bool) -> None:
     record = begin()
-    record.remember(HOME)
-    record.remember(RACING)
+    record.remember(HOME, 0.0)
+    record.remember(RACING, 0.0)
     assert record.flush(PATIENCE)
     record.end(PATIENCE, in_order)
+    assert begin().left_behind == RACING
+
+
+def test_an_older_race_does_not_take_the_place_of_a_newer_one(begin: Begin) -> None:
+    record = begin()
+    record.remember(RACING, 2.0)
+    record.remember(HOME, 1.0)
+    assert record.flush(PATIENCE)
+    crash(record)
     assert begin().left_behind == RACING
 
 
@@ -123,10 +132,10 @@ def test_a_run_that_crashed_before_it_remembered_anything_is_doubt(begin: Begin)
 
 def test_a_run_finds_what_the_last_one_left_and_not_an_older_one(begin: Begin) -> None:
     first = begin()
-    first.remember(RACING)
+    first.remember(RACING, 0.0)
     crash(first)
     second = begin()
-    second.remember(HOME)
+    second.remember(HOME, 0.0)
     second.end(PATIENCE)
     assert begin().left_behind is None
 
@@ -315,7 +324,14 @@ def test_a_record_that_is_not_there_is_named(
     assert f'there is no {path}' in capsys.readouterr().err
 
 
-def test_the_writer_waits_while_frames_go_out(begin: Begin) -> None:
+@pytest.mark.parametrize(
+    'hand_over',
+    [lambda record: record.put([event(1)]), lambda record: record.remember(RACING, 0.0)],
+    ids=['events', 'memory'],
+)
+def test_the_writer_waits_while_frames_go_out(
+    begin: Begin, hand_over: Callable[[Record], None]
+) -> None:
     record = begin()
     asked, calm = threading.Event(), threading.Event()
 
@@ -323,8 +339,8 @@ def test_the_writer_waits_while_frames_go_out(begin: Begin) -> None:
         asked.set()
         calm.wait(PATIENCE)
 
-    record.give_way = give_way
-    record.put([event(1)])
+    record.courtesy = lambda: give_way
+    hand_over(record)
     assert asked.wait(PATIENCE)
     assert not record.flush(0.0)
     calm.set()
