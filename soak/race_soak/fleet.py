@@ -364,10 +364,10 @@ class Fleet:
             return
         link.reading = False
         self._selector.unregister(link.socket)
-        # As of the last look at it, the socket was empty.
-        link.empty_at = self._looked_at
+        # As of the last look at it the socket was empty, or as it was opened since.
+        link.empty_at = max(self._looked_at, link.empty_at)
         with self._lock:
-            self._checker.paused(link.number, self._looked_at)
+            self._checker.paused(link.number, link.empty_at)
         self._after(self._rng.uniform(0.1, longest), lambda: self._hear_again(link))
 
     def _hear_again(self, link: _Link) -> None:
