@@ -47,11 +47,15 @@ def telling(tmp_path: pathlib.Path) -> Iterator[Telling]:
         record.end(PATIENCE)
 
 
-def some_events(count: int, kind: EventKind = EventKind.REPORTED) -> list[StampedEvent]:
+def some_events(count: int) -> list[StampedEvent]:
     return [
-        StampedEvent(number, time.time_ns(), 0.0, Event(kind, 'news', kart=7))
+        StampedEvent(number, time.time_ns(), 0.0, Event(EventKind.REPORTED, 'news', kart=7))
         for number in range(1, count + 1)
     ]
+
+
+def alert(text: str) -> StampedEvent:
+    return StampedEvent(1, time.time_ns(), 0.0, Event(EventKind.ALERT_RAISED, text))
 
 
 def test_the_race_does_not_wait_for_all_the_events_before_it(telling: Telling) -> None:
@@ -74,12 +78,24 @@ def test_the_race_does_not_wait_for_all_the_events_before_it(telling: Telling) -
 
 
 def test_an_alert_is_told_however_much_karts_say_behind_it(telling: Telling) -> None:
-    alert, *reports = some_events(MOST_WAITING + 1)
-    alert = dataclasses.replace(alert, event=Event(EventKind.ALERT_RAISED, 'use the MSR'))
-    telling.teller.put([alert, *reports])
+    telling.teller.put([alert('use the MSR'), *some_events(MOST_WAITING)])
     telling.teller.start()
     told = telling.official.wait_for_event(lambda event: True, 'the alert')
     assert told.text == 'use the MSR'
+
+
+def test_an_alert_is_told_however_often_karts_say_too_much(telling: Telling) -> None:
+    steps = itertools.count(1)
+
+    def give_way() -> None:
+        if next(steps) == 1:  # the second alert is left for the next turn, with as much again
+            telling.teller.put(some_events(MOST_WAITING))
+            time.sleep(2 * TURN)
+
+    telling.teller.courtesy = lambda: give_way
+    telling.teller.put([alert('one'), alert('two'), *some_events(MOST_WAITING)])
+    telling.teller.start()
+    telling.official.wait_for_event(lambda event: event.text == 'two', 'the second alert')
 
 
 def test_what_is_not_told_is_in_the_record(telling: Telling) -> None:

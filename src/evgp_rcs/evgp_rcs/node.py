@@ -418,7 +418,9 @@ class Teller:
             self._record.put(told)
             if newest is not None:
                 self._record.remember(newest[0].memory(), newest[1])
-            waiting = self._without_lesser(waiting + deque(told))
+            waiting += told
+            if len(waiting) > MOST_WAITING:
+                waiting = self._without_lesser(waiting)
             give_way = self.courtesy()
             until = time.monotonic() + TURN
             while waiting and time.monotonic() < until:
@@ -429,15 +431,13 @@ class Teller:
                 self._tell_race(*newest)
 
     def _without_lesser(self, events: deque[StampedEvent]) -> deque[StampedEvent]:
-        """Return the events, without the lesser ones if there are too many to tell them all."""
-        if len(events) <= MOST_WAITING:
-            return events
-        kept = deque((each for each in events if each.event.kind not in LESSER), MOST_WAITING)
+        """Return the events that are told when there are too many to tell them all."""
+        kept = [each for each in events if each.event.kind not in LESSER][-MOST_WAITING:]
         self._node.get_logger().warning(
             f'{len(events) - len(kept)} events came faster than they can be told; '
             'only the record has them'
         )
-        return kept
+        return deque(kept)
 
     def _look_at_the_record(self) -> None:
         """Raise the alert when the record begins to fail, and clear it when it no longer does."""

@@ -515,9 +515,10 @@ class Race:
             kart.acknowledged = True
             if state.is_red:
                 kart.may_be_moving = False
+            # That all have, the next tick tells: to look at each kart now takes N times N steps.
             self._tell(
                 EventKind.ACKNOWLEDGED, f'{_capital(kart)} acknowledged {state.value}', kart, state
-            )  # that all have, the next tick tells: to look at each kart now takes N times N steps
+            )
         elif state is not kart.reported:
             self._tell(
                 EventKind.REPORTED,

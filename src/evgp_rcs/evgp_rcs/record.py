@@ -328,8 +328,7 @@ class Record:
                 karts[number] = dataclasses.asdict(kart)
         with _transaction(self._database):
             self._database.executemany(
-                'INSERT INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)',
-                rows,
+                'INSERT INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)', rows
             )
             if memory is not None:
                 self._database.execute(

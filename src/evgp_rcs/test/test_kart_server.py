@@ -10,24 +10,15 @@ import time
 
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
-from evgp_rcs import kart_server
 from evgp_rcs.kart_server import (
+    _KartLink,
     HELD_UP,
     KartServer,
     KartServerError,
     READ_BYTES,
     ServerSettings,
 )
-from evgp_rcs.race import (
-    Answer,
-    Command,
-    CommandKind,
-    Event,
-    EventKind,
-    Kart,
-    Race,
-    StampedEvent,
-)
+from evgp_rcs.race import Answer, Command, CommandKind, Event, EventKind, Kart, Race, StampedEvent
 import pytest
 
 PATIENCE = 20.0
@@ -445,10 +436,10 @@ def test_a_stop_waits_for_no_beat_that_has_begun(
     green: Green, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     running, _, other = green
-    beat = kart_server._KartLink.beat
+    beat = _KartLink.beat
     taken = threading.Event()
 
-    def beat_amid_which_a_stop_comes(link: kart_server._KartLink) -> None:
+    def beat_amid_which_a_stop_comes(link: _KartLink) -> None:
         beat(link)
         if link.number == 1 and not taken.is_set():
             with contextlib.suppress(BlockingIOError):  # what the beats before have sent
@@ -456,7 +447,7 @@ def test_a_stop_waits_for_no_beat_that_has_begun(
             running.server.submit(Command(CommandKind.ALL_KILL))
             taken.set()
 
-    monkeypatch.setattr(kart_server._KartLink, 'beat', beat_amid_which_a_stop_comes)
+    monkeypatch.setattr(_KartLink, 'beat', beat_amid_which_a_stop_comes)
     assert taken.wait(PATIENCE)
     assert other.recv(4096).startswith(encode(RED_RED))
 
