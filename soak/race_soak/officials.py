@@ -9,7 +9,7 @@ import time
 from typing import Any
 
 from evgp_rcs_msgs import msg
-from race_parts.official import latched, SERVICES
+from race_parts.official import latched, seen, SERVICES
 from race_parts.ros_side import RosSide
 from race_soak.checker import Call, Checker, STOPS
 from rclpy._rclpy_pybind11 import InvalidHandle
@@ -55,7 +55,7 @@ class _Caller(RosSide):
 
         :raises AssertionError: if there is no answer.
         """
-        statements = ('track_clear', 'track_safe', 'made_safe_by_hand')
+        statements = ('track_clear', 'track_safe', 'made_safe_by_hand', 'without_record')
         call = Call(
             command=service,
             kart=request.get('kart'),
@@ -239,15 +239,17 @@ class Officials:
             service = self._rng.choice([name for name in SERVICES if name not in STOPS])
         request: dict[str, Any] = {}
         for name, kind in SERVICES[service].Request.get_fields_and_field_types().items():
-            request[name] = (
-                self._rng.random() < 0.5 if kind == 'boolean' else self._rng.choice(self._numbers)
-            )
+            if kind == 'boolean':
+                request[name] = self._rng.random() < 0.5
+            elif kind == 'uint16':
+                request[name] = self._rng.choice(self._numbers)
         self._call(service, **request)
 
     def _call(self, service: str, **request: Any) -> bool:
         """Give a command, now and then with a stop of the other official at the same moment."""
         if self._stop.is_set():
             return False
+        request = {**seen(self._race, service, request.get('kart', 0)), **request}
         beside = None
         if service not in ('set_in_race', 'kart/in_garage') and self._rng.random() < 0.03:
             stop = self._rng.choice((*RACE_STOPS, *KART_STOPS))

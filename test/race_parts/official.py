@@ -29,7 +29,7 @@ def latched(depth: int) -> QoSProfile:
 SERVICES = {
     'all_kill': Trigger,
     'red_flag': Trigger,
-    'green_green': Trigger,
+    'green_green': srv.GreenGreen,
     'race_over': Trigger,
     'record_msr': Trigger,
     'grid_active': srv.GridActive,
@@ -42,6 +42,26 @@ SERVICES = {
     'kart/in_garage': srv.KartInGarage,
 }
 """Every command of an official, by the name of its service below ``/rcs/``."""
+
+
+SEES = {
+    'grid_active': msg.CommandAvailability.GRID_ACTIVE,
+    'green_green': msg.CommandAvailability.GREEN_GREEN,
+    'in_garage': msg.CommandAvailability.IN_GARAGE,
+}
+"""The commands that say which karts they start or release, as `~/race` has them."""
+
+
+def seen(race: msg.Race | None, service: str, kart: int) -> dict[str, Any]:
+    """Return the fields of a request that say what the official saw in a snapshot."""
+    if race is None:
+        return {}
+    if service in SEES:
+        offered = (each for each in race.commands if each.command == SEES[service])
+        return {'karts': next(offered).karts}
+    if service == 'kart/in_garage':
+        return {'hold': each.hold for each in race.karts if each.number == kart}
+    return {}
 
 
 @dataclass(frozen=True)
@@ -79,8 +99,11 @@ class Official(RosSide):
         """
         Give a command, such as 'kart/red_red' with ``kart=7``, and return its answer.
 
+        What the official sees (which karts, which hold) goes with it, unless ``request`` says.
+
         :raises AssertionError: if race control does not answer in time.
         """
+        request = {**seen(self.race, service, request.get('kart', 0)), **request}
         response: Any = self.request(self._clients[service], SERVICES[service].Request(**request))
         return Answer(response.success, response.message)
 
@@ -111,8 +134,10 @@ class Official(RosSide):
         """
         answer = self.call(service, **request)
         until = time.monotonic() + self.patience
-        while 'a stop was given just now' in answer.message and time.monotonic() < until:
-            time.sleep(0.05)  # that time passes is itself what is awaited
+        while (
+            'a stop was given just now' in answer.message or 'as you saw' in answer.message
+        ) and time.monotonic() < until:
+            time.sleep(0.05)  # the pause after a stop passes, or a newer race comes
             answer = self.call(service, **request)
         assert answer.success, f'{service}: {answer.message}'
         return answer

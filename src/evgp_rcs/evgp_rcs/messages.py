@@ -68,6 +68,7 @@ def race_message(
             available=available.available,
             reason=available.reason,
             statement=available.statement,
+            karts=available.karts,
         )
 
     def status(kart: Kart) -> msg.KartStatus:

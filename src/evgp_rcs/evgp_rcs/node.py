@@ -25,6 +25,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
+from evgp_node.states import state_of
 from evgp_rcs.kart_server import KartServer, KartServerError, ServerSettings
 from evgp_rcs.messages import event_message, race_message, record_alert
 from evgp_rcs.race import (
@@ -198,7 +199,13 @@ class RcsNode(StrictNode):
         offer(stops, '~/kart/red_flag', srv.KartCommand, CommandKind.KART_RED_FLAG)
         offer(stops, '~/record_msr', Trigger, CommandKind.RECORD_MSR, lambda request: True)
         offer(others, '~/race_over', Trigger, CommandKind.RACE_OVER)
-        offer(others, '~/green_green', Trigger, CommandKind.GREEN_GREEN)
+        offer(
+            others,
+            '~/green_green',
+            srv.GreenGreen,
+            CommandKind.GREEN_GREEN,
+            lambda request: bool(request.without_record),
+        )
         offer(
             others,
             '~/grid_active',
@@ -248,6 +255,8 @@ class RcsNode(StrictNode):
                     kind if isinstance(kind, CommandKind) else kind(request),
                     getattr(request, 'kart', None),
                     statement(request),
+                    frozenset(getattr(request, 'karts', ())),
+                    state_of(request.hold) if hasattr(request, 'hold') else None,
                 )
             )
             response.success = answer.success

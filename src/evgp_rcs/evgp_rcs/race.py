@@ -78,6 +78,7 @@ class EventKind(enum.Enum):
     ALERT_CLEARED = 'ALERT_CLEARED'
     ALL_ACKNOWLEDGED = 'ALL_ACKNOWLEDGED'
     FINISHED = 'FINISHED'
+    WITHDRAWN = 'WITHDRAWN'
 
 
 class AlertKind(enum.Enum):
@@ -111,11 +112,16 @@ class Command:
     :param kind: which command.
     :param kart: the kart it is for; ``None`` for a command to the race, to all, or to the track.
     :param statement: the official makes the statement that the command asks for, if it asks.
+    :param karts: for a command that starts or releases: the karts concerned, as the official saw
+        them.
+    :param hold: for the release of one kart: its hold, as the official saw it; ``None`` for none.
     """
 
     kind: CommandKind
     kart: int | None = None
     statement: bool = False
+    karts: frozenset[int] = frozenset()
+    hold: RaceState | None = None
 
 
 @dataclass(frozen=True)
@@ -199,12 +205,14 @@ class Availability:
 
     :param reason: why it would be refused; empty if it would be accepted.
     :param statement: what the official must state with it; empty if nothing.
+    :param karts: the karts it would start or release; the command must name the same ones.
     """
 
     kind: CommandKind
     kart: int
     reason: str
     statement: str
+    karts: tuple[int, ...] = ()
 
     @property
     def available(self) -> bool:

@@ -39,6 +39,7 @@ GIVE_UP = 15.0
 KINDS: dict[str, Any] = {
     'Trigger': Trigger,
     'SetBool': SetBool,
+    'GreenGreen': srv.GreenGreen,
     'GridActive': srv.GridActive,
     'InGarage': srv.InGarage,
     'KartCommand': srv.KartCommand,

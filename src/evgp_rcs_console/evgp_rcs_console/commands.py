@@ -52,7 +52,7 @@ FORMS: dict[Command, Form] = {
     Command.GRID_ACTIVE: Form(
         'grid_active', 'GridActive', statement='track_clear', confirmed=True
     ),
-    Command.GREEN_GREEN: Form('green_green', confirmed=True),
+    Command.GREEN_GREEN: Form('green_green', 'GreenGreen', confirmed=True),
     Command.RACE_OVER: Form('race_over'),
     Command.IN_GARAGE: Form('in_garage', 'InGarage', statement='track_safe', confirmed=True),
     Command.OPEN_TRACK: Form('set_track_open', 'SetBool', fixed={'data': True}, confirmed=True),
