@@ -1,0 +1,110 @@
+"""The clock that counts a suspend, and the event loop that goes by it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import subprocess
+import sys
+import time
+
+from evgp_protocol import clock
+import pytest
+
+
+def test_it_is_the_time_since_the_machine_was_started_suspended_or_not() -> None:
+    before = time.clock_gettime(time.CLOCK_BOOTTIME)
+    now = clock.now()
+    after = time.clock_gettime(time.CLOCK_BOOTTIME)
+    assert before <= now <= after
+
+
+def test_the_loop_goes_by_that_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    suspended = 0.0
+    real = time.clock_gettime
+
+    def after_a_suspend(which: int) -> float:
+        return real(which) + (suspended if which == time.CLOCK_BOOTTIME else 0.0)
+
+    monkeypatch.setattr(time, 'clock_gettime', after_a_suspend)
+
+    async def sleep_over_a_suspend() -> float:
+        nonlocal suspended
+        began = time.monotonic()
+        loop = asyncio.get_running_loop()
+        sleeping = loop.create_task(asyncio.sleep(3600.0))
+        await asyncio.sleep(0)
+        suspended = 3600.0
+        loop.call_soon(lambda: None)  # the loop must wake to see it
+        await sleeping
+        return time.monotonic() - began
+
+    assert clock.run(sleep_over_a_suspend()) < 60.0
+
+
+def test_run_returns_what_the_coroutine_returns_and_raises_what_it_raises() -> None:
+    async def give() -> int:
+        return 7
+
+    async def fail() -> None:
+        raise LookupError('gone')
+
+    assert clock.run(give()) == 7
+    with pytest.raises(LookupError, match='gone'):
+        clock.run(fail())
+
+
+def test_run_cancels_what_is_left_and_closes_its_loop() -> None:
+    ended: list[str] = []
+    loops: list[asyncio.AbstractEventLoop] = []
+
+    async def linger() -> None:
+        try:
+            await asyncio.get_running_loop().create_future()
+        finally:
+            ended.append('task')
+
+    async def main() -> None:
+        loops.append(asyncio.get_running_loop())
+        task = loops[0].create_task(linger())
+        await asyncio.sleep(0)
+        assert not task.done()
+
+    clock.run(main())
+    assert ended == ['task']
+    assert loops[0].is_closed()
+
+
+def test_what_a_cancelled_task_raises_is_reported() -> None:
+    reported: list[str] = []
+    kept: list[asyncio.Task[None]] = []
+
+    async def linger() -> None:
+        with contextlib.suppress(asyncio.CancelledError):
+            await asyncio.get_running_loop().create_future()
+        raise LookupError('too late')
+
+    async def main() -> None:
+        loop = asyncio.get_running_loop()
+        loop.set_exception_handler(lambda _, context: reported.append(str(context['exception'])))
+        kept.append(loop.create_task(linger()))
+        await asyncio.sleep(0)
+
+    clock.run(main())
+    assert reported == ['too late']
+
+
+def test_it_needs_no_more_than_the_standard_library() -> None:
+    code = (
+        'import sys; import evgp_protocol.clock; '
+        'print(sorted({name.split(".")[0] for name in sys.modules} '
+        '- sys.stdlib_module_names - {"__main__", "evgp_protocol"}))'
+    )
+    done = subprocess.run(
+        [sys.executable, '-S', '-c', code],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={'PYTHONPATH': clock.__file__.rsplit('/', 2)[0]},
+    )
+    assert done.stdout.strip() == '[]'
