@@ -103,6 +103,8 @@ class Official(RosSide):
 
         :raises AssertionError: if race control does not answer in time.
         """
+        if service in (*SEES, 'kart/in_garage'):
+            self.wait_for_race(lambda race: True, 'a first look at the race')
         request = {**seen(self.race, service, request.get('kart', 0)), **request}
         response: Any = self.request(self._clients[service], SERVICES[service].Request(**request))
         return Answer(response.success, response.message)
