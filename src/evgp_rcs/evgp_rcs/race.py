@@ -948,6 +948,9 @@ class Race:
         racing = list(self.racing())
         if not racing:
             return 'no kart is in the race'
+        held = [f'{each}: {each.hold_reason}' for each in racing if each.hold is not None]
+        if held:
+            return f'held; bring the race to IN_GARAGE and release it: {_cut(held)}'
         missing = [
             f'{each}: {self._silence(each)}'
             for each in racing
@@ -980,7 +983,7 @@ class Race:
             return ''
         how = ', or use the MSR and record it' if not self.msr_used else ''
         return (
-            f'waiting for {_cut(missing)}. A kart that does not answer: make it safe by hand and '
+            f'waiting for {_cut(missing)}. If a kart does not answer, make it safe by hand and '
             f'release it alone{how}'
         )
 
@@ -1139,7 +1142,7 @@ class Race:
         return f'no {kart.sent.value} yet'
 
     def _waited_for(self) -> Iterator[Kart]:
-        """Yield the karts whose word the race waits for: lost ones too, unless the MSR was used."""
+        """Yield the karts that the race waits for: lost ones too, unless the MSR was used."""
         return (kart for kart in self.racing() if kart.connected or not self.msr_used)
 
     def _race_over_due(self) -> float | None:
