@@ -151,7 +151,7 @@ def _refusal(request: Any, response: Any, reason: str) -> Any:
     fields = response.get_fields_and_field_types()
     if {'success', 'message'} <= fields.keys():
         response.success = False
-        response.message = f'Not carried out, because it failed in here ({reason}).'
+        response.message = f'It failed in here ({reason}). If it was a stop, USE THE MSR.'
     refused = SetParametersResult(successful=False, reason=reason)
     if 'results' in fields:
         response.results = [refused for _ in request.parameters]

@@ -546,8 +546,8 @@ def main(args: list[str] | None = None) -> int:
     """
     Run race control until SIGINT or SIGTERM; every kart is sent RED_RED at the end.
 
-    :return: 0 after an orderly end, 2 if a setting is wrong.
-    :raises NodeFailedError: after a failure; the karts were sent RED_RED.
+    :return: 0 after an orderly end, 1 after a failure (the karts were sent RED_RED), 2 if a
+        setting is wrong.
     """
     refusals = (ParameterError, GraphError, RosterError, RecordError, KartServerError)
     return run_node('rcs', RcsNode, refusals, args)
