@@ -18,6 +18,7 @@ import concurrent.futures
 import sys
 from typing import Any
 
+from evgp_node.graph import GraphError, refuse_open_graph, where_reachable
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.states import state_of
@@ -64,12 +65,21 @@ class RcsNode(StrictNode):
     :raises ParameterError: if a parameter is wrong.
     :raises RosterError: if the roster is.
     :raises KartServerError: if the kart server cannot start.
+    :raises GraphError: if the ROS graph can be reached from where karts connect.
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         """Read the parameters and the roster, start the kart server, and offer the services."""
         super().__init__('rcs', **node_options)
-        begin = read_settings(Parameters(self))
+        parameters = Parameters(self)
+        accept_open_graph = parameters.declare(
+            'accept_open_graph',
+            False,
+            'The ROS graph may be reached from where karts connect, without SROS2: whoever is on '
+            'their network can then start them (docs/security.md).',
+        )
+        begin = read_settings(parameters)
+        refuse_open_graph(begin.settings.host, accepted=accept_open_graph)
         self._on_failure = on_failure
         self._failure = ''
         self._rival = False
@@ -87,6 +97,7 @@ class RcsNode(StrictNode):
             f'Race control listens for {len(begin.roster.entries)} karts at '
             f'{self._server.address[0]}, port {self._server.address[1]}'
         )
+        self.get_logger().info(where_reachable())
 
     @property
     def kart_port(self) -> int:
@@ -247,10 +258,11 @@ def main(args: list[str] | None = None) -> int:
     """
     Run race control until SIGINT or SIGTERM; every kart is sent RED_RED at the end.
 
-    :return: 0 after an orderly end, 2 if a setting is wrong.
-    :raises NodeFailedError: after a failure; the karts were sent RED_RED or lost their connection.
+    :return: 0 after an orderly end, 1 after a failure (the karts were sent RED_RED, or lost their
+        connection), 2 if a setting is wrong.
     """
-    return run_node('rcs', RcsNode, (ParameterError, RosterError, KartServerError), args)
+    refusals = (ParameterError, GraphError, RosterError, KartServerError)
+    return run_node('rcs', RcsNode, refusals, args)
 
 
 if __name__ == '__main__':
