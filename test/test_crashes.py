@@ -99,6 +99,13 @@ class Event:
 
     def home(self) -> None:
         self.official.command('in_garage', track_safe=True)
+        # What an official held alone is not released with the race.
+        race = self.official.wait_for_race(
+            lambda race: state_of(race.state) is IN_GARAGE, 'the race in IN_GARAGE'
+        )
+        for status in race.karts:
+            if state_of(status.hold) is not None:
+                self.official.command('kart/in_garage', kart=status.number)
         for kart in self.karts.values():
             kart.wait_for_state(IN_GARAGE)
 

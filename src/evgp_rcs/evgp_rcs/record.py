@@ -56,6 +56,7 @@ import os
 import pathlib
 import queue
 import sqlite3
+import tempfile
 import threading
 import time
 from typing import IO
@@ -80,6 +81,9 @@ SLOW = 2.0
 
 WITNESSES = pathlib.Path('/var/tmp')  # noqa: S108 - what others put there makes us careful only
 """Where a run says that it has begun, apart from the record; kept when the machine restarts."""
+
+TEMPORARY = pathlib.Path(tempfile.gettempdir())
+"""A record below this folder is not meant to last, and its witness goes with it."""
 
 UNRECORDED = 'unrecorded'
 """What the witness says of a run that the record does not know of."""
@@ -477,7 +481,8 @@ class _Witness:
     def __init__(self, record: pathlib.Path) -> None:
         """Find its place."""
         name = hashlib.sha256(str(record.absolute()).encode()).hexdigest()[:16]
-        self._path = WITNESSES / f'evgp_rcs-{os.getuid()}-{name}'
+        lasts = TEMPORARY not in record.absolute().parents
+        self._path = (WITNESSES if lasts else record.parent) / f'evgp_rcs-{os.getuid()}-{name}'
 
     def read(self) -> str:
         """Return what it says: `UNRECORDED`, when the run began (ns), or nothing."""

@@ -40,6 +40,7 @@ def witnesses(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> pathli
     folder = tmp_path / 'witnesses'
     folder.mkdir()
     monkeypatch.setattr(evgp_rcs.record, 'WITNESSES', folder)
+    monkeypatch.setattr(evgp_rcs.record, 'TEMPORARY', folder / 'elsewhere')
     return folder
 
 Begin = Callable[[], Record]
