@@ -83,9 +83,7 @@ def rules(count: int) -> None:
             server.end()
             return
         kind = CommandKind[line.strip()]
-        command = Command(
-            kind, statement=True, karts=frozenset(race.availability(kind).karts)
-        )
+        command = Command(kind, statement=True, karts=frozenset(race.availability(kind).karts))
         began = time.monotonic()
         answers: list[Answer] = []
         server.submit(command, answers.append)

@@ -60,7 +60,8 @@ def seen(race: msg.Race | None, service: str, kart: int) -> dict[str, Any]:
         offered = (each for each in race.commands if each.command == SEES[service])
         return {'karts': next(offered).karts}
     if service == 'kart/in_garage':
-        return {'hold': each.hold for each in race.karts if each.number == kart}
+        held = next((each for each in race.karts if each.number == kart), None)
+        return {} if held is None else {'hold': held.hold}
     return {}
 
 

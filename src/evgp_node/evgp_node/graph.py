@@ -205,7 +205,7 @@ def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
     raise GraphError(
         f'karts connect at {karts}, and the ROS graph can be reached at {at}: whoever is on the '
         "karts' network could start them. Set the parameter address to that of the karts' "
-        "interface, and officials to another one, or leave officials out; docs/security.md has "
+        'interface, and officials to another one, or leave officials out; docs/security.md has '
         'the other ways'
     )
 
@@ -381,9 +381,7 @@ def _filtered_interfaces(of: socket.socket) -> list[int] | None:
     code = ctypes.create_string_buffer(8 * 64)
     # Counted in instructions, there and back, not in bytes as everywhere else.
     count = ctypes.c_uint32(64)
-    if _LIBC.getsockopt(
-        of.fileno(), socket.SOL_SOCKET, _SO_GET_FILTER, code, ctypes.byref(count)
-    ):
+    if _LIBC.getsockopt(of.fileno(), socket.SOL_SOCKET, _SO_GET_FILTER, code, ctypes.byref(count)):
         return None
     program = list(struct.iter_unpack('HBBI', code.raw[: 8 * count.value]))
     if not program or program[0] != _LOAD_INTERFACE:

@@ -135,11 +135,11 @@ class Unpacker:
     def feed(self, data: bytes) -> Iterator[Any]:
         """Yield the messages that are whole by now."""
         self._data += data
-        while len(self._data) >= _LENGTH.size:
-            (length,) = _LENGTH.unpack_from(self._data)
-            end = _LENGTH.size + length
+        head = _LENGTH.size
+        while len(self._data) >= head:
+            end = head + _LENGTH.unpack_from(self._data)[0]
             if len(self._data) < end:
                 return
-            message = pickle.loads(self._data[_LENGTH.size : end])  # noqa: S301 - see above
+            message = bytes(self._data[head:end])
             del self._data[:end]
-            yield message
+            yield pickle.loads(message)  # noqa: S301 - see above

@@ -104,7 +104,9 @@ class KartServerClient:
             self._clear_away()
             raise
 
-    def submit(self, command: Command, came: float) -> tuple[int, concurrent.futures.Future[Answer]]:
+    def submit(
+        self, command: Command, came: float
+    ) -> tuple[int, concurrent.futures.Future[Answer]]:
         """
         Hand over an official's command.
 

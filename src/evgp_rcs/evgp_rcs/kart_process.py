@@ -5,8 +5,8 @@ The ROS half (``node``) starts it, and the two are joined by one local socket pa
 Neither outlives the other. When the ROS half ends, or is silent for `SILENCE`, no official could
 stop a kart any more: every kart is sent RED_RED, and this process ends.
 
-Two threads: the main one runs the kart server's loop, the record's writes to the disk. What goes to
-the ROS half waits here if it is slow: events do, copies of the race are left out.
+Two threads: the main one runs the kart server's loop, the other writes the record to the disk.
+When the ROS half is slow, events for it wait here; copies of the race are left out.
 """
 
 from __future__ import annotations
@@ -246,7 +246,11 @@ async def serve(begin: Begin, ros_half: RosHalf, world: World, record: Record) -
     )
     world.attach(loop)
     ros_half.attach(server, loop)
-    record.on_failure = lambda error: loop.call_soon_threadsafe(_part_failed, server, error)
+
+    def record_failed(error: BaseException) -> None:
+        loop.call_soon_threadsafe(_part_failed, server, error)
+
+    record.on_failure = record_failed
     # Its own signals end it in order too; those of a terminal reach the ROS half only.
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
         loop.add_signal_handler(number, server.end)
@@ -288,7 +292,7 @@ def main(arguments: list[str] | None = None) -> int:
             record.end(END_TIMEOUT, in_order=True)
             ros_half.send_the_rest(Refused(str(error)), END_TIMEOUT)
             return 2
-        except BaseException as error:  # noqa: BLE001 - told to the ROS half, which ends by it
+        except BaseException as error:
             record.end(END_TIMEOUT, in_order=False)
             ros_half.send_the_rest(Failed(_in_words(error)), END_TIMEOUT)
             if not isinstance(error, RosHalfGoneError):

@@ -71,7 +71,8 @@ MOST_UNWRITTEN = 100_000
 """Maximum backlog of events while the disk takes none; what comes after them is lost."""
 
 CLAIM_TIMEOUT = 2.0
-"""Maximum time to wait for a race control that is just ending to let go of its record, in seconds."""
+"""Maximum time to wait for a race control that is just ending to let go of its record, in
+seconds."""
 
 RETRY = 1.0
 """Time after a failure until the writer tries again, in seconds."""

@@ -13,7 +13,6 @@ import time
 
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
-import evgp_rcs.record
 from evgp_rcs.race import (
     Command,
     CommandKind,
@@ -25,6 +24,7 @@ from evgp_rcs.race import (
     RaceMemory,
     StampedEvent,
 )
+import evgp_rcs.record
 from evgp_rcs.record import events, open_read_only, Record, RecordError, sessions
 from evgp_rcs.timeline import main as print_timeline
 import pytest
@@ -42,6 +42,7 @@ def witnesses(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> pathli
     monkeypatch.setattr(evgp_rcs.record, 'WITNESSES', folder)
     monkeypatch.setattr(evgp_rcs.record, 'TEMPORARY', folder / 'elsewhere')
     return folder
+
 
 Begin = Callable[[], Record]
 
