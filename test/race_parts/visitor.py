@@ -107,11 +107,8 @@ def look_around(seconds: float) -> Findings:
         name: (node.create_client(kind, name), request)
         for name, (kind, request) in commands.items()
     }
-    for topic, kind in (
-        ('/rcs/events', msg.RaceEvent),
-        ('/kart_bridge/race_state', msg.KartRaceState),
-    ):
-        node.create_subscription(kind, topic, lambda _, topic=topic: heard.add(topic), latched(1))
+    state = '/kart_bridge/race_state'
+    node.create_subscription(msg.KartRaceState, state, lambda _: heard.add(state), latched(1))
     node.create_subscription(
         msg.Race, '/rcs/race', lambda race: race.karts and heard.add('/rcs/race'), latched(1)
     )
