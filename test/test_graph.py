@@ -61,8 +61,7 @@ HOSTILE = {
     'everything that widens a graph': {
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
         'ROS_STATIC_PEERS': f'{STRANGER};{OFFICIAL}',
-        'ROS_LOCALHOST_ONLY': '0',
-        'FASTDDS_BUILTIN_TRANSPORTS': 'LARGE_DATA',
+        'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
         'RMW_FASTRTPS_USE_QOS_FROM_XML': '1',
     },
 }
