@@ -14,6 +14,7 @@ import sys
 import threading
 import time
 
+from evgp_node.graph import bind_graph, fence_graph, GraphError
 from evgp_rcs_console import words
 from evgp_rcs_console.client import Client, domain_of, Order
 from evgp_rcs_console.commands import FORMS
@@ -126,9 +127,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Ctrl-C is Python's own KeyboardInterrupt: there is nothing to shut down in order.
     # A shell that puts it into the background has SIGINT ignored, which Python would leave so.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        bind_graph()
+    except GraphError as error:
+        print(f'rcs_ctl: {error}', file=sys.stderr)
+        return Exit.USAGE
     rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     desk = Desk()
     client = Client('rcs_ctl', desk)
+    fence_graph()
     try:
         if wanted.command == 'watch':
             return _watch(client, desk, wanted)

@@ -8,6 +8,7 @@ import signal
 import sys
 from typing import Any
 
+from evgp_node.graph import bind_graph, fence_graph, GraphError
 from evgp_rcs_console import words
 from evgp_rcs_console.client import Client, domain_of
 import rclpy
@@ -36,11 +37,17 @@ def main(
     # The thread that sends ALL KILL must not wait for one that draws.
     sys.setswitchinterval(0.001)
     given = list(sys.argv if arguments is None else ['rcs_gui', *arguments])
+    try:
+        bind_graph()
+    except GraphError as error:
+        print(f'rcs_gui: {error}', file=sys.stderr)
+        return 2
     rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     application = QtWidgets.QApplication(remove_ros_args(given))
     application.setStyle('Fusion')
     inbox = Inbox()
     client = Client('rcs_gui', inbox)
+    fence_graph()
     window = ConsoleWindow(inbox, client.give, client.topic, domain_of())
     # Python runs these when the window's timer gives it the chance.
     for number in (signal.SIGINT, signal.SIGTERM):
