@@ -11,10 +11,12 @@ import threading
 
 from ament_index_python.packages import get_package_prefix
 from evgp_protocol.states import RaceState
-from evgp_rcs_console.client import Client, KINDS
-from evgp_rcs_console.commands import FORMS
-from evgp_rcs_console.ctl import COMMANDS, Desk
+from evgp_rcs_console.client import Client, request_message
+from evgp_rcs_console.commands import FORMS, Order
+from evgp_rcs_console.ctl import COMMANDS
+from evgp_rcs_console.desk import Desk
 from evgp_rcs_console.snapshot import Command
+from evgp_rcs_console.standing import Standing
 import pytest
 from race_parts.domains import Domain
 from race_parts.fixtures import ConnectKart, JoinOfficial, StartRaceControl
@@ -224,13 +226,13 @@ class SlowListener(Desk):
         self.told: list[int] = []
         self.accepted = threading.Event()
 
-    def on_pressing(self, count: int, since: float) -> None:
+    def on_pressing(self, stops: tuple[Standing, ...]) -> None:
         """Keep the news, in the order in which the telling ended."""
-        if count:
+        if stops:
             self.accepted.wait(0.5)
         else:
             self.accepted.set()
-        self.told.append(count)
+        self.told.append(len(stops))
 
 
 def test_that_all_kill_is_accepted_is_told_last(start_race_control: StartRaceControl) -> None:
@@ -241,7 +243,7 @@ def test_that_all_kill_is_accepted_is_told_last(start_race_control: StartRaceCon
     client = Client('slow', listener, context=context, use_global_arguments=False)
 
     try:
-        client.give(Command.ALL_KILL)
+        client.give(Order(Command.ALL_KILL))
         with listener.news:
             assert listener.news.wait_for(lambda: listener.answer, PATIENCE)
     finally:
@@ -253,5 +255,5 @@ def test_that_all_kill_is_accepted_is_told_last(start_race_control: StartRaceCon
 
 def test_every_command_of_an_official_is_there_and_fits_its_service() -> None:
     assert {command for command, _ in COMMANDS.values()} == set(Command)
-    for form in FORMS.values():
-        KINDS[form.kind].Request(**form.request(1, stated=True))
+    for command in FORMS:
+        request_message(Order(command, 1, stated=True, karts=(1, 2)))

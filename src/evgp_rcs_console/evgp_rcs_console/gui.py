@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import faulthandler
 import os
 import signal
 import sys
@@ -14,6 +15,9 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+END_TIMEOUT = 5.0
+"""Maximum time the process takes to end after its window was closed, in seconds."""
+
 
 def main(
     arguments: Sequence[str] | None = None, on_window: Callable[[Any], object] | None = None
@@ -22,7 +26,8 @@ def main(
     Open the window, and run until it is closed.
 
     :param on_window: is called with the window once it is there.
-    :return: 0 after an orderly end, 2 if there is no Qt or no screen.
+    :return: 0 after an orderly end, 2 if there is no Qt or no screen. If ROS does not end in
+        time, the process exits with 1 and says on stderr where it hung.
     """
     try:
         from evgp_rcs_console.qt import QtWidgets
@@ -33,6 +38,9 @@ def main(
     if not any(map(os.environ.get, ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM'))):
         print(words.NO_DISPLAY, file=sys.stderr)
         return 2
+    # The window takes no text. An input method could only keep a key from it, such as the space
+    # bar while an accent is being composed.
+    os.environ['QT_IM_MODULE'] = 'none'
     # The thread that sends ALL KILL must not wait for one that draws.
     sys.setswitchinterval(0.001)
     given = list(sys.argv if arguments is None else ['rcs_gui', *arguments])
@@ -51,6 +59,9 @@ def main(
     try:
         application.exec()
     finally:
+        # Whatever DDS does: this needs neither the interpreter nor any of its locks, and it is
+        # still armed while the process tears down what is left.
+        faulthandler.dump_traceback_later(END_TIMEOUT, exit=True)
         window.close()
         client.close()
         rclpy.try_shutdown()
