@@ -11,6 +11,7 @@ import difflib
 import ipaddress
 from typing import Any, TypeVar
 
+from evgp_node.graph import fence_graph
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
@@ -64,6 +65,7 @@ class StrictNode(Node):
             raise ParameterError(
                 f'a parameter has no value ({error}). Give one; a list may not be empty'
             ) from error
+        fence_graph()
         self.given = {
             name
             for name in self.get_parameters_by_prefix('')

@@ -6,18 +6,27 @@ from collections.abc import Callable
 import signal
 import socket
 import sys
-import threading
+import traceback
 from typing import Protocol
 
+from evgp_node.ending import end_within
+from evgp_node.graph import bind_graph, GraphError
 from evgp_node.output import unwaiting_output
+from evgp_node.spinning import Spinning
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 SWITCH_INTERVAL = 0.0002
 """How long one thread keeps the interpreter from another that wants it, seconds. With Python's
 usual 5 ms, a stop waits for as long while another thread makes a message."""
+
+CLOSE_TIMEOUT = 8.0
+"""Maximum time for a node to close, seconds. Then the process ends with exit code 1; karts stop
+because their connections are gone."""
+
+TEARDOWN_TIMEOUT = 2.0
+"""Maximum time for ROS to be taken down after that, seconds. Then the process ends anyway."""
 
 OnFailure = Callable[[BaseException], None]
 
@@ -41,10 +50,6 @@ class ClosableNode(Protocol):
         """As `rclpy.node.Node` has it."""
 
 
-class NodeFailedError(RuntimeError):
-    """Something that must not fail did, while the node was running."""
-
-
 def run_node(
     name: str,
     make_node: Callable[[OnFailure], ClosableNode],
@@ -52,14 +57,16 @@ def run_node(
     args: list[str] | None = None,
 ) -> int:
     """
-    Run a node until a signal of `ENDING`, then `close` it.
+    Run a node until a signal of `ENDING`, then `close` it; the process must end then.
+
+    The end takes no longer than `CLOSE_TIMEOUT` and `TEARDOWN_TIMEOUT`, whatever DDS does.
 
     :param name: stands before the sentence on stderr that says what is wrong.
     :param make_node: makes the node; what it is given is called, in any thread, when the node
         cannot go on.
     :param refusals: what `make_node` raises when a setting is wrong.
-    :return: 0 after an orderly end, 2 if a setting is wrong.
-    :raises NodeFailedError: after the node was closed, because it could not go on.
+    :return: 0 after an orderly end, 1 if the node could not go on (a traceback on stderr says
+        why), 2 if a setting is wrong.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
     # Any thread may be the one that the kernel interrupts with a signal, and only the main one
@@ -98,6 +105,7 @@ def _run(
     # wants it says --enable-external-lib-logs.
     own = ['--ros-args', '--disable-external-lib-logs', '--']
     try:
+        bind_graph()
         rclpy.init(
             args=[program, *own, *given], signal_handler_options=rclpy.SignalHandlerOptions.NO
         )
@@ -105,33 +113,23 @@ def _run(
     except UnknownROSArgsError as error:
         print(f'{name}: unknown ROS arguments: {error}', file=sys.stderr)
         return 2
-    except (RCLError, *refusals) as error:
+    except (RCLError, GraphError, *refusals) as error:
         print(f'{name}: {error}', file=sys.stderr)
+        end_within(TEARDOWN_TIMEOUT, 2)
         rclpy.try_shutdown()
         return 2
-
-    def spin(executor: Executor) -> None:
-        try:
-            executor.spin()
-        except ExternalShutdownException:
-            end.send(b'\0')
-        except BaseException as error:  # noqa: BLE001 - raised again by the main thread
-            fail(error)
-
-    spinning = []
-    for each in (node, *node.beside):
-        executor = SingleThreadedExecutor()
-        executor.add_node(each)
-        thread = threading.Thread(target=spin, args=(executor,), name='executor', daemon=True)
-        thread.start()
-        spinning.append((executor, thread, each))
+    spinning = [Spinning(each, fail) for each in (node, *node.beside)]
     ending.recv(1)
+    end_within(CLOSE_TIMEOUT, 1)
     node.close()
-    for executor, thread, each in spinning:
-        executor.shutdown()
-        thread.join()
-        each.destroy_node()
-    rclpy.try_shutdown()
+    code = 0
     if failures:
-        raise NodeFailedError(f'{name} could not go on') from failures[0]
-    return 0
+        print(f'{name} could not go on:', file=sys.stderr)
+        traceback.print_exception(failures[0])
+        code = 1
+    end_within(TEARDOWN_TIMEOUT, code)
+    if all([each.stop(TEARDOWN_TIMEOUT) for each in spinning]):
+        for each in (*node.beside, node):
+            each.destroy_node()
+        rclpy.try_shutdown()
+    return code

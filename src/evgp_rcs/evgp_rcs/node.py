@@ -23,6 +23,7 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from evgp_node.graph import GraphError, refuse_open_graph, where_reachable
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.states import state_of
@@ -109,12 +110,21 @@ class RcsNode(StrictNode):
     :raises ParameterError: if a parameter is wrong.
     :raises RosterError: if the roster is.
     :raises KartServerError: if the karts' port cannot be listened at.
+    :raises GraphError: if the ROS graph can be reached from where karts connect.
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         """Read the parameters and the roster, listen for karts, and offer the services."""
         super().__init__('rcs', **node_options)
-        settings, times, roster, record = read_settings(Parameters(self))
+        parameters = Parameters(self)
+        accept_open_graph = parameters.declare(
+            'accept_open_graph',
+            False,
+            'The ROS graph may be reached from where karts connect, without SROS2: whoever is on '
+            'their network can then start them (docs/security.md).',
+        )
+        settings, times, roster, record = read_settings(parameters)
+        refuse_open_graph(settings.host, accepted=accept_open_graph)
         race = Race(
             [
                 Kart(number=entry.number, team=entry.team, in_race=entry.in_race)
@@ -149,6 +159,7 @@ class RcsNode(StrictNode):
             f'Race control listens for {len(roster.entries)} karts at '
             f'{self._server.address[0]}, port {self._server.address[1]}'
         )
+        self.get_logger().info(where_reachable())
 
     @property
     def kart_port(self) -> int:
@@ -535,10 +546,10 @@ def main(args: list[str] | None = None) -> int:
     """
     Run race control until SIGINT or SIGTERM; every kart is sent RED_RED at the end.
 
-    :return: 0 after an orderly end, 2 if a setting is wrong.
-    :raises NodeFailedError: after a failure; the karts were sent RED_RED.
+    :return: 0 after an orderly end, 1 after a failure (the karts were sent RED_RED), 2 if a
+        setting is wrong.
     """
-    refusals = (ParameterError, RosterError, RecordError, KartServerError)
+    refusals = (ParameterError, GraphError, RosterError, RecordError, KartServerError)
     return run_node('rcs', RcsNode, refusals, args)
 
 

@@ -1,0 +1,391 @@
+"""
+The ROS graph of this process, bound to loopback whatever the environment says.
+
+Without SROS2, anyone who can send to a node's DDS sockets can call its services. So every program
+of ours decides by itself where its sockets are: `bind_graph` tells DDS, before ``rclpy.init``, to
+open them on 127.0.0.1 only, and `fence_graph` has the kernel drop whatever comes to them through
+another interface. The setting `INTERFACE` adds one more interface, by its address.
+
+`reachable_at` reads what came of it from the sockets themselves, and not from the settings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import ctypes
+import fcntl
+import ipaddress
+import os
+import socket
+import struct
+import tempfile
+from xml.sax import saxutils
+
+from rclpy.utilities import get_rmw_implementation_identifier
+
+INTERFACE = 'EVGP_GRAPH_INTERFACE'
+"""Environment variable: the IPv4 address, on this machine, of the one interface that the graph is
+on besides loopback. Empty or not set: loopback only."""
+
+EVERY = '0.0.0.0'
+"""In `reachable_at`: at every address of this machine."""
+
+LOOPBACK = '127.0.0.1'
+
+ANNOUNCEMENT = 0.5
+"""Time between two announcements of this process to the others, seconds. A node that does not
+look for us (ROS's own SUBNET looks on the network only) finds us after so long."""
+
+PROCESSES = 32
+"""Maximum number of ROS processes on this machine that are told of this one."""
+
+_OVERRIDDEN = (
+    # Where DDS looks, and for whom.
+    *('ROS_STATIC_PEERS', 'ROS_LOCALHOST_ONLY', 'ROS_DISCOVERY_SERVER', 'ROS_SUPER_CLIENT'),
+    # What else Fast DDS takes its settings from; FASTDDS_ENVIRONMENT_FILE outdoes all the others.
+    *('FASTDDS_ENVIRONMENT_FILE', 'FASTDDS_BUILTIN_TRANSPORTS', 'FASTDDS_STATISTICS'),
+    *('RMW_FASTRTPS_USE_QOS_FROM_XML', 'RMW_FASTRTPS_PUBLICATION_MODE'),
+)
+
+_FAST_DDS = """<?xml version="1.0" encoding="UTF-8"?>
+<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <transport_descriptors>
+    <transport_descriptor>
+      <transport_id>graph</transport_id>
+      <type>UDPv4</type>
+      <interfaceWhiteList>{addresses}</interfaceWhiteList>
+      <maxInitialPeersRange>{processes}</maxInitialPeersRange>
+    </transport_descriptor>
+  </transport_descriptors>
+  <participant profile_name="graph" is_default_profile="true">
+    <rtps>
+      <builtin>
+        <discovery_config>
+          <leaseAnnouncement><nanosec>{announcement_ns}</nanosec></leaseAnnouncement>
+        </discovery_config>
+        {listening}
+        <initialPeersList>{peers}</initialPeersList>
+      </builtin>
+      <userTransports><transport_id>graph</transport_id></userTransports>
+      <useBuiltinTransports>false</useBuiltinTransports>
+    </rtps>
+  </participant>
+</profiles>
+"""
+
+# Named, so that no multicast is listened to: a socket for that hears every interface which any
+# program of this machine has joined the group on.
+_NO_MULTICAST = '<metatrafficUnicastLocatorList>{}</metatrafficUnicastLocatorList>'
+
+_LOCATOR = '<locator><udpv4><address>{}</address></udpv4></locator>'
+_DISCOVERY_GROUP = '239.255.0.1'
+
+_CYCLONE_DDS = """<CycloneDDS>
+  <Domain Id="any">
+    <General>
+      <Interfaces>{interfaces}</Interfaces>
+      <AllowMulticast>{multicast}</AllowMulticast>
+    </General>
+    <Discovery>
+      <ParticipantIndex>auto</ParticipantIndex>
+      <MaxAutoParticipantIndex>{processes}</MaxAutoParticipantIndex>
+      <Peers><Peer address="127.0.0.1"/></Peers>
+      <SPDPInterval>{announcement} s</SPDPInterval>
+    </Discovery>
+  </Domain>
+</CycloneDDS>
+"""
+
+
+class GraphError(RuntimeError):
+    """The graph cannot be where it is to be; the text says why, and what to do."""
+
+
+def bind_graph() -> None:
+    """
+    Have DDS open its sockets on loopback, and on the interface named by `INTERFACE`, only.
+
+    Call it before ``rclpy.init``. It changes the environment of this process.
+
+    :raises GraphError: if no interface has that address, or if it is not known how to tell this
+        ROS middleware.
+    """
+    interface = _named_interface()
+    middleware = get_rmw_implementation_identifier()
+    if not middleware.startswith(('rmw_fastrtps', 'rmw_cyclonedds')):
+        raise GraphError(
+            f'{middleware} cannot be bound to one interface here, so anyone on the network could '
+            'give commands. Set RMW_IMPLEMENTATION=rmw_fastrtps_cpp'
+        )
+    for name in _OVERRIDDEN:
+        os.environ.pop(name, None)
+    # Of all ranges only this one leaves everything to what follows.
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
+    profile = _private_file(fast_dds_profile(interface))
+    os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = profile
+    os.environ['FASTDDS_DEFAULT_PROFILES_FILE'] = profile
+    # Otherwise a file of a certain name in the working directory would come on top.
+    os.environ['SKIP_DEFAULT_XML_FILE'] = '1'
+    os.environ['SKIP_DEFAULT_XML'] = '1'
+    os.environ['CYCLONEDDS_URI'] = cyclone_dds_configuration(interface)
+
+
+def fence_graph() -> None:
+    """
+    Have the kernel drop what comes to this process's UDP sockets through other interfaces.
+
+    Call it as soon as there is a node: it is the first one that opens the sockets. An address
+    alone is no fence, since Linux takes a datagram for any of its addresses at any interface.
+
+    :raises GraphError: if no interface has the address named by `INTERFACE`.
+    """
+    while _profiles:
+        _profiles.pop().close()  # DDS has read it
+    named = _named_interface()
+    indices = [socket.if_nametoindex('lo')]
+    if named:
+        indices.append(socket.if_nametoindex(_interfaces()[named]))
+    with _sockets() as found:
+        for each, _ in found:
+            _attach_filter(each, indices)
+
+
+def reachable_at() -> tuple[str, ...]:
+    """
+    Return the IPv4 addresses at which the graph of this process can be reached.
+
+    They are read from its UDP sockets and the kernel's filters on them. `EVERY` stands for every
+    address of this machine.
+    """
+    names = _interfaces()
+    index: dict[int, list[str]] = {}
+    for address, name in names.items():
+        with contextlib.suppress(OSError):  # gone since
+            index.setdefault(socket.if_nametoindex(name), []).append(address)
+    addresses: set[str] = set()
+    with _sockets() as found:
+        for each, bound in found:
+            if not _is_open(bound):
+                addresses.add(bound)
+                continue
+            through = _filtered_interfaces(each)
+            if through is None:
+                addresses.add(EVERY)
+            else:
+                addresses.update(*(index.get(number, []) for number in through))
+    return tuple(sorted(addresses, key=ipaddress.IPv4Address))
+
+
+def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
+    """
+    Refuse a graph that can be reached from where karts connect.
+
+    Call it once there is a node.
+
+    :param kart_address: at which race control listens for karts; `EVERY` is every address.
+    :param accepted: whether the official has accepted this by name.
+    :raises GraphError: if it can be, and neither SROS2 is enforced nor it was accepted.
+    """
+    if accepted or is_security_enforced() or ipaddress.IPv4Address(kart_address).is_loopback:
+        return
+    beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
+    names = _interfaces()
+    meeting = [
+        each
+        for each in beyond
+        if EVERY in (each, kart_address)
+        or each == kart_address
+        or names.get(each, each) == names.get(kart_address, kart_address)
+    ]
+    if not meeting:
+        return
+    at = 'every address' if EVERY in meeting else ' and '.join(meeting)
+    karts = 'every address' if kart_address == EVERY else kart_address
+    raise GraphError(
+        f'karts connect at {karts}, and the ROS graph can be reached at {at}: whoever is on the '
+        "karts' network could start them. Set the parameter address to that of the karts' "
+        "interface, and officials to another one, or leave officials out; docs/security.md has "
+        'the other ways'
+    )
+
+
+def where_reachable() -> str:
+    """Return a sentence that says where the graph of this process can be reached."""
+    beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
+    if not beyond:
+        return 'The ROS graph can be reached from this machine only'
+    at = 'every address of this machine' if EVERY in beyond else ' and '.join(beyond)
+    secured = ', and asks for keys (SROS2)' if is_security_enforced() else ''
+    return f'The ROS graph can be reached from other machines, at {at}{secured}'
+
+
+def is_security_enforced() -> bool:
+    """Return whether SROS2 keeps out of the graph who has no key."""
+    return (
+        os.environ.get('ROS_SECURITY_ENABLE') == 'true'
+        and os.environ.get('ROS_SECURITY_STRATEGY') == 'Enforce'
+    )
+
+
+def fast_dds_profile(interface: str) -> str:
+    """
+    Return the profile for Fast DDS.
+
+    :param interface: the address of the one besides loopback; empty: none.
+    """
+    addresses = [LOOPBACK, *filter(None, [interface])]
+    # Other machines are found by multicast, which goes to the interface only.
+    peers = [LOOPBACK, *([_DISCOVERY_GROUP] if interface else [])]
+    return _FAST_DDS.format(
+        addresses=''.join(f'<address>{each}</address>' for each in addresses),
+        processes=PROCESSES,
+        announcement_ns=round(ANNOUNCEMENT * 1e9),
+        listening='' if interface else _NO_MULTICAST.format(_LOCATOR.format(LOOPBACK)),
+        peers=''.join(_LOCATOR.format(each) for each in peers),
+    )
+
+
+def cyclone_dds_configuration(interface: str) -> str:
+    """
+    Return the configuration for Cyclone DDS.
+
+    :param interface: the address of the one besides loopback; empty: none.
+    """
+    addresses = [LOOPBACK, *filter(None, [interface])]
+    return _CYCLONE_DDS.format(
+        interfaces=''.join(
+            f'<NetworkInterface address={saxutils.quoteattr(each)}/>' for each in addresses
+        ),
+        multicast='spdp' if interface else 'false',
+        processes=PROCESSES,
+        announcement=ANNOUNCEMENT,
+    )
+
+
+def _private_file(content: str) -> str:
+    """Return the path of a file that only this user can read; it goes with `fence_graph`."""
+    # Fast DDS wants a file with a name: a memfd has none.
+    file = tempfile.NamedTemporaryFile('w', prefix='evgp-graph-', suffix='.xml')  # noqa: SIM115
+    file.write(content)
+    file.flush()
+    _profiles.append(file)
+    return file.name
+
+
+_profiles: list[tempfile._TemporaryFileWrapper[str]] = []
+
+
+def _named_interface() -> str:
+    """
+    Return the address that `INTERFACE` names; empty: none but loopback.
+
+    :raises GraphError: if no interface of this machine has it.
+    """
+    named = os.environ.get(INTERFACE, '').strip()
+    if not named:
+        return ''
+    known = _interfaces()
+    if named not in known:
+        others = [each for each in known if not ipaddress.IPv4Address(each).is_loopback]
+        raise GraphError(
+            f"no interface of this machine has the officials' address {named!r} "
+            f'({INTERFACE}). Name one of: {", ".join(others) or "(there is none)"}'
+        )
+    return '' if ipaddress.IPv4Address(named).is_loopback else named
+
+
+# ----- what the kernel says ---------------------------------------------------------------
+
+_SIOCGIFCONF = 0x8912
+_REQUEST_SIZE = 40  # of struct ifreq, on 64 bits
+_SO_ATTACH_FILTER = _SO_GET_FILTER = 26
+_LOAD_INTERFACE = (0x20, 0, 0, 0xFFFFF000 + 8)  # BPF_LD | BPF_W | BPF_ABS, SKF_AD_IFINDEX
+_JUMP_IF_EQUAL = 0x15  # BPF_JMP | BPF_JEQ | BPF_K
+_RETURN = 0x06  # BPF_RET | BPF_K
+_LIBC = ctypes.CDLL(None, use_errno=True)
+
+
+def _interfaces() -> dict[str, str]:
+    """Return the names of this machine's interfaces by their IPv4 addresses."""
+    room = ctypes.create_string_buffer(_REQUEST_SIZE * 1024)
+    request = struct.pack('iP', len(room), ctypes.addressof(room))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
+        (size,) = struct.unpack_from('i', fcntl.ioctl(any_socket, _SIOCGIFCONF, request))
+    found = {}
+    for start in range(0, size, _REQUEST_SIZE):
+        label, address = struct.unpack_from('16s4x4s', room, start)
+        # A second address of eth0 may be labelled eth0:1.
+        name = label.split(b'\0')[0].decode(errors='replace').partition(':')[0]
+        found[socket.inet_ntoa(address)] = name
+    return found
+
+
+@contextlib.contextmanager
+def _sockets() -> Iterator[list[tuple[socket.socket, str]]]:
+    """Give each UDP socket of this process, and the IPv4 address to which it is bound."""
+    bound = {}
+    for line in _lines('/proc/self/net/udp'):
+        number = bytes.fromhex(line[1].partition(':')[0])
+        bound[line[9]] = socket.inet_ntoa(number[::-1])
+    for line in _lines('/proc/self/net/udp6'):
+        bound[line[9]] = EVERY  # we open none; who sees one shall ask
+    with contextlib.ExitStack() as stack:
+        found = []
+        for name in os.listdir('/proc/self/fd'):
+            try:
+                # A copy: the original may be closed meanwhile, and another get its number.
+                descriptor = os.dup(int(name))
+            except OSError:
+                continue
+            inode = os.readlink(f'/proc/self/fd/{descriptor}')
+            address = bound.get(inode.removeprefix('socket:[').removesuffix(']'))
+            if address is None:
+                os.close(descriptor)
+            else:
+                each = stack.enter_context(socket.socket(fileno=descriptor))
+                found.append((each, address))
+        yield found
+
+
+def _lines(path: str) -> list[list[str]]:
+    with contextlib.suppress(FileNotFoundError), open(path, encoding='ascii') as file:
+        return [line.split() for line in file][1:]
+    return []  # a machine without IPv6
+
+
+def _is_open(address: str) -> bool:
+    """Return whether a socket bound to this address hears more than one interface."""
+    return address == EVERY or ipaddress.IPv4Address(address).is_multicast
+
+
+def _attach_filter(to: socket.socket, indices: list[int]) -> None:
+    """Have a socket hear the interfaces with these numbers only."""
+    count = len(indices)
+    program = [
+        _LOAD_INTERFACE,
+        *((_JUMP_IF_EQUAL, count - at, 0, index) for at, index in enumerate(indices)),
+        (_RETURN, 0, 0, 0),
+        (_RETURN, 0, 0, 0xFFFFFFFF),
+    ]
+    code = ctypes.create_string_buffer(b''.join(struct.pack('HBBI', *each) for each in program))
+    to.setsockopt(
+        socket.SOL_SOCKET,
+        _SO_ATTACH_FILTER,
+        struct.pack('HP', len(program), ctypes.addressof(code)),
+    )
+
+
+def _filtered_interfaces(of: socket.socket) -> list[int] | None:
+    """Return the numbers of the interfaces a socket hears; None: it hears all."""
+    code = ctypes.create_string_buffer(8 * 64)
+    # Counted in instructions, there and back, not in bytes as everywhere else.
+    count = ctypes.c_uint32(64)
+    if _LIBC.getsockopt(
+        of.fileno(), socket.SOL_SOCKET, _SO_GET_FILTER, code, ctypes.byref(count)
+    ):
+        return None
+    program = list(struct.iter_unpack('HBBI', code.raw[: 8 * count.value]))
+    if not program or program[0] != _LOAD_INTERFACE:
+        return None
+    return [value for operation, _, _, value in program if operation == _JUMP_IF_EQUAL]
