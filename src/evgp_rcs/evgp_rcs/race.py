@@ -21,6 +21,11 @@ command, nor on an earlier connection, can count for it.
 Holds only ever grow; they fall in two places, ``_race_in_garage`` and ``_release_kart``, both
 an official's explicit act. Nothing sets GREEN_GREEN but ``_green_green``.
 
+Doubt means stop. A kart that was told to go, was seen to move, or left a stop unanswered *may be
+moving*; one that was told to form the grid is *on the grid*. Only the kart's own acknowledgement
+of a red, on the connection it has, or an official who made it safe by hand ends either doubt. A
+lost connection never does.
+
 Section numbers (§) are those of the EVGP proposal.
 """
 
@@ -91,6 +96,8 @@ class AlertKind(enum.Enum):
     KART_LOST = 'KART_LOST'
     LOST_IN_MOTION = 'LOST_IN_MOTION'
     TRACK_UNSAFE = 'TRACK_UNSAFE'
+    RECORD_FAILING = 'RECORD_FAILING'
+    TWO_RACE_CONTROLS = 'TWO_RACE_CONTROLS'
 
 
 MSR_ALERTS = frozenset(
@@ -148,7 +155,12 @@ class Order:
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened: to whom (``kart`` 0 is no single kart), and in one sentence."""
+    """
+    Something that happened: to whom (``kart`` 0 is no single kart), and in one sentence.
+
+    :param chatter: a kart can cause any number of these just by what it says; whoever passes
+        events on may limit them.
+    """
 
     kind: EventKind
     text: str
@@ -156,6 +168,7 @@ class Event:
     state: RaceState | None = None
     command: CommandKind | None = None
     success: bool = True
+    chatter: bool = False
 
 
 @dataclass(frozen=True)
@@ -271,12 +284,19 @@ class Kart:
     :param sent: what it is sent; while it is not connected, what it would be sent.
     :param sent_since: when that was first commanded; a reconnection does not renew it.
     :param serial: the number of the present order.
-    :param acknowledged: it acknowledged the present order.
+    :param acknowledged: it stands by its acknowledgement of the present order.
     :param reported: what it said last on this connection, asked or unasked.
-    :param may_be_moving: it was sent GREEN_GREEN and has acknowledged no stop since.
-    :param lost_since: since when it is missing, if it dropped out of a race under way.
+    :param may_be_moving: it was sent GREEN_GREEN, or a red, or was seen to move (it said
+        GREEN_GREEN unasked or took the acknowledgement of a red back), and has since neither
+        acknowledged the red it is sent nor been made safe by hand.
+    :param lost_since: since when it is missing, if it dropped out of a race under way or while it
+        may have been moving; in the latter case until it has acknowledged a red.
     :param place: finishing place from 1; 0 while not finished.
     :param finish_due: when its finish becomes a RED_FLAG; ``None`` if nothing is due.
+    :param on_grid: it was sent GRID_ACTIVE, and has since neither acknowledged a red, nor been
+        made safe by hand, nor been sent IN_GARAGE on the connection it has.
+    :param held_alone: an official held this kart alone; until its release.
+    :param withdrawn: it took an acknowledgement of the present order back.
     """
 
     number: int
@@ -294,6 +314,9 @@ class Kart:
     lost_since: float | None = None
     place: int = 0
     finish_due: float | None = None
+    on_grid: bool = False
+    held_alone: bool = False
+    withdrawn: bool = False
 
     def __str__(self) -> str:
         """Return how officials call this kart."""
@@ -302,6 +325,15 @@ class Kart:
     def __copy__(self) -> Kart:
         """Return another kart with the same fields, in a third of the time it takes otherwise."""
         return Kart(*_every_field(self))
+
+    def __reduce__(self) -> tuple[type[Kart], tuple[object, ...]]:
+        """Return how to make this kart again in another process."""
+        return Kart, _every_field(self)
+
+    @property
+    def in_doubt(self) -> bool:
+        """Return whether it would be a danger to humans if its connection were lost now."""
+        return self.may_be_moving or self.on_grid
 
     @property
     def stopped(self) -> bool:
@@ -314,12 +346,18 @@ _every_field = operator.attrgetter(*(field.name for field in dataclasses.fields(
 
 @dataclass(frozen=True)
 class KartMemory:
-    """What outlives race control of one kart; the meanings are those of ``Kart``."""
+    """
+    What outlives race control of one kart; the meanings are those of ``Kart``.
+
+    The last two are missing in the records of older versions, where they could be true.
+    """
 
     in_race: bool
     held: bool
     place: int
     may_be_moving: bool
+    on_grid: bool = True
+    held_alone: bool = True
 
 
 @dataclass(frozen=True)
@@ -329,16 +367,23 @@ class RaceMemory:
 
     :param state: the race's state.
     :param karts: each kart of the roster, by its number.
+    :param known: this is what there was; false if nothing is known, because what was kept of it
+        is damaged or missing.
     """
 
     state: RaceState
     karts: Mapping[int, KartMemory]
+    known: bool = True
 
     @property
     def home(self) -> bool:
-        """Return whether nothing is under way and nothing is held."""
-        return self.state is IN_GARAGE and not any(
-            kart.held or kart.may_be_moving for kart in self.karts.values()
+        """Return whether nothing is under way, held or in doubt."""
+        return (
+            self.known
+            and self.state is IN_GARAGE
+            and not any(
+                kart.held or kart.may_be_moving or kart.on_grid for kart in self.karts.values()
+            )
         )
 
 
@@ -346,9 +391,9 @@ class Race:
     """
     The state of one race and of every kart of the roster (§3, §4.B).
 
-    Feed it with ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``; each
-    returns the orders to send and the events that happened. Times are seconds of one monotonic
-    clock and never go back.
+    Feed it with ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``, and with
+    what is wrong around it (``rival``, ``record_trouble``); each returns the orders to send and
+    the events that happened. Times are seconds of one monotonic clock and never go back.
 
     :param karts: every kart of the roster, each number once.
     :param times: the times of the rules.
@@ -374,6 +419,10 @@ class Race:
         self.grid_was_last = False
         self.track_open = False
         self.msr_used = False
+        self.restarted = False
+        """It took up what an earlier run left, which may not be all of it; until IN_GARAGE."""
+        self.has_rival = False
+        self.record_fails = ''
         self._told_all_acknowledged = False
         self._alerts: dict[tuple[AlertKind, int], Alert] = {}
         self._orders: list[Order] = []
@@ -391,35 +440,56 @@ class Race:
     def memory(self) -> RaceMemory:
         """Return what must outlive race control."""
         return RaceMemory(
-            self.state,
-            {
-                number: KartMemory(
-                    kart.in_race, kart.hold is not None, kart.place, kart.may_be_moving
-                )
-                for number, kart in self.karts.items()
-            },
+            self.state, {number: _remembered(kart) for number, kart in self.karts.items()}
         )
+
+    def memory_after_green(self) -> RaceMemory:
+        """Return what must be on the disk before GREEN_GREEN goes out to the race."""
+        karts = {number: _remembered(kart) for number, kart in self.karts.items()}
+        for kart in self.racing():
+            karts[kart.number] = dataclasses.replace(karts[kart.number], may_be_moving=True)
+        return RaceMemory(GREEN_GREEN, karts)
 
     def recover(self, memory: RaceMemory, now: float) -> Outcome:
         """
         Take up a race that race control left behind; to be called before any other input.
 
-        What was commanded last may not have been remembered, a stop least of all, since a stop
-        waits for no memory. So it comes back as after ALL_KILL: the race in RED_RED, every kart
-        held, and a kart that may have been moving counts as lost in motion.
+        What happened last may not have been remembered, a stop least of all, since a stop waits
+        for no memory. So it comes back as after ALL_KILL: the race in RED_RED and every kart
+        held. What was doubtful still is. A kart of a race under way counts as lost in motion, as
+        it may have been told to go on without a record; one of a race in IN_GARAGE may have been
+        sent to the grid. If nothing is known, every kart may be moving. And the track stays closed
+        until an official states in IN_GARAGE that it is safe, or that the MSR was used.
         """
         under_way = memory.state is not IN_GARAGE
-        for number, kart in self.karts.items():
-            known = memory.karts.get(number)
-            if known is not None:
+        gone: list[Kart] = []
+        for number, known in memory.karts.items():
+            kart = self.karts.get(number)
+            if kart is None:
+                if not (known.in_race or known.held or known.may_be_moving or known.on_grid):
+                    continue
+                kart = self.karts[number] = Kart(number, NOT_IN_ROSTER, sent_since=now)
+                gone.append(kart)
+            else:
                 kart.in_race = known.in_race
                 kart.place = known.place
-                kart.may_be_moving = known.may_be_moving or (under_way and known.in_race)
-            if kart.in_race or kart.may_be_moving:
+            kart.on_grid = known.on_grid or known.in_race
+            kart.may_be_moving = known.may_be_moving or (under_way and known.in_race)
+            kart.held_alone = known.held and known.held_alone
+        for kart in self.karts.values():
+            kart.may_be_moving = kart.may_be_moving or not memory.known
+            if kart.in_race or kart.in_doubt:
                 kart.lost_since = now
             self._hold(kart, RED_RED, 'race control was restarted', now)
         self.places_given = max((kart.place for kart in self.karts.values()), default=0)
-        self._go(RED_RED, now, ': race control was restarted')
+        self.restarted = True
+        why = ': race control was restarted'
+        if not memory.known:
+            why += ' and does not know what was under way; every kart counts as moving'
+        self._go(RED_RED, now, why)
+        for kart in gone:
+            text = f'{_capital(kart)} is held in RED_RED; look for it, and release it by hand'
+            self._tell(EventKind.KART_STATE, text, kart, RED_RED)
         return self._outcome()
 
     # ----- inputs -------------------------------------------------------------------------
@@ -437,7 +507,8 @@ class Race:
             kart = self.karts.get(command.kart) if command.kart is not None else None
             if kart is None:
                 refusal = self._unknown_kart(command)
-        refusal = refusal or rule.refusal(self, kart)
+        refusal = refusal or self._refusal(rule, kart)
+        refusal = refusal or self._not_as_seen(command, rule, kart)
         statement = '' if refusal else rule.statement(self, kart)
         if statement and not command.statement:
             refusal = f'state that {statement}'
@@ -490,7 +561,8 @@ class Race:
         if kart.connected:
             self._drop(kart, 'a new connection from its address took its place', now)
         kart.connected = True
-        kart.lost_since = None
+        if not kart.may_be_moving:
+            kart.lost_since = None
         kart.reported = None
         self._events.append(Event(EventKind.CONNECTED, f'{_capital(kart)} connected', kart=number))
         self._redirect(kart, now, anew=True)
@@ -512,6 +584,9 @@ class Race:
         """
         Take what a kart says: an acknowledgement if it is one, else a report (§3.A, §4.C).
 
+        A kart that says another state than the one it acknowledged takes its word back, however
+        old the other one is: perhaps the acknowledgement was just as old.
+
         :param serial: the kart's order that had been sent when the frame began to arrive.
         :raises KeyError: if the roster has no such kart.
         """
@@ -522,10 +597,27 @@ class Race:
         if counts and not kart.acknowledged:
             kart.acknowledged = True
             if state.is_red:
-                kart.may_be_moving = False
+                self._end_doubt(kart)
             # That all have, the next tick tells: to look at each kart now takes N times N steps.
             self._tell(
-                EventKind.ACKNOWLEDGED, f'{_capital(kart)} acknowledged {state.value}', kart, state
+                EventKind.ACKNOWLEDGED,
+                f'{_capital(kart)} acknowledged {state.value}',
+                kart,
+                state,
+                chatter=kart.withdrawn,
+            )
+        elif kart.acknowledged and state is not kart.sent:
+            kart.acknowledged = False
+            kart.withdrawn = True
+            if kart.sent.is_red:
+                kart.may_be_moving = True
+            self._tell(
+                EventKind.WITHDRAWN,
+                f'{_capital(kart)} says {state.value}: its acknowledgement of {kart.sent.value} '
+                'does not count any more',
+                kart,
+                state,
+                chatter=True,
             )
         elif state is not kart.reported:
             self._tell(
@@ -533,8 +625,23 @@ class Race:
                 f'{_capital(kart)} says {state.value}; it is being sent {kart.sent.value}',
                 kart,
                 state,
+                chatter=True,
             )
+        if state is GREEN_GREEN and kart.sent is not GREEN_GREEN:
+            kart.may_be_moving = True
         kart.reported = state
+        return self._outcome()
+
+    def rival(self, present: bool, now: float) -> Outcome:
+        """Take note that another race control runs among the same officials, or is gone."""
+        self.has_rival = present
+        self._tell_alerts(now)
+        return self._outcome()
+
+    def record_trouble(self, text: str, now: float) -> Outcome:
+        """Take note of why the record fails, as a sentence for officials; empty: it works."""
+        self.record_fails = text
+        self._tell_alerts(now)
         return self._outcome()
 
     def tick(self, now: float) -> Outcome:
@@ -575,8 +682,11 @@ class Race:
         """
         rule = COMMANDS[kind]
         kart = self.karts[number] if rule.to_one_kart else None
-        reason = rule.refusal(self, kart)
-        return Availability(kind, number, reason, '' if reason else rule.statement(self, kart))
+        reason = self._refusal(rule, kart)
+        if reason:
+            return Availability(kind, number, reason, '')
+        karts = tuple(sorted(each.number for each in rule.karts(self, kart)))
+        return Availability(kind, number, '', rule.statement(self, kart), karts)
 
     def alerts(self, now: float) -> list[Alert]:
         """Return what officials must act on at this time, newest first."""
@@ -595,8 +705,9 @@ class Race:
         """
         Return whether humans may be on the track now, and why or why not (§3.A).
 
-        The proposal's conditions speak of connected karts. A kart that was lost in motion is
-        counted too: only the MSR, or the statement that it was made safe by hand, answers for it.
+        The proposal's conditions speak of connected karts. A kart that was lost in motion or on
+        the grid is counted too: only its own word when it is back, the MSR, or the statement that
+        it was made safe by hand answers for it.
         """
         allowed, reason = self._humans_allowed()
         return TrackAccess(self.track_open, allowed, reason, self.msr_used)
@@ -618,8 +729,14 @@ class Race:
             kart.sent_since = now
         kart.serial += 1
         kart.acknowledged = False
+        kart.withdrawn = False
         if kart.connected:
-            if state is GREEN_GREEN:
+            if state is GRID_ACTIVE:
+                kart.on_grid = True
+            elif state is IN_GARAGE:
+                kart.on_grid = False
+            else:
+                # Told to go, or told to stop and it has not said yet that it did.
                 kart.may_be_moving = True
             self._orders.append(Order(kart.number, state, kart.serial))
             self._tell(
@@ -629,14 +746,27 @@ class Race:
     def _hold(self, kart: Kart, hold: RaceState, reason: str, now: float) -> None:
         if kart.hold is None or hold.strictness > kart.hold.strictness:
             kart.hold = hold
-            kart.hold_reason = reason
+            # That an official held it stays to be seen, for only an official lets it go.
+            kart.hold_reason = f'{reason}; {kart.hold_reason}' if kart.held_alone else reason
         self._redirect(kart, now)
+
+    def _hold_alone(self, kart: Kart, hold: RaceState, now: float) -> None:
+        reason = f'{hold.value} by an official'
+        self._hold(kart, hold, reason, now)
+        if not kart.held_alone:
+            kart.held_alone = True
+            if kart.hold_reason != reason:
+                kart.hold_reason += f'; {reason}'
 
     def _unhold(self, kart: Kart) -> None:
         kart.hold = None
         kart.hold_reason = ''
-        kart.may_be_moving = False
+        kart.held_alone = False
         kart.finish_due = None
+
+    def _end_doubt(self, kart: Kart) -> None:
+        kart.may_be_moving = False
+        kart.on_grid = False
         kart.lost_since = None
 
     def _go(self, state: RaceState, now: float, why: str = '') -> None:
@@ -655,7 +785,7 @@ class Race:
         kart.acknowledged = False
         kart.reported = None
         under_way = kart.in_race and self.state is not IN_GARAGE
-        if under_way or kart.may_be_moving:
+        if (under_way or kart.in_doubt) and kart.lost_since is None:
             kart.lost_since = now
         self._events.append(
             Event(
@@ -666,6 +796,8 @@ class Race:
         )
         if under_way and self.state is not GRID_ACTIVE:
             self._hold(kart, RED_RED, f'lost its connection in {self.state.value}', now)
+        elif kart.may_be_moving:
+            self._hold(kart, RED_RED, 'lost its connection while it may have been moving', now)
 
     # ----- the effects of the commands ----------------------------------------------------
 
@@ -700,17 +832,16 @@ class Race:
         return f'Race over: RED_RED is sent to the race ({self._how_many(self.racing())})'
 
     def _race_in_garage(self, kart: Kart | None, now: float) -> str:
-        kept: list[Kart] = []
+        for each in list(self._released_by_garage(None)):
+            self._unhold(each)
+        kept = [each for each in self.karts.values() if each.hold is not None]
         for each in self.karts.values():
             each.place = 0
             each.finish_due = None
-            if each.stopped or each.hold is None:
-                self._unhold(each)
-            else:
-                kept.append(each)
         self.places_given = 0
         self.over = False
         self.msr_used = False
+        self.restarted = False
         self._go(IN_GARAGE, now)
         for each in self.karts.values():
             self._redirect(each, now)
@@ -735,12 +866,12 @@ class Race:
 
     def _kart_red_red(self, kart: Kart | None, now: float) -> str:
         assert kart is not None
-        self._hold(kart, RED_RED, 'RED_RED by an official', now)
+        self._hold_alone(kart, RED_RED, now)
         return f'{_capital(kart)} is held in RED_RED' + self._if_absent(kart)
 
     def _kart_red_flag(self, kart: Kart | None, now: float) -> str:
         assert kart is not None
-        self._hold(kart, RED_FLAG, 'RED_FLAG by an official', now)
+        self._hold_alone(kart, RED_FLAG, now)
         return f'{_capital(kart)} is held in {kart.sent.value}' + self._if_absent(kart)
 
     def _kart_finish(self, kart: Kart | None, now: float) -> str:
@@ -756,6 +887,7 @@ class Race:
     def _release_kart(self, kart: Kart | None, now: float) -> str:
         assert kart is not None
         self._unhold(kart)
+        self._end_doubt(kart)
         out = kart.in_race and self.state is not IN_GARAGE
         if out:
             kart.in_race = False
@@ -782,6 +914,11 @@ class Race:
 
     # ----- why a command is refused: one phrase, or nothing -------------------------------
 
+    def _refusal(self, rule: Rule, kart: Kart | None) -> str:
+        if rule.loosens and self.has_rival:
+            return 'another race control is running; end it first. Every stop works as ever'
+        return rule.refusal(self, kart)
+
     def _never(self, kart: Kart | None) -> str:
         return ''
 
@@ -795,6 +932,9 @@ class Race:
         if held:
             reasons = [f'{each}: {each.hold_reason}' for each in held]
             return f'held and to be released first: {_cut(reasons)}'
+        moving = [each for each in racing if each.may_be_moving]
+        if moving:
+            return f'may be moving, to be stopped first with RED_RED: {_listed(moving)}'
         return ''
 
     def _no_green_green(self, kart: Kart | None) -> str:
@@ -808,8 +948,11 @@ class Race:
         racing = list(self.racing())
         if not racing:
             return 'no kart is in the race'
+        held = [f'{each}: {each.hold_reason}' for each in racing if each.hold is not None]
+        if held:
+            return f'held; bring the race to IN_GARAGE and release it: {_cut(held)}'
         missing = [
-            f'{each}: ' + ('no GRID_ACTIVE yet' if each.connected else 'not connected')
+            f'{each}: {self._silence(each)}'
             for each in racing
             if not (each.connected and each.acknowledged)
         ]
@@ -820,17 +963,29 @@ class Race:
 
     def _no_in_garage(self, kart: Kart | None) -> str:
         if self.state is GRID_ACTIVE:
+            lost = [each for each in self.racing() if each.in_doubt and not each.connected]
+            if lost:
+                return (
+                    f'lost on the grid: {_listed(lost)}; wait for it, or make it safe by hand, '
+                    'send it RED_RED and release it alone, or use the MSR and record it'
+                )
             return ''
         if self.state is IN_GARAGE:
             return 'the race is in IN_GARAGE already'
         if self.state is not RED_RED:
             return f'the race is in {self.state.value}; send RACE_OVER or ALL_KILL first'
         missing = [
-            f'{each}: no {each.sent.value} acknowledged yet'
-            for each in self.racing()
-            if each.connected and not each.acknowledged
+            f'{each}: {self._silence(each)}'
+            for each in self._waited_for()
+            if not each.acknowledged
         ]
-        return f'waiting for {_cut(missing)}' if missing else ''
+        if not missing:
+            return ''
+        how = ', or use the MSR and record it' if not self.msr_used else ''
+        return (
+            f'waiting for {_cut(missing)}. If a kart does not answer, make it safe by hand and '
+            f'release it alone{how}'
+        )
 
     def _no_open_track(self, kart: Kart | None) -> str:
         allowed, reason = self._humans_allowed()
@@ -873,6 +1028,49 @@ class Race:
             )
         return ''
 
+    # ----- what the official saw ----------------------------------------------------------
+
+    def _nothing_to_see(self, kart: Kart | None) -> Iterable[Kart]:
+        return ()
+
+    def _started(self, kart: Kart | None) -> Iterable[Kart]:
+        return self.racing()
+
+    def _released_by_garage(self, kart: Kart | None) -> Iterable[Kart]:
+        """Yield whom IN_GARAGE for the race sends IN_GARAGE."""
+        return (
+            each
+            for each in self.karts.values()
+            if each.sent is not IN_GARAGE
+            and (each.hold is None or (each.stopped and (each.in_race or not each.held_alone)))
+        )
+
+    def _this_kart(self, kart: Kart | None) -> Iterable[Kart]:
+        assert kart is not None
+        return (kart,)
+
+    def _not_as_seen(self, command: Command, rule: Rule, kart: Kart | None) -> str:
+        """Return how a start or release differs from what the official saw; nothing if not."""
+        if rule.karts is Race._nothing_to_see:
+            return ''
+        if kart is not None:
+            if command.hold is kart.hold:
+                return ''
+            held, seen = (
+                'not held' if hold is None else f'held in {hold.value}'
+                for hold in (kart.hold, command.hold)
+            )
+            return f'{kart} is {held}, you saw it {seen}: it is not as you saw it; look again'
+        concerned = {each.number for each in rule.karts(self, None)}
+        if concerned == command.karts:
+            return ''
+        phrases = [f'it is for {_numbers(concerned)}, you named {_numbers(command.karts)}']
+        if concerned - command.karts:
+            phrases.append(f'you did not name {_numbers(concerned - command.karts)}')
+        if command.karts - concerned:
+            phrases.append(f'it is not for {_numbers(command.karts - concerned)}')
+        return f'{"; ".join(phrases)}: the race is not as you saw it; look again'
+
     # ----- what the official must state ---------------------------------------------------
 
     def _nothing_to_state(self, kart: Kart | None) -> str:
@@ -886,6 +1084,14 @@ class Race:
 
     def _state_msr_used(self, kart: Kart | None) -> str:
         return 'the Master Safety Remote was used'
+
+    def _state_without_record(self, kart: Kart | None) -> str:
+        if not self.record_fails:
+            return ''
+        return (
+            'this race may start without a record: after a crash, race control would not know '
+            'that karts were moving'
+        )
 
     def _state_made_safe(self, kart: Kart | None) -> str:
         assert kart is not None
@@ -904,16 +1110,40 @@ class Race:
             return False, f'the race is in {self.state.value}'
         unsafe: list[str] = []
         for kart in self.karts.values():
+            if kart.stopped:
+                continue
             if kart.connected:
-                if not (kart.sent is IN_GARAGE or kart.stopped):
+                if kart.sent is not IN_GARAGE:
                     unsafe.append(f'{kart} has not acknowledged {kart.sent.value}')
+                elif kart.may_be_moving:
+                    unsafe.append(f'{kart} may be moving: stop it with RED_RED')
             elif kart.may_be_moving:
                 unsafe.append(f'{kart} was lost in motion: use the MSR')
+            elif kart.on_grid:
+                unsafe.append(
+                    f'{kart} was lost on the grid: wait until it is back and has acknowledged a '
+                    'stop, or make it safe by hand, send it RED_RED and release it alone'
+                )
         if unsafe:
             return False, _cut(unsafe)
-        if self.state is IN_GARAGE:
-            return True, 'every connected kart is in IN_GARAGE or has acknowledged its stop'
-        return True, 'every connected kart has acknowledged its stop or is in IN_GARAGE'
+        if self.restarted:
+            return False, (
+                'race control was restarted and may not know what it sent last: look at every '
+                'kart, then send IN_GARAGE, or use the MSR and record it'
+            )
+        return True, 'every connected kart is in IN_GARAGE or has acknowledged its stop'
+
+    def _silence(self, kart: Kart) -> str:
+        """Return what there is instead of the acknowledgement that is waited for."""
+        if not kart.connected:
+            return 'not connected'
+        if kart.withdrawn:
+            return f'took its {kart.sent.value} back'
+        return f'no {kart.sent.value} yet'
+
+    def _waited_for(self) -> Iterator[Kart]:
+        """Yield the karts that the race waits for: lost ones too, unless the MSR was used."""
+        return (kart for kart in self.racing() if kart.connected or not self.msr_used)
 
     def _race_over_due(self) -> float | None:
         """Return when the race goes over by itself; None while a finish is outstanding (§3.C)."""
@@ -930,18 +1160,18 @@ class Race:
     def _tell_all_acknowledged(self) -> None:
         if self.state is IN_GARAGE:
             return
-        racing = list(self.racing())
-        waited_for = racing if self.state is GRID_ACTIVE else [k for k in racing if k.connected]
+        waited_for = list(self._waited_for())
         acknowledged = bool(waited_for) and all(kart.acknowledged for kart in waited_for)
         news = acknowledged and not self._told_all_acknowledged
         self._told_all_acknowledged = acknowledged
         if news:
-            obstacle = self._no_green_green(None) if self.state is GRID_ACTIVE else ''
-            following = obstacle or _NEXT[self.state]
+            who = 'connected kart' if self.msr_used else 'kart'
+            following, text = _NEXT[self.state]
+            obstacle = self.availability(following).reason if following else ''
             self._events.append(
                 Event(
                     EventKind.ALL_ACKNOWLEDGED,
-                    f'Every connected kart of the race has acknowledged; {following}',
+                    f'Every {who} of the race has acknowledged; {obstacle or text}',
                     state=self.state,
                 )
             )
@@ -953,9 +1183,12 @@ class Race:
         No time means that it holds now, since whenever it was first seen.
         """
         for kart in self.karts.values():
-            if kart.lost_since is not None and not kart.connected:
-                lost = AlertKind.LOST_IN_MOTION if kart.may_be_moving else AlertKind.KART_LOST
-                yield lost, kart, kart.lost_since
+            if kart.lost_since is not None:
+                # A kart that is back has not stopped yet: only its word ends the alarm.
+                if kart.may_be_moving:
+                    yield AlertKind.LOST_IN_MOTION, kart, kart.lost_since
+                elif not kart.connected:
+                    yield AlertKind.KART_LOST, kart, kart.lost_since
             if kart.acknowledged:
                 continue
             if kart.sent is GRID_ACTIVE:
@@ -973,13 +1206,25 @@ class Race:
                 yield AlertKind.RED_UNACKNOWLEDGED, kart, since
         if self.track_open and not self._humans_allowed()[0]:
             yield AlertKind.TRACK_UNSAFE, None, None
+        if self.has_rival:
+            yield AlertKind.TWO_RACE_CONTROLS, None, None
+        if self.record_fails:
+            yield AlertKind.RECORD_FAILING, None, None
 
     def _alert_text(self, kind: AlertKind, kart: Kart | None) -> str:
         if kind is AlertKind.TRACK_UNSAFE:
             return f'Clear the track, or use the MSR: {self._humans_allowed()[1]}'
+        if kind is AlertKind.TWO_RACE_CONTROLS:
+            return (
+                'Another race control is running: end it. Until then nothing can be started or '
+                'released; every stop works, but only on the karts of the one that has them'
+            )
+        if kind is AlertKind.RECORD_FAILING:
+            return self.record_fails
         assert kart is not None
         if kind is AlertKind.LOST_IN_MOTION:
-            return f'Use the MSR: {kart} lost its connection while it may have been moving'
+            text = f'Use the MSR: {kart} lost its connection while it may have been moving'
+            return f'{text}; it is back and has not stopped yet' if kart.connected else text
         if kind is AlertKind.KART_LOST:
             return f'{_capital(kart)} lost its connection'
         text = f'{_capital(kart)} has not acknowledged {kart.sent.value}'
@@ -999,8 +1244,10 @@ class Race:
                 )
         self._alerts = current
 
-    def _tell(self, kind: EventKind, text: str, kart: Kart, state: RaceState) -> None:
-        self._events.append(Event(kind, text, kart=kart.number, state=state))
+    def _tell(
+        self, kind: EventKind, text: str, kart: Kart, state: RaceState, chatter: bool = False
+    ) -> None:
+        self._events.append(Event(kind, text, kart=kart.number, state=state, chatter=chatter))
 
     def _unknown_kart(self, command: Command) -> str:
         numbers = ', '.join(str(number) for number in sorted(self.karts)) or 'no kart'
@@ -1024,18 +1271,41 @@ class Race:
         return outcome
 
 
-_NEXT = {
-    GRID_ACTIVE: 'GREEN_GREEN may be sent',
-    GREEN_GREEN: 'the race is on',
-    RED_FLAG: 'RACE_OVER may be sent',
-    RED_RED: 'IN_GARAGE may be sent when the track is safe for humans',
+_NEXT: dict[RaceState, tuple[CommandKind | None, str]] = {
+    GRID_ACTIVE: (CommandKind.GREEN_GREEN, 'GREEN_GREEN may be sent'),
+    GREEN_GREEN: (None, 'the race is on'),
+    RED_FLAG: (CommandKind.RACE_OVER, 'RACE_OVER may be sent'),
+    RED_RED: (CommandKind.IN_GARAGE, 'IN_GARAGE may be sent when the track is safe for humans'),
 }
+
+NOT_IN_ROSTER = 'not in the roster any more'
+
+
+def _remembered(kart: Kart) -> KartMemory:
+    return KartMemory(
+        kart.in_race,
+        kart.hold is not None,
+        kart.place,
+        kart.may_be_moving,
+        kart.on_grid,
+        kart.held_alone,
+    )
 
 
 def _cut(phrases: list[str]) -> str:
     """Join at most four phrases; an official can act on no more at once."""
     shown = phrases if len(phrases) <= 4 else [*phrases[:3], f'and {len(phrases) - 3} more karts']
     return '; '.join(shown)
+
+
+def _numbers(numbers: Iterable[int]) -> str:
+    """Return kart numbers in a few words."""
+    listed = [str(number) for number in sorted(numbers)]
+    if len(listed) > 12:
+        listed[12:] = [f'and {len(listed) - 12} more']
+    if not listed:
+        return 'no kart'
+    return f'kart{"s" if len(listed) > 1 else ""} {", ".join(listed)}'
 
 
 def _listed(karts: Iterable[Kart]) -> str:
@@ -1057,6 +1327,10 @@ class Rule:
     :param statement: what the official must state; empty if nothing.
     :param to_one_kart: it concerns one kart of the roster.
     :param is_command: §4.B's "last button pressed": GREEN_GREEN is refused after it.
+    :param karts: the karts it starts or releases. The official must have seen just these; of one
+        kart, how it is held.
+    :param loosens: it starts, releases or lets humans near: refused whenever there is a doubt
+        about what officials see.
     """
 
     effect: Callable[[Race, Kart | None, float], str]
@@ -1064,6 +1338,8 @@ class Rule:
     statement: Callable[[Race, Kart | None], str] = Race._nothing_to_state
     to_one_kart: bool = False
     is_command: bool = True
+    karts: Callable[[Race, Kart | None], Iterable[Kart]] = Race._nothing_to_see
+    loosens: bool = False
 
     def leaves_grid_last(self, race: Race) -> bool:
         """Return whether GRID_ACTIVE is the last command when this one has been given."""
@@ -1081,15 +1357,36 @@ COMMANDS: dict[CommandKind, Rule] = {
     CommandKind.RECORD_MSR: Rule(Race._record_msr, statement=Race._state_msr_used),
     # The race.
     CommandKind.GRID_ACTIVE: Rule(
-        Race._grid_active, Race._no_grid_active, Race._state_track_clear
+        Race._grid_active,
+        Race._no_grid_active,
+        Race._state_track_clear,
+        karts=Race._started,
+        loosens=True,
     ),
-    CommandKind.GREEN_GREEN: Rule(Race._green_green, Race._no_green_green),
+    CommandKind.GREEN_GREEN: Rule(
+        Race._green_green,
+        Race._no_green_green,
+        Race._state_without_record,
+        karts=Race._started,
+        loosens=True,
+    ),
     CommandKind.RACE_OVER: Rule(Race._race_over, Race._no_race_over),
-    CommandKind.IN_GARAGE: Rule(Race._race_in_garage, Race._no_in_garage, Race._state_track_safe),
+    CommandKind.IN_GARAGE: Rule(
+        Race._race_in_garage,
+        Race._no_in_garage,
+        Race._state_track_safe,
+        karts=Race._released_by_garage,
+        loosens=True,
+    ),
     # One kart.
     CommandKind.KART_FINISH: Rule(Race._kart_finish, Race._no_finish, to_one_kart=True),
     CommandKind.KART_IN_GARAGE: Rule(
-        Race._release_kart, Race._no_release, Race._state_made_safe, to_one_kart=True
+        Race._release_kart,
+        Race._no_release,
+        Race._state_made_safe,
+        to_one_kart=True,
+        karts=Race._this_kart,
+        loosens=True,
     ),
     # Membership and the track are no commands to a kart: they leave GRID_ACTIVE the last one.
     CommandKind.JOIN_RACE: Rule(
@@ -1098,7 +1395,9 @@ COMMANDS: dict[CommandKind, Rule] = {
     CommandKind.LEAVE_RACE: Rule(
         Race._leave_race, Race._no_leave, to_one_kart=True, is_command=False
     ),
-    CommandKind.OPEN_TRACK: Rule(Race._open_track, Race._no_open_track, is_command=False),
+    CommandKind.OPEN_TRACK: Rule(
+        Race._open_track, Race._no_open_track, is_command=False, loosens=True
+    ),
     CommandKind.CLOSE_TRACK: Rule(Race._close_track, is_command=False),
 }
 """Every command of §4.B: what it does, when it is refused, what the official must state."""
@@ -1113,3 +1412,6 @@ STOPS = frozenset(
     }
 )
 """The commands that are never refused to a kart of the roster, and never wait behind another."""
+
+URGENT = STOPS | {CommandKind.RACE_OVER}
+"""The commands that overtake every other on their way here; RACE_OVER may still be refused."""

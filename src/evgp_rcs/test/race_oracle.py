@@ -12,6 +12,7 @@ The rules are a parameter (a module), so that the same search can be let loose o
 from __future__ import annotations
 
 from collections import Counter, deque
+import dataclasses
 from dataclasses import dataclass, field
 import gc
 import math
@@ -51,6 +52,10 @@ RACE_COMMANDS = (
 KART_COMMANDS = (*KART_STOPS, 'KART_FINISH', 'KART_IN_GARAGE', 'JOIN_RACE', 'LEAVE_RACE')
 # Bookkeeping that is no command to karts: §4.B's "last button pressed" does not mean these.
 NO_BUTTON = ('JOIN_RACE', 'LEAVE_RACE', 'OPEN_TRACK', 'CLOSE_TRACK')
+# What starts karts, releases them or lets humans near, and what of it names the karts concerned.
+LOOSENING = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE', 'KART_IN_GARAGE', 'OPEN_TRACK')
+NAMING = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE')
+TROUBLE = 'the disk is full'
 
 PROPERTIES = {
     'stop-refused': 'S: a stop command is never refused',
@@ -66,8 +71,16 @@ PROPERTIES = {
     'ack-old': 'S: only the present state under the present serial is an acknowledgement',
     'ack-from-nothing': 'S: nothing but the kart itself sets its acknowledgement',
     'ack-survives': 'S: an acknowledgement falls with a new order and with the connection',
+    'ack-stale': 'S: a kart that says another state than it acknowledged takes its word back',
     'ack-deaf': 'a kart that says the present state under the present serial is heard',
-    'drop-not-held': 'S: a kart that drops in a race under way is held in RED_RED',
+    'drop-not-held': 'S: a kart that drops in a race under way or in motion is held in RED_RED',
+    'doubt-unnoticed': 'S: who is sent GREEN_GREEN or a red, or says so unasked, may be moving',
+    'doubt-forgotten': 'S: that ends only by its word on a red, or by an official alone',
+    'alarm-cleared': 'S: a connection that is lost, or back, clears no alarm',
+    'alone-released': 'S: IN_GARAGE for the race releases no kart outside it that was held alone',
+    'as-seen': 'S: a start or release is refused, and only then, if it is not as officials saw it',
+    'rival': 'S: while another race control runs, nothing is loosened',
+    'restart': 'S: after a restart all is red and closed, and no kart, hold or doubt is forgotten',
     'hold-forgotten': 'S: a hold falls only with an acknowledged red, or by an official alone',
     'order-wrong': 'S: a connected kart gets an order exactly when what it is sent changes',
     'order-serial': 'S: serials rise, and the last order sent is the one that counts',
@@ -113,6 +126,8 @@ class KartView(NamedTuple):
     moving: bool
     place: int
     finish_at: float | None
+    on_grid: bool
+    alone: bool
 
 
 class View(NamedTuple):
@@ -123,6 +138,9 @@ class View(NamedTuple):
     msr_used: bool
     over: bool
     places: int
+    restarted: bool
+    rival: bool
+    trouble: str
     karts: tuple[KartView, ...]
 
 
@@ -131,9 +149,10 @@ class KartFacts(NamedTuple):
     What the oracle remembers of one kart, from the inputs alone.
 
     :param ready: it answered the present GRID_ACTIVE on its present connection.
-    :param lost: it dropped in a race under way and nobody has answered for it since.
+    :param lost: it dropped in a race under way or in motion, and nobody has answered for it since.
     :param phase: 0 after a red, 1 after IN_GARAGE, 2 after IN_GARAGE and then GRID_ACTIVE.
-    :param missing: since when it is missing, if it dropped from a race or in motion.
+    :param missing: since when it is missing, if it dropped from a race or in motion; in motion,
+        until it stands.
     """
 
     ready: bool = False
@@ -150,7 +169,13 @@ class Facts(NamedTuple):
 
 
 class Input(NamedTuple):
-    """One input: a command, a connection change, something a kart says, or time."""
+    """
+    One input: a command, a connection change, something a kart says, or time.
+
+    :param statement: what is stated; of a rival that it is there, of the record that it fails.
+    :param karts: which karts a start or release is for, as the official saw it.
+    :param hold: how a kart to be released was held, as the official saw it.
+    """
 
     what: str
     kind: str = ''
@@ -158,14 +183,22 @@ class Input(NamedTuple):
     statement: bool = False
     serial: int = 0
     state: RaceState | None = None
+    karts: frozenset[int] = frozenset()
+    hold: RaceState | None = None
 
 
 class Judgement(NamedTuple):
-    """The oracle's opinion on a command: allowed, needing a statement, and who is in the way."""
+    """
+    The oracle's opinion on a command.
+
+    :param culprits: who is in the way.
+    :param karts: whom it starts or releases.
+    """
 
     allowed: bool
     needs_statement: bool = False
     culprits: tuple[int, ...] = ()
+    karts: tuple[int, ...] = ()
 
 
 _KART = operator.attrgetter(
@@ -180,8 +213,19 @@ _KART = operator.attrgetter(
     'may_be_moving',
     'place',
     'finish_due',
+    'on_grid',
+    'held_alone',
 )
-_RACE = operator.attrgetter('state', 'track_open', 'msr_used', 'over', 'places_given')
+_RACE = operator.attrgetter(
+    'state',
+    'track_open',
+    'msr_used',
+    'over',
+    'places_given',
+    'restarted',
+    'has_rival',
+    'record_fails',
+)
 
 
 def look(race: Any) -> View:
@@ -193,6 +237,17 @@ def look(race: Any) -> View:
 def remember(view: View) -> Facts:
     """Return the memory with which the oracle begins, before anything has happened."""
     return Facts(False, tuple(KartFacts() for _ in view.karts))
+
+
+def recall(view: View, now: float) -> Facts:
+    """Return the memory with which the oracle begins after a restart."""
+    return Facts(
+        False,
+        tuple(
+            KartFacts(lost=True, phase=0, missing=now if kart.in_race or _in_doubt(kart) else None)
+            for kart in view.karts
+        ),
+    )
 
 
 # ----- the oracle's reading of design §3 --------------------------------------------------
@@ -207,18 +262,24 @@ def _stricter(one: RaceState, other: RaceState | None) -> RaceState:
 
 
 def _humans_allowed(view: View) -> tuple[bool, list[int]]:
-    """§3.A's three conditions, per kart; a kart lost in motion counts as unacknowledged."""
+    """§3.A's three conditions, per kart, and none of them known after a restart."""
     if view.msr_used:
         return True, []
     if view.state in (GRID_ACTIVE, GREEN_GREEN):
         return False, []
-    unsafe = [
-        kart.number
-        for kart in view.karts
-        if (kart.connected and kart.sent is not IN_GARAGE and not (kart.acked and _red(kart)))
-        or (not kart.connected and kart.moving)
-    ]
-    return not unsafe, unsafe
+    unsafe = [kart.number for kart in view.karts if not _is_safe(kart)]
+    return not (unsafe or view.restarted), unsafe
+
+
+def _is_safe(kart: KartView) -> bool:
+    """Return whether it stands by its word, or was neither told nor seen to move since."""
+    if kart.connected:
+        return (kart.acked and _red(kart)) or (kart.sent is IN_GARAGE and not kart.moving)
+    return not _in_doubt(kart)
+
+
+def _in_doubt(kart: KartView) -> bool:
+    return kart.moving or kart.on_grid
 
 
 def _red(kart: KartView) -> bool:
@@ -229,27 +290,38 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     """Return what the table of design §3 says of a command now."""
     if kind in STOPS:
         return Judgement(True, kind == 'RECORD_MSR')
+    if view.rival and kind in LOOSENING:
+        return Judgement(False)
     racing = [kart for kart in view.karts if kart.in_race]
+    numbers = tuple(kart.number for kart in racing)
     state = view.state
     if kind == 'GRID_ACTIVE':
         held = tuple(kart.number for kart in racing if kart.hold is not None)
+        held = held or tuple(kart.number for kart in racing if kart.moving)
         allowed = state is IN_GARAGE and bool(racing) and not held
-        return Judgement(allowed, True, held if state is IN_GARAGE else ())
+        return Judgement(allowed, True, held if state is IN_GARAGE else (), numbers)
     if kind == 'GREEN_GREEN':
         missing = tuple(
             kart.number
             for kart, memory in zip(view.karts, facts.karts, strict=True)
             if kart.in_race and not (kart.connected and memory.ready and kart.acked)
         )
+        missing = tuple(kart.number for kart in racing if kart.hold is not None) or missing
         in_time = state is GRID_ACTIVE and facts.grid_last
-        return Judgement(in_time and bool(racing) and not missing, False, missing * in_time)
+        allowed = in_time and bool(racing) and not missing
+        return Judgement(allowed, bool(view.trouble), missing * in_time, numbers)
     if kind == 'RACE_OVER':
         return Judgement(state is not IN_GARAGE)
     if kind == 'IN_GARAGE':
-        silent = tuple(kart.number for kart in racing if kart.connected and not kart.acked)
         if state is RED_RED:
-            return Judgement(not silent, True, silent)
-        return Judgement(state is GRID_ACTIVE, True)
+            # The MSR answers for those who are not there, and for nobody else.
+            waiting = [kart for kart in racing if kart.connected or not view.msr_used]
+            silent = tuple(kart.number for kart in waiting if not kart.acked)
+        else:
+            silent = tuple(k.number for k in racing if not k.connected and _in_doubt(k))
+        if state in (GRID_ACTIVE, RED_RED):
+            return Judgement(not silent, True, silent, () if silent else _sent_home(view))
+        return Judgement(False)
     if kind == 'OPEN_TRACK':
         allowed, unsafe = _humans_allowed(view)
         return Judgement(allowed, False, tuple(unsafe))
@@ -259,11 +331,38 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     if kind == 'KART_FINISH':
         return Judgement(kart.in_race and state is GREEN_GREEN and not kart.place)
     if kind == 'KART_IN_GARAGE':
-        return Judgement(_red(kart), not (kart.connected and kart.acked))
+        return Judgement(_red(kart), not (kart.connected and kart.acked), (), (number,))
     if kind == 'JOIN_RACE':
         return Judgement(not kart.in_race and state is IN_GARAGE)
     assert kind == 'LEAVE_RACE', kind
     return Judgement(kart.in_race and state in (IN_GARAGE, GRID_ACTIVE))
+
+
+def _sent_home(view: View) -> tuple[int, ...]:
+    """Return whom IN_GARAGE for the race sends IN_GARAGE."""
+    after = expect(view, Input('command', 'IN_GARAGE'), 0.0, None)
+    return tuple(
+        kart.number
+        for kart, then in zip(view.karts, after.karts, strict=True)
+        if then.sent is IN_GARAGE and kart.sent is not IN_GARAGE
+    )
+
+
+def as_seen(view: View, given: Input) -> Input:
+    """Return a command with what an official names who sees the race as it is."""
+    if given.what == 'command' and given.kind in NAMING:
+        if given.kind == 'IN_GARAGE':
+            return given._replace(karts=frozenset(_sent_home(view)))
+        return given._replace(karts=frozenset(k.number for k in view.karts if k.in_race))
+    if given.kind == 'KART_IN_GARAGE':
+        holds = [kart.hold for kart in view.karts if kart.number == given.kart]
+        return given._replace(hold=holds[0])
+    return given
+
+
+def _is_as_seen(view: View, given: Input) -> bool:
+    seen = as_seen(view, given)
+    return seen.karts == given.karts and seen.hold is given.hold
 
 
 def _acknowledges(view: View, given: Input) -> bool:
@@ -275,12 +374,27 @@ def _acknowledges(view: View, given: Input) -> bool:
     return False
 
 
+def _hear(kart: dict[str, Any], given: Input) -> None:
+    """Take a kart at its word, or see it take its word back, or move."""
+    if not kart['connected']:
+        return
+    if given.state is not kart['sent']:
+        kart['moving'] = (
+            kart['moving']
+            or given.state is GREEN_GREEN
+            or (kart['acked'] and kart['sent'] in REDS)
+        )
+        kart['acked'] = False
+    elif given.serial == kart['serial']:
+        kart['acked'] = True
+        if given.state in REDS:
+            kart['moving'] = kart['on_grid'] = False
+
+
 def expect(view: View, given: Input, now: float, times: Any) -> View:
     """Return the race after an input that is accepted, as design §3 has it; serials apart."""
-    state, track_open, msr_used, over, places, karts = view
+    state, track_open, msr_used, over, places, restarted, rival, trouble, karts = view
     what, kind, number = given.what, given.kind, given.kart
-    if what == 'heard' and not _acknowledges(view, given):
-        return view
     after = [kart._asdict() for kart in karts]
     mine = [kart for kart in after if kart['number'] == number]
     anew = 0
@@ -291,7 +405,7 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
 
     def drop(each: dict[str, Any]) -> None:
         each['connected'] = each['acked'] = False
-        if each['in_race'] and state in UNDER_WAY:
+        if (each['in_race'] and state in UNDER_WAY) or each['moving']:
             each['hold'] = RED_RED
 
     if what == 'connected':
@@ -303,9 +417,11 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
         if mine[0]['connected']:
             drop(mine[0])
     elif what == 'heard':
-        mine[0]['acked'] = True
-        if given.state in REDS:
-            mine[0]['moving'] = False
+        _hear(mine[0], given)
+    elif what == 'rival':
+        rival = given.statement
+    elif what == 'record':
+        trouble = TROUBLE if given.statement else ''
     elif what == 'tick':
         for each in after:
             if each['finish_at'] is not None and now >= each['finish_at']:
@@ -321,8 +437,10 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
         state = _stricter(state, RED_FLAG)
     elif kind == 'KART_RED_RED':
         hold(mine, RED_RED)
+        mine[0]['alone'] = True
     elif kind == 'KART_RED_FLAG':
         hold(mine, RED_FLAG)
+        mine[0]['alone'] = True
     elif kind == 'GRID_ACTIVE':
         state, track_open, msr_used = GRID_ACTIVE, False, False
     elif kind == 'GREEN_GREEN':
@@ -330,18 +448,19 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
     elif kind == 'RACE_OVER':
         state, over = RED_RED, True
     elif kind == 'IN_GARAGE':
-        state, over, msr_used, places = IN_GARAGE, False, False, 0
+        state, over, msr_used, places, restarted = IN_GARAGE, False, False, 0, False
         for each in after:
             each['place'], each['finish_at'] = 0, None
-            if each['acked'] and each['sent'] in REDS:
-                each['hold'] = None
+            kept = each['alone'] and not each['in_race']
+            if each['acked'] and each['sent'] in REDS and not kept:
+                each['hold'], each['alone'] = None, False
     elif kind == 'KART_FINISH':
         places += 1
         mine[0]['place'] = places
         delays = times.finish_delays
         mine[0]['finish_at'] = now + delays[min(places, len(delays)) - 1]
     elif kind == 'KART_IN_GARAGE':
-        mine[0].update(hold=None, moving=False, finish_at=None)
+        mine[0].update(hold=None, alone=False, moving=False, on_grid=False, finish_at=None)
         if state is not IN_GARAGE:
             mine[0]['in_race'] = False
     elif kind == 'JOIN_RACE':
@@ -357,19 +476,23 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
         track_open = False
     _settle(state, after, anew, now)
     seen = tuple([KartView._make(each.values()) for each in after])
-    return View(state, track_open, msr_used, over, places, seen)
+    return View(state, track_open, msr_used, over, places, restarted, rival, trouble, seen)
 
 
 def _settle(state: RaceState, karts: list[dict[str, Any]], anew: int, now: float) -> None:
     """Give every kart what the sentence of design §3 says."""
     for kart in karts:
         sent = _stricter(state if kart['in_race'] else IN_GARAGE, kart['hold'])
+        told = kart['number'] == anew
         if sent is not kart['sent']:
-            kart['sent'], kart['since'], kart['acked'] = sent, now, False
-            if sent is GREEN_GREEN:
-                kart['moving'] = True
-        if kart['number'] == anew:
+            kart['sent'], kart['since'], told = sent, now, True
+        if told:
             kart['acked'] = False
+        if told and kart['connected']:
+            if sent is GREEN_GREEN or sent in REDS:
+                kart['moving'] = True
+            else:
+                kart['on_grid'] = sent is GRID_ACTIVE
 
 
 def _race_is_over(state: RaceState, karts: list[dict[str, Any]], now: float, times: Any) -> bool:
@@ -389,7 +512,10 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
     alerts = set()
     for kart, memory in zip(view.karts, facts.karts, strict=True):
         if memory.missing is not None:
-            alerts.add(('LOST_IN_MOTION' if kart.moving else 'KART_LOST', kart.number))
+            if kart.moving:
+                alerts.add(('LOST_IN_MOTION', kart.number))
+            elif not kart.connected:
+                alerts.add(('KART_LOST', kart.number))
         if kart.acked:
             continue
         if kart.sent is GRID_ACTIVE and now >= kart.since + times.ready_alert:
@@ -404,6 +530,10 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
             alerts.add(('RED_UNACKNOWLEDGED', kart.number))
     if view.track_open and not _humans_allowed(view)[0]:
         alerts.add(('TRACK_UNSAFE', 0))
+    if view.rival:
+        alerts.add(('TWO_RACE_CONTROLS', 0))
+    if view.trouble:
+        alerts.add(('RECORD_FAILING', 0))
     return alerts
 
 
@@ -422,22 +552,25 @@ def learn(
         if given.what == 'command' and success:
             if given.kind == 'GRID_ACTIVE':
                 ready = False
-            if given.kind == 'IN_GARAGE' and (old.hold is None or (old.acked and _red(old))):
-                lost, missing = False, None
+            if given.kind == 'IN_GARAGE' and old.acked and _red(old):
+                lost = lost and old.alone and not old.in_race
             if given.kind == 'KART_IN_GARAGE' and given.kart == kart.number:
                 lost, missing = False, None
         if given.kart == kart.number:
             if given.what == 'connected' or given.what == 'disconnected':
                 ready = False
-                if old.connected and old.in_race and before.state in UNDER_WAY:
-                    lost = True
-            under_way = old.in_race and before.state is not IN_GARAGE
-            if given.what == 'disconnected' and old.connected and (old.moving or under_way):
-                missing = now
-            if given.what == 'connected':
+                under_way = old.in_race and before.state is not IN_GARAGE
+                if old.connected:
+                    lost = lost or old.moving or (old.in_race and before.state in UNDER_WAY)
+                    if missing is None and (under_way or _in_doubt(old)):
+                        missing = now
+            if given.what == 'connected' and not old.moving:
                 missing = None
-            if given.what == 'heard' and old.connected and old.sent is GRID_ACTIVE:
-                ready = ready or (given.state is GRID_ACTIVE and given.serial == old.serial)
+            if given.what == 'heard' and old.connected:
+                if old.sent is GRID_ACTIVE:
+                    ready = given.state is GRID_ACTIVE and (ready or given.serial == old.serial)
+                if given.state in REDS and _acknowledges(before, given):
+                    missing = None
         if kart.sent is RED_RED or kart.sent is RED_FLAG:
             phase = 0
         elif kart.sent is IN_GARAGE:
@@ -455,7 +588,9 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
     """Give an input to the rules, and return the outcome."""
     if given.what == 'command':
         kart = given.kart or None
-        command = rules.Command(rules.CommandKind[given.kind], kart, given.statement)
+        command = rules.Command(
+            rules.CommandKind[given.kind], kart, given.statement, given.karts, given.hold
+        )
         return race.command(command, now)
     if given.what == 'connected':
         return race.connected(given.kart, now)
@@ -463,6 +598,10 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
         return race.disconnected(given.kart, 'end of file', now)
     if given.what == 'heard':
         return race.heard(given.kart, given.serial, given.state, now)
+    if given.what == 'rival':
+        return race.rival(given.statement, now)
+    if given.what == 'record':
+        return race.record_trouble(TROUBLE if given.statement else '', now)
     return race.tick(now)
 
 
@@ -491,8 +630,12 @@ def check_input(
                 raise RuleBrokenError('green-needs-acks', f'{facts} {before}')
         if kind in STOPS and (given.statement or kind != 'RECORD_MSR') and not success:
             raise RuleBrokenError('stop-refused', f'{given} in {before}: {outcome.answer.message}')
-        if success != (opinion.allowed and (given.statement or not opinion.needs_statement)):
-            name = 'statement' if opinion.allowed else 'availability'
+        seen = _is_as_seen(before, given)
+        stated = given.statement or not opinion.needs_statement
+        if success != (opinion.allowed and seen and stated):
+            name = 'availability' if not opinion.allowed else 'as-seen'
+            if opinion.allowed and (stated != seen or 'you saw' not in outcome.answer.message):
+                name = 'statement' if seen else 'as-seen'
             raise RuleBrokenError(name, f'{given} in {before}: {outcome.answer}')
         if not success:
             if after != before or outcome.orders:
@@ -503,6 +646,12 @@ def check_input(
         raise RuleBrokenError('effect', f'{given} has an answer')
     _check_safety(before, facts, given, outcome, after)
     memory = learn(before, facts, given, success, after, now)
+    if what in ('connected', 'disconnected'):
+        _check_alarms(
+            what,
+            expect_alerts(before, facts, now, race.times),
+            {(alert.kind.name, alert.kart) for alert in race.alerts(now)},
+        )
     _check_memory(after, memory)
     expected = expect(before, given, now, race.times)
     for kart, wanted in zip(after.karts, expected.karts, strict=True):
@@ -513,7 +662,7 @@ def check_input(
             raise RuleBrokenError(name, f'{given} in {before}: {kart}, expected {wanted}')
         if kart != wanted and kart._replace(serial=wanted.serial) != wanted:
             raise RuleBrokenError('effect', f'{given} in {before}: {kart}, expected {wanted}')
-    if after[:5] != expected[:5]:
+    if after[:-1] != expected[:-1]:
         raise RuleBrokenError('effect', f'{given} in {before}: {after}, expected {expected}')
     return memory
 
@@ -553,12 +702,17 @@ def _check_safety(before: View, facts: Facts, given: Input, outcome: Any, after:
                 old.hold is not None and _strictness(kart.hold) < _strictness(old.hold)
             )
             answered = kind == 'IN_GARAGE' and old.connected and old.acked and _red(old)
+            if falls and kind == 'IN_GARAGE' and old.alone and not old.in_race:
+                raise RuleBrokenError('alone-released', f'{given}: {old} became {kart}')
             if falls and not (answered or (kind == 'KART_IN_GARAGE' and this)):
                 raise RuleBrokenError('hold-forgotten', f'{given}: {old} became {kart}')
         drops = this and old.connected and what in ('connected', 'disconnected')
         held = kart.hold is RED_RED and sent is RED_RED
-        if drops and not held and old.in_race and before.state in UNDER_WAY:
+        if drops and not held and (old.moving or (old.in_race and before.state in UNDER_WAY)):
             raise RuleBrokenError('drop-not-held', f'{given} in {before.state}: {kart}')
+        if before.rival and looser:
+            raise RuleBrokenError('rival', f'{given}: {old} became {kart}')
+        _check_doubt(old, given, ordered.get(kart.number), kart)
         # Orders, serials, acknowledgements.
         order = ordered.get(kart.number)
         anew = what == 'connected' and this
@@ -597,14 +751,101 @@ def _check_safety(before: View, facts: Facts, given: Input, outcome: Any, after:
             raise RuleBrokenError('alerts', 'an alert without a text')
 
 
+def _check_doubt(old: KartView, given: Input, order: Any, kart: KartView) -> None:
+    """Check that whatever makes a kart doubtful is noticed, and what ends that is enough."""
+    heard = given.what == 'heard' and given.kart == kart.number and old.connected
+    unasked = heard and given.state is not old.sent
+    if unasked and old.acked and kart.acked:
+        raise RuleBrokenError('ack-stale', f'{given}: {old} became {kart}')
+    seen = unasked and (given.state is GREEN_GREEN or (old.acked and _red(old)))
+    told = order is not None and (order.state is GREEN_GREEN or order.state in REDS)
+    gridded = order is not None and order.state is GRID_ACTIVE
+    if (not kart.moving and (seen or told)) or (not kart.on_grid and gridded):
+        raise RuleBrokenError('doubt-unnoticed', f'{given}: {old} became {kart}')
+    stands = heard and given.state is old.sent and given.serial == old.serial and _red(old)
+    by_hand = given.kind == 'KART_IN_GARAGE' and given.kart == kart.number
+    sent_home = order is not None and order.state is IN_GARAGE
+    if (old.moving and not kart.moving and not (stands or by_hand)) or (
+        old.on_grid and not kart.on_grid and not (stands or by_hand or sent_home)
+    ):
+        raise RuleBrokenError('doubt-forgotten', f'{given}: {old} became {kart}')
+
+
+MSR_ALERTS = ('FLAG_UNACKNOWLEDGED', 'RED_UNACKNOWLEDGED', 'LOST_IN_MOTION', 'TRACK_UNSAFE')
+
+
+def _check_alarms(what: str, before: set[tuple[str, int]], after: set[tuple[str, int]]) -> None:
+    """Check that what a kart's connection does ends no alarm, nor makes one less urgent."""
+    for kind, kart in before:
+        same = [other for other, number in after if number == kart]
+        urgent = kind in MSR_ALERTS
+        if urgent and not any(other in MSR_ALERTS for other in same):
+            raise RuleBrokenError('alarm-cleared', f'{what}: {before} became {after}')
+        if what == 'disconnected' and not same:
+            raise RuleBrokenError('alarm-cleared', f'{what}: {before} became {after}')
+
+
+def check_recovery(rules: ModuleType, race: Any, view: View, now: float, known: bool) -> None:
+    """Crash here, edit the last kart out of the roster, start again, and look what is known."""
+    roster = [kart.number for kart in view.karts][:-1]
+    karts = [rules.Kart(number, in_race=True) for number in (*roster, 99)]
+    again = rules.Race(karts, race.times, now)
+    memory = race.memory()
+    home = view.state is IN_GARAGE and not any(kart.hold or _in_doubt(kart) for kart in view.karts)
+    if memory.home != home:
+        raise RuleBrokenError('restart', f'home is {memory.home} in {view}')
+    outcome = again.recover(dataclasses.replace(memory, known=known), now)
+    after = look(again)
+    detail = f'{view} became {after} with {outcome.events}'
+    blank = (RED_RED, False, False, False)
+    if outcome.orders or after[:4] != blank or not after.restarted:
+        raise RuleBrokenError('restart', detail)
+    allowed, _ = _humans_allowed(after)
+    if allowed or again.availability(rules.CommandKind.OPEN_TRACK).available:
+        raise RuleBrokenError('restart', detail)
+    found = {kart.number: kart for kart in after.karts}
+    for kart in after.karts:
+        if kart.hold is not RED_RED or kart.sent is not RED_RED or not (known or kart.moving):
+            raise RuleBrokenError('restart', detail)
+    for old in view.karts:
+        gone = old.number not in roster
+        if gone and not (old.in_race or old.hold or _in_doubt(old)):
+            if old.number in found:
+                raise RuleBrokenError('restart', detail)
+            continue
+        kart = found.get(old.number)
+        if kart is None or (gone and not any(e.kart == old.number for e in outcome.events)):
+            raise RuleBrokenError('restart', detail)
+        in_motion = old.moving or (old.in_race and view.state is not IN_GARAGE) or not known
+        expected = old._replace(
+            in_race=old.in_race and not gone,
+            connected=False,
+            hold=RED_RED,
+            sent=RED_RED,
+            since=now,
+            serial=kart.serial,
+            acked=False,
+            moving=in_motion,
+            place=0 if gone else old.place,
+            finish_at=None,
+            on_grid=old.on_grid or old.in_race,
+        )
+        if kart != expected:
+            raise RuleBrokenError('restart', f'{kart}, expected {expected}: {detail}')
+    check_state(again, after, recall(after, now), now)
+
+
 def _in_force(view: View, kind: str, number: int) -> bool:
     """Return whether a stop has nothing left to do."""
     if kind == 'RED_FLAG':
         return view.state in REDS
     if kind in KART_STOPS:
         rank = RANK['RED_RED' if kind == 'KART_RED_RED' else 'RED_FLAG']
-        holds = [kart.hold for kart in view.karts if kart.number == number]
-        return all(hold is not None and _strictness(hold) >= rank for hold in holds)
+        return all(
+            kart.alone and kart.hold is not None and _strictness(kart.hold) >= rank
+            for kart in view.karts
+            if kart.number == number
+        )
     done = view.state is RED_RED and all(kart.hold is RED_RED for kart in view.karts)
     return done and (kind == 'ALL_KILL' or view.msr_used)
 
@@ -624,8 +865,16 @@ def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any) ->
     if not message.startswith(f'{given.kind} refused: ') or message.endswith('refused: .'):
         raise RuleBrokenError('refusal-silent', message)
     named = opinion.culprits[:3]
+    if 'another race control is running' in message:
+        return
     if given.kind in KART_COMMANDS and 'the race is in' not in message:
         named = (given.kart,)
+    elif (
+        opinion.allowed
+        and 'not as you saw it' in message
+        and any(str(number) not in message for number in given.karts ^ set(opinion.karts))
+    ):
+        raise RuleBrokenError('refusal-silent', f'{message} does not name the difference')
     for number in named:
         if str(race.karts[number]) not in message:
             raise RuleBrokenError('refusal-silent', f'{message} does not name kart {number}')
@@ -682,6 +931,8 @@ def check_announced(
         raise RuleBrokenError('availability', f'{told}, expected {opinion} in {view}')
     if told.available and bool(told.statement) != opinion.needs_statement:
         raise RuleBrokenError('statement', f'{told}, expected {opinion} in {view}')
+    if told.karts != (opinion.karts if opinion.allowed else ()):
+        raise RuleBrokenError('as-seen', f'{told}, expected {opinion} in {view}')
     return opinion
 
 
@@ -762,12 +1013,12 @@ class Search:
 
     What is left out of a state's key (``_key``) because the rules do not read it:
 
-    - what a kart reported last, texts, the alerts told, since when a kart is missing, and
-      whether the race is over: only events and alerts are made of them;
+    - what a kart reported last, texts, the alerts told, since when a kart is missing, whether it
+      took its word back, and whether the race is over: only events and alerts are made of them;
+    - that a kart was told to form the grid, while it may be moving: what ends this ends both;
     - the age of what a kart is sent, but for the time until the race goes over by itself, which
-      reads it for a kart of the race that is being sent a red and has a finish behind it (one
-      that acknowledged RED_RED may drop and have to do so again; one that acknowledged RED_FLAG
-      is then sent RED_RED, whose age begins anew); alerts read it too, and do not act;
+      reads it for a kart of the race that is being sent a red (one that acknowledged it may drop,
+      or take its word back, and have to do so again); alerts read it too, and do not act;
     - that a finish is due, where its RED_FLAG can change nothing;
     - the acknowledgement of IN_GARAGE and GREEN_GREEN: no rule asks for it;
     - the number of a place: only whether a kart of the race has one (in GREEN_GREEN and
@@ -788,6 +1039,8 @@ class Search:
     :param compare: of the states met again, compare one in this many.
     :param track: tell states apart by whether the track is open, which no rule but an alert
         reads; opening and closing are tried in every state in any case.
+    :param around: another race control comes and goes, and the record fails and works again.
+    :param restarted: begin as after a crash in mid-race.
     """
 
     def __init__(
@@ -798,6 +1051,8 @@ class Search:
         times: dict[str, Any] | None = None,
         compare: int = 4000,
         track: bool = True,
+        around: bool = False,
+        restarted: bool = False,
     ) -> None:
         """Set the karts up, none connected, in IN_GARAGE."""
         self.rules = rules
@@ -817,6 +1072,12 @@ class Search:
             for number in range(1, racing + outside + 1)
         ]
         self.race = rules.Race(karts, self.times)
+        self.restarted = restarted
+        if restarted:
+            kart = rules.KartMemory(True, False, 0, True, True, False)
+            memory = rules.RaceMemory(GREEN_GREEN, dict.fromkeys(range(1, 1 + racing), kart))
+            self.race.recover(memory, 0.0)
+        self.around = around
         self.scratch = Scratch(self.race)
         self.numbers = [kart.number for kart in karts]
         self.compare = compare
@@ -836,7 +1097,16 @@ class Search:
         karts.sort()
         given = min(view.places, len(self.times.finish_delays) - 1) if green else 0
         opened = view.track_open and self.track
-        race = (RANK[state._value_], facts.grid_last, opened, view.msr_used, given)
+        race = (
+            RANK[state._value_],
+            facts.grid_last,
+            opened,
+            view.msr_used,
+            given,
+            view.restarted,
+            view.rival,
+            view.trouble,
+        )
         return (self._names.setdefault(race, len(self._names)), *karts)
 
     def _kart_key(self, kart: KartView, memory: KartFacts, timed: bool, now: float) -> int:
@@ -845,7 +1115,7 @@ class Search:
         due = left = -1.0
         if kart.finish_at is not None and (timed or kart.hold is None):
             due = max(kart.finish_at - now, 0.0)
-        if finishing and red and not (kart.acked and kart.sent is RED_FLAG):
+        if finishing and red:
             left = max(kart.since + self.times.finish_stop - now, due, 0.0)
         key = (
             kart.in_race,
@@ -853,6 +1123,8 @@ class Search:
             -1 if kart.hold is None else RANK[kart.hold._value_],
             kart.acked and (red or kart.sent is GRID_ACTIVE),
             kart.moving,
+            kart.on_grid and not kart.moving,
+            kart.alone,
             finishing and kart.place > 0,
             due,
             left,
@@ -869,7 +1141,7 @@ class Search:
         :raises RuleBrokenError: if the rules break a property, with the shortest way to it.
         """
         view = look(self.race)
-        facts = remember(view)
+        facts = recall(view, 0.0) if self.restarted else remember(view)
         saved = self.scratch.save()
         key = self._key(view, facts, 0.0)
         # For each key the state that stands for it, and whence and by what it was reached.
@@ -918,12 +1190,16 @@ class Search:
         view = look(race)
         report.by_state[view.state.value] += 1
         check_state(race, view, facts, now)
+        check_recovery(self.rules, race, view, now, bool(report.states % 4))
+        for_green = race.memory_after_green()
         for given, after_time in self._inputs(view, facts, now):
             outcome = give(self.rules, race, given, after_time)
             after = look(race)
             report.inputs += 1
             learned = check_input(race, view, facts, given, outcome, after, after_time)
             check_news(self.rules, race, outcome)
+            if given.kind == 'GREEN_GREEN' and after != view and race.memory() != for_green:
+                raise RuleBrokenError('restart', f'{for_green} is remembered before {after}')
             if outcome.answer is not None and not outcome.answer.success:
                 report.refusals += 1
                 if scratch.save() != saved:
@@ -959,33 +1235,49 @@ class Search:
             announced.extend((kind, number) for number in self.numbers)
         for kind, number in announced:
             opinion = check_announced(self.rules, self.race, view, facts, kind, number)
+            right = as_seen(view, Input('command', kind, number, True))
             if opinion.allowed and opinion.needs_statement:
-                yield Input('command', kind, number, False), now
-            yield Input('command', kind, number, True), now
+                yield right._replace(statement=False), now
+            yield right, now
             if opinion.allowed and not opinion.needs_statement:
-                yield Input('command', kind, number, False), now
+                yield right._replace(statement=False), now
+            if opinion.allowed and kind in NAMING:
+                yield right._replace(karts=right.karts ^ {self.numbers[-1]}), now
+            if opinion.allowed and kind == 'KART_IN_GARAGE':
+                yield right._replace(hold=RED_RED if right.hold is None else None), now
         for kart in view.karts:
             for state in RaceState:
                 yield Input('heard', '', kart.number, serial=kart.serial, state=state), now
-            yield Input('heard', '', kart.number, serial=kart.serial - 1, state=kart.sent), now
+            for state in (kart.sent, GREEN_GREEN):
+                yield Input('heard', '', kart.number, serial=kart.serial - 1, state=state), now
             yield Input('connected', '', kart.number), now
             yield Input('disconnected', '', kart.number), now
+        if self.around:
+            for there in (True, False):
+                yield Input('rival', statement=there), now
+                yield Input('record', statement=there), now
         yield Input('tick'), now
         yield Input('tick'), now + 1.0
 
     def _command(self, kind: str, now: float, number: int = 0) -> Any:
-        return give(self.rules, self.race, Input('command', kind, number, True), now)
+        given = as_seen(look(self.race), Input('command', kind, number, True))
+        return give(self.rules, self.race, given, now)
 
     def _check_homeward(self, saved: Any, now: float) -> None:
-        """Bring the race home with karts that answer, and with karts that never do."""
+        """Bring the race home with karts that answer, with karts that never do, and by the MSR."""
         race = self.race
         self.scratch.load(saved)
+        race.rival(False, now)
         for kart in race.karts.values():
             if not kart.connected:
                 race.connected(kart.number, now)
         for kart in race.karts.values():
             race.heard(kart.number, kart.serial, kart.sent, now)
-        self._check_home(self._command('IN_GARAGE', now))
+        outcome = self._command('IN_GARAGE', now)
+        for number in self.numbers:
+            if race.karts[number].held_alone:
+                self._command('KART_IN_GARAGE', now, number)
+        self._check_home(outcome)
         # And the next race can begin.
         for kart in race.karts.values():
             if not kart.in_race:
@@ -993,15 +1285,25 @@ class Search:
         if not self._command('GRID_ACTIVE', now).answer.success:
             raise RuleBrokenError('stuck', f'no new race: {look(race)}')
         self.scratch.load(saved)
+        race.rival(False, now)
         for number in self.numbers:
             self._command('KART_IN_GARAGE', now, number)
         self._check_home(self._command('IN_GARAGE', now))
+        self.scratch.load(saved)
+        race.rival(False, now)
+        for number in self.numbers:
+            race.disconnected(number, 'end of file', now)
+        self._command('RECORD_MSR', now)
+        if not race.track_access().allowed or not self._command('IN_GARAGE', now).answer.success:
+            raise RuleBrokenError('stuck', f'in spite of the MSR: {look(race)}')
 
     def _check_home(self, outcome: Any) -> None:
         view = look(self.race)
         home = view.state is IN_GARAGE and not view.over and not view.msr_used
         if not home or any(kart.hold or kart.sent is not IN_GARAGE for kart in view.karts):
             raise RuleBrokenError('stuck', f'{view}: {outcome.answer}')
+        if not self.race.track_access().allowed or not self.race.memory().home:
+            raise RuleBrokenError('stuck', f'{view}: {self.race.track_access()}')
 
     def _check_deadline(self, saved: Any, view: View, now: float) -> None:
         """Let the time pass until just before the announced deadline: nothing may change."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import pickle
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.race import (
@@ -12,10 +13,13 @@ from evgp_rcs.race import (
     COMMANDS,
     EventKind,
     Kart,
+    KartMemory,
     Outcome,
     Race,
+    RaceMemory,
     RaceTimes,
     STOPS,
+    URGENT,
 )
 import pytest
 
@@ -42,7 +46,19 @@ class Officials:
     # ----- inputs -------------------------------------------------------------------------
 
     def command(self, kind: str, kart: int | None = None, stating: bool = True) -> Outcome:
-        outcome = self.race.command(Command(CommandKind[kind], kart, stating), self.now)
+        return self.gives(self.as_seen(kind, kart, stating))
+
+    def as_seen(self, kind: str, kart: int | None = None, stating: bool = True) -> Command:
+        """Return a command with what an official names who sees the race as it is now."""
+        known = kart if kart in self.race.karts else None
+        if COMMANDS[CommandKind[kind]].to_one_kart:
+            hold = self.race.karts[known].hold if known else None
+            return Command(CommandKind[kind], kart, stating, hold=hold)
+        karts = frozenset(self.race.availability(CommandKind[kind]).karts)
+        return Command(CommandKind[kind], kart, stating, karts)
+
+    def gives(self, command: Command) -> Outcome:
+        outcome = self.race.command(command, self.now)
         assert outcome.answer is not None
         return outcome
 
@@ -390,8 +406,9 @@ def test_taking_a_kart_out_or_closing_the_track_does_not_come_between_grid_and_g
 
 def test_a_long_refusal_names_three_karts_and_counts_the_others() -> None:
     race = Race([Kart(number, in_race=True) for number in range(1, 9)])
-    race.command(Command(CommandKind.GRID_ACTIVE, statement=True), 0.0)
-    answer = race.command(Command(CommandKind.GREEN_GREEN), 0.0).answer
+    everyone = frozenset(range(1, 9))
+    race.command(Command(CommandKind.GRID_ACTIVE, statement=True, karts=everyone), 0.0)
+    answer = race.command(Command(CommandKind.GREEN_GREEN, karts=everyone), 0.0).answer
     assert answer is not None
     assert answer.message == (
         'GREEN_GREEN refused: waiting for kart 1: not connected; kart 2: not connected; '
@@ -543,7 +560,7 @@ def test_officials_are_told_once_when_every_kart_has_acknowledged(officials: Off
         if event.kind is EventKind.ALL_ACKNOWLEDGED
     ]
     assert news == [
-        'Every connected kart of the race has acknowledged; '
+        'Every kart of the race has acknowledged; '
         'IN_GARAGE may be sent when the track is safe for humans'
     ]
     assert EventKind.ALL_ACKNOWLEDGED not in kinds(officials.wait(1.0))
@@ -563,13 +580,94 @@ def test_green_is_not_announced_when_another_command_has_come_between(
 # ----- IN_GARAGE for the race -------------------------------------------------------------
 
 
-def test_the_garage_waits_for_every_connected_kart_of_the_race(officials: Officials) -> None:
+def test_the_garage_waits_for_every_kart_of_the_race(officials: Officials) -> None:
     officials.to_over().acknowledge(1)
     assert officials.is_refused('IN_GARAGE') == (
-        'IN_GARAGE refused: waiting for kart 2 (Volta): no RED_RED acknowledged yet.'
+        'IN_GARAGE refused: waiting for kart 2 (Volta): no RED_RED yet. If a kart does not '
+        'answer, make it safe by hand and release it alone, or use the MSR and record it.'
     )
     officials.acknowledge(2)
     officials.does('IN_GARAGE')
+
+
+def test_the_garage_waits_for_a_lost_kart_until_it_is_made_safe_by_hand(
+    officials: Officials,
+) -> None:
+    officials.to_over().acknowledge(1, 2)
+    officials.drop(2)
+    assert 'waiting for kart 2 (Volta): not connected' in officials.is_refused('IN_GARAGE')
+    officials.does('KART_IN_GARAGE', 2)
+    officials.does('IN_GARAGE')
+
+
+def test_the_garage_waits_for_a_kart_that_never_connected(officials: Officials) -> None:
+    officials = Officials(connected=False)
+    officials.connect(1)
+    officials.to_grid().does('RACE_OVER')
+    officials.acknowledge(1)
+    assert 'waiting for kart 2 (Volta): not connected' in officials.is_refused('IN_GARAGE')
+
+
+def test_the_use_of_the_msr_answers_for_lost_karts_but_not_for_one_that_is_there_and_silent(
+    officials: Officials,
+) -> None:
+    officials.to_over().acknowledge(1)
+    officials.does('RECORD_MSR')
+    assert officials.is_refused('IN_GARAGE') == (
+        'IN_GARAGE refused: waiting for kart 2 (Volta): no RED_RED yet. If a kart does not '
+        'answer, make it safe by hand and release it alone.'
+    )
+    officials.drop(2)
+    officials.does('IN_GARAGE')
+    assert officials.all_sent() == [IN_GARAGE, RED_RED, RED_RED]
+
+
+def test_the_garage_after_the_grid_waits_for_a_kart_lost_there(officials: Officials) -> None:
+    officials.to_grid().drop(2)
+    assert officials.is_refused('IN_GARAGE') == (
+        'IN_GARAGE refused: lost on the grid: kart 2 (Volta); wait for it, or make it safe by '
+        'hand, send it RED_RED and release it alone, or use the MSR and record it.'
+    )
+    officials.connect(2)
+    officials.does('IN_GARAGE')
+
+
+def test_the_garage_after_the_grid_does_not_wait_for_a_kart_that_was_never_there() -> None:
+    officials = Officials(connected=False)
+    officials.to_grid().does('IN_GARAGE')
+
+
+def test_the_garage_does_not_release_a_kart_outside_the_race_that_an_official_held_alone(
+    officials: Officials,
+) -> None:
+    officials.to_over().does('KART_RED_FLAG', SPECTATOR)
+    officials.acknowledge(1, 2, SPECTATOR)
+    answer = officials.does('IN_GARAGE').answer
+    assert officials.all_sent() == [IN_GARAGE, IN_GARAGE, RED_FLAG]
+    assert 'still held until released alone: kart 3 (Tesla)' in str(answer)
+    officials.does('KART_IN_GARAGE', SPECTATOR)
+    assert officials.sent(SPECTATOR) is IN_GARAGE
+
+
+@pytest.mark.parametrize('first', ['ALL_KILL', 'KART_RED_FLAG'])
+def test_all_kill_does_not_hide_that_an_official_held_a_kart_alone(
+    first: str, officials: Officials
+) -> None:
+    second = 'KART_RED_FLAG' if first == 'ALL_KILL' else 'ALL_KILL'
+    for kind in (first, second):
+        officials.does(kind, SPECTATOR if kind == 'KART_RED_FLAG' else None)
+    assert officials.race.karts[SPECTATOR].hold_reason == 'ALL_KILL; RED_FLAG by an official'
+    officials.acknowledge(1, 2, SPECTATOR)
+    officials.does('IN_GARAGE')
+    assert officials.all_sent() == [IN_GARAGE, IN_GARAGE, RED_RED]
+
+
+def test_the_garage_releases_a_kart_of_the_race_that_was_held_alone(officials: Officials) -> None:
+    officials.to_over().does('KART_RED_RED', 1)
+    officials.acknowledge(1, 2)
+    officials.does('IN_GARAGE')
+    assert officials.sent(1) is IN_GARAGE
+    assert not officials.race.karts[1].held_alone
 
 
 def test_the_garage_waits_for_the_statement_that_the_track_is_safe(officials: Officials) -> None:
@@ -614,6 +712,7 @@ def test_the_garage_keeps_lost_and_silent_karts_held_and_says_so(officials: Offi
     officials.to_green().does('ALL_KILL')
     officials.acknowledge(1)
     officials.drop(2)
+    officials.does('RECORD_MSR')
     answer = officials.does('IN_GARAGE').answer
     assert officials.all_sent() == [IN_GARAGE, RED_RED, RED_RED]
     assert 'still held until released alone: kart 2 (Volta); kart 3 (Tesla)' in str(answer)
@@ -694,7 +793,8 @@ def test_an_acknowledgement_from_an_earlier_connection_counts_for_nothing(
 def test_what_a_kart_says_unasked_is_reported_and_is_no_acknowledgement(
     officials: Officials,
 ) -> None:
-    outcome = officials.to_green().says(1, RED_RED)
+    officials.to_ready().does('GREEN_GREEN')
+    outcome = officials.says(1, RED_RED)
     assert kinds(outcome) == [EventKind.REPORTED]
     assert outcome.events[0].text == 'Kart 1 (Ohm) says RED_RED; it is being sent GREEN_GREEN'
     officials.does('KART_RED_RED', 1)
@@ -704,6 +804,96 @@ def test_what_a_kart_says_unasked_is_reported_and_is_no_acknowledgement(
 def test_a_report_is_told_once_however_often_it_is_repeated(officials: Officials) -> None:
     officials.to_green().says(1, RED_RED)
     assert not officials.says(1, RED_RED).events
+
+
+def test_a_kart_that_says_another_state_takes_its_acknowledgement_back(
+    officials: Officials,
+) -> None:
+    officials.to_ready()
+    outcome = officials.says(1, IN_GARAGE)
+    assert kinds(outcome) == [EventKind.WITHDRAWN]
+    assert outcome.events[0].text == (
+        'Kart 1 (Ohm) says IN_GARAGE: its acknowledgement of GRID_ACTIVE does not count any more'
+    )
+    assert 'kart 1 (Ohm): took its GRID_ACTIVE back' in officials.is_refused('GREEN_GREEN')
+    officials.acknowledge(1)
+    officials.does('GREEN_GREEN')
+
+
+def test_a_kart_far_behind_cannot_acknowledge_its_second_grid_with_echoes_of_the_first(
+    officials: Officials,
+) -> None:
+    officials.to_ready().does('IN_GARAGE')
+    officials.to_grid()
+    officials.acknowledge(2)
+    for echo in (GRID_ACTIVE, GRID_ACTIVE, IN_GARAGE):
+        officials.says(1, echo)
+    assert 'kart 1 (Ohm): took its GRID_ACTIVE back' in officials.is_refused('GREEN_GREEN')
+    officials.says(1, GRID_ACTIVE)
+    officials.does('GREEN_GREEN')
+
+
+def test_even_what_was_said_before_the_command_takes_an_acknowledgement_back(
+    officials: Officials,
+) -> None:
+    officials.to_ready()
+    officials.says(1, IN_GARAGE, serial=officials.race.karts[1].serial - 1)
+    assert not officials.race.karts[1].acknowledged
+    officials.says(1, GRID_ACTIVE, serial=officials.race.karts[1].serial - 1)
+    assert not officials.race.karts[1].acknowledged
+
+
+def test_a_kart_that_takes_its_stop_back_may_be_moving_again(officials: Officials) -> None:
+    officials.to_over().acknowledge(1, 2)
+    officials.wait(6.0)
+    assert officials.race.track_access().allowed
+    officials.says(1, RED_FLAG)
+    assert officials.race.karts[1].may_be_moving
+    assert not officials.race.track_access().allowed
+    assert set(officials.alerts()) == {AlertKind.RED_UNACKNOWLEDGED}
+    assert 'kart 1 (Ohm): took its RED_RED back' in officials.is_refused('IN_GARAGE')
+    officials.acknowledge(1)
+    officials.does('IN_GARAGE')
+
+
+def test_that_all_have_acknowledged_is_told_again_after_one_took_it_back(
+    officials: Officials,
+) -> None:
+    officials.to_over().acknowledge(1, 2)
+    assert EventKind.ALL_ACKNOWLEDGED in kinds(officials.wait(0.05))
+    officials.says(1, GREEN_GREEN)
+    officials.wait(0.05)
+    officials.acknowledge(1)
+    assert EventKind.ALL_ACKNOWLEDGED in kinds(officials.wait(0.05))
+
+
+def test_what_a_kart_can_cause_again_and_again_by_talking_is_marked(officials: Officials) -> None:
+    officials.to_grid()
+    talk = [GRID_ACTIVE, IN_GARAGE, GRID_ACTIVE, IN_GARAGE, RED_RED]
+    events = [event for state in talk for event in officials.says(1, state).events]
+    assert [(event.kind, event.chatter) for event in events] == [
+        (EventKind.ACKNOWLEDGED, False),
+        (EventKind.WITHDRAWN, True),
+        (EventKind.ACKNOWLEDGED, True),
+        (EventKind.WITHDRAWN, True),
+        (EventKind.REPORTED, True),
+    ]
+
+
+def test_a_kart_in_the_garage_that_says_green_may_be_moving_until_it_was_stopped(
+    officials: Officials,
+) -> None:
+    officials.says(SPECTATOR, GREEN_GREEN)
+    assert officials.is_refused('OPEN_TRACK') == (
+        'OPEN_TRACK refused: kart 3 (Tesla) may be moving: stop it with RED_RED.'
+    )
+    officials.does('JOIN_RACE', SPECTATOR)
+    assert officials.is_refused('GRID_ACTIVE') == (
+        'GRID_ACTIVE refused: may be moving, to be stopped first with RED_RED: kart 3 (Tesla).'
+    )
+    officials.does('KART_RED_RED', SPECTATOR)
+    officials.acknowledge(SPECTATOR)
+    officials.does('OPEN_TRACK')
 
 
 def test_what_is_heard_from_a_kart_without_a_connection_counts_for_nothing(
@@ -770,7 +960,7 @@ def test_a_lost_kart_keeps_the_next_grid_from_forming_until_it_is_released(
     officials: Officials,
 ) -> None:
     officials.to_green().drop(1)
-    officials.does('RACE_OVER')
+    officials.does('RECORD_MSR')
     officials.acknowledge(2)
     officials.does('IN_GARAGE')
     officials.connect(1)
@@ -781,6 +971,89 @@ def test_a_lost_kart_keeps_the_next_grid_from_forming_until_it_is_released(
     officials.acknowledge(1)
     officials.does('KART_IN_GARAGE', 1)
     officials.does('GRID_ACTIVE')
+
+
+@pytest.mark.parametrize('stop', ['KART_RED_RED', 'KART_RED_FLAG', 'ALL_KILL'])
+def test_losing_a_kart_that_left_a_stop_unanswered_makes_its_alarm_worse(
+    stop: str, officials: Officials
+) -> None:
+    officials.does(stop, SPECTATOR)
+    officials.wait(15.0)
+    officials.acknowledge(1, 2)
+    assert [alert.use_msr for alert in officials.race.alerts(officials.now)] == [True]
+    officials.drop(SPECTATOR)
+    assert officials.alerts() == {
+        AlertKind.LOST_IN_MOTION: (
+            'Use the MSR: kart 3 (Tesla) lost its connection while it may have been moving'
+        )
+    }
+    assert officials.is_refused('OPEN_TRACK') == (
+        'OPEN_TRACK refused: kart 3 (Tesla) was lost in motion: use the MSR.'
+    )
+
+
+def test_a_kart_lost_in_motion_calls_for_the_msr_until_it_is_back_and_stands(
+    officials: Officials,
+) -> None:
+    officials.to_green().drop(2)
+    officials.connect(2)
+    assert officials.alerts() == {
+        AlertKind.LOST_IN_MOTION: (
+            'Use the MSR: kart 2 (Volta) lost its connection while it may have been moving; '
+            'it is back and has not stopped yet'
+        )
+    }
+    officials.acknowledge(2)
+    assert officials.alerts() == {}
+
+
+def test_a_kart_that_drops_again_and_again_does_not_renew_the_time_of_its_alarm(
+    officials: Officials,
+) -> None:
+    officials.to_green().drop(2)
+    lost = officials.now
+    officials.wait(3.0)
+    officials.connect(2)
+    officials.drop(2)
+    (alert,) = officials.race.alerts(officials.now)
+    assert alert.since == lost
+
+
+def test_a_kart_outside_the_race_that_was_seen_to_move_is_held_when_it_drops(
+    officials: Officials,
+) -> None:
+    officials.says(SPECTATOR, GREEN_GREEN)
+    officials.drop(SPECTATOR)
+    assert AlertKind.LOST_IN_MOTION in officials.alerts()
+    assert officials.connect(SPECTATOR).orders[0].state is RED_RED
+
+
+def test_a_kart_lost_on_the_grid_keeps_humans_off_until_it_stands_or_is_made_safe_by_hand(
+    officials: Officials,
+) -> None:
+    officials.to_grid().drop(2)
+    assert officials.alerts() == {AlertKind.KART_LOST: 'Kart 2 (Volta) lost its connection'}
+    officials.does('RED_FLAG')
+    officials.acknowledge(1)
+    assert officials.is_refused('OPEN_TRACK') == (
+        'OPEN_TRACK refused: kart 2 (Volta) was lost on the grid: wait until it is back and has '
+        'acknowledged a stop, or make it safe by hand, send it RED_RED and release it alone.'
+    )
+    officials.does('KART_IN_GARAGE', 2)
+    officials.does('OPEN_TRACK')
+
+
+def test_a_kart_that_false_started_and_dropped_is_held_and_keeps_green_away(
+    officials: Officials,
+) -> None:
+    officials.to_ready().says(1, GREEN_GREEN)
+    officials.connect(1)
+    officials.acknowledge(1)
+    assert officials.sent(1) is RED_RED
+    assert officials.is_refused('GREEN_GREEN') == (
+        'GREEN_GREEN refused: held; bring the race to IN_GARAGE and release it: kart 1 (Ohm): '
+        'lost its connection while it may have been moving.'
+    )
 
 
 def test_a_second_disconnect_of_the_same_kart_is_no_event(officials: Officials) -> None:
@@ -1091,3 +1364,252 @@ def test_a_command_tried_on_a_copy_leaves_the_race_as_it_is(officials: Officials
     assert officials.race.state is GREEN_GREEN
     assert officials.all_sent() == [GREEN_GREEN, GREEN_GREEN, IN_GARAGE]
     assert not officials.wait(0.0).orders
+
+
+# ----- what the official saw --------------------------------------------------------------
+
+
+def test_a_start_or_release_says_which_karts_it_is_for(officials: Officials) -> None:
+    def karts(kind: str, number: int = 0) -> tuple[int, ...]:
+        return officials.race.availability(CommandKind[kind], number).karts
+
+    assert karts('GRID_ACTIVE') == (1, 2)
+    assert karts('IN_GARAGE') == karts('GREEN_GREEN') == ()
+    officials.to_ready()
+    assert karts('GREEN_GREEN') == karts('IN_GARAGE') == (1, 2)
+    officials.does('ALL_KILL')
+    officials.acknowledge(1, 2)
+    assert karts('IN_GARAGE') == (1, 2)
+    officials.acknowledge(SPECTATOR)
+    assert karts('IN_GARAGE') == (1, 2, SPECTATOR)
+    assert karts('KART_IN_GARAGE', SPECTATOR) == (SPECTATOR,)
+    assert karts('KART_RED_RED', SPECTATOR) == ()
+
+
+def test_the_grid_does_not_form_with_a_kart_the_official_did_not_see(officials: Officials) -> None:
+    command = officials.as_seen('GRID_ACTIVE')
+    officials.does('JOIN_RACE', SPECTATOR)
+    answer = officials.gives(command).answer
+    assert answer is not None
+    assert answer.message == (
+        'GRID_ACTIVE refused: it is for karts 1, 2, 3, you named karts 1, 2; you did not name '
+        'kart 3: the race is not as you saw it; look again.'
+    )
+    assert officials.race.state is IN_GARAGE
+
+
+def test_green_is_not_given_to_fewer_karts_than_the_official_saw(officials: Officials) -> None:
+    command = officials.to_ready().as_seen('GREEN_GREEN')
+    officials.does('LEAVE_RACE', 2)
+    answer = officials.gives(command).answer
+    assert answer is not None
+    assert answer.message == (
+        'GREEN_GREEN refused: it is for kart 1, you named karts 1, 2; it is not for kart 2: '
+        'the race is not as you saw it; look again.'
+    )
+    assert officials.all_sent() == [GRID_ACTIVE, RED_RED, IN_GARAGE]
+
+
+def test_the_garage_releases_no_kart_that_the_official_did_not_see_released(
+    officials: Officials,
+) -> None:
+    officials.to_over().does('ALL_KILL')
+    officials.acknowledge(1, 2)
+    command = officials.as_seen('IN_GARAGE')
+    officials.acknowledge(SPECTATOR)
+    answer = officials.gives(command).answer
+    assert answer is not None
+    assert not answer.success
+    assert 'you did not name kart 3: the race is not as you saw it' in answer.message
+
+
+def test_a_kart_is_not_released_from_another_hold_than_the_official_saw(
+    officials: Officials,
+) -> None:
+    officials.does('KART_RED_FLAG', 1)
+    command = officials.as_seen('KART_IN_GARAGE', 1)
+    officials.does('ALL_KILL')
+    answer = officials.gives(command).answer
+    assert answer is not None
+    assert answer.message == (
+        'KART_IN_GARAGE refused: kart 1 (Ohm) is held in RED_RED, you saw it held in RED_FLAG: '
+        'it is not as you saw it; look again.'
+    )
+
+
+def test_a_kart_that_took_its_stop_back_is_not_released_without_the_statement(
+    officials: Officials,
+) -> None:
+    officials.does('KART_RED_RED', 1)
+    officials.acknowledge(1)
+    command = officials.as_seen('KART_IN_GARAGE', 1, stating=False)
+    officials.says(1, GREEN_GREEN)
+    answer = officials.gives(command).answer
+    assert answer is not None
+    assert 'or state that kart 1 (Ohm) was made safe by hand' in answer.message
+
+
+def test_a_long_difference_is_cut_but_what_was_not_seen_is_named() -> None:
+    race = Race([Kart(number, in_race=True) for number in range(1, 41)])
+    seen = frozenset(range(1, 40))
+    answer = race.command(Command(CommandKind.GRID_ACTIVE, None, True, seen), 0.0).answer
+    assert answer is not None
+    assert '9, 10, 11, 12, and 28 more' in answer.message
+    assert 'you did not name kart 40: the race is not as you saw it' in answer.message
+
+
+# ----- what is wrong around race control --------------------------------------------------
+
+
+def test_while_another_race_control_runs_nothing_is_loosened_and_every_stop_works(
+    officials: Officials,
+) -> None:
+    officials.to_ready()
+    raised = officials.race.rival(True, officials.now)
+    assert kinds(raised) == [EventKind.ALERT_RAISED]
+    assert set(officials.alerts()) == {AlertKind.TWO_RACE_CONTROLS}
+    loosening = {kind.name for kind, rule in COMMANDS.items() if rule.loosens}
+    assert loosening == {'GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE', 'KART_IN_GARAGE', 'OPEN_TRACK'}
+    for kind in loosening:
+        assert officials.is_refused(kind, 1) == (
+            f'{kind} refused: another race control is running; end it first. '
+            'Every stop works as ever.'
+        )
+    for stop in URGENT:
+        officials.does(stop.name, 1)
+    assert officials.all_sent() == [RED_RED, RED_RED, RED_RED]
+    assert kinds(officials.race.rival(False, officials.now)) == [EventKind.ALERT_CLEARED]
+    officials.acknowledge(*TEAMS)
+    officials.does('IN_GARAGE')
+
+
+def test_what_overtakes_every_other_command_is_what_stops() -> None:
+    assert set(URGENT) == {*STOPS, CommandKind.RACE_OVER}
+    assert not any(COMMANDS[kind].loosens for kind in URGENT)
+
+
+def test_while_the_record_fails_green_needs_a_statement_of_its_own(officials: Officials) -> None:
+    officials.to_ready()
+    assert not officials.race.availability(CommandKind.GREEN_GREEN).statement
+    officials.race.record_trouble('The record fails: disk full', officials.now)
+    assert officials.alerts() == {AlertKind.RECORD_FAILING: 'The record fails: disk full'}
+    assert officials.is_refused('GREEN_GREEN', stating=False) == (
+        'GREEN_GREEN refused: state that this race may start without a record: after a crash, '
+        'race control would not know that karts were moving.'
+    )
+    officials.race.record_trouble('', officials.now)
+    assert officials.alerts() == {}
+    assert officials.command('GREEN_GREEN', stating=False).answer
+    assert officials.race.state is GREEN_GREEN
+
+
+def test_a_record_that_fails_in_other_words_is_no_new_alert(officials: Officials) -> None:
+    officials.race.record_trouble('disk full; 1 event waits', officials.now)
+    assert not officials.race.record_trouble('disk full; 2 events wait', officials.now).events
+    assert officials.alerts() == {AlertKind.RECORD_FAILING: 'disk full; 2 events wait'}
+
+
+# ----- after a restart --------------------------------------------------------------------
+
+
+def restarted(memory: RaceMemory, *numbers: int) -> Officials:
+    officials = Officials(connected=False)
+    officials.race = Race([Kart(number) for number in numbers], now=officials.now)
+    outcome = officials.race.recover(memory, officials.now)
+    assert not outcome.orders
+    return officials
+
+
+CALM = KartMemory(False, False, 0, False, on_grid=False, held_alone=False)
+
+
+def test_the_memory_for_green_is_the_memory_after_green(officials: Officials) -> None:
+    before = officials.to_ready().race.memory_after_green()
+    assert officials.race.state is GRID_ACTIVE
+    officials.does('GREEN_GREEN')
+    assert officials.race.memory() == before
+    assert not before.home
+
+
+def test_after_a_restart_the_track_stays_closed_until_an_official_states_that_it_is_safe() -> None:
+    officials = restarted(RaceMemory(IN_GARAGE, {1: CALM, 2: CALM}), 1, 2)
+    assert officials.alerts() == {}
+    assert officials.is_refused('OPEN_TRACK') == (
+        'OPEN_TRACK refused: race control was restarted and may not know what it sent last: look '
+        'at every kart, then send IN_GARAGE, or use the MSR and record it.'
+    )
+    assert 'the track is safe' in officials.is_refused('IN_GARAGE', stating=False)
+    officials.does('IN_GARAGE')
+    officials.does('OPEN_TRACK')
+    assert officials.all_sent() == [RED_RED, RED_RED]
+
+
+def test_a_kart_of_the_race_may_have_been_on_the_grid_when_race_control_crashed() -> None:
+    memory = RaceMemory(IN_GARAGE, {1: KartMemory(True, False, 0, False, False, False), 2: CALM})
+    officials = restarted(memory, 1, 2)
+    assert set(officials.alerts()) == {AlertKind.KART_LOST}
+    assert 'kart 1 was lost on the grid' in officials.is_refused('OPEN_TRACK')
+    assert 'waiting for kart 1: not connected' in officials.is_refused('IN_GARAGE')
+
+
+def test_what_was_doubtful_of_a_kart_outside_the_race_still_is_after_a_restart(
+    officials: Officials,
+) -> None:
+    officials.does('KART_RED_RED', SPECTATOR)
+    officials = restarted(officials.race.memory(), *TEAMS)
+    assert 'kart 3 lost its connection' in officials.alerts()[AlertKind.LOST_IN_MOTION]
+    assert officials.race.karts[SPECTATOR].held_alone
+
+
+def test_when_nothing_is_known_every_kart_may_be_moving_until_it_says_that_it_stands() -> None:
+    officials = restarted(RaceMemory(IN_GARAGE, {}, known=False), 1, 2)
+    assert officials.all_sent() == [RED_RED, RED_RED]
+    alerts = officials.race.alerts(officials.now)
+    assert [(alert.kind, alert.kart) for alert in alerts] == [
+        (AlertKind.LOST_IN_MOTION, 1),
+        (AlertKind.LOST_IN_MOTION, 2),
+    ]
+    officials.connect(1)
+    officials.acknowledge(1)
+    assert [alert.kart for alert in officials.race.alerts(officials.now)] == [2]
+    assert not RaceMemory(IN_GARAGE, {}, known=False).home
+
+
+def test_a_kart_that_left_the_roster_is_named_and_held_until_it_is_released_by_hand() -> None:
+    held = KartMemory(True, True, 1, True, True, False)
+    memory = RaceMemory(GREEN_GREEN, {1: CALM, 7: held, 8: CALM})
+    race = Race([Kart(1)], now=0.0)
+    events = race.recover(memory, 0.0).events
+    assert [event.text for event in events if event.kart == 7] == [
+        'Kart 7 (not in the roster any more) is held in RED_RED; look for it, and release it by '
+        'hand'
+    ]
+    assert list(race.karts) == [1, 7]
+    assert not race.karts[7].in_race
+    allowed = race.track_access()
+    assert 'kart 7 (not in the roster any more) was lost in motion' in allowed.reason
+    command = Command(CommandKind.KART_IN_GARAGE, 7, True, hold=RED_RED)
+    assert race.command(command, 0.0).answer
+    command = Command(CommandKind.IN_GARAGE, None, True)
+    assert race.command(command, 0.0).answer
+    assert race.track_access().allowed
+    assert race.memory().karts[7] == CALM
+
+
+def test_a_memory_of_an_older_version_is_read_with_care() -> None:
+    memory = RaceMemory(IN_GARAGE, {1: KartMemory(False, False, 0, False)})
+    assert not memory.home
+    officials = restarted(memory, 1)
+    assert 'kart 1 was lost on the grid' in officials.is_refused('OPEN_TRACK')
+
+
+def test_the_race_goes_to_another_process_and_is_the_same_there(officials: Officials) -> None:
+    officials.to_green().drop(1)
+    officials.wait(1.0)
+    there = pickle.loads(pickle.dumps(officials.race))  # noqa: S301 - our own bytes
+    assert there.karts == officials.race.karts
+    assert there.alerts(officials.now) == officials.race.alerts(officials.now)
+    assert there.memory() == officials.race.memory()
+    assert [there.availability(kind, 1) for kind in CommandKind] == [
+        officials.race.availability(kind, 1) for kind in CommandKind
+    ]
