@@ -12,10 +12,13 @@ Whoever listens is called in these threads, and must hand over to its own at onc
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import queue
 import threading
 from typing import Any, Protocol
 
+from evgp_node.graph import bind_graph, fence_graph
+from evgp_node.spinning import Spinning
 from evgp_protocol.clock import now
 from evgp_rcs_console import words
 from evgp_rcs_console.commands import FORMS, Order
@@ -26,9 +29,9 @@ from evgp_rcs_console.standing import PRESS_AGAIN, Standing, StandingStops
 from evgp_rcs_msgs import msg, srv
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool, Trigger
 
 GIVE_UP = 15.0
@@ -96,6 +99,7 @@ class Client:
     ) -> None:
         """Join the domain and begin to hear."""
         self.node = Node(name, context=context, **node_options)
+        fence_graph()
         self._listener = listener
         self._services: dict[str, Any] = {}
         for form in FORMS.values():
@@ -112,11 +116,8 @@ class Client:
         self._waiting: dict[Any, Order] = {}
         self._standing = StandingStops()
         self._karts: frozenset[int] | None = None
-        self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(self.node)
-        self._hearing = threading.Thread(target=self._hear, name='hearing', daemon=True)
+        self._hearing = Spinning(self.node, self._fail, context)
         self._sending = threading.Thread(target=self._send, name='sending', daemon=True)
-        self._hearing.start()
         self._sending.start()
 
     def give(self, order: Order) -> None:
@@ -131,8 +132,7 @@ class Client:
         """Leave the domain."""
         self._orders.put(None)
         self._sending.join()
-        self._executor.shutdown()
-        self._hearing.join()
+        self._hearing.stop()
         self.node.destroy_node()
 
     # ----- the sender's thread ------------------------------------------------------------
@@ -243,11 +243,20 @@ class Client:
     def _hear_event(self, event: msg.RaceEvent) -> None:
         self._listener.on_event(read_event(event))
 
-    def _hear(self) -> None:
-        try:
-            self._executor.spin()
-        except ExternalShutdownException:
-            pass  # closed while waiting: that is how it ends
+    def _fail(self, error: BaseException) -> None:
+        # Nothing is heard from now on: the screen says so, and stops are pressed on.
+        self.node.get_logger().error(f'The race is no longer heard: {error!r}')
+
+
+def join_graph(program: str, arguments: Sequence[str]) -> None:
+    """
+    Start ROS on the officials' graph: loopback, or the interface that is named.
+
+    :raises GraphError: if no interface has the address that is named.
+    """
+    bind_graph()
+    # A signal is the program's own business: its window and its children are to end in order.
+    rclpy.init(args=[program, *arguments], signal_handler_options=SignalHandlerOptions.NO)
 
 
 def request_message(order: Order) -> Any:

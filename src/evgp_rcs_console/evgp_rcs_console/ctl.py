@@ -23,8 +23,8 @@ from evgp_rcs_console.commands import FORMS
 from evgp_rcs_console.exits import Exit
 from evgp_rcs_console.snapshot import Command
 
-STARTING = 3.0
-"""Time that ROS may take to start, before what ``--wait`` allows, in seconds."""
+STARTING = 5.0
+"""Maximum time that ROS may take to start, before what ``--wait`` allows, in seconds."""
 
 GRACE = 0.5
 """Time that is kept back to report that no answer came, in seconds."""
@@ -118,8 +118,8 @@ def _answer(apart: Apart, wanted: argparse.Namespace, ends: float) -> int:
 def _no_answer(wanted: argparse.Namespace) -> str:
     where = f'ROS domain {os.environ.get("ROS_DOMAIN_ID", "0")}'
     if wanted.command == 'watch':
-        return f'{words.NOT_YET}: {words.USE_MSR} (rcs_ctl hangs; {where})'
-    return no_answer(COMMANDS[wanted.command][0], wanted.wait, f'rcs_ctl hangs; {where}')
+        return f'{words.NOT_YET}: {words.USE_MSR} (ROS hangs; {where})'
+    return no_answer(COMMANDS[wanted.command][0], wanted.wait, f'ROS hangs; {where}')
 
 
 def no_answer(command: Command, wait: float, where: str) -> str:

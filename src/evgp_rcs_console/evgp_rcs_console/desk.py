@@ -7,10 +7,11 @@ from collections.abc import Callable, Sequence
 import sys
 import threading
 
+from evgp_node.graph import GraphError
 from evgp_protocol.clock import now
 from evgp_rcs_console import words
 from evgp_rcs_console.apart import Report
-from evgp_rcs_console.client import Client, domain_of
+from evgp_rcs_console.client import Client, domain_of, join_graph
 from evgp_rcs_console.commands import FORMS, Order
 from evgp_rcs_console.ctl import COMMANDS, no_answer, STATEMENTS
 from evgp_rcs_console.exits import Exit
@@ -19,7 +20,7 @@ from evgp_rcs_console.standing import Standing
 from evgp_rcs_console.terminal import table
 from evgp_rcs_console.view import danger, is_gone, show, silence
 import rclpy
-from rclpy.signals import SignalHandlerOptions
+from rclpy._rclpy_pybind11 import UnknownROSArgsError
 
 SETTLED = 1.0
 """Time without a further event after which the past ones have all come, in seconds."""
@@ -85,7 +86,11 @@ def attend(
 
     :param latest: when to report at the latest; before that, `--wait` counts from here.
     """
-    rclpy.init(args=['rcs_ctl', *given], signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        join_graph('rcs_ctl', given)
+    except (GraphError, UnknownROSArgsError) as error:
+        report(code=Exit.USAGE, error=f'rcs_ctl: {error}')
+        return
     desk = Desk()
     client = Client('rcs_ctl', desk)
     until = min(now() + float(wanted.wait), latest)
@@ -142,9 +147,20 @@ def _give(client: Client, desk: Desk, wanted: argparse.Namespace, until: float) 
             'output': f'{released}\n{answer.message}' if released else answer.message,
         }
     hint = ''
-    if not order.stated and command in STATEMENTS:
+    if not order.stated and command in STATEMENTS and _asks(desk.race, order):
         hint = f' ({STATEMENTS[command][0]})'
     return {'code': Exit.REFUSED, 'error': f'{answer.message}{hint}'}
+
+
+def _asks(race: Race | None, order: Order) -> bool:
+    """Return whether race control asks for a statement with a command."""
+    if race is None:
+        return False
+    commands = race.commands
+    for kart in race.karts:
+        if order.kart == kart.number:
+            commands = kart.commands
+    return order.command in commands and bool(commands[order.command].statement)
 
 
 def _name_them(wanted: argparse.Namespace, race: Race) -> Told:

@@ -9,10 +9,12 @@ import signal
 import sys
 from typing import Any
 
+from evgp_node.ending import end_within
+from evgp_node.graph import GraphError
 from evgp_rcs_console import words
-from evgp_rcs_console.client import Client, domain_of
+from evgp_rcs_console.client import Client, domain_of, join_graph
 import rclpy
-from rclpy.signals import SignalHandlerOptions
+from rclpy._rclpy_pybind11 import UnknownROSArgsError
 from rclpy.utilities import remove_ros_args
 
 END_TIMEOUT = 5.0
@@ -26,8 +28,8 @@ def main(
     Open the window, and run until it is closed.
 
     :param on_window: is called with the window once it is there.
-    :return: 0 after an orderly end, 2 if there is no Qt or no screen. If ROS does not end in
-        time, the process exits with 1 and says on stderr where it hung.
+    :return: 0 after an orderly end, 2 if there is no Qt or no screen, or if a setting is wrong.
+        If ROS does not end in time, the process exits with 1 and says on stderr where it hung.
     """
     try:
         from evgp_rcs_console.qt import QtWidgets
@@ -44,7 +46,11 @@ def main(
     # The thread that sends ALL KILL must not wait for one that draws.
     sys.setswitchinterval(0.001)
     given = list(sys.argv if arguments is None else ['rcs_gui', *arguments])
-    rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        join_graph(given[0], given[1:])
+    except (GraphError, UnknownROSArgsError) as error:
+        print(f'rcs_gui: {error}', file=sys.stderr)
+        return 2
     application = QtWidgets.QApplication(remove_ros_args(given))
     application.setStyle('Fusion')
     inbox = Inbox()
@@ -59,9 +65,9 @@ def main(
     try:
         application.exec()
     finally:
-        # Whatever DDS does: this needs neither the interpreter nor any of its locks, and it is
-        # still armed while the process tears down what is left.
-        faulthandler.dump_traceback_later(END_TIMEOUT, exit=True)
+        # Whatever DDS does, and also while the interpreter tears down what is left.
+        faulthandler.dump_traceback_later(END_TIMEOUT - 0.5)
+        end_within(END_TIMEOUT, 1)
         window.close()
         client.close()
         rclpy.try_shutdown()
