@@ -42,11 +42,7 @@ def start(domain: int, *words: str) -> subprocess.Popen[str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env={
-            **os.environ,
-            'ROS_DOMAIN_ID': str(domain),
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        },
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
     )
 
 

@@ -59,7 +59,6 @@ class Console:
                 env={
                     **os.environ,
                     'ROS_DOMAIN_ID': str(domain),
-                    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
                     'DISPLAY': screen.display,
                     'QT_QPA_PLATFORM': 'xcb',
                     'PYTHONUNBUFFERED': '1',

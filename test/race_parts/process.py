@@ -53,7 +53,6 @@ class Process:
             env={
                 **os.environ,
                 'ROS_DOMAIN_ID': str(domain),
-                'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
                 'PYTHONUNBUFFERED': '1',
             },
         )

@@ -1,0 +1,168 @@
+"""
+A ROS program of anybody, with ROS's own settings: what it finds of a graph, and who answers it.
+
+It runs as a process (``python visitor.py what seconds``), which looks around for so long, calls
+every command it knows in all the ways that are dangerous, plays race control to the officials, and
+prints what came of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import contextlib
+import dataclasses
+import json
+import os
+import pathlib
+import subprocess
+import sys
+import time
+from typing import Any
+
+LOOKS_FOR = 8.0
+"""How long a visitor looks around who must find nothing, seconds: far more than it ever takes."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Findings:
+    """
+    What a visitor found.
+
+    :ivar nodes: the others', with their namespaces.
+    :ivar services: those of others, by their full names.
+    :ivar topics: those that others publish, or listen to.
+    :ivar answered: the calls that were answered.
+    :ivar heard: the topics on which something came.
+    :ivar after: when it found the first, since its start, seconds; None: nothing.
+    """
+
+    nodes: list[str]
+    services: list[str]
+    topics: list[str]
+    answered: list[str]
+    heard: list[str]
+    after: float | None
+
+    @property
+    def got_in(self) -> bool:
+        """Return whether it found anything at all."""
+        return bool(self.nodes or self.services or self.topics or self.answered or self.heard)
+
+
+class Visitor:
+    """
+    A running visitor, in the network of the thread that starts it.
+
+    :param environment: what its environment has of ROS and DDS; nothing else does.
+    :param seconds: how long it looks around. It returns early once a call was answered.
+    """
+
+    def __init__(
+        self, domain: int, environment: Mapping[str, str], seconds: float = LOOKS_FOR
+    ) -> None:
+        """Start it."""
+        own = ('ROS_', 'RMW_', 'FASTRTPS_', 'FASTDDS_', 'CYCLONEDDS_', 'EVGP_')
+        self._process = subprocess.Popen(
+            [sys.executable, __file__, str(seconds)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            text=True,
+            env={
+                **{name: value for name, value in os.environ.items() if not name.startswith(own)},
+                'PYTHONPATH': os.pathsep.join(
+                    [str(pathlib.Path(__file__).parent.parent), *sys.path]
+                ),
+                'ROS_DOMAIN_ID': str(domain),
+                **environment,
+            },
+        )
+
+    def findings(self) -> Findings:
+        """Return what it found, once it has looked."""
+        printed, _ = self._process.communicate(timeout=120)
+        return Findings(**json.loads(printed.splitlines()[-1]))
+
+
+def look_around(seconds: float) -> Findings:
+    """Look, call and listen for so long, or until a call was answered."""
+    from evgp_rcs_msgs import msg, srv
+    from race_parts.official import latched, SERVICES
+    import rclpy
+    from rclpy.node import Node, NodeNameNonExistentError
+    from std_msgs.msg import Bool
+    from std_srvs.srv import SetBool
+
+    began = time.monotonic()
+    rclpy.init()
+    # Several may be in one graph; they are no finding.
+    node = Node(f'visitor_{os.getpid()}')
+    heard: set[str] = set()
+    answered: set[str] = set()
+    commands: dict[str, tuple[Any, Any]] = {
+        f'/rcs/{name}': (kind, most_dangerous(kind)) for name, kind in SERVICES.items()
+    }
+    commands['/kart_bridge/acknowledge'] = srv.Acknowledge, srv.Acknowledge.Request()
+    commands['/kart_bridge/team_stop'] = SetBool, SetBool.Request(data=True)
+    clients = {
+        name: (node.create_client(kind, name), request)
+        for name, (kind, request) in commands.items()
+    }
+    state = '/kart_bridge/race_state'
+    node.create_subscription(msg.KartRaceState, state, lambda _: heard.add(state), latched(1))
+    node.create_subscription(
+        msg.Race, '/rcs/race', lambda race: race.karts and heard.add('/rcs/race'), latched(1)
+    )
+    stop = node.create_publisher(Bool, '/kart_bridge/tsr', latched(1))
+    race = node.create_publisher(msg.Race, '/rcs/race', latched(1))
+    asked: set[str] = set()
+    nodes: set[str] = set()
+    services: set[str] = set()
+    topics: set[str] = set()
+    after = None
+    while time.monotonic() < began + seconds:
+        rclpy.spin_once(node, timeout_sec=0.05)
+        there = [each for each in node.get_node_names_and_namespaces() if of_others(each[0])]
+        for name, namespace in there:
+            nodes.add(f'{namespace.rstrip("/")}/{name}')
+            with contextlib.suppress(NodeNameNonExistentError):  # gone since
+                offered = node.get_service_names_and_types_by_node(name, namespace)
+                services |= {service for service, _ in offered}
+        for topic in ('/rcs/race', '/rcs/events', '/kart_bridge/race_state', '/kart_bridge/tsr'):
+            ends = (
+                *node.get_publishers_info_by_topic(topic),
+                *node.get_subscriptions_info_by_topic(topic),
+            )
+            if any(of_others(end.node_name) for end in ends):
+                topics.add(topic)
+        if after is None and (nodes or services or topics):
+            after = time.monotonic() - began
+        stop.publish(Bool(data=True))
+        race.publish(msg.Race())
+        for name, (client, request) in clients.items():
+            if name not in asked and client.service_is_ready():
+                asked.add(name)
+                client.call_async(request).add_done_callback(lambda _, name=name: answered.add(name))
+        if answered and answered == asked and heard:
+            break
+    return Findings(
+        sorted(nodes), sorted(services), sorted(topics), sorted(answered), sorted(heard), after
+    )
+
+
+def of_others(name: str) -> bool:
+    """Return whether a node is known, and no visitor's."""
+    return not name.startswith(('visitor', '_'))
+
+
+def most_dangerous(kind: Any) -> Any:
+    """Return a request with every statement made."""
+    request = kind.Request()
+    for field, of in request.get_fields_and_field_types().items():
+        if of == 'boolean':
+            setattr(request, field, True)
+    return request
+
+
+if __name__ == '__main__':
+    print(json.dumps(dataclasses.asdict(look_around(float(sys.argv[1])))), flush=True)
+    os._exit(0)

@@ -1,0 +1,378 @@
+"""The ROS graphs: nobody on another machine is in them, and everybody on this one is."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import os
+import pathlib
+import re
+import subprocess
+from xml.etree import ElementTree
+
+from ament_index_python.packages import get_package_prefix
+from evgp_node import graph
+from evgp_node.states import state_of
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs import msg
+import pytest
+from race_parts.console import Console
+from race_parts.domains import Domain
+from race_parts.fixtures import StartBridge, StartRaceControl
+from race_parts.kart import Bridge
+from race_parts.networks import Namespace, why_not
+from race_parts.official import Official
+from race_parts.process import Process
+from race_parts.race_control import RaceControl
+from race_parts.screen import Screen, why_no_screen
+from race_parts.visitor import Findings, Visitor
+
+KARTS = '10.77.0.1'
+"""Race control's address on the karts' network, and a bridge's on its own: the same here."""
+
+STRANGER = '10.77.0.66'
+OFFICIALS = '10.78.0.1'
+OFFICIAL = '10.78.0.2'
+
+NEIGHBOURS = {
+    'as an installed ROS has it': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'},
+    'on its own machine only': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'},
+    'nothing': {},
+}
+
+why_no_networks = functools.cache(why_not)
+
+
+def ways_in(addresses: tuple[str, ...]) -> dict[str, dict[str, str]]:
+    """Return what a stranger may have in its environment, by what it is."""
+    peers = {'ROS_STATIC_PEERS': ';'.join(addresses)}
+    range_ = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+    return {
+        'SUBNET and static peers': {range_: 'SUBNET', **peers},
+        'LOCALHOST and static peers': {range_: 'LOCALHOST', **peers},
+        'SUBNET': {range_: 'SUBNET'},
+        'nothing': {},
+    }
+
+
+HOSTILE = {
+    'as it is': {},
+    'SUBNET, as an installed Jazzy exports it': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'},
+    'everything that widens a graph': {
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
+        'ROS_STATIC_PEERS': f'{STRANGER};{OFFICIAL}',
+        'ROS_LOCALHOST_ONLY': '0',
+        'FASTDDS_BUILTIN_TRANSPORTS': 'LARGE_DATA',
+        'RMW_FASTRTPS_USE_QOS_FROM_XML': '1',
+    },
+}
+"""Environments in which race control, a bridge and a console may be started."""
+
+
+class TwoNetworks:
+    """A machine with one cable to the karts' network, and one to the officials'."""
+
+    def __init__(self, stack: contextlib.ExitStack) -> None:
+        """Make it, a stranger's machine on the first, and an official's on the second."""
+        self.own, self.stranger, self.official = (
+            stack.enter_context(contextlib.closing(Namespace())) for _ in range(3)
+        )
+        self.own.ip(
+            f'link add karts type veth peer name eth0 netns {self.stranger.path}',
+            f'link add officials type veth peer name eth0 netns {self.official.path}',
+            f'addr add {KARTS}/24 dev karts',
+            f'addr add {OFFICIALS}/24 dev officials',
+            'link set karts up',
+            'link set officials up',
+        )
+        self.stranger.ip(
+            f'addr add {STRANGER}/24 dev eth0',
+            'link set eth0 up',
+            # Linux takes a datagram for any of its addresses at any interface.
+            f'route add {OFFICIALS} via {KARTS}',
+            'route add 239.0.0.0/8 dev eth0',
+        )
+        self.official.ip(
+            f'addr add {OFFICIAL}/24 dev eth0',
+            'link set eth0 up',
+            'route add 239.0.0.0/8 dev eth0',
+        )
+        # As with two network cards, one of which leads on: whoever knows no better goes there.
+        self.own.ip(f'route add default via {STRANGER}')
+
+
+@pytest.fixture
+def networks(parts: contextlib.ExitStack) -> TwoNetworks:
+    """Return the networks; skip where none can be made, but not where all tests must run."""
+    why = why_no_networks()
+    if why:
+        assert not os.environ.get('EVGP_ALL_TESTS'), f'EVGP_ALL_TESTS is set, but {why}'
+        pytest.skip(why)
+    return TwoNetworks(parts)
+
+
+WIDEST = list(HOSTILE.values())[-1]
+
+
+def start_in(environment: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have what is started from now on start in an environment."""
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+
+
+def break_in(networks: TwoNetworks, domain: int, addresses: tuple[str, ...]) -> dict[str, Findings]:
+    """Send strangers, in all ways at once, and return what each found."""
+    with networks.stranger.inside():
+        strangers = {
+            way: Visitor(domain, environment) for way, environment in ways_in(addresses).items()
+        }
+    found = {way: stranger.findings() for way, stranger in strangers.items()}
+    inside = [way for way, each in found.items() if each.got_in]
+    print(f'{len(found)} strangers tried {", ".join(found)}; {len(inside)} got in: {inside}')
+    return found
+
+
+def join(control: RaceControl, parts: contextlib.ExitStack) -> Official:
+    """Let an official join whom no stranger finds either."""
+    graph.bind_graph()
+    official = Official(control.domain)
+    graph.fence_graph()
+    parts.callback(official.close)
+    return official
+
+
+@pytest.mark.own_process
+@pytest.mark.parametrize('environment', HOSTILE.values(), ids=HOSTILE)
+def test_a_stranger_on_the_network_finds_nothing_of_race_control_and_changes_nothing(
+    environment: dict[str, str],
+    networks: TwoNetworks,
+    start_race_control: StartRaceControl,
+    parts: contextlib.ExitStack,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    start_in(environment, monkeypatch)
+    with networks.own.inside():
+        control = start_race_control(in_race=[1], address='0.0.0.0')
+        official = join(control, parts)
+    before = official.wait_for_race(lambda race: race.karts, 'the race')
+
+    found = break_in(networks, control.domain, (KARTS, OFFICIALS))
+
+    assert not {way: each for way, each in found.items() if each.got_in}
+    official.command('kart/red_flag', kart=1)
+    after = official.wait_for_race(
+        lambda race: state_of(race.karts[0].sent) is RaceState.RED_FLAG, 'the flag'
+    )
+    assert after.state == before.state
+    assert [event.command for event in official.events if event.command] == [
+        msg.CommandAvailability.KART_RED_FLAG
+    ]
+    assert 'from this machine only' in control.output
+
+
+@pytest.mark.own_process
+@pytest.mark.parametrize('environment', [{}, WIDEST], ids=['as it is', 'widest'])
+def test_a_stranger_on_the_network_finds_nothing_of_a_bridge_and_changes_nothing(
+    environment: dict[str, str],
+    networks: TwoNetworks,
+    start_bridge: StartBridge,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    start_in(environment, monkeypatch)
+    with networks.own.inside():
+        bridge = start_bridge(12017)
+        neighbour = Visitor(bridge.domain, {}, seconds=30)
+    assert '/kart_bridge/acknowledge' in neighbour.findings().answered
+
+    found = break_in(networks, bridge.domain, (KARTS, OFFICIALS))
+
+    assert not {way: each for way, each in found.items() if each.got_in}
+
+
+@pytest.mark.own_process
+def test_no_stranger_on_the_network_plays_race_control_to_the_consoles(
+    networks: TwoNetworks,
+    parts: contextlib.ExitStack,
+    tmp_path: pathlib.Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    start_in(WIDEST, monkeypatch)
+    assert not why_no_screen(), why_no_screen()
+    domain = parts.enter_context(Domain()).number
+    screen = Screen()
+    parts.callback(screen.close)
+    with networks.own.inside():
+        console = Console(tmp_path, domain, screen)
+        parts.callback(console.close)
+        terminal = watch(domain)
+
+    found = break_in(networks, domain, (KARTS, OFFICIALS))
+
+    assert not {way: each for way, each in found.items() if each.got_in}
+    printed, _ = terminal.communicate(timeout=60)
+    assert terminal.returncode == 3, printed
+
+
+def watch(domain: int) -> subprocess.Popen[str]:
+    """Start `rcs_ctl watch --once`: it ends once it has heard race control, or what says so."""
+    package = 'evgp_rcs_console'
+    return subprocess.Popen(
+        [
+            str(pathlib.Path(get_package_prefix(package), 'lib', package, 'rcs_ctl')),
+            *('watch', '--once', '--wait', '12'),
+        ],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+    )
+
+
+@pytest.mark.own_process
+def test_an_official_on_the_officials_network_gets_in_and_a_stranger_on_the_karts_does_not(
+    networks: TwoNetworks,
+    start_race_control: StartRaceControl,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with networks.own.inside():
+        monkeypatch.setenv(graph.INTERFACE, OFFICIALS)
+        control = start_race_control(in_race=[1], address=KARTS)
+        neighbour = Visitor(control.domain, {}, seconds=30)
+    assert f'at {OFFICIALS}' in control.wait_for_line('graph can be reached.*')[0]
+    assert neighbour.findings().answered
+
+    found = break_in(networks, control.domain, (KARTS, OFFICIALS))
+
+    assert not {way: each for way, each in found.items() if each.got_in}
+    with networks.official.inside():
+        monkeypatch.setenv(graph.INTERFACE, OFFICIAL)
+        console = watch(control.domain)
+        printed, _ = console.communicate(timeout=60)
+    assert (console.returncode, 'Team 1' in printed) == (0, True)
+
+
+@pytest.mark.parametrize('environment', NEIGHBOURS.values(), ids=NEIGHBOURS)
+def test_a_node_with_ross_own_settings_on_this_machine_finds_race_control_and_is_answered(
+    environment: dict[str, str], start_race_control: StartRaceControl
+) -> None:
+    control = start_race_control(in_race=[1])
+
+    found = Visitor(control.domain, environment, seconds=30).findings()
+
+    print(f'found after {found.after:.2f} s')
+    assert '/rcs/all_kill' in found.answered
+    assert '/rcs/race' in found.heard
+
+
+@pytest.mark.parametrize('environment', NEIGHBOURS.values(), ids=NEIGHBOURS)
+def test_a_node_with_ross_own_settings_on_this_machine_finds_its_bridge_and_is_answered(
+    environment: dict[str, str], start_bridge: StartBridge
+) -> None:
+    bridge = start_bridge(12017)
+
+    found = Visitor(bridge.domain, environment, seconds=30).findings()
+
+    print(f'found after {found.after:.2f} s')
+    assert '/kart_bridge/acknowledge' in found.answered
+    assert '/kart_bridge/race_state' in found.heard
+
+
+# ----- what is refused --------------------------------------------------------------------
+
+
+@pytest.mark.own_process
+@pytest.mark.parametrize('address', ['0.0.0.0', OFFICIALS, '10.78.0.9'])
+def test_race_control_does_not_start_when_its_graph_can_be_reached_from_where_karts_connect(
+    address: str,
+    networks: TwoNetworks,
+    monkeypatch: pytest.MonkeyPatch,
+    parts: contextlib.ExitStack,
+    tmp_path: pathlib.Path,
+) -> None:
+    monkeypatch.setenv(graph.INTERFACE, OFFICIALS)
+    networks.own.ip('addr add 10.78.0.9/24 dev officials')
+    with networks.own.inside():
+        control = parts.enter_context(race_control(parts, tmp_path, address=address))
+        assert control.wait() == 2
+
+    assert len(control.output.splitlines()) == 1
+    assert f'the ROS graph can be reached at {OFFICIALS}' in control.output
+
+
+@pytest.mark.own_process
+def test_race_control_starts_with_an_open_graph_that_was_accepted_by_name(
+    networks: TwoNetworks, monkeypatch: pytest.MonkeyPatch, start_race_control: StartRaceControl
+) -> None:
+    monkeypatch.setenv(graph.INTERFACE, OFFICIALS)
+    with networks.own.inside():
+        control = start_race_control(in_race=[1], address='0.0.0.0', accept_open_graph=True)
+    assert f'at {OFFICIALS}' in control.wait_for_line('graph can be reached.*')[0]
+
+
+@pytest.mark.parametrize('named', ['10.1.0.5', '0.0.0.0', 'eth0', '239.255.0.1'])
+def test_no_program_starts_on_an_interface_that_is_not_there(
+    named: str,
+    monkeypatch: pytest.MonkeyPatch,
+    parts: contextlib.ExitStack,
+    tmp_path: pathlib.Path,
+) -> None:
+    monkeypatch.setenv(graph.INTERFACE, named)
+    domain = parts.enter_context(Domain()).number
+    control = parts.enter_context(race_control(parts, tmp_path))
+    bridge = parts.enter_context(Bridge(domain, 12017, '127.0.1.1'))
+
+    assert (control.wait(), bridge.wait()) == (2, 2)
+
+    for process in (control, bridge):
+        (line,) = process.output.splitlines()
+        assert re.search(f'no interface of this machine has .*{re.escape(named)}', line)
+
+
+def race_control(
+    parts: contextlib.ExitStack, folder: pathlib.Path, **parameters: object
+) -> Process:
+    """Start a race control that need not come to listen."""
+    roster = folder / 'karts.yaml'
+    roster.write_text('karts:\n- {number: 1, team: A, address: 127.0.1.1, in_race: true}\n')
+    return Process(
+        'evgp_rcs',
+        'rcs_node',
+        parts.enter_context(Domain()).number,
+        {'roster': roster, 'record': folder / 'record.sqlite3', 'port': 0, **parameters},
+    )
+
+
+def test_a_middleware_that_cannot_be_bound_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(graph, 'get_rmw_implementation_identifier', lambda: 'rmw_zenoh_cpp')
+    with pytest.raises(graph.GraphError, match='rmw_zenoh_cpp cannot be bound'):
+        graph.bind_graph()
+
+
+# ----- what DDS is told -------------------------------------------------------------------
+
+
+def texts(of: str, name: str) -> list[str | None]:
+    """Return the text of each element of that name."""
+    root = ElementTree.fromstring(of)  # noqa: S314 - our own
+    return [each.text for each in root.iter() if each.tag.rpartition('}')[2] == name]
+
+
+@pytest.mark.parametrize('interface', ['', OFFICIALS])
+def test_fast_dds_is_told_of_no_other_transport_and_no_shared_memory(interface: str) -> None:
+    profile = graph.fast_dds_profile(interface)
+
+    assert texts(profile, 'type') == ['UDPv4']
+    assert texts(profile, 'useBuiltinTransports') == ['false']
+    (allowed,) = re.findall('<interfaceWhiteList>(.*)</interfaceWhiteList>', profile)
+    assert re.findall('<address>(.*?)</address>', allowed) == ['127.0.0.1', *filter(None, [interface])]
+
+
+@pytest.mark.parametrize('interface', ['', OFFICIALS])
+def test_cyclone_dds_is_told_of_these_interfaces_only(interface: str) -> None:
+    """It cannot run here: this is the document only."""
+    told = ElementTree.fromstring(graph.cyclone_dds_configuration(interface))  # noqa: S314
+
+    addresses = [each.get('address') for each in told.iter('NetworkInterface')]
+    assert addresses == ['127.0.0.1', *filter(None, [interface])]
+    assert [each.text for each in told.iter('AllowMulticast')] == ['spdp' if interface else 'false']
