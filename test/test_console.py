@@ -120,19 +120,19 @@ def test_a_whole_race_by_clicks(
     console.click('join_race_2', barred='false')
     console.wait_for('leave_race_2')
     console.click('grid_active', barred='false')
-    console.click('yes', text='track is clear of humans')
+    console.click('yes', barred='false', text='track is clear of humans')
     console.click('green_green', barred='false')
-    console.click('yes')
+    console.click('yes', barred='false')
     console.click('kart_finish_2', barred='false')
     console.wait_for('kart_2', text='P1')
     console.click('kart_finish_1', barred='false')
     console.wait_for('state', text='RED RED')
     console.wait_for('state_since', text='race over')
     console.click('in_garage', barred='false')
-    console.click('yes', text='track is safe for humans')
+    console.click('yes', barred='false', text='track is safe for humans')
     console.wait_for('state', text='IN GARAGE')
     console.click('open_track', barred='false')
-    console.click('yes')
+    console.click('yes', barred='false')
     console.wait_for('track', text='OPEN')
 
     for kart in karts:
@@ -334,9 +334,9 @@ def test_all_kill_is_pressed_until_a_race_control_that_hangs_is_back(
     control.signal(signal.SIGSTOP)
     # A service hangs, and the window does not: it says so, with the time.
     console.key('F4')
-    console.wait_for('status', text=r'RED FLAG: no answer yet, \d')
-    console.wait_for('silence_title', text='RACE CONTROL IS GONE')
-    console.wait_for('silence_advice', text='USE THE MSR')
+    console.wait_for('status', text=r'RED FLAG: pressed [2-9] times in .*no answer')
+    console.wait_for('danger_title', text='RACE CONTROL IS GONE')
+    console.wait_for('danger_advice', text='USE THE MSR')
 
     console.key('space')
 
@@ -345,7 +345,7 @@ def test_all_kill_is_pressed_until_a_race_control_that_hangs_is_back(
     control.signal(signal.SIGCONT)
     kart.wait_for_state(RED_RED)
     console.wait_for('all_kill', pressing='false')
-    console.wait_for('silence', visible=False)
+    console.wait_for('danger', visible=False)
     console.wait_for('state', text='RED RED')
 
 
@@ -361,9 +361,9 @@ def test_all_kill_pressed_while_race_control_is_dead_is_given_to_the_next_one(
     see_karts(console, 1)
     control.kill()
     before.wait_for_end()
-    console.wait_for('silence_title', text='RACE CONTROL IS GONE')
+    console.wait_for('danger_title', text='RACE CONTROL IS GONE')
     console.wait_for('kart_1', text='✓ linked')
-    console.wait_for('silence_detail', text=r'Last heard \d')
+    console.wait_for('danger_detail', text=r'Last heard \d')
     console.wait_for('grid_active', barred='true', tip='race control is gone')
     console.click('all_kill')
     console.wait_for('all_kill', pressing='true')
@@ -373,7 +373,7 @@ def test_all_kill_pressed_while_race_control_is_dead_is_given_to_the_next_one(
     kart = connect_kart(again, 1, EACH_CHANGE)
     kart.wait_for_state(RED_RED)
     console.wait_for('all_kill', pressing='false')
-    console.wait_for('silence', visible=False)
+    console.wait_for('danger', visible=False)
     console.wait_for('kart_1', text='held: ALL_KILL')
 
 
@@ -392,11 +392,11 @@ def test_a_race_control_that_was_killed_and_started_again_is_shown_as_it_is_now(
     kart.wait_for_state(GRID_ACTIVE)
     console.wait_for('state', text='GRID ACTIVE')
     control.kill()
-    console.wait_for('silence_title', text='RACE CONTROL IS GONE')
+    console.wait_for('danger_title', text='RACE CONTROL IS GONE')
 
     again = start_anew(control.domain)
 
-    console.wait_for('silence', visible=False)
+    console.wait_for('danger', visible=False)
     console.wait_for('state', text='RED RED')
     console.wait_for('log', text='started anew')
     console.wait_for('kart_1', text='held: race control was re')
@@ -413,8 +413,8 @@ def test_before_race_control_is_found_the_window_says_so_and_still_presses_all_k
     control = start_anew()
     control.close()
     console = open_console(control)
-    console.wait_for('silence_title', text='NO RACE CONTROL YET')
-    console.wait_for('silence_detail', text=f'/rcs/race .* ROS domain {control.domain}')
+    console.wait_for('danger_title', text='NO RACE CONTROL YET')
+    console.wait_for('danger_detail', text=f'/rcs/race .* ROS domain {control.domain}')
     console.key('space')
     console.wait_for('all_kill', pressing='true')
 
@@ -632,7 +632,7 @@ def test_the_use_of_the_msr_is_recorded_by_a_statement(
 
     console.key('F9')
     console.wait_for('question', text='does not trigger the MSR')
-    console.click('yes', text='Master Safety Remote was used')
+    console.click('yes', barred='false', text='Master Safety Remote was used')
 
     kart.wait_for_state(RED_RED)
     console.wait_for('humans_reason', text='Master Safety Remote was used')
@@ -653,7 +653,7 @@ def test_forty_karts_on_a_small_and_on_a_large_screen(
     console.start_race()
 
     console.wait_for('kart_finish_30', barred='false')
-    console.key('shift+d')
+    console.key('shift+f')
     console.wait_for('kart_30', text='P1')
     # A kart further down is scrolled to by its number, and there its buttons can be clicked.
     console.key('4', '0')
@@ -738,7 +738,7 @@ def test_screenshots_of_every_state(
     shoot('keys')
     console.key('Escape')
     control.kill()
-    console.wait_for('silence_title', text='GONE')
+    console.wait_for('danger_title', text='GONE')
     console.key('space')
     console.wait_for('kill_hint', text='PRESSING, 3 times')
     shoot('gone')

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import dataclass
 import os
 import pathlib
 import signal
 import subprocess
+import sys
 import threading
+import time
 
 from ament_index_python.packages import get_package_prefix
 from evgp_protocol.states import RaceState
-from evgp_rcs_console.client import Client, KINDS
-from evgp_rcs_console.commands import FORMS
-from evgp_rcs_console.ctl import COMMANDS, Desk
+from evgp_rcs_console.client import Client, request_message
+from evgp_rcs_console.commands import FORMS, Order
+from evgp_rcs_console.ctl import COMMANDS, STARTING, TIDY
+from evgp_rcs_console.desk import Desk
 from evgp_rcs_console.snapshot import Command
+from evgp_rcs_console.standing import Standing
 import pytest
 from race_parts.domains import Domain
 from race_parts.fixtures import ConnectKart, JoinOfficial, StartRaceControl
@@ -81,9 +86,9 @@ def test_a_whole_race_by_commands(
 
     accepted(control, 'join', '3')
     accepted(control, 'leave', '3')
-    accepted(control, 'grid-active', '--track-is-clear')
+    accepted(control, 'grid-active', '1', '2', '--track-is-clear')
     official.wait_for_acks(RaceState.GRID_ACTIVE, 1, 2)
-    accepted(control, 'green-green')
+    accepted(control, 'green-green', '2', '1')
     kart.wait_for_state(RaceState.GREEN_GREEN)
     accepted(control, 'kart-finish', '1')
     accepted(control, 'kart-red-flag', '2')
@@ -93,19 +98,20 @@ def test_a_whole_race_by_commands(
     official.wait_for_acks(RaceState.RED_RED, 1, 2)
     accepted(control, 'open-track')
     accepted(control, 'close-track')
-    accepted(control, 'in-garage', '--track-is-safe')
+    accepted(control, 'in-garage', '1', '2', '--track-is-safe')
     kart.wait_for_state(RaceState.IN_GARAGE)
     accepted(control, 'all-kill')
     kart.wait_for_state(RaceState.RED_RED)
     accepted(control, 'record-msr', '--msr-was-used')
     said = accepted(control, 'kart-in-garage', '3', '--made-safe-by-hand')
+    assert 'Ends the hold of kart 3 (Team 3): RED RED' in said
     assert 'Kart 3 (Team 3) is released' in said
 
 
 def test_a_refusal_is_the_sentence_of_race_control(start_race_control: StartRaceControl) -> None:
     control = start_race_control(in_race=(1,))
 
-    done = run(control.domain, 'green-green', '--wait', str(PATIENCE))
+    done = run(control.domain, 'green-green', '1', '--wait', str(PATIENCE))
 
     assert done.returncode == REFUSED
     assert done.stderr == (
@@ -129,6 +135,163 @@ def test_a_refusal_for_want_of_a_statement_names_the_flag(
     assert done.returncode == REFUSED
     assert 'state that kart 1 (Team 1) was made safe by hand' in done.stderr
     assert '(--made-safe-by-hand)' in done.stderr
+
+
+def test_without_kart_numbers_a_start_says_which_karts_it_would_start_and_sends_nothing(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 2))
+    official = join_official(control)
+    kart = connect_kart(control, 1)
+    connect_kart(control, 2)
+    official.wait_for_connected(1, 2)
+
+    done = run(control.domain, 'grid-active', '--track-is-clear', '--wait', str(PATIENCE))
+    not_now = run(control.domain, 'green-green', '--wait', str(PATIENCE))
+
+    assert done.returncode == USAGE
+    assert 'It would go to kart 1 (Team 1), kart 2 (Team 2)' in done.stderr
+    assert 'rcs_ctl grid-active 1 2 --track-is-clear' in done.stderr
+    assert not_now.returncode == USAGE
+    assert 'GREEN_GREEN follows GRID_ACTIVE' in not_now.stderr
+    assert kart.state is RaceState.IN_GARAGE
+
+
+def test_a_start_of_other_karts_than_those_of_the_race_is_refused(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 2))
+    official = join_official(control)
+    kart = connect_kart(control, 1)
+    connect_kart(control, 2)
+    official.wait_for_connected(1, 2)
+
+    done = run(control.domain, 'grid-active', '1', '--track-is-clear', '--wait', str(PATIENCE))
+
+    assert done.returncode == REFUSED
+    assert 'you did not name 2' in done.stderr or 'kart 2' in done.stderr
+    assert kart.state is RaceState.IN_GARAGE
+
+
+def test_a_stop_of_a_kart_that_is_not_in_the_roster_is_refused_and_not_repeated_for_ever(
+    start_race_control: StartRaceControl,
+) -> None:
+    control = start_race_control(in_race=(1,))
+
+    done = run(control.domain, 'kart-red-red', '99', '--wait', str(PATIENCE))
+
+    assert done.returncode == REFUSED
+    assert '99' in done.stderr
+
+
+# ----- whatever DDS does ------------------------------------------------------------------
+
+
+HANGS = """
+import ctypes, sys
+import rclpy
+from rclpy.node import Node
+
+def hang(*_, **__):
+    while True:
+        ctypes.PyDLL(None).sleep(3600)
+
+{where} = hang
+from evgp_rcs_console.ctl import main
+sys.exit(main(sys.argv[1:]))
+"""
+"""
+`rcs_ctl` with a part of rclpy that never returns and holds the interpreter's lock, as DDS does
+when another process has died with a lock of its shared memory. A stand-in, since that cannot be
+brought about at will.
+"""
+
+
+def run_hanging(domain: int, where: str, *words: str) -> tuple[Done, float]:
+    """Run `rcs_ctl` with a part of rclpy that hangs; return how it ended, and after how long."""
+    began = time.monotonic()
+    with subprocess.Popen(
+        [sys.executable, '-c', HANGS.format(where=where), *words],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+    ) as process:
+        try:
+            stdout, stderr = process.communicate(timeout=PATIENCE)
+        finally:
+            process.kill()
+    return Done(process.returncode, stdout, stderr), time.monotonic() - began
+
+
+@pytest.mark.parametrize('words', [('all-kill',), ('kart-red-red', '7'), ('leave', '3')])
+@pytest.mark.parametrize('where', ['rclpy.init', 'Node.create_client'])
+def test_a_command_ends_by_its_deadline_when_ros_hangs(words: tuple[str, ...], where: str) -> None:
+    with Domain() as domain:
+        done, seconds = run_hanging(domain.number, where, *words, '--wait', '0.5')
+
+    assert done.returncode == NOT_THERE
+    assert 'no answer within 0.5 s' in done.stderr
+    assert ('USE THE MSR' in done.stderr) is (words[0] != 'leave')
+    assert seconds < 0.5 + STARTING + TIDY + 3.0  # the interpreter's own start and end
+
+
+@pytest.mark.parametrize('where', ['Node.destroy_node', 'rclpy.try_shutdown'])
+def test_the_answer_is_out_before_anything_is_torn_down(
+    start_race_control: StartRaceControl, where: str
+) -> None:
+    control = start_race_control(in_race=(1,))
+
+    done, seconds = run_hanging(control.domain, where, 'all-kill', '--wait', '20')
+
+    assert (done.returncode, done.stderr) == (ACCEPTED, '')
+    assert 'RED_RED is sent' in done.stdout
+    assert seconds < 20
+
+
+def test_a_stop_to_a_race_control_that_is_frozen_ends_by_its_deadline(
+    start_race_control: StartRaceControl,
+) -> None:
+    control = start_race_control(in_race=(1,))
+    control.signal(signal.SIGSTOP)
+    began = time.monotonic()
+
+    done = run(control.domain, 'kart-red-flag', '1', '--wait', '2')
+
+    assert done.returncode == NOT_THERE
+    assert 'no answer within 2 s' in done.stderr
+    assert 'USE THE MSR' in done.stderr
+    assert time.monotonic() - began < 2 + STARTING + TIDY + 3.0
+
+
+def test_a_stop_of_a_kart_is_pressed_until_race_control_is_there(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    with start(domain, 'kart-red-red', '1', '--wait', '25') as stop:
+        control = RaceControl(tmp_path, domain, (1,))
+        parts.callback(control.close)
+        stdout, stderr = stop.communicate(timeout=2 * PATIENCE)
+
+    assert stop.returncode == ACCEPTED, stderr
+    assert 'RED_RED' in stdout
+
+
+def test_a_command_that_is_killed_leaves_no_process_behind() -> None:
+    with Domain() as domain, start(domain.number, 'all-kill', '--wait', '60') as command:
+        children = pathlib.Path(f'/proc/{command.pid}/task/{command.pid}/children')
+        ends = time.monotonic() + PATIENCE
+        while not (found := children.read_text().split()) and time.monotonic() < ends:
+            time.sleep(0.05)  # until it has begun its work
+        command.kill()
+        command.wait(PATIENCE)
+        while pathlib.Path(f'/proc/{found[0]}/cmdline').exists() and time.monotonic() < ends:
+            if ') Z ' in pathlib.Path(f'/proc/{found[0]}/stat').read_text():
+                break  # ended; whoever inherited it has not asked yet
+            time.sleep(0.05)
+
+        assert time.monotonic() < ends
 
 
 @pytest.mark.parametrize(
@@ -157,8 +320,9 @@ def test_wrong_usage_sends_nothing_and_says_what_is_wrong(
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
-        (('green-green',), 'GREEN GREEN was not given: race control is not there'),
+        (('green-green', '1'), 'GREEN GREEN was not given: race control is not there'),
         (('red-flag',), 'USE THE MSR'),
+        (('kart-red-red', '7'), 'USE THE MSR'),
         (('all-kill',), 'USE THE MSR'),
         (('watch', '--once'), 'USE THE MSR'),
         (('watch', '--events'), 'USE THE MSR'),
@@ -220,13 +384,13 @@ class SlowListener(Desk):
         self.told: list[int] = []
         self.accepted = threading.Event()
 
-    def on_pressing(self, count: int, since: float) -> None:
+    def on_pressing(self, stops: tuple[Standing, ...]) -> None:
         """Keep the news, in the order in which the telling ended."""
-        if count:
+        if stops:
             self.accepted.wait(0.5)
         else:
             self.accepted.set()
-        self.told.append(count)
+        self.told.append(len(stops))
 
 
 def test_that_all_kill_is_accepted_is_told_last(start_race_control: StartRaceControl) -> None:
@@ -237,7 +401,7 @@ def test_that_all_kill_is_accepted_is_told_last(start_race_control: StartRaceCon
     client = Client('slow', listener, context=context, use_global_arguments=False)
 
     try:
-        client.give(Command.ALL_KILL)
+        client.give(Order(Command.ALL_KILL))
         with listener.news:
             assert listener.news.wait_for(lambda: listener.answer, PATIENCE)
     finally:
@@ -249,5 +413,5 @@ def test_that_all_kill_is_accepted_is_told_last(start_race_control: StartRaceCon
 
 def test_every_command_of_an_official_is_there_and_fits_its_service() -> None:
     assert {command for command, _ in COMMANDS.values()} == set(Command)
-    for form in FORMS.values():
-        KINDS[form.kind].Request(**form.request(1, stated=True))
+    for command in FORMS:
+        request_message(Order(command, 1, stated=True, karts=(1, 2)))

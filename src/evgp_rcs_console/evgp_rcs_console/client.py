@@ -4,37 +4,41 @@ The console's ROS side: hears the race, and gives commands, in threads of its ow
 Two threads, so that nothing a screen does ever waits for ROS:
 
 - the executor's thread hears `rcs/race` and `rcs/events` and the answers to commands;
-- the sender's thread takes commands from a queue and calls the services. It also presses ALL_KILL
-  again and again, once asked for, until race control has accepted it.
+- the sender's thread takes commands from a queue and calls the services. It also presses each stop
+  again and again, once asked for, until race control has accepted it (``standing``).
 
 Whoever listens is called in these threads, and must hand over to its own at once.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 import queue
 import threading
-import time
 from typing import Any, Protocol
 
+from evgp_node.graph import bind_graph, fence_graph
+from evgp_node.spinning import Spinning
+from evgp_protocol.clock import now
 from evgp_rcs_console import words
-from evgp_rcs_console.commands import FORMS
-from evgp_rcs_console.reading import read_event, read_race
-from evgp_rcs_console.snapshot import Answer, Command, Event, Race
+from evgp_rcs_console.commands import FORMS, Order
+from evgp_rcs_console.reading import read_event, read_race, state_message
+from evgp_rcs_console.snapshot import Answer, Command, Event, Race, State
+from evgp_rcs_console.sources import Sources
+from evgp_rcs_console.standing import PRESS_AGAIN, Standing, StandingStops
 from evgp_rcs_msgs import msg, srv
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool, Trigger
 
-PRESS_AGAIN = 0.5
-"""How often ALL_KILL is pressed again while nobody answers, seconds."""
-
 GIVE_UP = 15.0
-"""How long an answer to any other command is waited for, seconds."""
+"""Time for which an answer to a command that is no stop is waited for, in seconds."""
+
+PRESSES = 10
+"""Number of unanswered presses of one stop whose answers are still waited for."""
 
 KINDS: dict[str, Any] = {
     'Trigger': Trigger,
@@ -58,16 +62,6 @@ def latched(depth: int) -> QoSProfile:
     )
 
 
-@dataclass(frozen=True)
-class Order:
-    """A command that was given, and when (monotonic, seconds)."""
-
-    command: Command
-    kart: int = 0
-    stated: bool = False
-    at: float = field(default_factory=time.monotonic)
-
-
 class Listener(Protocol):
     """
     Who is told what the client hears.
@@ -75,17 +69,22 @@ class Listener(Protocol):
     Called in the client's threads, with its lock held at times: it must not call the client.
     """
 
-    def on_race(self, race: Race, at: float) -> None:
-        """Take a snapshot, and when it came (monotonic, seconds)."""
+    def on_race(self, race: Race, at: float, two: bool) -> None:
+        """
+        Take a snapshot.
+
+        :param at: when it came, by the clock that counts a suspend, in seconds.
+        :param two: snapshots come from two race controls.
+        """
 
     def on_event(self, event: Event) -> None:
         """Take an event."""
 
     def on_answer(self, order: Order, answer: Answer) -> None:
-        """Take the answer to a command, also that none came."""
+        """Take the answer to a command, also that none came; of a stop, the one that counts."""
 
-    def on_pressing(self, count: int, since: float) -> None:
-        """Take how often ALL_KILL was pressed in vain since when; 0: it is not being pressed."""
+    def on_pressing(self, stops: tuple[Standing, ...]) -> None:
+        """Take the stops that race control has not accepted yet, and how often each was sent."""
 
 
 class Client:
@@ -100,6 +99,7 @@ class Client:
     ) -> None:
         """Join the domain and begin to hear."""
         self.node = Node(name, context=context, **node_options)
+        fence_graph()
         self._listener = listener
         self._services: dict[str, Any] = {}
         for form in FORMS.values():
@@ -110,28 +110,19 @@ class Client:
         self.node.create_subscription(msg.Race, 'rcs/race', self._hear_race, latched(1))
         self.node.create_subscription(msg.RaceEvent, 'rcs/events', self._hear_event, latched(200))
         self.topic: str = self.node.resolve_topic_name('rcs/race')
+        self._sources = Sources()
         self._orders: queue.SimpleQueue[Order | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._waiting: dict[Any, Order] = {}
-        self._kill: Order | None = None
-        self._presses = 0
-        self._press_at = 0.0
-        self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(self.node)
-        self._hearing = threading.Thread(target=self._hear, name='hearing', daemon=True)
+        self._standing = StandingStops()
+        self._karts: frozenset[int] | None = None
+        self._hearing = Spinning(self.node, self._fail, context)
         self._sending = threading.Thread(target=self._send, name='sending', daemon=True)
-        self._hearing.start()
         self._sending.start()
 
-    def give(self, command: Command, kart: int = 0, stated: bool = False) -> Order:
-        """
-        Give a command, and return at once.
-
-        :param stated: the official makes the statement that the command asks for.
-        """
-        order = Order(command, kart, stated)
+    def give(self, order: Order) -> None:
+        """Give a command, and return at once."""
         self._orders.put(order)
-        return order
 
     def wait_for(self, command: Command, seconds: float) -> bool:
         """Return whether race control offers a command, once it does or time is up."""
@@ -141,8 +132,7 @@ class Client:
         """Leave the domain."""
         self._orders.put(None)
         self._sending.join()
-        self._executor.shutdown()
-        self._hearing.join()
+        self._hearing.stop()
         self.node.destroy_node()
 
     # ----- the sender's thread ------------------------------------------------------------
@@ -150,76 +140,69 @@ class Client:
     def _send(self) -> None:
         while True:
             try:
-                order = self._orders.get(timeout=self._next_press())
+                order = self._orders.get(timeout=self._wake())
             except queue.Empty:
                 self._press()
                 self._give_up()
                 continue
             if order is None:
                 return
-            if order.command is Command.ALL_KILL:
+            if FORMS[order.command].stop:
                 with self._lock:
-                    if self._kill is None:
-                        self._presses = 0
-                    self._kill = order
+                    self._standing.add(order, now())
                 self._press()
             else:
                 self._call(order)
 
-    def _next_press(self) -> float | None:
+    def _wake(self) -> float | None:
         with self._lock:
-            if self._kill:
-                return max(0.0, self._press_at - time.monotonic())
-            return PRESS_AGAIN if self._waiting else None
+            press = self._standing.next_press(now())
+            if press is None:
+                return PRESS_AGAIN if self._waiting else None
+            return press
 
     def _press(self) -> None:
         with self._lock:
-            order = self._kill
-            if order is None:
-                return
-            self._press_at = time.monotonic() + PRESS_AGAIN
-            self._presses += 1
-            count = self._presses
-        self._request(order)
+            pressed = self._standing.press(now())
+        for order in pressed:
+            self._request(order)
         # Told under the lock: never after it is told that the press was accepted.
         with self._lock:
-            if self._kill is order:
-                self._listener.on_pressing(count, order.at)
+            if pressed:
+                self._listener.on_pressing(self._standing.all)
 
     def _call(self, order: Order) -> None:
-        form = FORMS[order.command]
-        if self._services[form.service].service_is_ready():
+        if self._services[FORMS[order.command].service].service_is_ready():
             self._request(order)
             return
-        text = words.NOT_THERE_STOP if form.stop else words.NOT_THERE
         name = words.command_name(order.command, order.kart)
-        self._listener.on_answer(order, Answer(False, text.format(command=name)))
+        self._listener.on_answer(order, Answer(False, words.NOT_THERE.format(command=name)))
 
     def _request(self, order: Order) -> None:
         form = FORMS[order.command]
-        request = KINDS[form.kind].Request(**form.request(order.kart, order.stated))
-        future = self._services[form.service].call_async(request)
+        future = self._services[form.service].call_async(request_message(order))
         with self._lock:
             self._waiting[future] = order
         future.add_done_callback(self._answered)
 
     def _give_up(self) -> None:
-        now = time.monotonic()
+        """Forget what can no longer be answered."""
+        late: dict[Any, Order] = {}
+        presses: dict[tuple[Command, int], list[Any]] = {}
         with self._lock:
-            late = {
-                future: order
-                for future, order in self._waiting.items()
-                if now - order.at > GIVE_UP and order.command is not Command.ALL_KILL
-            }
-            # Of the presses of one ALL_KILL only the newest few can still be answered.
-            presses = [f for f, o in self._waiting.items() if o.command is Command.ALL_KILL]
-            for future in presses[:-10]:
-                late.setdefault(future, self._waiting[future])
+            for future, order in self._waiting.items():
+                if FORMS[order.command].stop:
+                    presses.setdefault((order.command, order.kart), []).append(future)
+                elif now() - order.at > GIVE_UP:
+                    late[future] = order
+            for futures in presses.values():
+                for future in futures[:-PRESSES]:
+                    late[future] = self._waiting[future]
             for future in late:
                 del self._waiting[future]
         for future, order in late.items():
             self._services[FORMS[order.command].service].remove_pending_request(future)
-            if order.command is not Command.ALL_KILL:
+            if not FORMS[order.command].stop:
                 name = words.command_name(order.command, order.kart)
                 text = words.GAVE_UP.format(command=name, age=words.age(GIVE_UP))
                 self._listener.on_answer(order, Answer(False, text))
@@ -232,25 +215,58 @@ class Client:
             if order is None or future.cancelled():
                 return
             answer = Answer(future.result().success, future.result().message)
-            killed = order is self._kill and answer.success
-            if killed:
-                self._kill = None
-                self._listener.on_pressing(0, order.at)
+            stood = self._standing.stands(order)
+            if answer.success:
+                ended = self._standing.accepted(order)
+            else:
+                # By the rules race control refuses a stop for one reason only: it has no such
+                # kart. Whatever else it says, the stop is not in force.
+                unknown = self._karts is not None and order.kart not in {0, *self._karts}
+                self._standing.refused(order, answer.message, final=unknown)
+                ended = stood and unknown
+            if ended:
+                self._listener.on_pressing(self._standing.all)
         # An earlier press of the same, or one that failed, is pressed again and not told.
-        if killed or order.command is not Command.ALL_KILL:
+        if ended or not FORMS[order.command].stop:
             self._listener.on_answer(order, answer)
 
-    def _hear_race(self, race: msg.Race) -> None:
-        self._listener.on_race(read_race(race), time.monotonic())
+    def _hear_race(self, message: msg.Race, info: dict[str, Any]) -> None:
+        at = now()
+        number = info.get('publication_sequence_number')
+        if number is not None:
+            self._sources.hear(number, at)
+        race = read_race(message)
+        with self._lock:
+            self._karts = frozenset(kart.number for kart in race.karts)
+        self._listener.on_race(race, at, self._sources.are_two(at))
 
     def _hear_event(self, event: msg.RaceEvent) -> None:
         self._listener.on_event(read_event(event))
 
-    def _hear(self) -> None:
-        try:
-            self._executor.spin()
-        except ExternalShutdownException:
-            pass  # closed while waiting: that is how it ends
+    def _fail(self, error: BaseException) -> None:
+        # Nothing is heard from now on: the screen says so, and stops are pressed on.
+        self.node.get_logger().error(f'The race is no longer heard: {error!r}')
+
+
+def join_graph(program: str, arguments: Sequence[str]) -> None:
+    """
+    Start ROS on the officials' graph: loopback, or the interface that is named.
+
+    :raises GraphError: if no interface has the address that is named.
+    """
+    bind_graph()
+    # A signal is the program's own business: its window and its children are to end in order.
+    rclpy.init(args=[program, *arguments], signal_handler_options=SignalHandlerOptions.NO)
+
+
+def request_message(order: Order) -> Any:
+    """Return the request of a command."""
+    form = FORMS[order.command]
+    fields = {
+        name: state_message(value) if isinstance(value, State) else value
+        for name, value in form.request(order).items()
+    }
+    return KINDS[form.kind].Request(**fields)
 
 
 def domain_of(context: Context | None = None) -> int:

@@ -3,7 +3,7 @@ Every command of an official as a request: which service, and what goes into it.
 
 Not whether a command is allowed: that is race control's to say. What stands here of a command's
 nature is only how to ask for it: whether the screen wants it confirmed (it loosens something), and
-whether it is a stop, which is sent even into silence.
+whether it is a stop, which is sent even into silence, and again until race control has it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,28 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from evgp_rcs_console.snapshot import Command
+from evgp_protocol.clock import now
+from evgp_rcs_console.snapshot import Command, State
+
+
+@dataclass(frozen=True)
+class Order:
+    """
+    A command that an official gave, with what the official saw.
+
+    :param kart: the kart it is for; 0 for a command to the race, to all, or to the track.
+    :param stated: the official made the statement that race control asked for.
+    :param karts: for a command that starts or releases karts: which, as the official saw it.
+    :param hold: for the release of one kart: its hold, as the official saw it.
+    :param at: when it was given, by the clock that counts a suspend, in seconds.
+    """
+
+    command: Command
+    kart: int = 0
+    stated: bool = False
+    karts: tuple[int, ...] = ()
+    hold: State = State.UNKNOWN
+    at: float = field(default_factory=now)
 
 
 @dataclass(frozen=True)
@@ -24,6 +45,8 @@ class Form:
     :param to_one_kart: the request names a kart.
     :param statement: the field of the request in which the official's statement goes.
     :param fixed: further fields of the request.
+    :param names_karts: the request names the karts that the official saw.
+    :param names_hold: the request names the hold that the official saw.
     :param confirmed: it loosens something, so the official confirms it.
     :param stop: it stops karts.
     """
@@ -33,16 +56,22 @@ class Form:
     to_one_kart: bool = False
     statement: str = ''
     fixed: Mapping[str, bool] = field(default_factory=dict)
+    names_karts: bool = False
+    names_hold: bool = False
     confirmed: bool = False
     stop: bool = False
 
-    def request(self, kart: int, stated: bool) -> dict[str, int | bool]:
+    def request(self, order: Order) -> dict[str, int | bool | list[int] | State]:
         """Return the fields of a request."""
-        fields: dict[str, int | bool] = dict(self.fixed)
+        fields: dict[str, int | bool | list[int] | State] = dict(self.fixed)
         if self.to_one_kart:
-            fields['kart'] = kart
+            fields['kart'] = order.kart
         if self.statement:
-            fields[self.statement] = stated
+            fields[self.statement] = order.stated
+        if self.names_karts:
+            fields['karts'] = list(order.karts)
+        if self.names_hold:
+            fields['hold'] = order.hold
         return fields
 
 
@@ -50,11 +79,15 @@ FORMS: dict[Command, Form] = {
     Command.ALL_KILL: Form('all_kill', stop=True),
     Command.RED_FLAG: Form('red_flag', stop=True),
     Command.GRID_ACTIVE: Form(
-        'grid_active', 'GridActive', statement='track_clear', confirmed=True
+        'grid_active', 'GridActive', statement='track_clear', names_karts=True, confirmed=True
     ),
-    Command.GREEN_GREEN: Form('green_green', 'GreenGreen', confirmed=True),
+    Command.GREEN_GREEN: Form(
+        'green_green', 'GreenGreen', statement='without_record', names_karts=True, confirmed=True
+    ),
     Command.RACE_OVER: Form('race_over'),
-    Command.IN_GARAGE: Form('in_garage', 'InGarage', statement='track_safe', confirmed=True),
+    Command.IN_GARAGE: Form(
+        'in_garage', 'InGarage', statement='track_safe', names_karts=True, confirmed=True
+    ),
     Command.OPEN_TRACK: Form('set_track_open', 'SetBool', fixed={'data': True}, confirmed=True),
     Command.CLOSE_TRACK: Form('set_track_open', 'SetBool', fixed={'data': False}),
     Command.RECORD_MSR: Form('record_msr', confirmed=True, stop=True),
@@ -66,6 +99,7 @@ FORMS: dict[Command, Form] = {
         'KartInGarage',
         to_one_kart=True,
         statement='made_safe_by_hand',
+        names_hold=True,
         confirmed=True,
     ),
     Command.JOIN_RACE: Form('set_in_race', 'SetInRace', to_one_kart=True, fixed={'in_race': True}),

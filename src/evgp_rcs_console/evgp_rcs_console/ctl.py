@@ -1,40 +1,39 @@
 """
 The officials' terminal client: `rcs_ctl`, one command per command of an official, and `watch`.
 
-It knows no rule either. What must be stated is stated by a flag of its own.
+It knows no rule either. What must be stated is stated by a flag of its own, and which karts a
+command starts or releases is said by their numbers.
+
+This module has no ROS: it reads the command line, keeps the deadline and prints the answer. What
+needs ROS is done by ``desk`` in a process of its own, which is given up when it does not answer.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-import enum
+import os
 import signal
 import sys
-import threading
-import time
 
-from evgp_node.graph import bind_graph, fence_graph, GraphError
+from evgp_protocol.clock import now
 from evgp_rcs_console import words
-from evgp_rcs_console.client import Client, domain_of, Order
+from evgp_rcs_console.apart import Apart, Report
 from evgp_rcs_console.commands import FORMS
-from evgp_rcs_console.snapshot import Answer, Command, Event, Race, State
-from evgp_rcs_console.terminal import table
-from evgp_rcs_console.view import is_gone, show, silence
-import rclpy
-from rclpy.executors import ExternalShutdownException
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
+from evgp_rcs_console.exits import Exit
+from evgp_rcs_console.snapshot import Command
 
+STARTING = 5.0
+"""Maximum time that ROS may take to start, before what ``--wait`` allows, in seconds."""
 
-class Exit(enum.IntEnum):
-    """The exit codes, for scripts."""
+GRACE = 0.5
+"""Time that is kept back to report that no answer came, in seconds."""
 
-    ACCEPTED = 0
-    REFUSED = 1
-    USAGE = 2
-    NOT_THERE = 3
+TIDY = 1.0
+"""Time to leave the ROS domain in good order, once the answer is printed, in seconds."""
 
+STALLED = 5.0
+"""Time after which a `watch` that shows nothing new hangs, in seconds; it shows every second."""
 
 COMMANDS: dict[str, tuple[Command, str]] = {
     'all-kill': (Command.ALL_KILL, 'RED_RED to every kart'),
@@ -62,6 +61,11 @@ STATEMENTS: dict[Command, tuple[str, str, bool]] = {
         'you state that the track is clear of humans',
         True,
     ),
+    Command.GREEN_GREEN: (
+        '--without-record',
+        'you state that the race may start without a record; needed only while the record fails',
+        False,
+    ),
     Command.IN_GARAGE: ('--track-is-safe', 'you declare the track safe for humans', True),
     Command.KART_IN_GARAGE: (
         '--made-safe-by-hand',
@@ -72,83 +76,75 @@ STATEMENTS: dict[Command, tuple[str, str, bool]] = {
 """The flag of each statement: its name, what it says, and whether the command needs it always."""
 
 
-class Desk:
-    """What the client hears, for one who waits for it."""
-
-    def __init__(self) -> None:
-        """Begin with nothing heard."""
-        self.news = threading.Condition()
-        self.race: Race | None = None
-        self.heard_at = 0.0
-        self.answer: tuple[Order, Answer] | None = None
-        self.events: list[Event] = []
-
-    def on_race(self, race: Race, at: float) -> None:
-        """Keep the newest snapshot."""
-        with self.news:
-            self.race = race
-            self.heard_at = at
-            self.news.notify_all()
-
-    def on_event(self, event: Event) -> None:
-        """Keep an event."""
-        with self.news:
-            self.events.append(event)
-            self.news.notify_all()
-
-    def on_answer(self, order: Order, answer: Answer) -> None:
-        """Keep the answer."""
-        with self.news:
-            self.answer = order, answer
-            self.news.notify_all()
-
-    def wait_for_events(self, known: int, seconds: float) -> list[Event]:
-        """Return the events behind the first `known`, once there are any or time is up."""
-        with self.news:
-            self.news.wait_for(lambda: len(self.events) > known, seconds)
-            return self.events[known:]
-
-    def on_pressing(self, count: int, since: float) -> None:
-        """Nothing is shown of it."""
-
-
-SETTLED = 0.5
-"""So long without a further past event, and all of them have come, seconds."""
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """
-    Give one command, or watch the race.
+    Give a command, or watch the race.
 
     :return: a code of ``Exit``.
     """
-    given = list(sys.argv if arguments is None else ['rcs_ctl', *arguments])
-    wanted = _parser().parse_args(remove_ros_args(given)[1:])
-    # Ctrl-C is Python's own KeyboardInterrupt: there is nothing to shut down in order.
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    wanted = parser().parse_args(without_ros_arguments(given))
     # A shell that puts it into the background has SIGINT ignored, which Python would leave so.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    ends = now() + STARTING + wanted.wait
+
+    def work(report: Report) -> None:
+        from evgp_rcs_console.desk import attend
+
+        attend(given, wanted, ends - GRACE, report)
+
+    apart = Apart(work)
     try:
-        bind_graph()
-    except GraphError as error:
-        print(f'rcs_ctl: {error}', file=sys.stderr)
-        return Exit.USAGE
-    rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
-    desk = Desk()
-    client = Client('rcs_ctl', desk)
-    fence_graph()
-    try:
-        if wanted.command == 'watch':
-            return _watch(client, desk, wanted)
-        return _give(client, desk, wanted)
-    except (KeyboardInterrupt, ExternalShutdownException):
+        return _answer(apart, wanted, ends)
+    except KeyboardInterrupt:
         return Exit.ACCEPTED if wanted.command == 'watch' else Exit.NOT_THERE
     finally:
-        client.close()
-        rclpy.try_shutdown()
+        apart.end(TIDY)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def _answer(apart: Apart, wanted: argparse.Namespace, ends: float) -> int:
+    """Print the answer, also that there is none, before anything is torn down."""
+    told = apart.report(ends - now())
+    while told is not None and 'code' not in told:  # a `watch` that shows the race by itself
+        told = apart.report(STALLED)
+    if told is None:
+        told = {'code': Exit.NOT_THERE, 'error': _no_answer(wanted)}
+    for text, stream in ((told.get('output'), sys.stdout), (told.get('error'), sys.stderr)):
+        if text:
+            print(text, file=stream, flush=True)
+    return int(told['code'])
+
+
+def _no_answer(wanted: argparse.Namespace) -> str:
+    where = f'ROS domain {os.environ.get("ROS_DOMAIN_ID", "0")}'
+    if wanted.command == 'watch':
+        return f'{words.NOT_YET}: {words.USE_MSR} (ROS hangs; {where})'
+    return no_answer(COMMANDS[wanted.command][0], wanted.wait, f'ROS hangs; {where}')
+
+
+def no_answer(command: Command, wait: float, where: str) -> str:
+    """Return what is said when race control has not answered in time."""
+    advice = 'USE THE MSR.' if FORMS[command].stop else 'Check the race to see if it took effect.'
+    return f'{words.LABELS[command]}: no answer within {wait:g} s ({where}). {advice}'
+
+
+def without_ros_arguments(given: Sequence[str]) -> list[str]:
+    """Return a command line without what stands between `--ros-args` and `--`."""
+    own = []
+    ros = False
+    for argument in given:
+        if argument == '--ros-args':
+            ros = True
+        elif ros and argument == '--':
+            ros = False
+        elif not ros:
+            own.append(argument)
+    return own
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return what reads the command line."""
+    whole = argparse.ArgumentParser(
         prog='rcs_ctl',
         description='Command an EVGP race from the terminal. This is not the MSR.',
         epilog='Exit codes: 0 accepted, 1 refused, 2 wrong usage, 3 race control is not there '
@@ -160,13 +156,20 @@ def _parser() -> argparse.ArgumentParser:
         type=float,
         default=5.0,
         metavar='SECONDS',
-        help='how long to wait for race control (default: %(default)s)',
+        help='how long to wait for race control, once ROS has started (default: %(default)s)',
     )
-    commands = parser.add_subparsers(dest='command', required=True, metavar='command')
+    commands = whole.add_subparsers(dest='command', required=True, metavar='command')
     for name, (command, meaning) in COMMANDS.items():
         each = commands.add_parser(name, help=meaning, description=meaning, parents=[waiting])
         if FORMS[command].to_one_kart:
             each.add_argument('kart', type=_kart_number, help='its number in the roster')
+        if FORMS[command].names_karts:
+            each.add_argument(
+                'karts',
+                type=_kart_number,
+                nargs='*',
+                help='the karts it is for; without any, it says which, and sends nothing',
+            )
         if command in STATEMENTS:
             flag, statement, needed = STATEMENTS[command]
             each.add_argument(
@@ -180,7 +183,7 @@ def _parser() -> argparse.ArgumentParser:
     watch.add_argument(
         '--kart', type=_kart_number, default=0, help='with --events: only what concerns this kart'
     )
-    return parser
+    return whole
 
 
 def _kart_number(text: str) -> int:
@@ -191,93 +194,6 @@ def _kart_number(text: str) -> int:
 
 
 _kart_number.__name__ = 'kart number'  # argparse says: invalid kart number value: 'x'
-
-
-def _give(client: Client, desk: Desk, wanted: argparse.Namespace) -> int:
-    command, _ = COMMANDS[wanted.command]
-    ends = time.monotonic() + wanted.wait
-    if command is not Command.ALL_KILL and not client.wait_for(command, wanted.wait):
-        return _not_there(command, f'race control is not there ({client.topic}, {_domain()})')
-    order = client.give(command, getattr(wanted, 'kart', 0), getattr(wanted, 'stated', False))
-    with desk.news:
-        desk.news.wait_for(lambda: desk.answer is not None, max(0.1, ends - time.monotonic()))
-        answered = desk.answer
-    if answered is None:
-        return _not_there(
-            command,
-            f'no answer within {wanted.wait:g} s ({client.topic}, {_domain()}). '
-            'Look at the race whether it was carried out',
-        )
-    answer = answered[1]
-    if answer.success:
-        print(answer.message)
-        return Exit.ACCEPTED
-    hint = ''
-    if not order.stated and command in STATEMENTS:
-        hint = f' ({STATEMENTS[command][0]})'
-    print(f'{answer.message}{hint}', file=sys.stderr)
-    return Exit.REFUSED
-
-
-def _not_there(command: Command, why: str) -> int:
-    advice = ' USE THE MSR.' if FORMS[command].stop else ''
-    print(f'{words.LABELS[command]} was not given: {why}.{advice}', file=sys.stderr)
-    return Exit.NOT_THERE
-
-
-def _domain() -> str:
-    return f'ROS domain {domain_of()}'
-
-
-def _watch(client: Client, desk: Desk, wanted: argparse.Namespace) -> int:
-    began = time.monotonic()
-    if wanted.events:
-        return _watch_events(desk, wanted)
-    if wanted.once:
-        with desk.news:
-            desk.news.wait_for(lambda: desk.race is not None, wanted.wait)
-    redraw = sys.stdout.isatty() and not wanted.once
-    while True:
-        with desk.news:
-            race, heard_at = desk.race, desk.heard_at
-        now = time.monotonic()
-        silent_for = now - heard_at if race is not None else None
-        quiet = silence(
-            silent_for,
-            now - began,
-            client.topic,
-            domain_of(),
-            race.state if race else State.UNKNOWN,
-        )
-        lines = []
-        if quiet:
-            lines += [f'*** {quiet.title}: {quiet.advice} ***', quiet.detail]
-        if race is not None:
-            lines += table(show(race, now - heard_at, {}, quiet), race.alerts)
-        print(('\x1b[H\x1b[2J' if redraw else '') + '\n'.join(lines), flush=True)
-        if wanted.once:
-            return Exit.NOT_THERE if is_gone(silent_for) else Exit.ACCEPTED
-        if not redraw:
-            print()
-        with desk.news:
-            desk.news.wait(1.0)
-
-
-def _watch_events(desk: Desk, wanted: argparse.Namespace) -> int:
-    shown = 0
-    while True:
-        # The past events come one by one: it is over when no further one follows.
-        fresh = desk.wait_for_events(shown, SETTLED if wanted.once and shown else wanted.wait)
-        shown += len(fresh)
-        silent = desk.race is None and not shown
-        if silent and not fresh:
-            print(f'{words.NOT_YET}: {words.GONE_ADVICE} ({_domain()})', file=sys.stderr)
-            return Exit.NOT_THERE
-        for event in fresh:
-            if not wanted.kart or event.kart in (0, wanted.kart):
-                print(f'{event.clock} {" " if event.success else "!"} {event.text}', flush=True)
-        if wanted.once and not fresh:
-            return Exit.ACCEPTED
 
 
 if __name__ == '__main__':

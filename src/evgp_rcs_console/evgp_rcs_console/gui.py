@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import faulthandler
 import os
 import signal
 import sys
 from typing import Any
 
-from evgp_node.graph import bind_graph, fence_graph, GraphError
+from evgp_node.ending import end_within
+from evgp_node.graph import GraphError
 from evgp_rcs_console import words
-from evgp_rcs_console.client import Client, domain_of
+from evgp_rcs_console.client import Client, domain_of, join_graph
 import rclpy
-from rclpy.signals import SignalHandlerOptions
+from rclpy._rclpy_pybind11 import UnknownROSArgsError
 from rclpy.utilities import remove_ros_args
+
+END_TIMEOUT = 5.0
+"""Maximum time the process takes to end after its window was closed, in seconds."""
 
 
 def main(
@@ -23,7 +28,8 @@ def main(
     Open the window, and run until it is closed.
 
     :param on_window: is called with the window once it is there.
-    :return: 0 after an orderly end, 2 if there is no Qt or no screen.
+    :return: 0 after an orderly end, 2 if there is no Qt or no screen, or if a setting is wrong.
+        If ROS does not end in time, the process exits with 1 and says on stderr where it hung.
     """
     try:
         from evgp_rcs_console.qt import QtWidgets
@@ -34,20 +40,21 @@ def main(
     if not any(map(os.environ.get, ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM'))):
         print(words.NO_DISPLAY, file=sys.stderr)
         return 2
+    # The window takes no text. An input method could only keep a key from it, such as the space
+    # bar while an accent is being composed.
+    os.environ['QT_IM_MODULE'] = 'none'
     # The thread that sends ALL KILL must not wait for one that draws.
     sys.setswitchinterval(0.001)
     given = list(sys.argv if arguments is None else ['rcs_gui', *arguments])
     try:
-        bind_graph()
-    except GraphError as error:
+        join_graph(given[0], given[1:])
+    except (GraphError, UnknownROSArgsError) as error:
         print(f'rcs_gui: {error}', file=sys.stderr)
         return 2
-    rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
     application = QtWidgets.QApplication(remove_ros_args(given))
     application.setStyle('Fusion')
     inbox = Inbox()
     client = Client('rcs_gui', inbox)
-    fence_graph()
     window = ConsoleWindow(inbox, client.give, client.topic, domain_of())
     # Python runs these when the window's timer gives it the chance.
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -58,6 +65,9 @@ def main(
     try:
         application.exec()
     finally:
+        # Whatever DDS does, and also while the interpreter tears down what is left.
+        faulthandler.dump_traceback_later(END_TIMEOUT - 0.5)
+        end_within(END_TIMEOUT, 1)
         window.close()
         client.close()
         rclpy.try_shutdown()

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 import enum
 
+from evgp_rcs_console.commands import FORMS
 from evgp_rcs_console.snapshot import Command
 from evgp_rcs_console.view import CHOSEN_KART_KEYS, FINISH_KEYS, KEYS
 
@@ -60,6 +61,16 @@ class Stroke:
     finish: int | None = None
     digit: str = ''
     act: Act | None = None
+
+    @property
+    def stop(self) -> bool:
+        """Return whether it gives a stop."""
+        return bool(self.commands) and all(FORMS[command].stop for command in self.commands)
+
+    @property
+    def asks(self) -> bool:
+        """Return whether it asks for a confirmation first."""
+        return any(FORMS[command].confirmed for command in self.commands)
 
 
 def meaning(key: str) -> Stroke | None:

@@ -1,4 +1,4 @@
-"""What race control's messages say, as the plain data of ``snapshot``."""
+"""Race control's messages as the plain data of ``snapshot``, and back."""
 
 from __future__ import annotations
 
@@ -67,6 +67,11 @@ def read_event(event: msg.RaceEvent) -> Event:
     )
 
 
+def state_message(state: State) -> msg.RaceState:
+    """Return a state as a message."""
+    return msg.RaceState(state=getattr(msg.RaceState, state.name))
+
+
 def _kart(kart: msg.KartStatus, stamp: float) -> Kart:
     return Kart(
         number=kart.number,
@@ -87,7 +92,9 @@ def _kart(kart: msg.KartStatus, stamp: float) -> Kart:
 
 def _availability(commands: Iterable[msg.CommandAvailability]) -> Availability:
     return {
-        _COMMANDS[each.command]: Available(each.available, each.reason, each.statement)
+        _COMMANDS[each.command]: Available(
+            each.available, each.reason, each.statement, tuple(each.karts)
+        )
         for each in commands
         if each.command in _COMMANDS
     }

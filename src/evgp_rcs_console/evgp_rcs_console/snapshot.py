@@ -45,11 +45,16 @@ class Command(enum.Enum):
 
 @dataclass(frozen=True)
 class Available:
-    """Whether a command would be accepted, why not, and what the official must state."""
+    """
+    Whether a command would be accepted, why not, and what the official must state.
+
+    :param karts: the karts that it would start or release.
+    """
 
     yes: bool
     reason: str = ''
     statement: str = ''
+    karts: tuple[int, ...] = ()
 
 
 Availability = Mapping[Command, Available]

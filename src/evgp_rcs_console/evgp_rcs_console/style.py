@@ -56,12 +56,12 @@ QLabel#state {{ font-size: {px(46)}; font-weight: 900; border-radius: {px(6)}; }
 QLabel#state_since {{ font-size: {px(17)}; font-weight: bold; }}
 QLabel#humans {{ font-size: {px(21)}; font-weight: bold; padding: {px(2)} {px(6)}; }}
 QLabel#track {{ font-size: {px(17)}; font-weight: bold; }}
-QFrame#silence {{ background: #000; border: {px(5)} solid #A0001C; border-radius: {px(6)}; }}
-QFrame#silence QLabel {{ color: #FFF; }}
-QLabel#silence_title {{ font-size: {px(50)}; font-weight: 900; }}
-QLabel#silence_advice {{ font-size: {px(60)}; font-weight: 900; }}
-QFrame#silence QLabel#silence_advice {{ color: #FFD200; }}
-QLabel#silence_detail {{ font-size: {px(16)}; font-weight: bold; }}
+QFrame#danger {{ background: #000; border: {px(5)} solid #A0001C; border-radius: {px(6)}; }}
+QFrame#danger QLabel {{ color: #FFF; }}
+QLabel#danger_title {{ font-size: {px(50)}; font-weight: 900; }}
+QLabel#danger_advice {{ font-size: {px(60)}; font-weight: 900; }}
+QFrame#danger QLabel#danger_advice {{ color: #FFD200; }}
+QLabel#danger_detail {{ font-size: {px(16)}; font-weight: bold; }}
 
 QPushButton {{
   background: #F2F2F2; border: {px(2)} solid #333; border-radius: {px(4)};

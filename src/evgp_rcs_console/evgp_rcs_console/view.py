@@ -14,7 +14,7 @@ import enum
 import string
 
 from evgp_rcs_console import words
-from evgp_rcs_console.commands import FORMS
+from evgp_rcs_console.commands import FORMS, Order
 from evgp_rcs_console.snapshot import Available, Command, Kart, Race, State, Track
 
 GONE_AFTER = 0.9
@@ -33,11 +33,17 @@ RACE_COMMANDS = (
 )
 """To the karts of the race, in the order of a race (§4.B)."""
 
-FINISH_KEYS = (
-    *string.ascii_uppercase,
-    *(f'Shift+{letter}' for letter in string.ascii_uppercase),
-)
+ANSWER_KEYS = ('Y', 'N')
+"""The letters that answer a question. They mean nothing else: one typed too late does nothing."""
+
+_LETTERS = tuple(letter for letter in string.ascii_uppercase if letter not in ANSWER_KEYS)
+
+FINISH_KEYS = (*_LETTERS, *(f'Shift+{letter}' for letter in _LETTERS))
 """The keys that mark a kart as finished, by its place in the roster: they never change hands."""
+
+PART_FAILED = 'PART_FAILED'
+TWO_RACE_CONTROLS = 'TWO_RACE_CONTROLS'
+"""The alerts that are shown in the largest type, by the names of their constants."""
 
 Pending = Mapping[tuple[Command, int], float]
 """Which commands wait for an answer, to which kart (0: none), and for how many seconds."""
@@ -84,6 +90,9 @@ class Button:
     :param enabled: pressing it sends the command, or asks for its confirmation.
     :param reason: why it is not enabled, with how long that has been so; empty if it is.
     :param condition: what the official confirms; empty if the command asks for nothing.
+    :param statement: what race control asks the official to state; empty if nothing.
+    :param karts: the karts that it would start or release, as race control says.
+    :param hold: the hold that it would end; UNKNOWN for none.
     :param key: the key that presses it; empty if none does.
     """
 
@@ -94,7 +103,32 @@ class Button:
     reason: str
     condition: str
     consequence: str
+    statement: str = ''
+    karts: tuple[int, ...] = ()
+    hold: State = State.UNKNOWN
     key: str = ''
+
+    def order(self) -> Order:
+        """
+        Return the command as given by an official who saw this button and confirmed its condition.
+
+        Race control is told of a statement only if it asked for that one, in its own words.
+        """
+        return Order(
+            self.command,
+            self.kart,
+            stated=bool(self.statement),
+            karts=self.karts,
+            hold=self.hold,
+        )
+
+    def asks_the_same(self, other: Button) -> bool:
+        """Return whether who confirms this button confirms what the other one would do."""
+
+        def seen(button: Button) -> tuple[object, ...]:
+            return button.condition, button.statement, button.karts, button.hold
+
+        return seen(self) == seen(other)
 
     @property
     def explanation(self) -> str:
@@ -122,12 +156,20 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Silence:
-    """Race control is not heard: what the screen says about it, in the largest type."""
+class Danger:
+    """
+    What the screen says in the largest type, instead of the state of the race.
+
+    :param detail: what is known, in a sentence or two.
+    :param barred: why nothing but stops can be pressed; empty if that is race control's to say.
+    :param stale: what the screen shows is no longer known to be true.
+    """
 
     title: str
     advice: str
     detail: str
+    barred: str = ''
+    stale: bool = False
 
 
 @dataclass(frozen=True)
@@ -143,7 +185,7 @@ class Screen:
     all_karts: tuple[Button, ...]
     track_button: Button | None
     rows: tuple[Row, ...]
-    silence: Silence | None
+    danger: Danger | None
 
     def button(self, command: Command, kart: int = 0) -> Button | None:
         """Return the button of a command, if this screen has it."""
@@ -198,7 +240,7 @@ def is_gone(silent_for: float | None) -> bool:
 
 def silence(
     silent_for: float | None, looking_for: float, topic: str, domain: int, state: State
-) -> Silence | None:
+) -> Danger | None:
     """
     Return what is to be said of race control's silence, None while it is heard.
 
@@ -209,23 +251,43 @@ def silence(
     if not is_gone(silent_for):
         return None
     if silent_for is None:
+        title = words.NOT_YET
         detail = words.NOT_YET_DETAIL.format(
             topic=topic, age=words.age(looking_for), domain=domain
         )
-        return Silence(words.NOT_YET, words.GONE_ADVICE, detail)
-    detail = words.GONE_SINCE.format(age=words.short_age(silent_for), state=words.STATES[state])
-    return Silence(words.GONE, words.GONE_ADVICE, detail)
+    else:
+        title = words.GONE
+        detail = words.GONE_SINCE.format(
+            age=words.short_age(silent_for), state=words.STATES[state]
+        )
+    detail = f'{detail} {words.KILL_NOTE_GONE}'
+    return Danger(title, words.USE_MSR, detail, words.GONE_REASON, stale=True)
 
 
-def show(race: Race, age: float, pending: Pending, silent: Silence | None = None) -> Screen:
+def danger(race: Race, two: bool) -> Danger | None:
+    """
+    Return what is to be said of a race control that is heard, but must not be relied on.
+
+    :param two: snapshots come from two race controls.
+    """
+    told = {alert.kind: alert.text for alert in race.alerts}
+    if PART_FAILED in told:
+        return Danger(words.FAILED, words.USE_MSR, told[PART_FAILED])
+    if two or TWO_RACE_CONTROLS in told:
+        detail = f'{told.get(TWO_RACE_CONTROLS, words.TWO_DETAIL)} {words.TWO_WHAT_TO_DO}'
+        return Danger(words.TWO, words.TWO_ADVICE, detail, words.TWO_REASON)
+    return None
+
+
+def show(race: Race, age: float, pending: Pending, danger: Danger | None = None) -> Screen:
     """
     Return what a screen shows of a snapshot.
 
     :param age: how long ago the snapshot came, seconds.
     :param pending: the commands that wait for an answer.
-    :param silent: what is to be said if race control is gone.
+    :param danger: what is to be said if race control is gone or must not be relied on.
     """
-    buttons = _Buttons(race, age, pending, gone=silent is not None)
+    buttons = _Buttons(race, age, pending, barred=danger.barred if danger else '')
     since = words.STATE_SINCE.format(age=words.age(race.state_for + age))
     track = race.track
     return Screen(
@@ -240,7 +302,7 @@ def show(race: Race, age: float, pending: Pending, silent: Silence | None = None
         all_karts=(buttons.race(Command.RECORD_MSR),),
         track_button=buttons.race(Command.CLOSE_TRACK if track.is_open else Command.OPEN_TRACK),
         rows=tuple(_row(kart, place, age, buttons) for place, kart in enumerate(race.karts)),
-        silence=silent,
+        danger=danger,
     )
 
 
@@ -295,7 +357,7 @@ class _Buttons:
     snapshot: Race
     age: float
     pending: Pending
-    gone: bool
+    barred: str
 
     def race(self, command: Command) -> Button:
         since = self.snapshot.state_for + self.age
@@ -320,13 +382,14 @@ class _Buttons:
         if reason and since is not None:
             reason = words.WITH_AGE.format(reason=reason, age=words.age(since))
         # A stop may be pressed into silence, and again while it waits: it can do no harm.
-        if not form.stop and self.gone:
-            reason = words.GONE_REASON
+        if not form.stop and self.barred:
+            reason = self.barred
         elif not form.stop and waits is not None:
             reason = words.PENDING_REASON.format(age=words.short_age(waits))
-        condition = ''
-        if form.confirmed:
-            condition = offered.statement or words.condition(command, kart, self.snapshot.track)
+        condition = consequence = ''
+        if form.confirmed or (offered.statement and not form.stop):
+            condition = words.condition(command, kart, self.snapshot.track, offered.statement)
+            consequence = words.consequence(command, offered.karts, kart)
         return Button(
             command=command,
             kart=kart.number if kart else 0,
@@ -334,8 +397,9 @@ class _Buttons:
             enabled=form.stop or (offered.yes and not reason),
             reason=reason,
             condition=condition,
-            consequence=words.consequence(command, self.snapshot.karts, kart)
-            if form.confirmed
-            else '',
+            consequence=consequence,
+            statement=offered.statement,
+            karts=offered.karts,
+            hold=kart.hold if kart and form.names_hold else State.UNKNOWN,
             key=key,
         )

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from evgp_protocol import clock
 from evgp_rcs_console import style, words
 from evgp_rcs_console.commands import FORMS
+from evgp_rcs_console.freshness import SEEN
 from evgp_rcs_console.notices import Notice
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
-from evgp_rcs_console.view import Button, Cell, Row, Silence, Tone
+from evgp_rcs_console.view import Button, Cell, Danger, Row, Tone
 
 Pressed = Callable[[Button], None]
 
@@ -389,16 +391,16 @@ class Banner(QtWidgets.QFrame):
         self.seen.emit(self._numbers[place])
 
 
-class SilencePanel(QtWidgets.QFrame):
-    """Race control is gone, in the largest type."""
+class DangerPanel(QtWidgets.QFrame):
+    """Race control is gone, or must not be relied on: in the largest type."""
 
     def __init__(self) -> None:
         """Say nothing yet."""
         super().__init__()
-        self.setObjectName('silence')
-        self._title = Label('silence_title')
-        self._advice = Label('silence_advice')
-        self._detail = Label('silence_detail')
+        self.setObjectName('danger')
+        self._title = Label('danger_title')
+        self._advice = Label('danger_advice')
+        self._detail = Label('danger_detail')
         layout = column(self, self._title, self._advice, self._detail)
         layout.setSpacing(0)
         for label in (self._title, self._advice, self._detail):
@@ -409,11 +411,11 @@ class SilencePanel(QtWidgets.QFrame):
             )
         self._detail.setWordWrap(True)
 
-    def show_silence(self, silence: Silence) -> None:
+    def show_danger(self, danger: Danger) -> None:
         """Say it."""
-        set_text(self._title, silence.title)
-        set_text(self._advice, silence.advice)
-        set_text(self._detail, f'{silence.detail} {words.KILL_NOTE_GONE}')
+        set_text(self._title, danger.title)
+        set_text(self._advice, danger.advice)
+        set_text(self._detail, danger.detail)
 
 
 class Sheet(QtWidgets.QFrame):
@@ -448,6 +450,12 @@ class Question(Sheet):
         """Ask nothing yet."""
         super().__init__(parent, 'question')
         self.button: Button | None = None
+        self.shown_at = 0.0
+        self._spoilt = False
+        self._problem_text = ''
+        self._settling = QtCore.QTimer(self)
+        self._settling.setSingleShot(True)
+        self._settling.timeout.connect(self._show_problem)
         self._title = Label('question_title', sheet_title='true')
         self._consequence = Label('question_consequence', sheet_text='true')
         self._statement = Label('question_statement', sheet_text='true')
@@ -475,6 +483,10 @@ class Question(Sheet):
     def ask(self, button: Button) -> None:
         """Ask whether a command is meant; the keyboard is on NO."""
         self.button = button
+        self.shown_at = clock.now()
+        self._spoilt = False
+        # A click on YES counts once it can have been meant: not the second one of a double click.
+        self._settling.start(round(SEEN * 1000))
         set_text(
             self._title,
             words.ASK_TITLE.format(command=words.command_name(button.command, button.kart)),
@@ -488,16 +500,36 @@ class Question(Sheet):
         self.raise_()
         self.no.setFocus()
 
-    def update_button(self, button: Button) -> None:
-        """Take what race control says of the command meanwhile."""
+    def update_button(self, button: Button | None) -> None:
+        """
+        Take what race control says of the command meanwhile; None: it no longer offers it.
+
+        Once that is not what was asked, YES is off, also if it is the same again later.
+        """
         assert self.button is not None
-        problem = button.reason
-        if not problem and button.condition != self.button.condition:
-            problem = words.ASK_CHANGED
+        if FORMS[self.button.command].stop:
+            self._problem_text = ''
+        elif button is not None and button.reason:
+            self._spoilt = True
+            self._problem_text = words.ASK_AGAIN.format(reason=button.reason)
+        elif self._spoilt or button is None or not button.asks_the_same(self.button):
+            self._spoilt = True
+            self._problem_text = words.ASK_CHANGED
+        else:
+            self._problem_text = ''
+        self._show_problem()
+
+    @property
+    def settled(self) -> bool:
+        """Return whether it has been there long enough for a click on YES to be meant."""
+        return not self._settling.isActive()
+
+    def _show_problem(self) -> None:
+        problem = self._problem_text
         self._problem.show_cell(Cell(problem, Tone.BAD if problem else Tone.PLAIN))
         self._problem.setVisible(bool(problem))
         self.yes.setEnabled(not problem)
-        set_property(self.yes, 'barred', 'true' if problem else 'false')
+        set_property(self.yes, 'barred', 'true' if problem or not self.settled else 'false')
 
 
 class Help(Sheet):

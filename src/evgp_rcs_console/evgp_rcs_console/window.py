@@ -10,18 +10,33 @@ from __future__ import annotations
 from collections.abc import Callable
 import time
 
+from evgp_protocol import clock
 from evgp_rcs_console import keys, style, words
-from evgp_rcs_console.client import Order
+from evgp_rcs_console.commands import FORMS, Order
+from evgp_rcs_console.freshness import Beat, InputClock, Repeats, STALE
 from evgp_rcs_console.keys import Act
 from evgp_rcs_console.notices import AlertBook, concerns, EventLog
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.snapshot import Answer, Command, Event, Race
 from evgp_rcs_console.sound import Sound
-from evgp_rcs_console.view import Button, Cell, NOTHING, Screen, show, Silence, silence, Tone
+from evgp_rcs_console.standing import Standing
+from evgp_rcs_console.view import (
+    ANSWER_KEYS,
+    Button,
+    Cell,
+    Danger,
+    danger,
+    NOTHING,
+    Screen,
+    show,
+    silence,
+    Tone,
+)
 from evgp_rcs_console.widgets import (
     Banner,
     column,
     CommandButton,
+    DangerPanel,
     Elided,
     Heading,
     Help,
@@ -32,13 +47,15 @@ from evgp_rcs_console.widgets import (
     RaceButton,
     set_property,
     set_text,
-    SilencePanel,
 )
 
-Give = Callable[[Command, int, bool], Order]
+Give = Callable[[Order], None]
 
 LOOK = 100
 """How often the window looks whether race control is still heard, and what waits, ms."""
+
+LATE = 0.3
+"""Time after which a stop that is not answered is worth a word, in seconds."""
 
 AGES = 1.0
 """How often ages are shown anew, seconds."""
@@ -56,14 +73,14 @@ OVERVIEW_FROM = 9
 class Inbox(QtCore.QObject):
     """What the client's threads have for the Qt thread; a ``Listener`` of the client."""
 
-    race = Signal(object, float)
+    race = Signal(object, float, bool)
     event = Signal(object)
     answer = Signal(object, object)
-    pressing = Signal(int, float)
+    pressing = Signal(object)
 
-    def on_race(self, race: Race, at: float) -> None:
+    def on_race(self, race: Race, at: float, two: bool) -> None:
         """Hand over a snapshot."""
-        self.race.emit(race, at)
+        self.race.emit(race, at, two)
 
     def on_event(self, event: Event) -> None:
         """Hand over an event."""
@@ -73,9 +90,9 @@ class Inbox(QtCore.QObject):
         """Hand over an answer."""
         self.answer.emit(order, answer)
 
-    def on_pressing(self, count: int, since: float) -> None:
-        """Hand over how ALL KILL fares."""
-        self.pressing.emit(count, since)
+    def on_pressing(self, stops: tuple[Standing, ...]) -> None:
+        """Hand over the stops that are being pressed."""
+        self.pressing.emit(stops)
 
 
 class ConsoleWindow(QtWidgets.QWidget):
@@ -83,7 +100,7 @@ class ConsoleWindow(QtWidgets.QWidget):
     The window of one official.
 
     :param inbox: where what is heard comes from.
-    :param give: gives a command, to a kart (0: none), with or without the official's statement.
+    :param give: gives a command.
     :param topic: the topic on which race control is looked for.
     :param domain: the ROS domain.
     """
@@ -96,14 +113,19 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._give = give
         self._topic = topic
         self._domain = domain
-        self._began = time.monotonic()
+        self._began = clock.now()
         self._race: Race | None = None
+        self._two = False
         self._heard_at = 0.0
         self._shown_at = 0.0
         self._screen: Screen | None = None
-        self._silent = True
+        self._danger_title = ''
         self._orders: dict[tuple[Command, int], Order] = {}
-        self._pressing = (0, 0.0)
+        self._stops: tuple[Standing, ...] = ()
+        self._input_clock = InputClock()
+        self._beat = Beat(LOOK / 1000, clock.now())
+        self._repeats = Repeats()
+        self._dropped: list[str] = []
         self._book = AlertBook()
         self._log = EventLog()
         self._log_kart = 0
@@ -135,9 +157,10 @@ class ConsoleWindow(QtWidgets.QWidget):
 
     # ----- what is heard ------------------------------------------------------------------
 
-    def _take_race(self, race: Race, at: float) -> None:
+    def _take_race(self, race: Race, at: float, two: bool) -> None:
         self._race = race
         self._heard_at = at
+        self._two = two
         if self._book.update(race.alerts):
             self._sounded = 0.0
         self._refresh()
@@ -155,48 +178,57 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._say(f'{time.strftime("%H:%M:%S")}  {mark}{answer.message}', tone)
         self._refresh()
 
-    def _take_pressing(self, count: int, since: float) -> None:
-        self._pressing = (count, since)
+    def _take_pressing(self, stops: tuple[Standing, ...]) -> None:
+        self._stops = stops
         self._show_kill()
+        self._show_status()
 
     # ----- what time does -----------------------------------------------------------------
 
     def _look(self) -> None:
-        now = time.monotonic()
-        silent = self._silence(now) is not None
-        if silent or silent != self._silent or self._orders or now - self._shown_at >= AGES:
+        now = clock.now()
+        self._beat.beat(now)
+        danger_now = self._danger(now)
+        title = danger_now.title if danger_now else ''
+        changed = title != self._danger_title
+        if title or changed or self._orders or now - self._shown_at >= AGES:
             self._refresh()
-        if self._pressing[0]:
+        if self._stops:
             self._show_kill()
-        alarming = silent and self._race is not None
+            self._show_status()
+        alarming = danger_now is not None and self._race is not None
         due = now - self._sounded >= SOUND_AGAIN
         if (self._book.unseen or alarming) and due and not self._muted:
             self._sounded = now
             self._sound.play()
         self._show_keys_reach()
 
-    def _silence(self, now: float) -> Silence | None:
+    def _danger(self, now: float) -> Danger | None:
+        race = self._race or NOTHING
         silent_for = now - self._heard_at if self._race is not None else None
-        state = (self._race or NOTHING).state
-        return silence(silent_for, now - self._began, self._topic, self._domain, state)
+        looking_for = now - self._began
+        return silence(silent_for, looking_for, self._topic, self._domain, race.state) or danger(
+            race, self._two
+        )
 
     # ----- what is shown ------------------------------------------------------------------
 
     def _refresh(self) -> None:
-        now = time.monotonic()
+        now = clock.now()
         self._shown_at = now
-        quiet = self._silence(now)
-        if (quiet is not None) != self._silent:
-            self._silent = quiet is not None
+        danger_now = self._danger(now)
+        title = danger_now.title if danger_now else ''
+        if title != self._danger_title:
+            self._danger_title = title
             self._sounded = 0.0
-        self._silence_panel.setVisible(quiet is not None)
-        self._now_panel.setVisible(quiet is None)
-        if quiet is not None:
-            self._silence_panel.show_silence(quiet)
+        self._danger_panel.setVisible(danger_now is not None)
+        self._now_panel.setVisible(danger_now is None)
+        if danger_now is not None:
+            self._danger_panel.show_danger(danger_now)
         pending = {key: now - order.at for key, order in self._orders.items()}
-        screen = show(self._race or NOTHING, now - self._heard_at, pending, quiet)
+        screen = show(self._race or NOTHING, now - self._heard_at, pending, danger_now)
         self._screen = screen
-        stale = quiet is not None
+        stale = danger_now is not None and danger_now.stale
         self._state.show_cell(screen.state, stale)
         set_text(self._since, screen.since)
         self._humans.show_cell(screen.humans, stale)
@@ -210,9 +242,8 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._show_rows(screen, stale)
         self._show_alerts()
         if self._question.isVisible() and self._question.button is not None:
-            asked = screen.button(self._question.button.command, self._question.button.kart)
-            if asked is not None:
-                self._question.update_button(asked)
+            asked = self._question.button
+            self._question.update_button(screen.button(asked.command, asked.kart))
         self._show_kill()
         self._show_status()
 
@@ -259,17 +290,15 @@ class ConsoleWindow(QtWidgets.QWidget):
         set_property(self._quiet_alerts, 'tone', tone.value)
 
     def _show_kill(self) -> None:
-        count, since = self._pressing
-        late = time.monotonic() - since
+        stop = next((s for s in self._stops if s.order.command is Command.ALL_KILL), None)
+        late = clock.now() - stop.since if stop else 0.0
         # The first moment of a press that is about to be answered is not worth a word.
-        waits = count > 0 and late > 0.3
+        waits = late > LATE
         set_property(self._kill, 'pressing', 'true' if waits else 'false')
-        text = words.LABELS[Command.ALL_KILL]
-        if waits:
-            detail = words.KILL_PRESSING.format(count=count, age=words.short_age(late))
+        if stop is not None and waits:
+            detail = words.KILL_PRESSING.format(count=stop.presses, age=words.short_age(late))
             self._kill_hint.show_cell(Cell(detail, Tone.BAD))
-        set_text(self._kill, text)
-        if not waits:
+        else:
             self._show_keys_reach()
 
     def _show_keys_reach(self) -> None:
@@ -281,12 +310,17 @@ class ConsoleWindow(QtWidgets.QWidget):
         )
 
     def _show_status(self) -> None:
+        pressing = self._pressing()
+        if pressing:
+            self._status.show_text(pressing)
+            set_property(self._status, 'tone', 'bad')
+            return
         pointed = self._pointed
         if pointed is not None and pointed.button is not None and pointed.button.reason:
             self._status.show_text(pointed.button.explanation)
             set_property(self._status, 'tone', 'wait')
             return
-        now = time.monotonic()
+        now = clock.now()
         waiting = [
             (now - order.at, words.command_name(order.command, order.kart))
             for order in self._orders.values()
@@ -300,6 +334,20 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._status.show_text(self._message.text)
         set_property(self._status, 'tone', self._message.tone.value)
 
+    def _pressing(self) -> str:
+        """Return what is to be said of the stops that are pressed again, but for ALL KILL."""
+        now = clock.now()
+        return '  '.join(
+            words.STOP_PRESSING.format(
+                command=words.command_name(stop.order.command, stop.order.kart),
+                count=stop.presses,
+                age=words.short_age(now - stop.since),
+                why=stop.said or words.NO_ANSWER,
+            )
+            for stop in self._stops
+            if stop.order.command is not Command.ALL_KILL and now - stop.since > LATE
+        )
+
     def _say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
         self._message = Cell(text, tone)
         self._pointed = None
@@ -308,7 +356,7 @@ class ConsoleWindow(QtWidgets.QWidget):
     # ----- what the official does ---------------------------------------------------------
 
     def _press_kill(self) -> None:
-        self._give(Command.ALL_KILL, 0, False)
+        self._give(Order(Command.ALL_KILL))
 
     def _pressed(self, button: Button) -> None:
         """Give the command of a button, ask for its confirmation, or say why it is not allowed."""
@@ -319,11 +367,13 @@ class ConsoleWindow(QtWidgets.QWidget):
             self._question.ask(button)
             self._place_sheets()
         else:
-            self._send(button, stated=False)
+            self._send(button)
 
-    def _send(self, button: Button, stated: bool) -> None:
-        order = self._give(button.command, button.kart, stated)
-        self._orders[button.command, button.kart] = order
+    def _send(self, button: Button) -> None:
+        order = button.order()
+        self._give(order)
+        if not FORMS[order.command].stop:  # of the stops the client tells what waits
+            self._orders[order.command, order.kart] = order
         name = words.command_name(button.command, button.kart)
         self._say(words.GIVEN.format(command=name))
         self._refresh()
@@ -334,7 +384,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._question.close_sheet()
         self.setFocus()
         if yes and asked is not None:
-            self._send(asked, stated=True)
+            self._send(asked)
 
     def _choose(self, number: int) -> None:
         self._chosen = number
@@ -373,16 +423,19 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._sounded = 0.0
         self._mute.setText(f'{words.SOUND_OFF if self._muted else words.SOUND_ON}  F11')
 
-    # ----- keys ---------------------------------------------------------------------------
+    # ----- keys and clicks ----------------------------------------------------------------
 
     def eventFilter(  # noqa: N802 - Qt's name
         self, watched: QtCore.QObject, event: QtCore.QEvent
     ) -> bool:
-        """Take the keys before any widget does, and see what is pointed at."""
+        """Take keys and clicks before any widget does, and see what is pointed at."""
         kind = event.type()
-        if kind == QtCore.QEvent.Type.KeyPress and isinstance(watched, QtGui.QWindow):
-            assert isinstance(event, QtGui.QKeyEvent)
-            return self._take_key(event)
+        if isinstance(watched, QtGui.QWindow):
+            if kind == QtCore.QEvent.Type.KeyPress:
+                assert isinstance(event, QtGui.QKeyEvent)
+                return self._take_key(event)
+            if isinstance(event, QtGui.QMouseEvent):
+                return self._take_mouse(event)
         if isinstance(watched, CommandButton):
             if kind in (QtCore.QEvent.Type.Enter, QtCore.QEvent.Type.FocusIn):
                 self._pointed = watched
@@ -395,47 +448,117 @@ class ConsoleWindow(QtWidgets.QWidget):
                 self._show_status()
         return False
 
+    def _age(self, event: QtGui.QInputEvent) -> float:
+        """Return for how long a key or click has waited, at least, in seconds."""
+        waited = self._input_clock.age(event.timestamp(), time.monotonic())
+        return max(waited, self._beat.held_up(clock.now()))
+
+    def _drop(self, name: str, age: float) -> bool:
+        """Say that a key or click was too old; return that it is used up."""
+        self._dropped = [*self._dropped[-4:], name]
+        names = ', '.join(self._dropped)
+        self._say(words.TOO_OLD.format(name=names, age=words.age(age)), Tone.BAD)
+        return True
+
+    def _take_mouse(self, event: QtGui.QMouseEvent) -> bool:
+        """Return whether a movement or a click is used up."""
+        age = self._age(event)
+        kind = event.type()
+        if kind == QtCore.QEvent.Type.MouseButtonRelease:
+            if age >= STALE:
+                self._let_go(age)
+            return False
+        double = kind == QtCore.QEvent.Type.MouseButtonDblClick
+        if not double and kind != QtCore.QEvent.Type.MouseButtonPress:
+            return False
+        target = QtWidgets.QApplication.widgetAt(event.globalPosition().toPoint())
+        if self._is_stop(target) or _chooses(target):
+            return False
+        if age >= STALE:
+            return self._drop(_name(target), age)
+        self._dropped.clear()
+        if target is self._question.yes and not self._question.settled:
+            return True
+        # The second press of a double click is not meant for what stands there by now.
+        return double and isinstance(target, QtWidgets.QAbstractButton)
+
+    def _let_go(self, age: float) -> None:
+        """Have a button that was pressed in time, and released too late, do nothing."""
+        for button in self.findChildren(QtWidgets.QAbstractButton):
+            if button.isDown() and not self._is_stop(button):
+                button.setDown(False)
+                self._drop(_name(button), age)
+
+    def _is_stop(self, widget: QtWidgets.QWidget | None) -> bool:
+        if isinstance(widget, CommandButton) and widget.button is not None:
+            return FORMS[widget.button.command].stop
+        return widget is self._kill
+
     def _take_key(self, event: QtGui.QKeyEvent) -> bool:
         """Return whether the key is used up."""
+        age = self._age(event)
         plain = QtGui.QKeySequence(event.key()).toString()
         if plain in keys.KILL_KEYS:
             if not event.isAutoRepeat():
                 self._press_kill()
             return True
-        if QtWidgets.QApplication.activePopupWidget() is not None:
-            return False
         name = QtGui.QKeySequence(event.keyCombination()).toString()
         if event.modifiers() & QtCore.Qt.KeyboardModifier.KeypadModifier:
             name = plain
         stroke = keys.meaning(name)
-        if self._question.isVisible():
-            return self._take_answer_key(name, stroke, event.isAutoRepeat())
-        if stroke is None:
+        if age >= STALE and not self._acts_late(stroke):
+            # What means nothing here, as Shift alone, is not worth a word.
+            named = stroke is not None or self._question.isVisible()
+            return self._drop(name, age) if named and not event.isAutoRepeat() else True
+        self._dropped.clear()
+        if QtWidgets.QApplication.activePopupWidget() is not None:
             return False
+        at = clock.now() - age
+        means = stroke is not None or name in ANSWER_KEYS
+        twice = means and not event.isAutoRepeat() and self._repeats.same_press(name, at)
+        if self._question.isVisible():
+            return event.isAutoRepeat() or self._take_answer_key(name, stroke, at)
+        if stroke is None:
+            return name in ANSWER_KEYS
         if event.isAutoRepeat() and stroke.act not in (Act.UP, Act.DOWN):
             return True
         if stroke.act is not None:
             return self._do(stroke.act)
         if stroke.digit:
             self._type(stroke.digit)
-        else:
+        elif stroke.stop or not twice:
             self._press_by_key(stroke)
         return True
 
-    def _take_answer_key(self, name: str, stroke: keys.Stroke | None, again: bool) -> bool:
-        if again:
-            return True
+    def _acts_late(self, stroke: keys.Stroke | None) -> bool:
+        """Return whether a key acts however old it is: a stop, and choosing a kart for one."""
+        if stroke is None:
+            return False
+        if stroke.act is Act.PRESS:
+            return self._is_stop(QtWidgets.QApplication.focusWidget())
+        return stroke.stop or bool(stroke.digit) or stroke.act in (Act.UP, Act.DOWN)
+
+    def _take_answer_key(self, name: str, stroke: keys.Stroke | None, at: float) -> bool:
+        question = self._question
+        yes_by_enter = stroke is not None and stroke.act is Act.PRESS and question.yes.hasFocus()
         if name in ('N', 'Esc'):
             self._answer_question(False)
-        elif name == 'Y' and self._question.yes.isEnabled():
-            self._answer_question(True)
+        elif name == 'Y' or yes_by_enter:
+            if at < question.shown_at:
+                self._say(words.TOO_EARLY.format(name=name), Tone.BAD)
+            elif question.yes.isEnabled():
+                self._answer_question(True)
         elif name in ('Tab', 'Up', 'Down', 'Left', 'Right', 'Shift+Backtab'):
-            other = self._question.yes if self._question.no.hasFocus() else self._question.no
-            (other if other.isEnabled() else self._question.no).setFocus()
+            other = question.yes if question.no.hasFocus() else question.no
+            (other if other.isEnabled() else question.no).setFocus()
         elif stroke is not None and stroke.act is Act.PRESS:
             self._do(Act.PRESS)
-        elif stroke is not None and stroke.commands == (Command.RED_FLAG,):
+        elif stroke is not None and stroke.digit:
+            self._type(stroke.digit)
+        elif stroke is not None and stroke.stop and not stroke.asks:
             self._press_by_key(stroke)  # a stop never waits for an answer
+        elif stroke is not None:
+            self._say(words.ANSWER_FIRST, Tone.WAIT)
         return True
 
     def _press_by_key(self, stroke: keys.Stroke) -> None:
@@ -461,7 +584,7 @@ class ConsoleWindow(QtWidgets.QWidget):
 
     def _type(self, digit: str) -> None:
         numbers = [row.number for row in self._rows]
-        number = self._typed.add(digit, time.monotonic())
+        number = self._typed.add(digit, clock.now())
         if number in numbers:
             self._choose(number)
         elif not any(str(each).startswith(str(number)) for each in numbers):
@@ -499,11 +622,11 @@ class ConsoleWindow(QtWidgets.QWidget):
 
     def _build(self) -> None:
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
-        self._silence_panel = SilencePanel()
+        self._danger_panel = DangerPanel()
         self._now_panel = self._build_now()
         self._kill_box = self._build_kill()
         top = QtWidgets.QHBoxLayout()
-        top.addWidget(self._silence_panel, 1)
+        top.addWidget(self._danger_panel, 1)
         top.addWidget(self._now_panel, 1)
         # It stays where it is when what is beside it grows.
         top.addWidget(self._kill_box, 0, QtCore.Qt.AlignmentFlag.AlignTop)
@@ -696,3 +819,21 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._timer.stop()
         self._sound.close()
         super().closeEvent(event)
+
+
+def _chooses(widget: QtWidgets.QWidget | None) -> bool:
+    """Return whether a press there only chooses a kart: a stop for it may be next."""
+    while widget is not None and not isinstance(widget, QtWidgets.QAbstractButton):
+        if isinstance(widget, (KartRow, Overview)):
+            return True
+        widget = widget.parentWidget()
+    return False
+
+
+def _name(widget: QtWidgets.QWidget | None) -> str:
+    """Return what is said of a click on a widget."""
+    if isinstance(widget, CommandButton) and widget.button is not None:
+        return words.command_name(widget.button.command, widget.button.kart)
+    if isinstance(widget, QtWidgets.QAbstractButton):
+        return widget.text()
+    return words.CLICK

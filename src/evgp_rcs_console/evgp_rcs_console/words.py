@@ -99,23 +99,34 @@ REFUSED = '✗ '
 
 GONE = 'RACE CONTROL IS GONE'
 NOT_YET = 'NO RACE CONTROL YET'
-GONE_ADVICE = 'USE THE MSR'
-GONE_SINCE = 'Last heard {age} ago, in {state}: what stands below is that old.'
+USE_MSR = 'USE THE MSR'
+GONE_SINCE = 'Last heard {age} ago, in {state}. What is shown below is out of date.'
 NOT_YET_DETAIL = 'Looking for {topic} for {age}. ROS domain {domain}.'
 GONE_REASON = 'race control is gone'
+FAILED = 'RACE CONTROL HAS FAILED'
+TWO = 'TWO RACE CONTROLS'
+TWO_ADVICE = 'ALL KILL, THEN END ONE'
+TWO_DETAIL = 'Two race controls are running in this ROS domain.'
+TWO_WHAT_TO_DO = 'Stops go to both. Nothing else can be given.'
+TWO_REASON = 'there are two race controls: end one'
 STATE_SINCE = 'for {age}'
 KILL_HINT = 'SPACE BAR or F12'
 KILL_PRESSING = 'PRESSING, {count} times, {age}: no answer'
-KILL_NOTE_GONE = 'ALL KILL keeps pressing until it is back.'
+KILL_NOTE_GONE = 'A stop is pressed again until race control is back.'
+STOP_PRESSING = '{command}: pressed {count} times in {age}, {why}. USE THE MSR.'
+NO_ANSWER = 'no answer'
 KEYS_OFF = 'KEYS OFF: click this window'
 
 GIVEN = '{command} is given.'
 READY = 'Ready.  F1 shows the keys.'
 PENDING = '{command}: no answer yet, {age}'
 PENDING_REASON = 'no answer yet, {age}'
-GAVE_UP = '{command}: no answer within {age}. Look at the race whether it was carried out.'
+GAVE_UP = '{command}: no answer within {age}. Check the race to see whether it took effect.'
 NOT_THERE = '{command} was not given: race control is not there.'
-NOT_THERE_STOP = '{command} was not given: race control is not there. USE THE MSR.'
+TOO_OLD = '{name}: pressed {age} ago, while the window hung. Nothing was sent: press it again.'
+TOO_EARLY = '{name}: pressed before the question was there. Read it and answer now.'
+ANSWER_FIRST = 'Answer the question first: Y or N'
+CLICK = 'Mouse button'
 BARRED = '{command}: {reason}'
 WITH_AGE = '{reason}, {age}'
 STATED = '{command}: not any more: {reason}'
@@ -124,7 +135,8 @@ ASK_TITLE = '{command}?'
 ASK_STATE = 'I state: {condition}.'
 ASK_YES = 'YES: {condition}   (Y)'
 ASK_NO = 'NO   (N or Esc)'
-ASK_CHANGED = 'The conditions have changed. Press NO and begin again.'
+ASK_CHANGED = 'What you are asked to confirm has changed. Press NO and begin again.'
+ASK_AGAIN = '{reason}. Press NO and begin again.'
 
 KART_CHOSEN = 'Kart {number} ({team}) is chosen.  Ctrl+R RED RED, Ctrl+F RED FLAG, Ctrl+G garage'
 CHOOSE_FIRST = 'Choose a kart first: type its number'
@@ -185,10 +197,19 @@ def command_name(command: Command, kart: int = 0) -> str:
     return f'{LABELS[command]} kart {kart}' if kart else LABELS[command]
 
 
-def condition(command: Command, kart: Kart | None, track: Track) -> str:
-    """Return what an official confirms where race control asks for no statement."""
+def condition(command: Command, kart: Kart | None, track: Track, statement: str) -> str:
+    """
+    Return what an official confirms.
+
+    :param statement: what race control asks the official to state; empty if nothing.
+    """
     if command is Command.GREEN_GREEN:
-        return 'the race may start, the track is clear of humans'
+        start = 'the race may start, the track is clear of humans'
+        return f'{start}, {statement}' if statement else start
+    if statement:
+        return statement
+    if command is Command.RECORD_MSR:
+        return 'the Master Safety Remote was used'
     if command is Command.OPEN_TRACK:
         return f'teams are cleared for the track: {track.reason}'
     if command is Command.KART_IN_GARAGE and kart is not None:
@@ -196,18 +217,28 @@ def condition(command: Command, kart: Kart | None, track: Track) -> str:
     return f'{LABELS[command]} is meant'
 
 
-def consequence(command: Command, karts: tuple[Kart, ...], kart: Kart | None) -> str:
-    """Return what a confirmed command does, in a sentence."""
-    racing = [str(each.number) for each in karts if each.in_race]
-    to_race = f'to the {len(racing)} karts of the race: {", ".join(racing)}'
-    if len(racing) == 1:
-        to_race = f'to the one kart of the race: {racing[0]}'
+def kart_list(karts: tuple[int, ...]) -> str:
+    """Return karts by their numbers."""
+    if not karts:
+        return 'no kart'
+    numbers = ', '.join(map(str, karts))
+    return f'kart {numbers}' if len(karts) == 1 else f'{len(karts)} karts: {numbers}'
+
+
+def consequence(command: Command, karts: tuple[int, ...], kart: Kart | None) -> str:
+    """
+    Return what a confirmed command does, in a sentence.
+
+    :param karts: the karts that it would start or release, as race control says.
+    """
     if kart is not None:
-        return f'Ends the hold of {kart_name(kart)}.'
+        if kart.hold is State.UNKNOWN:
+            return f'Sends IN GARAGE to {kart_name(kart)}.'
+        return f'Ends the hold of {kart_name(kart)}: {STATES[kart.hold]}, {kart.hold_reason}.'
     return {
-        Command.GRID_ACTIVE: f'Sends GRID ACTIVE {to_race}.',
-        Command.GREEN_GREEN: f'Sends GREEN GREEN {to_race}. They drive off.',
-        Command.IN_GARAGE: f'Sends IN GARAGE {to_race}. Teams have their karts back.',
+        Command.GRID_ACTIVE: f'Sends GRID ACTIVE to {kart_list(karts)}.',
+        Command.GREEN_GREEN: f'Sends GREEN GREEN to {kart_list(karts)}. They drive off.',
+        Command.IN_GARAGE: f'Sends IN GARAGE to {kart_list(karts)}. Teams have their karts back.',
         Command.OPEN_TRACK: 'Opens the track to humans.',
         Command.RECORD_MSR: (
             'Records that you used the MSR, and sends RED RED to all karts. '

@@ -9,13 +9,13 @@ from evgp_rcs_console.commands import FORMS
 from evgp_rcs_console.snapshot import Alert, Available, Command, Kart, Race, State, Track
 from evgp_rcs_console.terminal import table
 from evgp_rcs_console.view import (
+    Danger,
     FINISH_KEYS,
     GONE_AFTER,
     NOTHING,
     RACE_COMMANDS,
     Screen,
     show,
-    Silence,
     silence,
     STATE_TONES,
     Tone,
@@ -23,7 +23,7 @@ from evgp_rcs_console.view import (
 import pytest
 
 EVERYTHING = {command: Available(True) for command in Command}
-SILENT = Silence('gone', 'MSR', 'long ago')
+SILENT = Danger('gone', 'MSR', 'long ago', words.GONE_REASON, stale=True)
 
 KART = Kart(
     number=7,
@@ -183,7 +183,7 @@ def test_the_finish_key_of_a_kart_stays_its_own_when_another_leaves_the_race() -
     assert keys == [row.buttons[2].key for row in after]
     assert len(set(keys)) == 40
     assert keys[0] == 'A'
-    assert keys[26] == 'Shift+A'
+    assert keys[24] == 'Shift+A'
 
 
 def test_more_karts_than_keys_are_shown_all_the_same() -> None:

@@ -1,0 +1,252 @@
+"""What `rcs_ctl` does with ROS, in a process of its own: it reports, and prints only a `watch`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+import sys
+import threading
+
+from evgp_node.graph import GraphError
+from evgp_protocol.clock import now
+from evgp_rcs_console import words
+from evgp_rcs_console.apart import Report
+from evgp_rcs_console.client import Client, domain_of, join_graph
+from evgp_rcs_console.commands import FORMS, Order
+from evgp_rcs_console.ctl import COMMANDS, no_answer, STATEMENTS
+from evgp_rcs_console.exits import Exit
+from evgp_rcs_console.snapshot import Answer, Event, Kart, Race, State
+from evgp_rcs_console.standing import Standing
+from evgp_rcs_console.terminal import table
+from evgp_rcs_console.view import danger, is_gone, show, silence
+import rclpy
+from rclpy._rclpy_pybind11 import UnknownROSArgsError
+
+SETTLED = 1.0
+"""Time without a further event after which the past ones have all come, in seconds."""
+
+Told = dict[str, object]
+
+
+class Desk:
+    """What the client hears, for one who waits for it."""
+
+    def __init__(self) -> None:
+        """Begin with nothing heard."""
+        self.news = threading.Condition()
+        self.race: Race | None = None
+        self.two = False
+        self.heard_at = 0.0
+        self.answer: tuple[Order, Answer] | None = None
+        self.standing: tuple[Standing, ...] = ()
+        self.events: list[Event] = []
+
+    def on_race(self, race: Race, at: float, two: bool) -> None:
+        """Keep the newest snapshot."""
+        with self.news:
+            self.race = race
+            self.heard_at = at
+            self.two = two
+            self.news.notify_all()
+
+    def on_event(self, event: Event) -> None:
+        """Keep an event."""
+        with self.news:
+            self.events.append(event)
+            self.news.notify_all()
+
+    def on_answer(self, order: Order, answer: Answer) -> None:
+        """Keep the answer."""
+        with self.news:
+            self.answer = order, answer
+            self.news.notify_all()
+
+    def on_pressing(self, stops: tuple[Standing, ...]) -> None:
+        """Keep what race control said of a stop that it has not accepted."""
+        with self.news:
+            if stops:
+                self.standing = stops
+
+    def wait_for(self, found: Callable[[], object], until: float) -> bool:
+        """Return whether something is so, once it is or the time has come."""
+        with self.news:
+            while not found():
+                left = until - now()
+                if left <= 0:
+                    return False
+                self.news.wait(left)
+            return True
+
+
+def attend(
+    given: Sequence[str], wanted: argparse.Namespace, latest: float, report: Report
+) -> None:
+    """
+    Do what a command line asks for, report how it ended, and leave the ROS domain.
+
+    :param latest: when to report at the latest; before that, `--wait` counts from here.
+    """
+    try:
+        join_graph('rcs_ctl', given)
+    except (GraphError, UnknownROSArgsError) as error:
+        report(code=Exit.USAGE, error=f'rcs_ctl: {error}')
+        return
+    desk = Desk()
+    client = Client('rcs_ctl', desk)
+    until = min(now() + float(wanted.wait), latest)
+    try:
+        if wanted.command == 'watch':
+            report(**_watch(client, desk, wanted, until, report))
+        else:
+            report(**_give(client, desk, wanted, until))
+    finally:
+        client.close()
+        rclpy.try_shutdown()
+
+
+def _give(client: Client, desk: Desk, wanted: argparse.Namespace, until: float) -> Told:
+    command, _ = COMMANDS[wanted.command]
+    form = FORMS[command]
+    where = f'{client.topic}, ROS domain {domain_of()}'
+    if not form.stop and not client.wait_for(command, until - now()):
+        label = words.LABELS[command]
+        error = f'{label} was not given: race control is not there ({where}).'
+        return {'code': Exit.NOT_THERE, 'error': error}
+    karts = tuple(sorted(set(getattr(wanted, 'karts', ()))))
+    hold = State.UNKNOWN
+    released = ''
+    if (form.names_karts and not karts) or form.names_hold:
+        if not desk.wait_for(lambda: desk.race is not None, until):
+            return {'code': Exit.NOT_THERE, 'error': no_answer(command, wanted.wait, where)}
+        assert desk.race is not None
+        if form.names_karts:
+            return _name_them(wanted, desk.race)
+        kart = next((each for each in desk.race.karts if each.number == wanted.kart), None)
+        if kart is not None:
+            hold = kart.hold
+            released = words.consequence(command, (), kart)
+    order = Order(
+        command,
+        getattr(wanted, 'kart', 0),
+        getattr(wanted, 'stated', False),
+        karts,
+        hold,
+    )
+    client.give(order)
+    desk.wait_for(lambda: desk.answer is not None, until)
+    if desk.answer is None:
+        said = ''.join(f' Race control said: {stop.said}' for stop in desk.standing if stop.said)
+        return {
+            'code': Exit.NOT_THERE,
+            'error': f'{no_answer(command, wanted.wait, where)}{said}',
+        }
+    answer = desk.answer[1]
+    if answer.success:
+        return {
+            'code': Exit.ACCEPTED,
+            'output': f'{released}\n{answer.message}' if released else answer.message,
+        }
+    hint = ''
+    if not order.stated and command in STATEMENTS and _asks(desk.race, order):
+        hint = f' ({STATEMENTS[command][0]})'
+    return {'code': Exit.REFUSED, 'error': f'{answer.message}{hint}'}
+
+
+def _asks(race: Race | None, order: Order) -> bool:
+    """Return whether race control asks for a statement with a command."""
+    if race is None:
+        return False
+    commands = race.commands
+    for kart in race.karts:
+        if order.kart == kart.number:
+            commands = kart.commands
+    return order.command in commands and bool(commands[order.command].statement)
+
+
+def _name_them(wanted: argparse.Namespace, race: Race) -> Told:
+    """Say which karts a command would start or release; nothing is sent."""
+    command, _ = COMMANDS[wanted.command]
+    offered = race.commands.get(command)
+    label = words.LABELS[command]
+    if offered is None or not offered.yes:
+        reason = offered.reason if offered else 'race control does not offer it'
+        return {'code': Exit.USAGE, 'error': f'{label}: nothing was sent, and not now: {reason}.'}
+    names = ', '.join(_name(race.karts, number) for number in offered.karts) or 'no kart'
+    again = ' '.join(['rcs_ctl', wanted.command, *map(str, offered.karts)])
+    flags = [f' {STATEMENTS[command][0]}'] if wanted.stated else []
+    return {
+        'code': Exit.USAGE,
+        'error': f'{label}: nothing was sent. It would go to {names}. '
+        f'To send it, name them: {again}{"".join(flags)}',
+    }
+
+
+def _name(karts: tuple[Kart, ...], number: int) -> str:
+    return next((words.kart_name(kart) for kart in karts if kart.number == number), str(number))
+
+
+def _watch(
+    client: Client, desk: Desk, wanted: argparse.Namespace, until: float, report: Report
+) -> Told:
+    if wanted.events:
+        return _watch_events(desk, wanted, until, report)
+    began = now()
+    if wanted.once:
+        desk.wait_for(lambda: desk.race is not None, until)
+    redraw = sys.stdout.isatty() and not wanted.once
+    while True:
+        with desk.news:
+            race, heard_at, two = desk.race, desk.heard_at, desk.two
+        at = now()
+        silent_for = at - heard_at if race is not None else None
+        state = race.state if race else State.UNKNOWN
+        shown = silence(silent_for, at - began, client.topic, domain_of(), state)
+        if shown is None and race is not None:
+            shown = danger(race, two)
+        lines = []
+        if shown:
+            lines += [f'*** {shown.title}: {shown.advice} ***', shown.detail]
+        if race is not None:
+            lines += table(show(race, at - heard_at, {}, shown), race.alerts)
+        text = '\n'.join(lines)
+        if wanted.once:
+            code = Exit.NOT_THERE if is_gone(silent_for) else Exit.ACCEPTED
+            return {'code': code, 'output': text}
+        print(('\x1b[H\x1b[2J' if redraw else '') + text + ('' if redraw else '\n'), flush=True)
+        report(alive=True)
+        with desk.news:
+            desk.news.wait(1.0)
+
+
+def _watch_events(desk: Desk, wanted: argparse.Namespace, until: float, report: Report) -> Told:
+    shown = 0
+    kept: list[str] = []
+    while True:
+        # The past events come one by one: it is over when no further one follows.
+        pause = now() + SETTLED
+        known = shown
+        desk.wait_for(
+            lambda known=known: len(desk.events) > known,
+            pause if shown or now() >= until else until,
+        )
+        with desk.news:
+            fresh = desk.events[shown:]
+            heard = desk.race is not None
+        shown += len(fresh)
+        if not shown and not heard:
+            where = f'ROS domain {domain_of()}'
+            error = f'{words.NOT_YET}: {words.USE_MSR} ({where})'
+            return {'code': Exit.NOT_THERE, 'error': error}
+        lines = [
+            f'{event.clock} {" " if event.success else "!"} {event.text}'
+            for event in fresh
+            if not wanted.kart or event.kart in (0, wanted.kart)
+        ]
+        if wanted.once:
+            kept += lines
+            if not fresh or now() >= until:
+                return {'code': Exit.ACCEPTED, 'output': '\n'.join(kept)}
+            continue
+        if lines:
+            print('\n'.join(lines), flush=True)
+        report(alive=True)

@@ -1,0 +1,116 @@
+"""
+Whether a key or a click still means what it meant when the official made it.
+
+A window whose thread is held up finds all that was pressed meanwhile in its queue. It must not act
+on a key that was pressed 15 s ago as if it were new. Two things tell, and either is enough:
+
+- the time stamp of the input, by the clock of the display server (``age``);
+- the window's own beat: if that came late, what is in the queue has waited (``held_up``).
+
+Pure: stamps and times go in. Whether an old input is a stop, which acts all the same, is for the
+window to say.
+"""
+
+from __future__ import annotations
+
+STALE = 0.5
+"""Maximum age of a key or click that acts, unless it is a stop, in seconds."""
+
+SETTLE = 0.3
+"""Time after a hold-up during which what comes counts as having waited, in seconds."""
+
+SEEN = 0.3
+"""Time that a question must have been there before a click on its YES counts, in seconds."""
+
+AGAIN = 0.4
+"""Time within which the same key again is the same press, as in a double click, in seconds."""
+
+DRIFT = 1e-4
+"""Maximum rate at which the display server's clock may lose time against ours (s per s)."""
+
+_WRAP = 1 << 32
+"""The display server's clock counts milliseconds in 32 bits."""
+
+
+class InputClock:
+    """
+    How old an input is, by the stamp that the display server gave it.
+
+    The server's clock has an epoch of its own. The smallest difference seen between our clock and
+    a stamp is the one of the input that came fastest: what differs by more has waited. The
+    smallest difference may grow by ``DRIFT``, since the server may be another machine.
+    """
+
+    def __init__(self) -> None:
+        """Begin with no input seen."""
+        self._offset: float | None = None
+        self._at = 0.0
+
+    def age(self, stamp: int, now: float) -> float:
+        """
+        Return for how long an input has waited, in seconds.
+
+        :param stamp: when it was made (ms, modulo 2**32); 0: the server does not say.
+        :param now: our clock, which stands still while the machine is suspended, in seconds.
+        """
+        if not stamp:
+            return 0.0
+        difference = (now * 1000 - stamp) % _WRAP
+        if self._offset is None:
+            self._offset, self._at = difference, now
+            return 0.0
+        allowed = self._offset + (now - self._at) * 1000 * DRIFT
+        waited = (difference - allowed + _WRAP / 2) % _WRAP - _WRAP / 2
+        if waited <= 0:
+            self._offset, self._at = difference, now
+            return 0.0
+        return waited / 1000
+
+
+class Beat:
+    """
+    Whether the window's thread was held up.
+
+    :param period: how often ``beat`` is called while it is not, in seconds.
+    """
+
+    def __init__(self, period: float, now: float) -> None:
+        """Begin in time."""
+        self._period = period
+        self._last = now
+        self._late = 0.0
+        self._until = now
+
+    def beat(self, now: float) -> None:
+        """Take that the thread is alive."""
+        self._look(now)
+        # Twice in time: what waited in the queue has been taken by then.
+        if now >= self._until and now - self._last < self._period + SETTLE:
+            self._late = 0.0
+        self._last = now
+
+    def held_up(self, now: float) -> float:
+        """Return for how long the thread was held up just now, in seconds; 0.0 if it was not."""
+        self._look(now)
+        return self._late
+
+    def _look(self, now: float) -> None:
+        late = now - self._last - self._period
+        if late >= STALE:
+            self._late = max(self._late, late)
+            self._until = now + SETTLE
+
+
+class Repeats:
+    """Keys that are pressed twice in a row, as in a double click."""
+
+    def __init__(self) -> None:
+        """Begin with none pressed."""
+        self._name = ''
+        self._at = 0.0
+
+    def same_press(self, name: str, at: float) -> bool:
+        """Take a key and when it was pressed; return whether it was pressed just before."""
+        same = name == self._name and at - self._at < AGAIN
+        self._name, self._at = name, at
+        return same

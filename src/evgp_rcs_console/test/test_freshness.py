@@ -1,0 +1,118 @@
+"""Whether a key or a click is new."""
+
+from __future__ import annotations
+
+from evgp_rcs_console.freshness import AGAIN, Beat, InputClock, Repeats, SETTLE, STALE
+import pytest
+
+WRAP = 1 << 32
+
+
+def test_an_input_that_comes_at_once_is_new_whatever_the_epoch_of_its_clock() -> None:
+    clock = InputClock()
+
+    ages = [clock.age(7_000_000 + 1000 * n, 50.0 + n) for n in range(5)]
+
+    assert ages == [0.0] * 5
+
+
+def test_an_input_that_has_waited_is_as_old_as_it_waited() -> None:
+    clock = InputClock()
+    clock.age(1_000_000, 50.0)
+
+    assert clock.age(1_001_000, 66.0) == pytest.approx(15.0, abs=0.01)
+    assert clock.age(1_016_000, 66.0) == pytest.approx(0.0, abs=0.01)
+
+
+def test_the_fastest_input_so_far_is_the_measure() -> None:
+    clock = InputClock()
+    clock.age(1_000_000, 50.4)  # this one had waited already
+
+    assert clock.age(1_001_000, 51.0) == 0.0
+    assert clock.age(1_002_000, 52.4) == pytest.approx(0.4, abs=0.01)
+
+
+@pytest.mark.parametrize('start', [WRAP - 500, WRAP - 1, 0x7FFFFFFF])
+def test_a_stamp_of_32_bits_may_begin_again(start: int) -> None:
+    clock = InputClock()
+    clock.age(start, 50.0)
+
+    assert clock.age((start + 1000) % WRAP, 51.0) == pytest.approx(0.0, abs=0.01)
+    assert clock.age((start + 2000) % WRAP, 67.0) == pytest.approx(15.0, abs=0.01)
+
+
+def test_a_server_whose_clock_is_a_little_slow_stays_usable_all_day() -> None:
+    clock = InputClock()
+    slow = 1 - 5e-5
+
+    ages = [clock.age(1_000_000 + int(1000 * slow * n), float(n)) for n in range(0, 36_000, 10)]
+
+    assert max(ages) < STALE
+
+
+def test_an_input_without_a_stamp_is_left_to_the_beat() -> None:
+    clock = InputClock()
+    clock.age(1_000_000, 50.0)
+
+    assert clock.age(0, 99.0) == 0.0
+
+
+def beats(beat: Beat, start: float, count: int) -> float:
+    """Let a beat come in time, some times; return when the last one came."""
+    for n in range(count):
+        beat.beat(start + 0.1 * n)
+    return start + 0.1 * (count - 1)
+
+
+def test_a_thread_in_time_is_not_held_up() -> None:
+    beat = Beat(0.1, 0.0)
+
+    last = beats(beat, 0.1, 50)
+
+    assert beat.held_up(last + 0.1) == 0.0
+
+
+def test_what_is_taken_before_the_late_beat_has_waited_too() -> None:
+    beat = Beat(0.1, 0.0)
+    last = beats(beat, 0.1, 10)
+
+    assert beat.held_up(last + 15.0) == pytest.approx(14.9)
+
+
+def test_what_is_taken_just_after_the_late_beat_has_waited_too() -> None:
+    beat = Beat(0.1, 0.0)
+    late = beats(beat, 0.1, 10) + 15.0
+    beat.beat(late)
+
+    assert beat.held_up(late + 0.01) == pytest.approx(14.9)
+    beat.beat(late + 0.1)
+    assert beat.held_up(late + 0.2) == pytest.approx(14.9)
+
+
+def test_a_thread_that_is_in_time_again_takes_inputs_again() -> None:
+    beat = Beat(0.1, 0.0)
+    late = beats(beat, 0.1, 10) + 15.0
+
+    last = beats(beat, late, round(SETTLE / 0.1) + 2)
+
+    assert beat.held_up(last + 0.05) == 0.0
+
+
+def test_a_queue_that_takes_long_is_waited_for() -> None:
+    beat = Beat(0.1, 0.0)
+    late = beats(beat, 0.1, 10) + 15.0
+    beat.beat(late)
+
+    beat.beat(late + 1.0)  # held up once more, by what was in the queue
+
+    assert beat.held_up(late + 1.1) > STALE
+
+
+def test_the_same_key_at_once_is_the_same_press() -> None:
+    repeats = Repeats()
+
+    pressed = [repeats.same_press('F5', 0.0), repeats.same_press('F5', 0.2)]
+    later = repeats.same_press('F5', 0.2 + AGAIN)
+    other = repeats.same_press('A', 0.7)
+
+    assert (pressed, later, other) == ([False, True], False, False)
