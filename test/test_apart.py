@@ -225,6 +225,12 @@ def test_nothing_a_kart_sends_changes_anything_but_its_own_acknowledgement_and_r
     rng = random.Random(5)
 
     send_everything(official, hostile, others, rng)
+    # It has said GREEN_GREEN, so it must say that it stands before anything begins.
+    official.command('kart/red_red', kart=1)
+    hostile.wait_for_state(RaceState.RED_RED)
+    hostile.say(RaceState.RED_RED)
+    official.wait_for_acks(RaceState.RED_RED, 1)
+    official.command('kart/in_garage', kart=1)
     official.command('grid_active', track_clear=True)
     official.wait_for_acks(RaceState.GRID_ACTIVE, 2, 3)
     send_everything(official, hostile, others, rng)

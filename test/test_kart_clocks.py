@@ -151,9 +151,7 @@ class Kart:
     def start_bridge(self) -> None:
         """Start the bridge, for the first time or again."""
         with self.clock.on_it():
-            self.bridge = Bridge(
-                self._domain, self.control.port, address_of(1), self._parameters
-            )
+            self.bridge = Bridge(self._domain, self.control.port, address_of(1), self._parameters)
         self._parts.callback(self.bridge.close)
 
     def drive(self) -> None:

@@ -56,11 +56,11 @@ FAULTS = {
     'an acknowledgement survives the connection': Fault(
         '        kart.connected = False\n        kart.acknowledged = False\n',
         '        kart.connected = False\n',
-        ('not connected', 'looser than a stop', 'held on the grid'),
+        ('not connected', 'looser than a stop', 'held on the grid', 'not stated'),
     ),
     'a stop is refused': Fault(
-        '        refusal = refusal or rule.refusal(self, kart)\n',
-        '        refusal = refusal or rule.refusal(self, kart)\n'
+        '        refusal = refusal or self._refusal(rule, kart)\n',
+        '        refusal = refusal or self._refusal(rule, kart)\n'
         '        if command.kind is CommandKind.RED_FLAG and self.state is RED_FLAG:\n'
         "            refusal = 'the race has RED_FLAG already'\n",
         ('stop refused',),
@@ -92,8 +92,8 @@ FAULTS = {
         ('GRID_ACTIVE not last',),
     ),
     'IN_GARAGE releases silent karts': Fault(
-        'if each.stopped or each.hold is None:',
-        'if True:',
+        '(each.stopped and (each.in_race or not each.held_alone))',
+        '(each.in_race or not each.held_alone)',
         ('looser than a stop', 'held on the grid'),
     ),
     'GRID_ACTIVE with a held kart': Fault(
@@ -191,6 +191,8 @@ class Simulation:
         state = self.race.state.value
         if state == 'IN_GARAGE':
             for kart in list(self.race.racing()):
+                if kart.may_be_moving and kart.hold is None:
+                    self.command('kart/red_red', kart.number, False)
                 if kart.hold is not None and self.rng.random() < 0.7:
                     self.command('kart/in_garage', kart.number, True)
             if self.rng.random() < 0.2:
@@ -203,6 +205,10 @@ class Simulation:
         elif state == 'RED_FLAG':
             self.command('race_over', None, False)
         elif state == 'RED_RED':
+            if self.rng.random() < 0.2:
+                for kart in list(self.race.racing()):
+                    if not kart.acknowledged:
+                        self.command('kart/in_garage', kart.number, True)
             self.command('in_garage', None, True)
 
     def command(self, service: str, kart: int | None, statement: bool) -> None:
@@ -212,9 +218,11 @@ class Simulation:
         call = Call(service, kart, statement, statement, self.now)
         self.checker.called(call)
         module = self.module
-        outcome = self.race.command(
-            module.Command(module.CommandKind[name], kart, statement), self.now
-        )
+        kind = module.CommandKind[name]
+        # The official sees the race as it is.
+        karts = frozenset(self.race.availability(kind, kart or 0).karts)
+        hold = self.race.karts[kart].hold if kart is not None else None
+        outcome = self.race.command(module.Command(kind, kart, statement, karts, hold), self.now)
         self.deliver(outcome)
         call.ended = self.now + 0.0005
         call.success, call.message = outcome.answer.success, outcome.answer.message
@@ -238,7 +246,10 @@ class Simulation:
             return
         state, serial = self.sent[kart]
         if not right:
-            state = self.rng.choice(list(self.module.RaceState))
+            # Seldom GREEN_GREEN: who says that out of turn has to be stopped first.
+            states = list(self.module.RaceState)
+            weights = [1 if each.value == 'GREEN_GREEN' else 5 for each in states]
+            (state,) = self.rng.choices(states, weights)
         self.checker.said(self.links[kart], state.value, self.now, self.now)
         if not right and self.rng.random() < 0.5:
             # It is heard later, maybe behind a command that this kart has not seen.

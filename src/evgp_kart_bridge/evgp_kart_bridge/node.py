@@ -135,7 +135,11 @@ class KartBridge(StrictNode):
         ]
         if settings.auto_acknowledge_stop:
             self._alone.append(
-                (StopSource.TWO_ODOMETRIES, self.count_publishers, self.resolve_topic_name('~/odom'))
+                (
+                    StopSource.TWO_ODOMETRIES,
+                    self.count_publishers,
+                    self.resolve_topic_name('~/odom'),
+                )
             )
         if hasattr(self, 'count_services'):  # ROS 2 Humble cannot tell
             for source, service in (

@@ -83,9 +83,6 @@ FRAMES = {state: encode(state) for state in RaceState}
 SILENCE = 1.0
 """Time after which a silent ROS half counts as gone, in seconds."""
 
-WHAT_KARTS_SAY = (EventKind.REPORTED, EventKind.WITHDRAWN)
-"""Events that a chatty kart could cause without end; those beyond its allowance are left out."""
-
 
 class KartServerError(RuntimeError):
     """The kart server cannot start or go on; the text says why and what would be right."""
@@ -661,7 +658,7 @@ class KartServer:
         stamped = [
             StampedEvent(next(self._sequence), wall, now, event)
             for event in events
-            if event.kind not in WHAT_KARTS_SAY or self._reports[event.kart].take(now)
+            if not event.chatter or self._reports[event.kart].take(now)
         ]
         if stamped:
             self._outside.tell(stamped)
