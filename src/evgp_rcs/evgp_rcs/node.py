@@ -42,6 +42,7 @@ from evgp_rcs.race import (
     STOPS,
 )
 from evgp_rcs.record import default_path, Record, RecordError
+from evgp_rcs.rival import claim_the_graph, refuse_rivals, RivalError
 from evgp_rcs.roster import load_roster, Roster, RosterError
 from evgp_rcs_msgs import msg, srv
 from rclpy.node import Node
@@ -111,6 +112,7 @@ class RcsNode(StrictNode):
     :raises RosterError: if the roster is.
     :raises KartServerError: if the karts' port cannot be listened at.
     :raises GraphError: if the ROS graph can be reached from where karts connect.
+    :raises RivalError: if there is another race control on it.
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
@@ -125,6 +127,8 @@ class RcsNode(StrictNode):
         )
         settings, times, roster, record = read_settings(parameters)
         refuse_open_graph(settings.host, accepted=accept_open_graph)
+        self._claim = claim_the_graph(self)
+        refuse_rivals(self)
         race = Race(
             [
                 Kart(number=entry.number, team=entry.team, in_race=entry.in_race)
@@ -549,7 +553,7 @@ def main(args: list[str] | None = None) -> int:
     :return: 0 after an orderly end, 1 after a failure (the karts were sent RED_RED), 2 if a
         setting is wrong.
     """
-    refusals = (ParameterError, GraphError, RosterError, RecordError, KartServerError)
+    refusals = (ParameterError, GraphError, RivalError, RosterError, RecordError, KartServerError)
     return run_node('rcs', RcsNode, refusals, args)
 
 
