@@ -26,6 +26,13 @@ from evgp_protocol import clock
 from evgp_rcs.kart_client import KartServerClient
 from evgp_rcs.kart_server import KartServerError
 from evgp_rcs.race import Answer, Command, CommandKind, STOPS
+from evgp_rcs.rival import (
+    claim_the_graph,
+    look_for_rivals,
+    LOOK_AGAIN,
+    refuse_rivals,
+    RivalError,
+)
 from evgp_rcs.roster import RosterError
 from evgp_rcs.settings import read_settings
 from evgp_rcs.teller import Teller
@@ -42,9 +49,6 @@ ANSWER_TIMEOUT = 4.0
 ALIVE_EVERY = 0.2
 """Time between two signs of life to the kart server, in seconds; after 1 s without one it sends
 RED_RED to every kart."""
-
-LOOK_AROUND = 0.5
-"""Time between two looks for another race control, in seconds."""
 
 SERVICE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -66,6 +70,7 @@ class RcsNode(StrictNode):
     :raises RosterError: if the roster is.
     :raises KartServerError: if the kart server cannot start.
     :raises GraphError: if the ROS graph can be reached from where karts connect.
+    :raises RivalError: if there is another race control on it.
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
@@ -80,6 +85,8 @@ class RcsNode(StrictNode):
         )
         begin = read_settings(parameters)
         refuse_open_graph(begin.settings.host, accepted=accept_open_graph)
+        self._claim = claim_the_graph(self)
+        refuse_rivals(self)
         self._on_failure = on_failure
         self._failure = ''
         self._rival = False
@@ -136,7 +143,7 @@ class RcsNode(StrictNode):
             pass  # its end is noticed, and told, by the thread that hears it
 
     def _look_around(self) -> None:
-        self._rival = self.count_publishers(self.resolve_topic_name('~/race')) > 1
+        self._rival = look_for_rivals(self)
 
     # ----- services -----------------------------------------------------------------------
 
@@ -147,7 +154,7 @@ class RcsNode(StrictNode):
         self.beside = (stops, starts)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         stops.create_timer(ALIVE_EVERY, self._say_alive, clock=steady)
-        self.create_timer(LOOK_AROUND, self._look_around, clock=steady)
+        self.create_timer(LOOK_AGAIN, self._look_around, clock=steady)
         others = self
         offer = self._offer
         offer(stops, '~/all_kill', Trigger, CommandKind.ALL_KILL)
@@ -261,7 +268,7 @@ def main(args: list[str] | None = None) -> int:
     :return: 0 after an orderly end, 1 after a failure (the karts were sent RED_RED, or lost their
         connection), 2 if a setting is wrong.
     """
-    refusals = (ParameterError, GraphError, RosterError, KartServerError)
+    refusals = (ParameterError, GraphError, RivalError, RosterError, KartServerError)
     return run_node('rcs', RcsNode, refusals, args)
 
 
