@@ -6,6 +6,7 @@ import contextlib
 import pathlib
 
 from evgp_node import graph
+from evgp_protocol.states import RaceState
 from evgp_rcs.rival import look_for_rivals
 from evgp_rcs_msgs import msg
 import pytest
@@ -16,6 +17,7 @@ from race_parts.official import latched
 from race_parts.process import Process
 from race_parts.race_control import RaceControl
 from race_parts.ros_side import RosSide
+from race_parts.wire_kart import Acknowledges
 
 
 def second(folder: pathlib.Path, domain: int, *arguments: str, **parameters: object) -> Process:
@@ -122,3 +124,30 @@ def test_two_race_controls_that_meet_both_notice_and_notice_when_it_is_over(
         other.close()
 
     first.wait_until_polled(lambda: not look_for_rivals(first.node), 'no rival any more')
+
+
+def test_while_two_race_controls_meet_nothing_that_loosens_is_accepted_and_stops_are(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    connect_kart: ConnectKart,
+) -> None:
+    control = start_race_control(in_race=[1])
+    official = join_official(control)
+    kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1)
+    # Not `official.race`: of two race controls, a client cannot tell whose it hears.
+    two = msg.RaceEvent.ALERT_RAISED, 'two race controls'
+    rival = Publisher(control.domain)
+    try:
+        official.wait_for_event(lambda event: event.kind == two[0], two[1])
+        refused = official.call('grid_active', track_clear=True, karts=[1])
+        stopped = official.call('all_kill')
+    finally:
+        rival.close()
+    assert (refused.success, stopped.success) == (False, True)
+    assert RaceState.GRID_ACTIVE not in [state for _, state in kart.changes]
+    official.wait_for_event(
+        lambda event: event.kind == msg.RaceEvent.ALERT_CLEARED, 'that the other is gone'
+    )
+    official.wait_for_acks(RaceState.RED_RED, 1)
+    official.command('in_garage', track_safe=True)
