@@ -184,7 +184,9 @@ class Officials:
             wanted = kart.number in self._wanted
             if kart.in_race != wanted:
                 self._call('set_in_race', kart=kart.number, in_race=wanted)
-            if wanted and kart.hold.state and self._rng.random() < 0.9:
+            if wanted and kart.may_be_moving and not kart.hold.state:
+                self._call('kart/red_red', kart=kart.number)
+            elif wanted and kart.hold.state and self._rng.random() < 0.9:
                 self._call('kart/in_garage', kart=kart.number, made_safe_by_hand=True)
         self._call('grid_active', track_clear=True)
         self._pause(0.02)
@@ -227,7 +229,7 @@ class Officials:
             # Who does not acknowledge is made safe by hand.
             self._disciplined.set()
             for kart in race.karts:
-                if kart.in_race and kart.connected and not kart.acknowledged:
+                if kart.in_race and not kart.acknowledged:
                     self._call('kart/in_garage', kart=kart.number, made_safe_by_hand=True)
         self._pause(0.05)
 

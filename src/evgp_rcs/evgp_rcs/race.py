@@ -1167,7 +1167,7 @@ class Race:
         if news:
             who = 'connected kart' if self.msr_used else 'kart'
             following, text = _NEXT[self.state]
-            obstacle = self.availability(following).reason if following else ''
+            obstacle = self._refusal(COMMANDS[following], None) if following else ''
             self._events.append(
                 Event(
                     EventKind.ALL_ACKNOWLEDGED,

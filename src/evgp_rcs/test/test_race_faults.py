@@ -280,7 +280,7 @@ FAULTS = {
         ('deadline',),
     ),
     'GREEN_GREEN is announced after another command': Fault(
-        "obstacle = self.availability(following).reason if following else ''",
+        "obstacle = self._refusal(COMMANDS[following], None) if following else ''",
         "obstacle = ''",
         ('false-news',),
     ),
