@@ -2,8 +2,8 @@
 Every state that a small race can reach, under every input, against the oracle.
 
 Two karts in the race and one outside is the least in which karts wait for each other while one
-stands by. They do not finish there, nor are they flagged alone, or the search would take an hour;
-two karts, which the smaller searches have, are the least in which karts finish one after the other.
+stands by. They do not finish there, nor are they flagged alone, or the search would take an hour.
+Two karts, which smaller searches have, are the least in which karts finish one after the other.
 No rule knows a number or counts karts otherwise. The smaller searches look at more: at open tracks
 told apart, at other times, at what may be wrong around race control, and at more of the states
 that the search takes for one.

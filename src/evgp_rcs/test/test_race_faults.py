@@ -374,13 +374,13 @@ FAULTS = {
         ('availability', 'green-needs-acks', 'refusal-silent'),
     ),
     'IN_GARAGE does not wait for a lost kart': Fault(
-        'for kart in self.racing() if kart.connected or not self.msr_used)',
-        'for kart in self.racing() if kart.connected)',
+        'for kart in self.racing() if kart.connected or not self.msr_used]',
+        'for kart in self.racing() if kart.connected]',
         ('availability',),
     ),
     'IN_GARAGE waits for lost karts in spite of the MSR': Fault(
-        'for kart in self.racing() if kart.connected or not self.msr_used)',
-        'for kart in self.racing())',
+        'for kart in self.racing() if kart.connected or not self.msr_used]',
+        'for kart in self.racing()]',
         ('availability', 'stuck'),
     ),
     'IN_GARAGE after the grid forgets a kart that was lost there': Fault(
@@ -550,6 +550,7 @@ def search(rules: ModuleType) -> oracle.Report:
     report = oracle.Search(rules, racing=2, outside=0).run(BOUND)
     oracle.Search(rules, racing=2, outside=0, begin='green').run(BOUND // 2)
     oracle.Search(rules, racing=1, outside=0, around=True, begin='grid').run(BOUND // 10)
+    oracle.Search(rules, racing=1, outside=0, begin='crash').run(BOUND // 10)
     return report
 
 
