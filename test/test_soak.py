@@ -56,7 +56,7 @@ FAULTS = {
     'an acknowledgement survives the connection': Fault(
         '        kart.connected = False\n        kart.acknowledged = False\n',
         '        kart.connected = False\n',
-        ('not connected', 'looser than a stop', 'held on the grid', 'not stated'),
+        ('not connected', 'looser than a stop', 'held on the grid'),
     ),
     'a stop is refused': Fault(
         '        refusal = refusal or self._refusal(rule, kart)\n',
@@ -71,8 +71,10 @@ FAULTS = {
         ('looser than a stop',),
     ),
     'a kart lost in the race is not held': Fault(
-        '        if under_way and self.state is not GRID_ACTIVE:\n            self._hold',
-        '        if False:\n            self._hold',
+        '        if under_way and self.state is not GRID_ACTIVE:\n'
+        '            self._hold(kart, RED_RED, '
+        "f'lost its connection in {self.state.value}', now)\n        elif kart.may_be_moving:",
+        '        if False:',
         ('lost in the race', 'held on the grid', 'unexplained GREEN_GREEN'),
     ),
     'GREEN_GREEN waits for connected karts only': Fault(
@@ -92,8 +94,8 @@ FAULTS = {
         ('GRID_ACTIVE not last',),
     ),
     'IN_GARAGE releases silent karts': Fault(
-        '(each.stopped and (each.in_race or not each.held_alone))',
-        '(each.in_race or not each.held_alone)',
+        'and (each.hold is None or (each.stopped and (each.in_race or not each.held_alone)))',
+        '',
         ('looser than a stop', 'held on the grid'),
     ),
     'GRID_ACTIVE with a held kart': Fault(
@@ -205,11 +207,12 @@ class Simulation:
         elif state == 'RED_FLAG':
             self.command('race_over', None, False)
         elif state == 'RED_RED':
-            if self.rng.random() < 0.2:
-                for kart in list(self.race.racing()):
-                    if not kart.acknowledged:
-                        self.command('kart/in_garage', kart.number, True)
             self.command('in_garage', None, True)
+            for kart in list(self.race.racing()):
+                # Who is lost, or stays silent, is made safe by hand.
+                silent = self.race.state.value == 'RED_RED' and not kart.acknowledged
+                if silent and self.rng.random() < 0.1:
+                    self.command('kart/in_garage', kart.number, True)
 
     def command(self, service: str, kart: int | None, statement: bool) -> None:
         kart = kart if '/' in service or service == 'set_in_race' else None
@@ -219,10 +222,9 @@ class Simulation:
         self.checker.called(call)
         module = self.module
         kind = module.CommandKind[name]
-        # The official sees the race as it is.
-        karts = frozenset(self.race.availability(kind, kart or 0).karts)
-        hold = self.race.karts[kart].hold if kart is not None else None
-        outcome = self.race.command(module.Command(kind, kart, statement, karts, hold), self.now)
+        hold = self.race.karts[kart].hold if kart else None
+        seen = frozenset(self.race.availability(kind, kart or 0).karts)
+        outcome = self.race.command(module.Command(kind, kart, statement, seen, hold), self.now)
         self.deliver(outcome)
         call.ended = self.now + 0.0005
         call.success, call.message = outcome.answer.success, outcome.answer.message
@@ -246,10 +248,7 @@ class Simulation:
             return
         state, serial = self.sent[kart]
         if not right:
-            # Seldom GREEN_GREEN: who says that out of turn has to be stopped first.
-            states = list(self.module.RaceState)
-            weights = [1 if each.value == 'GREEN_GREEN' else 5 for each in states]
-            (state,) = self.rng.choices(states, weights)
+            state = self.rng.choice(list(self.module.RaceState))
         self.checker.said(self.links[kart], state.value, self.now, self.now)
         if not right and self.rng.random() < 0.5:
             # It is heard later, maybe behind a command that this kart has not seen.

@@ -186,7 +186,7 @@ class Officials:
                 self._call('set_in_race', kart=kart.number, in_race=wanted)
             if wanted and kart.may_be_moving and not kart.hold.state:
                 self._call('kart/red_red', kart=kart.number)
-            if wanted and kart.hold.state and self._rng.random() < 0.9:
+            elif wanted and kart.hold.state and self._rng.random() < 0.9:
                 self._call('kart/in_garage', kart=kart.number, made_safe_by_hand=True)
         self._call('grid_active', track_clear=True)
         self._pause(0.02)
