@@ -208,6 +208,8 @@ class RaceStateWatch:
 
     def _hear_liveliness(self, liveliness: Any) -> None:
         self._bridges_alive = liveliness.alive_count
+        if self._bridges_alive > 1:
+            self._armed = False  # perhaps by a GRID_ACTIVE of the other one
         self._look()
 
     def _follow(self, said: RaceState | None, now: float) -> None:
