@@ -6,7 +6,7 @@ What the window shows is asked of its widgets; what it does is seen at the karts
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 import contextlib
 import importlib.util
 import os
@@ -18,12 +18,15 @@ import sys
 import time
 
 from evgp_protocol.states import RaceState
+from evgp_rcs_msgs import msg
 import pytest
 from race_parts.console import Console
 from race_parts.domains import Domain
 from race_parts.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from race_parts.official import latched
 from race_parts.process import PATIENCE, Process
 from race_parts.race_control import RaceControl
+from race_parts.ros_side import RosSide
 from race_parts.screen import Screen, why_no_screen
 from race_parts.wire_kart import Acknowledges, WireKart
 
@@ -744,6 +747,307 @@ def test_screenshots_of_every_state(
     shoot('gone')
 
     assert len(list(folder.glob('*.png'))) >= 8
+
+
+# ----- old keys and clicks ----------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def held_up(console: Console, seconds: float) -> Iterator[None]:
+    """Stop the window's process meanwhile, and for some time at least: what is typed waits."""
+    console.process.send_signal(signal.SIGSTOP)
+    ends = time.monotonic() + seconds
+    try:
+        yield
+        time.sleep(max(0.0, ends - time.monotonic()))  # what was typed becomes old
+    finally:
+        console.process.send_signal(signal.SIGCONT)
+
+
+@pytest.fixture
+def ready_to_start(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> tuple[Console, WireKart]:
+    """Return the window of a race in GRID_ACTIVE that may start, and its kart."""
+    control = start_race_control(in_race=(1,))
+    console = open_console(control)
+    kart = connect_kart(control, 1, EACH_CHANGE)
+    see_karts(console, 1)
+    console.key('F2')
+    console.wait_for('question')
+    console.key('y')
+    console.wait_for('green_green', barred='false')
+    return console, kart
+
+
+@pytest.mark.parametrize('by', ['keys', 'clicks'])
+def test_what_was_pressed_while_the_window_hung_starts_no_race(
+    ready_to_start: tuple[Console, WireKart], by: str
+) -> None:
+    console, kart = ready_to_start
+    start = console.place('green_green')
+    console.click('green_green')
+    yes = console.place('yes', barred='false')
+    console.key('n')
+    console.wait_for('question', visible=False)
+
+    with held_up(console, 2.0):
+        if by == 'keys':
+            console.key('F3', 'y')
+        else:
+            console.screen.click(*start)
+            console.screen.click(*yes)
+
+    console.wait_for('status', text=r'pressed \d+ s ago, while the window hung. Nothing was sent')
+    assert kart.state is GRID_ACTIVE
+    console.wait_for('question', visible=False)
+    # It was said to press it again, and that does.
+    ends = time.monotonic() + PATIENCE
+    while 'question' not in console.widgets() and time.monotonic() < ends:
+        console.key('F3')
+    console.key('y')
+    kart.wait_for_state(GREEN_GREEN)
+
+
+def test_a_question_is_not_answered_by_keys_that_waited(
+    ready_to_start: tuple[Console, WireKart],
+) -> None:
+    console, kart = ready_to_start
+    console.key('F3')
+    console.wait_for('question')
+
+    with held_up(console, 2.0):
+        console.key('y')
+
+    console.wait_for('status', text=r'Y: pressed \d+ s ago')
+    assert kart.state is GRID_ACTIVE
+
+
+def test_a_button_that_is_let_go_too_late_does_nothing(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,), others=(2,))
+    console = open_console(control)
+    see_karts(console)
+    console.screen.move(*console.place('join_race_2', barred='false'))
+    console.screen.press_button()
+    console.wait_for('join_race_2', down=True)
+
+    with held_up(console, 2.0):
+        console.screen.release_button()
+
+    console.wait_for('status', text=r'JOIN kart 2: pressed \d+ s ago')
+    console.wait_for('join_race_2')
+
+
+@pytest.mark.parametrize('stop', ['space', 'F12', 'all_kill', 'F4', 'kart_red_red_1', '1 ctrl+r'])
+def test_a_stop_that_was_pressed_while_the_window_hung_acts(
+    ready_to_start: tuple[Console, WireKart], stop: str
+) -> None:
+    console, kart = ready_to_start
+    places = {name: console.place(name) for name in ('all_kill', 'kart_red_red_1')}
+
+    with held_up(console, 2.0):
+        if stop in places:
+            console.screen.click(*places[stop])
+        else:
+            console.key(*stop.split())
+
+    kart.wait_for_state(RED_FLAG if stop == 'F4' else RED_RED)
+
+
+def test_the_second_press_of_a_double_click_does_not_answer_or_undo(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,), others=(2,))
+    console = open_console(control)
+    see_karts(console)
+    place = console.place('join_race_2', barred='false')
+
+    console.screen.click(*place)
+    console.screen.click(*place)
+
+    console.wait_for('log', text='Kart 2 .* is in the race')
+    console.wait_for('leave_race_2')
+    console.key('2', 'ctrl+j')
+    console.wait_for('join_race_2')
+
+
+def test_the_letters_that_answer_a_question_finish_no_kart(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=range(1, 27))
+    console = open_console(control)
+    karts = [connect_kart(control, number, EACH_CHANGE) for number in range(1, 27)]
+    see_karts(console, *range(1, 27))
+    console.start_race()
+    console.wait_for('kart_finish_14', barred='false')
+
+    console.key('F9')
+    console.wait_for('question')
+    console.key('n', 'n', 'n', 'y')
+    console.wait_for('question', visible=False)
+    console.key('a')
+
+    console.wait_for('kart_1', text='P1')
+    finished = {name for name, widget in console.widgets().items() if 'P1' in widget['text']}
+    assert {name for name in finished if name.startswith('kart_')} <= {'kart_1'}
+    assert karts[13].state is GREEN_GREEN
+
+
+# ----- what the official saw --------------------------------------------------------------
+
+
+def test_a_question_says_which_karts_and_is_off_when_another_one_joins(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    open_console: OpenConsole,
+    connect_kart: ConnectKart,
+) -> None:
+    control = start_race_control(in_race=(1, 2), others=(3,))
+    official = join_official(control)
+    console = open_console(control)
+    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2, 3)]
+    see_karts(console, 1, 2, 3)
+    console.key('F2')
+    console.wait_for('question_consequence', text='to 2 karts: 1, 2')
+
+    official.command('set_in_race', kart=3, in_race=True)
+
+    console.wait_for('question_problem', text='has changed. Press NO and begin again')
+    console.wait_for('yes', enabled=False)
+    official.command('set_in_race', kart=3, in_race=False)
+    console.wait_for('leave_race_3', visible=False)
+    console.wait_for('yes', enabled=False)  # who has looked away is asked again
+    console.key('y')
+    assert {kart.state for kart in karts} == {IN_GARAGE}
+    console.key('n', 'F2')
+    console.wait_for('question_consequence', text='to 2 karts: 1, 2')
+    console.key('y')
+    karts[0].wait_for_state(GRID_ACTIVE)
+
+
+def test_that_a_kart_was_made_safe_by_hand_is_stated_only_if_that_was_confirmed(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    open_console: OpenConsole,
+    connect_kart: ConnectKart,
+) -> None:
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
+    console = open_console(control)
+    kart = connect_kart(control, 1, EACH_CHANGE)
+    see_karts(console, 1)
+    official.command('kart/red_red', kart=1)
+    official.wait_for_acks(RED_RED, 1)
+    console.wait_for('kart_1', text='■ RED RED(.|\n)*✓ yes')
+    console.key('1', 'ctrl+g')
+    console.wait_for('question_statement', text='kart 1 .* stands still')
+
+    kart.close()  # its word is gone: now it would take someone who made it safe
+
+    console.wait_for('question_problem', text='has changed')
+    console.wait_for('yes', enabled=False)
+
+
+# ----- what is shown of a race control that fails -----------------------------------------
+
+
+class Speaker(RosSide):
+    """
+    Speaks as a race control does, on a domain.
+
+    :param alerts: the alerts that it tells.
+    """
+
+    def __init__(self, domain: int, *alerts: msg.Alert) -> None:
+        """Begin to speak, five times a second."""
+        super().__init__('rcs', domain)
+        self.domain = domain
+        speaking = self.node.create_publisher(msg.Race, 'rcs/race', latched(1))
+        race = msg.Race(alerts=alerts)
+        self.node.create_timer(0.2, lambda: speaking.publish(race))
+        self.spin()
+
+
+@pytest.fixture
+def speak(parts: contextlib.ExitStack) -> Callable[..., Speaker]:
+    """Return a function that has a race control speak, on a domain of its own or a given one."""
+
+    def start(*alerts: msg.Alert, domain: int | None = None) -> Speaker:
+        if domain is None:
+            domain = parts.enter_context(Domain()).number
+        speaker = Speaker(domain, *alerts)
+        parts.callback(speaker.close)
+        return speaker
+
+    return start
+
+
+def test_two_race_controls_that_are_heard_are_told_in_the_largest_type(
+    speak: Callable[..., Speaker], open_console: OpenConsole
+) -> None:
+    one = speak()
+    console = open_console(one)
+    console.wait_for('danger', visible=False)
+
+    speak(domain=one.domain)
+
+    console.wait_for('danger_title', text='TWO RACE CONTROLS')
+    console.wait_for('danger_advice', text='ALL KILL')
+    console.wait_for('grid_active', barred='true', tip='two race controls')
+    assert_all_kill_is_in_reach(console)
+
+
+def test_that_race_control_sees_another_one_is_told_in_the_largest_type(
+    speak: Callable[..., Speaker], open_console: OpenConsole
+) -> None:
+    alert = msg.Alert(kind=msg.Alert.TWO_RACE_CONTROLS, text='Another race control answers.')
+    console = open_console(speak(alert))
+
+    console.wait_for('danger_title', text='TWO RACE CONTROLS')
+    console.wait_for('danger_detail', text='Another race control answers.')
+
+
+def test_that_a_part_of_race_control_failed_is_told_in_the_largest_type(
+    speak: Callable[..., Speaker], open_console: OpenConsole
+) -> None:
+    alert = msg.Alert(kind=msg.Alert.PART_FAILED, use_msr=True, text='The record has ended.')
+    console = open_console(speak(alert))
+
+    console.wait_for('danger_title', text='RACE CONTROL HAS FAILED')
+    console.wait_for('danger_advice', text='USE THE MSR')
+    console.wait_for('danger_detail', text='The record has ended.')
+    assert_all_kill_is_in_reach(console)
+
+
+@pytest.mark.parametrize(
+    ('key', 'name', 'state'),
+    [('F4', 'RED FLAG', RED_FLAG), ('ctrl+r', 'RED RED kart 1', RED_RED)],
+)
+def test_every_stop_is_pressed_until_race_control_is_back(
+    start_anew: Callable[..., RaceControl],
+    open_console: OpenConsole,
+    connect_kart: ConnectKart,
+    tmp_path: pathlib.Path,
+    key: str,
+    name: str,
+    state: RaceState,
+) -> None:
+    control = start_anew()
+    console = open_console(control)
+    connect_kart(control, 1, EACH_CHANGE)
+    see_karts(console, 1)
+    control.kill()
+    console.wait_for('danger_title', text='RACE CONTROL IS GONE')
+    console.key('1', key)
+    console.wait_for('status', text=f'{name}: pressed [3-9] times in .* no answer. USE THE MSR')
+
+    again = start_anew(control.domain, record=tmp_path / 'another.sqlite3')
+
+    connect_kart(again, 1, EACH_CHANGE).wait_for_state(state)
+    console.wait_for('danger', visible=False)
+    console.wait_for('status', text=f'✓ .*{state.value}')
 
 
 # ----- what is missing --------------------------------------------------------------------

@@ -183,6 +183,7 @@ def probe(window: Any, address: str) -> None:
             'enabled': widget.isEnabled(),
             'button': isinstance(widget, QtWidgets.QPushButton),
             'focus': widget.hasFocus(),
+            'down': isinstance(widget, QtWidgets.QAbstractButton) and widget.isDown(),
             'font': widget.font().pixelSize(),
             'x': corner.x(),
             'y': corner.y(),
