@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import concurrent.futures
+import contextlib
 import itertools
 import socket
 import struct
@@ -168,6 +169,9 @@ class KartServerClient:
             with self._sending:
                 self._end.sendall(data)
         except OSError as error:
+            # Half a message may be out: the kart server is given up, and ends by that.
+            with contextlib.suppress(OSError):  # it is closed already
+                self._end.shutdown(socket.SHUT_RDWR)
             raise KartServerError('the kart server does not take it: use the MSR') from error
 
     # ----- the hearing thread -------------------------------------------------------------

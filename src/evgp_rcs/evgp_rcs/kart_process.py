@@ -244,13 +244,13 @@ async def serve(begin: Begin, ros_half: RosHalf, world: World, record: Record) -
         world,
         first,
     )
-    world.attach(loop)
-    ros_half.attach(server, loop)
 
     def record_failed(error: BaseException) -> None:
         loop.call_soon_threadsafe(_part_failed, server, error)
 
-    record.on_failure = record_failed
+    record.start(record_failed)
+    world.attach(loop)
+    ros_half.attach(server, loop)
     # Its own signals end it in order too; those of a terminal reach the ROS half only.
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
         loop.add_signal_handler(number, server.end)

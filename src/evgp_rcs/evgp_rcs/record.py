@@ -189,8 +189,6 @@ class Record:
         self._path = path
         self._witness = _Witness(path)
         self._given: queue.SimpleQueue[_Given] = queue.SimpleQueue()
-        self.on_failure: Callable[[BaseException], None] = lambda error: None
-        """Is called, in the writer's thread, when it cannot go on."""
         # Written by whoever hands over.
         self._put = 0
         self._caught_up_at = clock.now()
@@ -220,7 +218,17 @@ class Record:
             self._witness.write(UNRECORDED)
             self._error = _in_words(error)
             self.left_behind = NOTHING_KNOWN
-        self._thread = threading.Thread(target=self._run, name='record', daemon=True)
+        self._thread: threading.Thread | None = None
+
+    def start(self, on_failure: Callable[[BaseException], None]) -> None:
+        """
+        Begin to write what is handed over.
+
+        :param on_failure: is called, in the writer's thread, when it cannot go on.
+        """
+        self._thread = threading.Thread(
+            target=self._run, args=(on_failure,), name='record', daemon=True
+        )
         self._thread.start()
 
     # ----- for whoever owns the race; none of these waits ---------------------------------
@@ -285,16 +293,17 @@ class Record:
         :param timeout: wait no longer than this, s.
         :param in_order: the next run need not take up a race that was not under way.
         """
-        self._given.put(_End(in_order))
-        self._thread.join(timeout)
+        if self._thread is not None:
+            self._given.put(_End(in_order))
+            self._thread.join(timeout)
 
     # ----- the writer ---------------------------------------------------------------------
 
-    def _run(self) -> None:
+    def _run(self, on_failure: Callable[[BaseException], None]) -> None:
         try:
             self._write_until_the_end()
         except BaseException as error:  # noqa: BLE001 - handed to whoever ends the process
-            self.on_failure(error)
+            on_failure(error)
         finally:
             self._release()
 

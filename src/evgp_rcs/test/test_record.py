@@ -52,13 +52,20 @@ def path(tmp_path: pathlib.Path) -> pathlib.Path:
     return tmp_path / 'folder' / 'record.sqlite3'
 
 
+def started(path: pathlib.Path) -> Record:
+    """Return a record that is being written; nothing may make its writer fail."""
+    record = Record(path)
+    record.start(lambda error: pytest.fail(f'the writer failed: {error!r}'))
+    return record
+
+
 @pytest.fixture
 def begin(path: pathlib.Path) -> Iterator[Begin]:
     """Return a function that begins a run; it ends with the test."""
     with contextlib.ExitStack() as stack:
 
         def start() -> Record:
-            record = Record(path)
+            record = started(path)
             stack.callback(record.end, PATIENCE)
             return record
 
@@ -330,7 +337,7 @@ def test_a_full_disk_is_trouble_until_there_is_room_and_no_event_is_lost(
     small_disk: pathlib.Path,
 ) -> None:
     path = small_disk / 'record.sqlite3'
-    record = Record(path)
+    record = started(path)
     record.put([event(1)])
     assert record.flush(PATIENCE)
     ballast = small_disk / 'ballast'
@@ -357,12 +364,12 @@ def test_a_disk_that_turns_read_only_is_trouble_until_it_can_be_written(
     small_disk: pathlib.Path,
 ) -> None:
     path = small_disk / 'record.sqlite3'
-    record = Record(path)
+    record = started(path)
     record.put([event(1)])
     assert record.flush(PATIENCE)
     record.end(PATIENCE, in_order=False)
     subprocess.run(['mount', '-o', 'remount,ro', str(small_disk)], check=True)
-    second = Record(path)
+    second = started(path)
     assert 'read-only file system' in second.trouble(clock.now())
     assert second.left_behind is not None
     second.put([event(1, 'while it could not be written')])
@@ -376,7 +383,7 @@ def test_a_folder_that_cannot_be_made_is_trouble_and_the_end_does_not_hang(
     tmp_path: pathlib.Path,
 ) -> None:
     (tmp_path / 'folder').write_text('a file where a folder should be')
-    record = Record(tmp_path / 'folder' / 'record.sqlite3')
+    record = started(tmp_path / 'folder' / 'record.sqlite3')
     assert record.trouble(clock.now())
     record.put([event(1)])
     assert not record.flush(0.0)
