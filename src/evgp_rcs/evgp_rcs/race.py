@@ -508,7 +508,6 @@ class Race:
             if kart is None:
                 refusal = self._unknown_kart(command)
         refusal = refusal or self._refusal(rule, kart)
-        refusal = refusal or self._not_as_seen(command, rule, kart)
         statement = '' if refusal else rule.statement(self, kart)
         if statement and not command.statement:
             refusal = f'state that {statement}'
@@ -517,6 +516,7 @@ class Race:
                     f'{kart} has not acknowledged {kart.sent.value} on its present connection: '
                     f'wait for it, or state that {statement}'
                 )
+        refusal = refusal or self._not_as_seen(command, rule, kart)
         if refusal:
             answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
         else:
