@@ -109,6 +109,7 @@ def test_a_process_ends_in_time_and_with_its_exit_code_whatever_hangs(
         text=True,
         env={**os.environ, 'ROS_DOMAIN_ID': str(parts.enter_context(Domain()).number)},
     )
+    parts.enter_context(process)
     parts.callback(process.kill)
     assert process.stdout is not None
     assert process.stderr is not None

@@ -18,9 +18,7 @@ from race_parts.race_control import RaceControl
 from race_parts.ros_side import RosSide
 
 
-def second(
-    folder: pathlib.Path, domain: int, *arguments: str, **parameters: object
-) -> Process:
+def second(folder: pathlib.Path, domain: int, *arguments: str, **parameters: object) -> Process:
     """Start another race control, at another port and with a record of its own."""
     roster = folder / 'second.yaml'
     roster.write_text('karts:\n- {number: 1, team: A, address: 127.0.1.1, in_race: true}\n')
@@ -48,7 +46,9 @@ def test_a_second_race_control_on_this_machine_does_not_start_and_the_first_goes
         assert rival.wait() == 2
 
     (line,) = rival.output.splitlines()
-    assert f'another race control runs on this machine as /rcs on ROS domain {control.domain}' in line
+    assert (
+        f'another race control runs on this machine as /rcs on ROS domain {control.domain}' in line
+    )
     kart.wait_for_frames(10)
     official.command('all_kill')
 

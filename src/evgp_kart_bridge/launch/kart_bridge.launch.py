@@ -26,8 +26,8 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 'graph_interface',
                 default_value=EnvironmentVariable('EVGP_GRAPH_INTERFACE', default_value=''),
-                description='The IPv4 address of the interface to further computers of this kart; empty: '
-                'its stack is on this one.',
+                description='The IPv4 address of the interface to further computers of this '
+                'kart; empty: its stack is on this one.',
             ),
             DeclareLaunchArgument(
                 'domain_id',

@@ -128,7 +128,8 @@ def _run(
         traceback.print_exception(failures[0])
         code = 1
     end_within(TEARDOWN_TIMEOUT, code)
-    if all([each.stop(TEARDOWN_TIMEOUT) for each in spinning]):
+    ended = [each.stop(TEARDOWN_TIMEOUT) for each in spinning]
+    if all(ended):
         for each in (*node.beside, node):
             each.destroy_node()
         rclpy.try_shutdown()

@@ -30,8 +30,8 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 'officials',
                 default_value=EnvironmentVariable('EVGP_GRAPH_INTERFACE', default_value=''),
-                description='The IPv4 address of the interface that officials on other machines use; '
-                'empty: there are none.',
+                description='The IPv4 address of the interface that officials on other '
+                'machines use; empty: there are none.',
             ),
             DeclareLaunchArgument(
                 'domain_id',
