@@ -58,7 +58,7 @@ def test_a_spinning_thread_that_is_stopped_amid_callbacks_ends_without_an_error(
 
 
 PROGRAM = """
-import ctypes, sys
+import ctypes, sys, time
 from evgp_node.parameters import StrictNode
 from evgp_node.process import run_node
 
@@ -75,6 +75,7 @@ class Hanging(StrictNode):
     def close(self):
         print('closed', flush=True)
         if 'close' in sys.argv:
+            time.sleep(1)  # what was printed goes out
             hang()
 
     def destroy_node(self):
