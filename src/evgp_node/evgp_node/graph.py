@@ -390,3 +390,7 @@ def _filtered_interfaces(of: socket.socket) -> list[int] | None:
     if not program or program[0] != _LOAD_INTERFACE:
         return None
     return [value for operation, _, _, value in program if operation == _JUMP_IF_EQUAL]
+
+
+if __name__ == '__main__':
+    print(fast_dds_profile(_named_interface()), end='')
