@@ -166,7 +166,7 @@ def hostile(
 
 
 def check_it_lives(process: Process, name: str, hostile: Hostile) -> None:
-    """It still answers, and still ends in order."""
+    """Check that it still answers, and still ends in order."""
     client = hostile.client(f'/{name}/list_parameters', ListParameters)
     hostile.request(client, ListParameters.Request())
     assert process.close() == 0, process.output
@@ -276,9 +276,7 @@ def test_a_service_of_ours_that_raises_answers_no_and_says_what_to_do(
     parts.callback(hostile.close)
 
     for _ in range(2):
-        answer: Any = hostile.request(
-            hostile.client('/broken/call', Trigger), Trigger.Request()
-        )
+        answer: Any = hostile.request(hostile.client('/broken/call', Trigger), Trigger.Request())
         assert not answer.success
         assert 'USE THE MSR' in answer.message
     assert not broken.failures
