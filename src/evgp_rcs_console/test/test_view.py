@@ -104,8 +104,9 @@ def test_every_command_that_loosens_asks_for_a_condition_and_no_stop_but_the_sta
 
 def button_of(command: Command, offered: Available, **changes: object) -> Button:
     """Return the button of a command that race control offers so, to a race or a kart so."""
-    kart = replace(KART, commands={**EVERYTHING, command: offered}, **changes)  # type: ignore[arg-type]
-    race = replace(RACE, commands={**EVERYTHING, command: offered}, karts=(kart,))
+    commands = {**EVERYTHING, command: offered}
+    kart = replace(KART, commands=commands, **changes)  # type: ignore[arg-type]
+    race = replace(RACE, commands=commands, karts=(kart,))
     button = show(race, 0.0, {}).button(command, 7 if FORMS[command].to_one_kart else 0)
     assert button is not None
     return button
