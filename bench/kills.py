@@ -1,8 +1,8 @@
 """
 Kill either half of race control in each of the five states, and see what karts get, and when.
 
-``setup/in-workspace python bench/kills.py --times 50``. After each kill race control starts again on
-the same record: what every kart hears first is written down too.
+``setup/in-workspace python bench/kills.py --times 50``. After each kill race control starts again
+on the same record: what every kart hears first is written down too.
 """
 
 from __future__ import annotations
@@ -118,8 +118,9 @@ def main() -> None:
     parser.add_argument('--times', type=int, default=5, help='of each half in each state')
     times = parser.parse_args().times
     print(
-        '| killed | in | times | what karts heard last | connection gone after, ms, median / worst '
-        '| officials told after, ms | what karts hear first of the next race control |'
+        '| killed | in | times | what karts heard last '
+        '| connection gone after, ms, median / worst | officials told after, ms '
+        '| what karts hear first of the next race control |'
     )
     print('|---|---|---|---|---|---|---|', flush=True)
     for kills_ros_half in (True, False):

@@ -16,6 +16,7 @@ import stat
 import subprocess
 import sys
 import time
+from typing import Any
 
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
@@ -203,7 +204,7 @@ def test_one_kart_is_stopped_and_released_by_keys(
     kart.wait_for_state(RED_FLAG)
     console.key('ctrl+r')
     kart.wait_for_state(RED_RED)
-    console.wait_for('kart_12', text='held: RED_RED by an official(.|\n)*✓ yes')
+    console.wait_for('kart_12', text='held: RED_RED by an offi(.|\n)*✓ yes')
     confirm(console, 'ctrl+g', r'kart 12 \(Team 12\) stands still', 'released')
     kart.wait_for_state(IN_GARAGE)
 
@@ -685,8 +686,14 @@ def assert_all_kill_is_in_reach(console: Console) -> None:
 # ----- pictures ---------------------------------------------------------------------------
 
 
+def fields_of(message: Any) -> dict[str, Any]:
+    """Return the fields of a message."""
+    return {name: getattr(message, name) for name in message.get_fields_and_field_types()}
+
+
 def test_screenshots_of_every_state(
     open_console: OpenConsole,
+    join_official: JoinOfficial,
     connect_kart: ConnectKart,
     parts: contextlib.ExitStack,
     tmp_path: pathlib.Path,
@@ -710,11 +717,12 @@ def test_screenshots_of_every_state(
     see_karts(console, 1, 2, 3, 4)
     shoot('garage')
     console.key('F2')
-    console.wait_for('question')
+    console.wait_for('yes', barred='false')
     shoot('question')
     console.key('y')
+    console.wait_for('status', text='GRID_ACTIVE is sent')
     console.hover('green_green')
-    console.wait_for('status', text=r'kart 3 .*: no GRID_ACTIVE yet, 2 s')
+    console.wait_for('status', text=r'kart 3 .*: no GRID_ACTIVE yet, \d+ s')
     shoot('grid')
     karts[3].say(GRID_ACTIVE)
     console.wait_for('green_green', barred='false')
@@ -740,23 +748,47 @@ def test_screenshots_of_every_state(
     console.wait_for('help')
     shoot('keys')
     console.key('Escape')
+    official = join_official(control)
+    seen = official.wait_for_race(lambda race: len(race.karts) == 5, 'five karts')
+    alert = msg.Alert(
+        kind=msg.Alert.TWO_RACE_CONTROLS,
+        text='Another race control is running in this ROS domain.',
+        since=seen.stamp,
+    )
+    other = Speaker(domain, msg.Race(**{**fields_of(seen), 'alerts': [alert]}))
+    parts.callback(other.close)
+    console.wait_for('danger_title', text='TWO RACE CONTROLS')
+    shoot('two')
+    other.close()
+    console.wait_for('danger', visible=False)
     control.kill()
     console.wait_for('danger_title', text='GONE')
     console.key('space')
     console.wait_for('kill_hint', text='PRESSING, 3 times')
     shoot('gone')
 
-    assert len(list(folder.glob('*.png'))) >= 8
+    assert len(list(folder.glob('*.png'))) >= 9
 
 
 # ----- old keys and clicks ----------------------------------------------------------------
 
 
+HELD_UP = 2.0
+"""How long a window hangs here, seconds."""
+
+
 @contextlib.contextmanager
-def held_up(console: Console, seconds: float) -> Iterator[None]:
-    """Stop the window's process meanwhile, and for some time at least: what is typed waits."""
-    console.process.send_signal(signal.SIGSTOP)
-    ends = time.monotonic() + seconds
+def held_up(console: Console, whole: bool = False) -> Iterator[None]:
+    """
+    Have the window hang: what is typed meanwhile waits.
+
+    :param whole: its whole process is stopped; else its own thread only.
+    """
+    ends = time.monotonic() + HELD_UP
+    if whole:
+        console.process.send_signal(signal.SIGSTOP)
+    else:
+        console.block(HELD_UP)
     try:
         yield
         time.sleep(max(0.0, ends - time.monotonic()))  # what was typed becomes old
@@ -780,9 +812,10 @@ def ready_to_start(
     return console, kart
 
 
+@pytest.mark.parametrize('whole', [False, True])
 @pytest.mark.parametrize('by', ['keys', 'clicks'])
 def test_what_was_pressed_while_the_window_hung_starts_no_race(
-    ready_to_start: tuple[Console, WireKart], by: str
+    ready_to_start: tuple[Console, WireKart], by: str, whole: bool
 ) -> None:
     console, kart = ready_to_start
     start = console.place('green_green')
@@ -791,7 +824,7 @@ def test_what_was_pressed_while_the_window_hung_starts_no_race(
     console.key('n')
     console.wait_for('question', visible=False)
 
-    with held_up(console, 2.0):
+    with held_up(console, whole):
         if by == 'keys':
             console.key('F3', 'y')
         else:
@@ -816,7 +849,7 @@ def test_a_question_is_not_answered_by_keys_that_waited(
     console.key('F3')
     console.wait_for('question')
 
-    with held_up(console, 2.0):
+    with held_up(console):
         console.key('y')
 
     console.wait_for('status', text=r'Y: pressed \d+ s ago')
@@ -833,7 +866,7 @@ def test_a_button_that_is_let_go_too_late_does_nothing(
     console.screen.press_button()
     console.wait_for('join_race_2', down=True)
 
-    with held_up(console, 2.0):
+    with held_up(console):
         console.screen.release_button()
 
     console.wait_for('status', text=r'JOIN kart 2: pressed \d+ s ago')
@@ -847,7 +880,7 @@ def test_a_stop_that_was_pressed_while_the_window_hung_acts(
     console, kart = ready_to_start
     places = {name: console.place(name) for name in ('all_kill', 'kart_red_red_1')}
 
-    with held_up(console, 2.0):
+    with held_up(console):
         if stop in places:
             console.screen.click(*places[stop])
         else:
@@ -957,15 +990,14 @@ class Speaker(RosSide):
     """
     Speaks as a race control does, on a domain.
 
-    :param alerts: the alerts that it tells.
+    :param race: what it tells.
     """
 
-    def __init__(self, domain: int, *alerts: msg.Alert) -> None:
+    def __init__(self, domain: int, race: msg.Race) -> None:
         """Begin to speak, five times a second."""
         super().__init__('rcs', domain)
         self.domain = domain
         speaking = self.node.create_publisher(msg.Race, 'rcs/race', latched(1))
-        race = msg.Race(alerts=alerts)
         self.node.create_timer(0.2, lambda: speaking.publish(race))
         self.spin()
 
@@ -977,7 +1009,7 @@ def speak(parts: contextlib.ExitStack) -> Callable[..., Speaker]:
     def start(*alerts: msg.Alert, domain: int | None = None) -> Speaker:
         if domain is None:
             domain = parts.enter_context(Domain()).number
-        speaker = Speaker(domain, *alerts)
+        speaker = Speaker(domain, msg.Race(alerts=alerts))
         parts.callback(speaker.close)
         return speaker
 
@@ -1063,6 +1095,35 @@ def test_without_a_screen_the_window_says_so(monkeypatch: pytest.MonkeyPatch) ->
         code = window.wait()
 
     assert (code, 'no screen' in window.output) == (2, True)
+
+
+def test_the_process_of_a_closed_window_ends_in_time_when_ros_hangs() -> None:
+    """DDS may hang with the interpreter's lock held; that cannot be brought about at will."""
+    if not any(map(importlib.util.find_spec, ('PySide6', 'PyQt6'))):
+        pytest.skip('there is no Qt for Python')
+    code = (
+        'import ctypes, os, signal, sys\n'
+        'import rclpy\n'
+        'rclpy.try_shutdown = lambda: ctypes.PyDLL(None).sleep(3600)\n'
+        'from evgp_rcs_console.gui import main\n'
+        'sys.exit(main([], lambda window: os.kill(os.getpid(), signal.SIGTERM)))\n'
+    )
+
+    with Domain() as domain:
+        done = subprocess.run(
+            [sys.executable, '-c', code],
+            env={
+                **os.environ,
+                'QT_QPA_PLATFORM': 'offscreen',
+                'ROS_DOMAIN_ID': str(domain.number),
+            },
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+        )
+
+    assert done.returncode == 1
+    assert 'Timeout' in done.stderr  # and where it hung
 
 
 def test_the_locked_qt_loses_no_reference_to_none() -> None:

@@ -130,6 +130,10 @@ class Console:
         self.wait_for('question')
         self.key('y')
 
+    def block(self, seconds: float) -> None:
+        """Have the window's own thread do nothing for so long; return once it has begun."""
+        self._ask(do='block', seconds=seconds)
+
     def screenshot(self, path: pathlib.Path) -> None:
         """Write what the screen shows into a PNG file."""
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -238,6 +242,9 @@ def probe(window: Any, address: str) -> None:
         elif question['do'] == 'wait':
             # Less than the other end's own patience, so that it learns what there is instead.
             wait(question['name'], question['wanted'], time.monotonic() + PATIENCE - 5)
+        elif question['do'] == 'block':
+            answer(True)
+            time.sleep(question['seconds'])
         elif question['do'] == 'screenshot':
             picture = QtGui.QGuiApplication.primaryScreen().grabWindow(0).toImage()
             few = picture.convertToFormat(

@@ -28,8 +28,8 @@ from evgp_rcs.kart_server import KartServerError
 from evgp_rcs.race import Answer, Command, CommandKind, STOPS
 from evgp_rcs.rival import (
     claim_the_graph,
-    look_for_rivals,
     LOOK_AGAIN,
+    look_for_rivals,
     refuse_rivals,
     RivalError,
 )

@@ -169,7 +169,7 @@ class Client:
         # Told under the lock: never after it is told that the press was accepted.
         with self._lock:
             if pressed:
-                self._listener.on_pressing(self._standing.all)
+                self._listener.on_pressing(self._standing.pressed)
 
     def _call(self, order: Order) -> None:
         if self._services[FORMS[order.command].service].service_is_ready():
@@ -225,7 +225,7 @@ class Client:
                 self._standing.refused(order, answer.message, final=unknown)
                 ended = stood and unknown
             if ended:
-                self._listener.on_pressing(self._standing.all)
+                self._listener.on_pressing(self._standing.pressed)
         # An earlier press of the same, or one that failed, is pressed again and not told.
         if ended or not FORMS[order.command].stop:
             self._listener.on_answer(order, answer)

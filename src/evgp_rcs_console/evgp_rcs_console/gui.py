@@ -32,7 +32,7 @@ def main(
         If ROS does not end in time, the process exits with 1 and says on stderr where it hung.
     """
     try:
-        from evgp_rcs_console.qt import QtWidgets
+        from evgp_rcs_console.qt import QtCore, QtWidgets
         from evgp_rcs_console.window import ConsoleWindow, Inbox
     except ImportError as error:
         print(f'{words.NO_QT} ({error})', file=sys.stderr)
@@ -56,9 +56,10 @@ def main(
     inbox = Inbox()
     client = Client('rcs_gui', inbox)
     window = ConsoleWindow(inbox, client.give, client.topic, domain_of())
-    # Python runs these when the window's timer gives it the chance.
+    # Python runs these when the window's timer gives it the chance. To quit at once would be in
+    # vain before the loop runs.
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: application.quit())
+        signal.signal(number, lambda *_: QtCore.QTimer.singleShot(0, application.quit))
     window.showMaximized()
     if on_window is not None:
         on_window(window)

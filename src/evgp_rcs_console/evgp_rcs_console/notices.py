@@ -49,8 +49,13 @@ class AlertBook:
         self._notices: list[Notice] = []
         self._count = 0
 
-    def update(self, alerts: Iterable[Alert]) -> bool:
-        """Take the alerts of a snapshot, newest first; return whether there is a new one."""
+    def update(self, alerts: Iterable[Alert], two: bool = False) -> bool:
+        """
+        Take the alerts of a snapshot, newest first; return whether there is a new one.
+
+        :param two: snapshots come from two race controls in turn: what this one does not tell,
+            the other one may.
+        """
         now: dict[Key, Alert] = {(alert.kind, alert.kart): alert for alert in alerts}
         kept: list[Notice] = []
         known: set[Key] = set()
@@ -61,6 +66,8 @@ class AlertBook:
             elif key in now:
                 known.add(key)
                 kept.append(replace(notice, alert=now[key]))
+            elif two:
+                kept.append(notice)
             elif not notice.seen:
                 kept.append(replace(notice, standing=False))
         news = [alert for key, alert in reversed(now.items()) if key not in known]

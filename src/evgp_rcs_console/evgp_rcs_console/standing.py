@@ -56,7 +56,7 @@ class StandingStops:
         self._stops: dict[tuple[Command, int], Standing] = {}
 
     @property
-    def all(self) -> tuple[Standing, ...]:
+    def pressed(self) -> tuple[Standing, ...]:
         """Return what is being pressed, the oldest first."""
         return tuple(self._stops.values())
 

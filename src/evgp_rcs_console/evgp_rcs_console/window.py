@@ -161,7 +161,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._race = race
         self._heard_at = at
         self._two = two
-        if self._book.update(race.alerts):
+        if self._book.update(race.alerts, two):
             self._sounded = 0.0
         self._refresh()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from evgp_rcs_console.keys import Act, KILL_KEYS, meaning, Typed
 from evgp_rcs_console.snapshot import Command
-from evgp_rcs_console.view import CHOSEN_KART_KEYS, FINISH_KEYS, KEYS
+from evgp_rcs_console.view import ANSWER_KEYS, CHOSEN_KART_KEYS, FINISH_KEYS, KEYS
 
 
 def test_no_key_means_two_things() -> None:
@@ -12,6 +12,7 @@ def test_no_key_means_two_things() -> None:
         *KEYS.values(),
         *FINISH_KEYS,
         *(f'Ctrl+{letter}' for letter in CHOSEN_KART_KEYS),
+        *ANSWER_KEYS,
         *KILL_KEYS,
         *(key for key in ('F1', 'F10', 'F11', 'Up', 'Down', 'Return', 'Enter', 'Esc', 'Ctrl+L')),
     ]
@@ -37,6 +38,20 @@ def test_keys_of_the_race_of_the_chosen_kart_and_of_the_window() -> None:
     assert (garage.commands, garage.to_chosen) == ((Command.KART_IN_GARAGE,), True)
     assert seen is not None
     assert seen.act is Act.SEEN
+
+
+def test_a_key_that_answers_a_question_finishes_no_kart() -> None:
+    assert [meaning(key) for key in ('Y', 'N', 'Shift+Y', 'Shift+N')] == [None] * 4
+
+
+def test_a_key_tells_whether_it_gives_a_stop() -> None:
+    stops = {
+        key
+        for key in (*KEYS.values(), 'Ctrl+R', 'Ctrl+F', 'Ctrl+G', 'Ctrl+J', 'A')
+        if (stroke := meaning(key)) and stroke.stop
+    }
+
+    assert stops == {'F4', 'F9', 'Ctrl+R', 'Ctrl+F'}
 
 
 def test_other_keys_mean_nothing() -> None:

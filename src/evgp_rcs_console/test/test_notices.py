@@ -82,6 +82,15 @@ def test_an_alert_that_comes_again_before_it_was_seen_stands_beside_the_old_one(
     assert texts(book) == ['Kart 1 lost its connection', 'Kart 1 lost its connection (no longer)']
 
 
+def test_two_race_controls_that_speak_in_turn_do_not_pile_up_alerts() -> None:
+    book = AlertBook()
+
+    news = [book.update([alert(1 + turn % 2)], two=True) for turn in range(10)]
+
+    assert news == [True, True] + 8 * [False]
+    assert len(book.unseen) == 2
+
+
 def test_a_new_text_of_an_alert_is_shown() -> None:
     book = AlertBook()
     book.update([Alert('TRACK_UNSAFE', 0, True, 'kart 1 is not stopped', 0.0)])

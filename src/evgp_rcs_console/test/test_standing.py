@@ -24,7 +24,7 @@ def test_every_stop_is_pressed_again_until_it_is_accepted(command: Command) -> N
     pressed = [stops.press(PRESS_AGAIN * n) for n in range(4)]
 
     assert pressed == [[order]] * 4
-    (stop,) = stops.all
+    (stop,) = stops.pressed
     assert (stop.presses, stop.since) == (4, 0.0)
     assert stops.accepted(order)
     assert stops.press(99.0) == []
@@ -60,7 +60,7 @@ def test_an_official_who_presses_again_waits_for_the_answer_to_that() -> None:
 
     assert stops.press(5.0) == [second]
     assert not stops.accepted(first)
-    (stop,) = stops.all
+    (stop,) = stops.pressed
     assert (stop.presses, stop.since) == (2, 0.0)
     assert stops.accepted(second)
 
@@ -72,7 +72,7 @@ def test_a_stop_that_is_refused_for_good_is_given_up() -> None:
 
     stops.refused(order, 'there is no kart 99 in the roster', final=True)
 
-    assert stops.all == ()
+    assert stops.pressed == ()
 
 
 def test_a_stop_that_failed_is_pressed_on_and_says_why() -> None:
@@ -82,7 +82,7 @@ def test_a_stop_that_failed_is_pressed_on_and_says_why() -> None:
 
     stops.refused(order, 'race control ends', final=False)
 
-    (stop,) = stops.all
+    (stop,) = stops.pressed
     assert stop.said == 'race control ends'
     assert stops.press(PRESS_AGAIN) == [order]
 
@@ -95,7 +95,7 @@ def test_what_an_official_loosens_later_ends_the_stops_given_before(later: Comma
 
     stops.accepted(Order(later, at=1.0))
 
-    assert [stop.order.command for stop in stops.all] == [Command.ALL_KILL, Command.RECORD_MSR]
+    assert [stop.order.command for stop in stops.pressed] == [Command.ALL_KILL, Command.RECORD_MSR]
 
 
 def test_the_release_of_a_kart_ends_the_stops_of_that_kart_only() -> None:
@@ -106,7 +106,7 @@ def test_the_release_of_a_kart_ends_the_stops_of_that_kart_only() -> None:
 
     stops.accepted(Order(Command.KART_IN_GARAGE, 1, at=1.0))
 
-    assert [stop.order.kart for stop in stops.all] == [2, 2]
+    assert [stop.order.kart for stop in stops.pressed] == [2, 2]
 
 
 def test_a_stop_given_after_what_loosens_stands() -> None:

@@ -9,7 +9,9 @@ from evgp_rcs_console.commands import FORMS
 from evgp_rcs_console.snapshot import Alert, Available, Command, Kart, Race, State, Track
 from evgp_rcs_console.terminal import table
 from evgp_rcs_console.view import (
+    Button,
     Danger,
+    danger,
     FINISH_KEYS,
     GONE_AFTER,
     NOTHING,
@@ -98,6 +100,106 @@ def test_every_command_that_loosens_asks_for_a_condition_and_no_stop_but_the_sta
     }
     assert screen.track_button is not None
     assert screen.track_button.condition
+
+
+def button_of(command: Command, offered: Available, **changes: object) -> Button:
+    """Return the button of a command that race control offers so, to a race or a kart so."""
+    commands = {**EVERYTHING, command: offered}
+    kart = replace(KART, commands=commands, **changes)  # type: ignore[arg-type]
+    race = replace(RACE, commands=commands, karts=(kart,))
+    button = show(race, 0.0, {}).button(command, 7 if FORMS[command].to_one_kart else 0)
+    assert button is not None
+    return button
+
+
+@pytest.mark.parametrize('command', [Command.GRID_ACTIVE, Command.GREEN_GREEN, Command.IN_GARAGE])
+def test_a_start_or_release_says_and_sends_the_karts_that_race_control_named(
+    command: Command,
+) -> None:
+    button = button_of(command, Available(True, karts=(1, 2)))
+
+    assert 'to 2 karts: 1, 2.' in button.consequence
+    assert FORMS[command].request(button.order())['karts'] == [1, 2]
+
+
+def test_a_release_says_and_sends_the_hold_that_it_ends() -> None:
+    offered = Available(True, karts=(7,))
+    button = button_of(Command.KART_IN_GARAGE, offered, hold=State.RED_RED, hold_reason='ALL_KILL')
+
+    assert button.consequence == 'Ends the hold of kart 7 (Purdue): RED RED, ALL_KILL.'
+    assert FORMS[button.command].request(button.order())['hold'] is State.RED_RED
+
+
+@pytest.mark.parametrize(
+    ('command', 'field'),
+    [
+        (Command.GRID_ACTIVE, 'track_clear'),
+        (Command.GREEN_GREEN, 'without_record'),
+        (Command.IN_GARAGE, 'track_safe'),
+        (Command.KART_IN_GARAGE, 'made_safe_by_hand'),
+    ],
+)
+def test_a_statement_is_sent_only_if_race_control_asked_for_it_in_its_words(
+    command: Command, field: str
+) -> None:
+    asked = button_of(command, Available(True, statement='something is so'))
+    not_asked = button_of(command, Available(True))
+
+    assert 'something is so' in asked.condition
+    assert asked.order().stated
+    assert FORMS[command].request(asked.order())[field] is True
+    assert not_asked.condition
+    assert FORMS[command].request(not_asked.order())[field] is False
+
+
+@pytest.mark.parametrize(
+    'offered',
+    [
+        Available(True, statement='one', karts=(1, 2, 3)),
+        Available(True, statement='other', karts=(1, 2)),
+        Available(True, karts=(1, 2)),
+    ],
+)
+def test_a_question_about_other_karts_or_another_statement_is_another_question(
+    offered: Available,
+) -> None:
+    asked = button_of(Command.GREEN_GREEN, Available(True, statement='one', karts=(1, 2)))
+
+    assert not asked.asks_the_same(button_of(Command.GREEN_GREEN, offered))
+    assert asked.asks_the_same(replace(asked, reason='not now', label='other'))
+
+
+def test_the_release_of_another_hold_is_another_question() -> None:
+    asked = button_of(Command.KART_IN_GARAGE, Available(True), hold=State.RED_FLAG)
+
+    assert not asked.asks_the_same(
+        button_of(Command.KART_IN_GARAGE, Available(True), hold=State.RED_RED)
+    )
+
+
+def alerting(kind: str) -> Race:
+    """Return a race with an alert."""
+    return replace(RACE, alerts=(Alert(kind, 0, False, 'It is so.', 1.0),))
+
+
+def test_two_race_controls_leave_nothing_but_stops() -> None:
+    for told in (danger(RACE, two=True), danger(alerting('TWO_RACE_CONTROLS'), two=False)):
+        assert told is not None
+        assert told.title == words.TWO
+        screen = show(RACE, 0.0, {}, told)
+        buttons = [*screen.race, *screen.rows[0].buttons]
+        assert all(FORMS[button.command].stop for button in buttons if button.enabled)
+
+
+def test_the_failure_of_a_part_of_race_control_asks_for_the_msr() -> None:
+    told = danger(alerting('PART_FAILED'), two=False)
+
+    assert told is not None
+    assert (told.title, told.advice, told.detail) == (words.FAILED, words.USE_MSR, 'It is so.')
+
+
+def test_any_other_alert_is_no_danger_of_race_control_itself() -> None:
+    assert danger(alerting('KART_LOST'), two=False) is None
 
 
 def test_the_condition_is_the_statement_of_race_control_where_it_has_one() -> None:
