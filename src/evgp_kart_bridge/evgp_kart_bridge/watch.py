@@ -51,7 +51,8 @@ def race_state_qos(lease: float) -> QoSProfile:
     Return the QoS of ``~/race_state`` and ``~/stop``: the bridge's, and a plain subscriber's.
 
     Latched, and the bridge must say every `lease` that it lives, by publishing. Only the newest
-    message is kept, so that no late subscriber hears a state that does not hold any more.
+    message is kept: a late subscriber must not hear states that do not hold any more, and one
+    that asks for none of them may wait for seconds until Fast DDS has skipped them.
 
     :param lease: in seconds; a subscriber's must not be shorter than the bridge's.
     """
