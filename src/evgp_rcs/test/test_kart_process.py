@@ -228,9 +228,7 @@ def test_what_happened_is_on_the_disk_although_the_ros_half_died(
 def test_a_port_in_use_is_refused_and_leaves_no_doubt_behind(half: Half, begin: Begin) -> None:
     with socket.create_server(('127.0.0.1', 0)) as taken:
         port = taken.getsockname()[1]
-        half.say(
-            Begin(begin.roster, begin.times, ServerSettings('127.0.0.1', port), begin.record)
-        )
+        half.say(Begin(begin.roster, begin.times, ServerSettings('127.0.0.1', port), begin.record))
         assert 'choose another address or port' in half.wait_for(Refused).text
         assert half.process.wait(PATIENCE) == 2
     again = Half()
