@@ -466,7 +466,8 @@ class KartServer:
 
     def rival(self, present: bool) -> None:
         """Take note whether another race control answers in the same ROS domain."""
-        self._apply(self._race.rival(present, self.now()))
+        if present != self._race.has_rival:
+            self._apply(self._race.rival(present, self.now()))
 
     def report(self, event: Event) -> None:
         """Have something told among the events, in order with them."""
@@ -594,15 +595,14 @@ class KartServer:
             answer = Answer(False, 'GREEN_GREEN refused: one waits for the record already.')
             waiting.answered(answer)
             return True
-        trial = self._race.copy()
-        accepted = trial.command(command, now).answer
+        accepted = self._race.copy().command(command, now).answer
         assert accepted is not None
         # While the record fails the official has stated that the race may start without.
         if not accepted.success or self._outside.trouble(now):
             return False
         assert self._loop is not None
         self._starting = waiting
-        self._outside.make_sure(trial.memory(), now, lambda on_disk: self._start(waiting, on_disk))
+        self._outside.make_sure(self._race.memory_after_green(), now, lambda on_disk: self._start(waiting, on_disk))
         self._loop.call_later(REMEMBER_TIMEOUT, self._start, waiting, False)
         return True
 
@@ -674,7 +674,9 @@ class KartServer:
     def _copy(self) -> None:
         self._copy_asked = False
         now = self._copied_at = self.now()
-        self._apply(self._race.record_trouble(self._outside.trouble(now), now))
+        trouble = self._outside.trouble(now)
+        if trouble != self._race.record_fails:
+            self._apply(self._race.record_trouble(trouble, now))
         self._remember(now)
         self._outside.show(self._race, now)
 

@@ -205,6 +205,7 @@ class Record:
         self._end: _End | None = None
         self._database: sqlite3.Connection | None = None
         self._session = 0
+        self._began_ns = 0
         self._claimed: IO[bytes] | None = None
         self._written = 0  # the sequence number of the last event
         self.left_behind: RaceMemory | None = None
@@ -320,12 +321,17 @@ class Record:
                 if self._database is not None:
                     self._database.close()
                     self._database = None
+                if not self._error:
+                    # What happens from now on is known to nobody if this run dies.
+                    self._witness.write(UNRECORDED)
                 self._error = _in_words(error)
                 self._tell_whoever_waits(False)
                 if self._end is not None:
                     return
                 continue
-            self._error = ''
+            if self._error:
+                self._witness.write(str(self._began_ns))
+                self._error = ''
             self._tell_whoever_waits(True)
             if self._end is not None:
                 if self._end.in_order:
@@ -421,21 +427,23 @@ class Record:
         database.execute('PRAGMA journal_mode = WAL')
         # A race control that loses its power has lost nothing that it wrote.
         database.execute('PRAGMA synchronous = FULL')
-        began_ns = 0
+        begins = not self._session
         with _transaction(database):
             if not version:
                 for statement in _SCHEMA.split(';'):
                     database.execute(statement)
                 database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
             left_behind = None if said is None else _left_behind(database, said)
-            if not self._session:
-                began_ns = time.time_ns()
-                cursor = database.execute('INSERT INTO session (began_ns) VALUES (?)', (began_ns,))
+            if begins:
+                self._began_ns = time.time_ns()
+                cursor = database.execute(
+                    'INSERT INTO session (began_ns) VALUES (?)', (self._began_ns,)
+                )
                 assert cursor.lastrowid is not None
                 self._session = cursor.lastrowid
-        if began_ns:
+        if begins:
             _checkpoint(database)
-            self._witness.write(str(began_ns))
+            self._witness.write(str(self._began_ns))
         return left_behind
 
     def _write(self) -> None:
@@ -497,7 +505,8 @@ class _Witness:
     def read(self) -> str:
         """Return what it says: `UNRECORDED`, when the run began (ns), or nothing."""
         try:
-            return self._path.read_text(encoding='ascii')
+            # A full disk leaves an empty one.
+            return self._path.read_text(encoding='ascii') or UNRECORDED
         except (OSError, UnicodeDecodeError):
             return UNRECORDED if self._path.exists() else ''
 

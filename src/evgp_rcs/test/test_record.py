@@ -390,6 +390,43 @@ def test_a_folder_that_cannot_be_made_is_trouble_and_the_end_does_not_hang(
     record.end(PATIENCE)
 
 
+def test_a_run_whose_record_began_to_fail_is_not_known_to_the_next(
+    small_disk: pathlib.Path,
+) -> None:
+    path = small_disk / 'record.sqlite3'
+    record = started(path)
+    record.remember(HOME, 0.0)
+    assert record.flush(PATIENCE)
+    ballast = small_disk / 'ballast'
+    with pytest.raises(OSError, match='No space left'):
+        ballast.write_bytes(bytes(1 << 20))
+    record.put([event(n, f'event {n} ' + 100 * 'x') for n in range(1, 2000)])
+    wait_for(lambda: record.trouble(clock.now()))
+    record.end(PATIENCE, in_order=False)
+    ballast.unlink()
+    again = started(path)
+    again.end(PATIENCE)
+    assert again.left_behind is not None
+    assert not again.left_behind.known
+
+
+def test_a_run_whose_record_works_again_is_known_to_the_next(small_disk: pathlib.Path) -> None:
+    path = small_disk / 'record.sqlite3'
+    record = started(path)
+    ballast = small_disk / 'ballast'
+    with pytest.raises(OSError, match='No space left'):
+        ballast.write_bytes(bytes(1 << 20))
+    record.put([event(n, f'event {n} ' + 100 * 'x') for n in range(1, 1000)])
+    wait_for(lambda: record.trouble(clock.now()))
+    ballast.unlink()
+    record.remember(RACING, 0.0)
+    assert record.flush(PATIENCE)
+    crash(record)
+    again = started(path)
+    again.end(PATIENCE)
+    assert again.left_behind == RACING
+
+
 # ----- the timeline ------------------------------------------------------------------------
 
 
