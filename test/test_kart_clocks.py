@@ -133,6 +133,7 @@ class Kart:
         parts: contextlib.ExitStack,
         clock: SteppableClock,
         parameters: dict[str, object],
+        bridge_on_it: bool,
     ) -> None:
         self.clock = clock
         self.control = BareRaceControl()
@@ -143,15 +144,17 @@ class Kart:
         self._parts = parts
         self._domain = domain
         self._parameters = parameters
-        self.start_bridge()
+        self.start_bridge(bridge_on_it)
         with clock.on_it():
             self.stack = ExampleStack(domain, parameters)
         parts.callback(self.stack.close)
 
-    def start_bridge(self) -> None:
-        """Start the bridge, for the first time or again."""
-        with self.clock.on_it():
-            self.bridge = Bridge(self._domain, self.control.port, address_of(1), self._parameters)
+    def start_bridge(self, on_it: bool = True) -> None:
+        """Start the bridge, for the first time or again; on a right clock if not `on_it`."""
+        with self.clock.on_it() if on_it else contextlib.nullcontext():
+            self.bridge = Bridge(
+                self._domain, self.control.port, address_of(1), self._parameters
+            )
         self._parts.callback(self.bridge.close)
 
     def drive(self) -> None:
@@ -172,9 +175,9 @@ StartKart = Callable[..., Kart]
 def start_kart(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Iterator[StartKart]:
     """Return a function that starts a kart; it takes parameters of both nodes."""
 
-    def start(**parameters: object) -> Kart:
+    def start(bridge_on_it: bool = True, **parameters: object) -> Kart:
         clock = parts.enter_context(SteppableClock(tmp_path))
-        return Kart(parts, clock, parameters)
+        return Kart(parts, clock, parameters, bridge_on_it)
 
     yield start
 
@@ -270,3 +273,15 @@ def test_a_suspended_kart_wakes_in_red_red_and_stays_there(start_kart: StartKart
     kart.onlooker.wait_for_wall_clocks(30.0)
     heard = [state for when, state in kart.onlooker.states if when >= at + said]
     assert GREEN_GREEN not in heard
+
+
+def test_a_suspended_stack_wakes_in_red_red_and_stays_there(start_kart: StartKart) -> None:
+    kart = start_kart(bridge_on_it=False)
+    kart.drive()
+    at = time.monotonic()
+    kart.clock.suspend(30.0)  # and its bridge goes on saying GREEN_GREEN
+    braking = kart.onlooker.wait_for_braking(at)
+    print(f'suspend of the stack only: braking after {braking:.3f} s')
+    assert braking < AT_ONCE
+    kart.stack.wait_for_line('RED_RED no GRID_ACTIVE was heard before GREEN_GREEN')
+    assert kart.onlooker.states[-1][1] is GREEN_GREEN
