@@ -9,10 +9,14 @@ IN_WORKSPACE := setup/in-workspace
 ROSTER := src/evgp_rcs/config/karts.yaml
 PARAMS := src/evgp_rcs/config/rcs.yaml
 
-# Nodes on this machine find each other, and no one else's: a test must not command a real kart.
+# The address, on this machine, of the interface that officials on other machines use; empty: there
+# are none. Our programs stay on the machine otherwise, whatever ROS is told: docs/security.md.
+OFFICIALS := $(EVGP_GRAPH_INTERFACE)
+run console: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
+
+# A test must not command a real kart: neither our programs, nor nodes with ROS's own settings.
+bench demo fuzz screenshots soak test: export EVGP_GRAPH_INTERFACE :=
 bench demo fuzz screenshots soak test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
-# At an event too, unless the environment says otherwise: docs/security.md.
-run console: export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
 .PHONY: help setup demo test bench soak fuzz run console screenshots lint format clean
 
@@ -22,8 +26,8 @@ help:
 	@echo 'make soak    race control under random faults and commands (ARGS="--seconds 60")'
 	@echo 'make bench   measure speed and cost                 (ARGS="stop --karts 20")'
 	@echo 'make fuzz    fuzz the decoder and the roster loader, guided by coverage'
-	@echo 'make run     start race control for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml)'
-	@echo "make console open the officials' window"
+	@echo 'make run     start race control for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml OFFICIALS=10.1.0.5)'
+	@echo "make console open the officials' window               (OFFICIALS=10.1.0.6)"
 	@echo 'make lint    check style and types'
 	@echo 'make format  put the code into shape, as far as a tool can'
 	@echo 'make setup   set up only'

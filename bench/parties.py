@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import socket
 import sys
@@ -38,26 +39,62 @@ def floor(count: int) -> None:
 
 def rules(count: int) -> None:
     """Run the kart server and the rules without ROS; give commands, and answer with when."""
+    from evgp_protocol import clock
     from evgp_rcs.kart_server import KartServer, ServerSettings
-    from evgp_rcs.race import Command, CommandKind, Kart, Race
+    from evgp_rcs.race import Answer, Command, CommandKind, Kart, Race
+
+    class Outside:
+        """No ROS half, and no record."""
+
+        def look(self) -> None:
+            """Nothing comes by here."""
+
+        def tell(self, events: object) -> None:
+            """Nobody listens."""
+
+        def show(self, race: object, at: float) -> None:
+            """Nobody looks."""
+
+        def remember(self, memory: object, at: float) -> None:
+            """Nothing is kept."""
+
+        def make_sure(self, memory: object, at: float, done: Any) -> None:
+            """Nothing is kept."""
+
+        def trouble(self, now: float) -> str:
+            """Have none."""
+            return ''
+
+        def silent_since(self) -> float | None:
+            """Expect nobody."""
+            return None
 
     race = Race([Kart(number, f'Team {number}', True) for number in range(1, count + 1)])
     server = KartServer(
         race,
         {address_of(number): number for number in race.karts},
         ServerSettings(host='127.0.0.1', port=0, pause=0.0),
-        on_events=lambda events: None,
-        on_copy=lambda copy, now: None,
-        on_failure=lambda error: None,
+        Outside(),
     )
-    server.start()
-    tell(server.address[1])
-    for line in sys.stdin:
-        command = Command(CommandKind[line.strip()], statement=True)
+
+    def give() -> None:
+        line = sys.stdin.readline()
+        if not line:
+            server.end()
+            return
+        kind = CommandKind[line.strip()]
+        command = Command(kind, statement=True, karts=frozenset(race.availability(kind).karts))
         began = time.monotonic()
-        answer = server.submit(command).result()
-        tell([began, answer.success])
-    server.stop()
+        answers: list[Answer] = []
+        server.submit(command, answers.append)
+        server.take_commands()
+        tell([began, answers[0].success])
+
+    async def serve() -> None:
+        asyncio.get_running_loop().add_reader(sys.stdin, give)
+        await server.serve(lambda address: tell(address[1]))
+
+    clock.run(serve())
 
 
 def service(domain: int) -> None:

@@ -32,7 +32,7 @@ from race_parts.wire_kart import Acknowledges, WireKart
 from std_srvs.srv import Trigger
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+INTERFACE = 'EVGP_GRAPH_INTERFACE'
 
 
 # ----- the ROS graphs ---------------------------------------------------------------------
@@ -78,51 +78,63 @@ def graph(node: Any) -> list[tuple[str, str]]:
     return names
 
 
-@pytest.mark.parametrize(('told', 'is_used'), [(None, 'LOCALHOST'), ('SUBNET', 'SUBNET')])
-def test_make_run_stays_on_the_machine_unless_told_otherwise(
-    told: str | None, is_used: str
+@pytest.mark.parametrize('target', ['run', 'console'])
+@pytest.mark.parametrize(
+    ('environment', 'arguments', 'is_used'),
+    [
+        ('', [], ''),
+        ('', ['OFFICIALS=10.1.0.5'], '10.1.0.5'),
+        ('10.1.0.5', [], '10.1.0.5'),
+        ('10.1.0.5', ['OFFICIALS=10.1.0.6'], '10.1.0.6'),
+    ],
+)
+def test_make_run_and_console_stay_on_the_machine_unless_officials_are_named(
+    target: str, environment: str, arguments: list[str], is_used: str
 ) -> None:
-    environment = {
-        name: value for name, value in os.environ.items() if name not in (RANGE, 'MAKEFLAGS')
-    }
-    if told:
-        environment[RANGE] = told
-
     printed = subprocess.run(
-        ['make', '-s', 'run', f'IN_WORKSPACE=printenv {RANGE}; true'],
+        ['make', '-s', target, f'IN_WORKSPACE=printenv {INTERFACE}; true', *arguments],
         cwd=ROOT,
-        env=environment,
+        env={
+            **{name: value for name, value in os.environ.items() if name != 'MAKEFLAGS'},
+            INTERFACE: environment,
+        },
         capture_output=True,
         text=True,
         check=True,
     ).stdout
 
-    assert printed.split() == [is_used]
+    assert printed.strip() == is_used
 
 
 @pytest.mark.parametrize(
-    'path',
+    ('path', 'argument'),
     [
-        'src/evgp_rcs/launch/rcs.launch.py',
-        'src/evgp_kart_bridge/launch/kart_bridge.launch.py',
+        ('src/evgp_rcs/launch/rcs.launch.py', 'officials'),
+        ('src/evgp_rcs_console/launch/console.launch.py', 'officials'),
+        ('src/evgp_kart_bridge/launch/kart_bridge.launch.py', 'graph_interface'),
     ],
 )
 @pytest.mark.parametrize(
     ('environment', 'arguments', 'expected'),
     [
-        ({}, {}, ('LOCALHOST', '0')),
-        ({RANGE: 'SUBNET', 'ROS_DOMAIN_ID': '7'}, {}, ('SUBNET', '7')),
-        ({RANGE: 'OFF'}, {'discovery_range': 'SUBNET', 'domain_id': '9'}, ('SUBNET', '9')),
+        ({}, {}, ('', '0')),
+        ({INTERFACE: '10.1.0.5', 'ROS_DOMAIN_ID': '7'}, {}, ('10.1.0.5', '7')),
+        (
+            {INTERFACE: '10.1.0.5'},
+            {'officials': '10.1.0.6', 'graph_interface': '10.1.0.6', 'domain_id': '9'},
+            ('10.1.0.6', '9'),
+        ),
     ],
 )
 def test_a_launch_file_stays_on_the_machine_unless_told_otherwise(
     path: str,
+    argument: str,
     environment: dict[str, str],
     arguments: dict[str, str],
     expected: tuple[str, str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    for name in (RANGE, 'ROS_DOMAIN_ID'):
+    for name in (INTERFACE, 'ROS_DOMAIN_ID'):
         monkeypatch.delenv(name, raising=False)
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
@@ -139,12 +151,12 @@ def test_a_launch_file_stays_on_the_machine_unless_told_otherwise(
     (node,) = (entity for entity in entities if entity.kind == 'Node')
     used = {}
     for name, value in node.named['additional_env'].items():
-        argument = value.positional[0]
-        default = declared[argument]
-        used[name] = arguments.get(argument) or os.environ.get(
+        default = declared[value.positional[0]]
+        used[name] = arguments.get(value.positional[0]) or os.environ.get(
             default.positional[0], default.named['default_value']
         )
-    assert used == {RANGE: expected[0], 'ROS_DOMAIN_ID': expected[1]}
+    assert argument in declared
+    assert used == {INTERFACE: expected[0], 'ROS_DOMAIN_ID': expected[1]}
 
 
 class StandIn:
@@ -225,6 +237,12 @@ def test_nothing_a_kart_sends_changes_anything_but_its_own_acknowledgement_and_r
     rng = random.Random(5)
 
     send_everything(official, hostile, others, rng)
+    # It has said GREEN_GREEN, so it must say that it stands before anything begins.
+    official.command('kart/red_red', kart=1)
+    hostile.wait_for_state(RaceState.RED_RED)
+    hostile.say(RaceState.RED_RED)
+    official.wait_for_acks(RaceState.RED_RED, 1)
+    official.command('kart/in_garage', kart=1)
     official.command('grid_active', track_clear=True)
     official.wait_for_acks(RaceState.GRID_ACTIVE, 2, 3)
     send_everything(official, hostile, others, rng)

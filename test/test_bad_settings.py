@@ -92,14 +92,6 @@ def test_an_empty_list_is_refused(refusal: Refusal) -> None:
     assert 'a list may not be empty' in refusal(finish_delays='[]')
 
 
-def test_a_record_that_is_something_else_is_refused(
-    refusal: Refusal, tmp_path: pathlib.Path
-) -> None:
-    path = tmp_path / 'holiday.jpg'
-    path.write_bytes(b'no database, and more than the hundred bytes of a header' * 4)
-    assert f'{path} is no record of race control' in refusal(record=path)
-
-
 def test_a_parameter_file_that_is_no_yaml_is_refused(
     refusal: Refusal, tmp_path: pathlib.Path
 ) -> None:

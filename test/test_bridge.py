@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
+import pathlib
 import signal
 import socket
 
@@ -11,6 +12,12 @@ from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 import pytest
 from race_parts.domains import Domain
+from race_parts.faulty_nodes import (
+    BridgeThatHangs,
+    BridgeThatRaises,
+    program_of,
+    StackThatRaises,
+)
 from race_parts.fixtures import ConnectKart, JoinOfficial, JoinTeam, StartBridge, StartRaceControl
 from race_parts.kart import Bridge, ExampleStack, Team
 from race_parts.official import Official
@@ -67,11 +74,15 @@ def start_race(
     start_bridge: StartBridge,
     join_team: JoinTeam,
 ) -> StartRace:
-    """Return a function that starts a race of one kart; it takes the bridge's parameters."""
+    """
+    Return a function that starts a race of one kart.
 
-    def start(**parameters: object) -> OneKartRace:
+    It takes the bridge's parameters, and a program in the bridge's place.
+    """
+
+    def start(program: str = 'kart_bridge_node', **parameters: object) -> OneKartRace:
         control = start_race_control(in_race=[1], others=[2])
-        bridge = start_bridge(control.port, 1, **parameters)
+        bridge = start_bridge(control.port, 1, program, **parameters)
         return OneKartRace(control, join_official(control), bridge, join_team(bridge))
 
     return start
@@ -286,6 +297,37 @@ def test_two_bridges_on_one_domain_stop_both_karts(
         bridge.wait_for_line('another bridge publishes the same race state')
 
 
+def test_a_second_publisher_of_the_lock_stops_the_kart(start_race: StartRace) -> None:
+    race = start_race()
+    race.green()
+    race.team.second_lock()
+    told = race.team.wait_for(lambda state: state.team_stop, 'the stop')
+    assert 'another node publishes ~/stop' in told.reason
+    assert state_of(told.state) is RED_RED
+
+
+def test_a_second_odometry_stops_a_kart_that_acknowledges_by_it(start_race: StartRace) -> None:
+    race = start_race(auto_acknowledge_stop=True)
+    race.green()
+    race.team.drive_at(3.0)
+    race.team.second_odometry()
+    told = race.team.wait_for(lambda state: state.team_stop, 'the stop')
+    assert 'more than one publisher of odometry' in told.reason
+    assert state_of(told.state) is RED_RED
+
+
+@pytest.mark.parametrize('service', ['acknowledge', 'team_stop'])
+def test_a_second_node_that_answers_for_the_bridge_stops_the_kart(
+    start_race: StartRace, service: str
+) -> None:
+    race = start_race()
+    race.green()
+    race.team.second_server(service)
+    told = race.team.wait_for(lambda state: state.team_stop, 'the stop')
+    assert f'another node offers ~/{service}' in told.reason
+    assert state_of(told.state) is RED_RED
+
+
 def test_absurd_odometry_is_no_standstill_and_ends_no_bridge(start_race: StartRace) -> None:
     race = start_race()
     race.official.command('all_kill')
@@ -350,6 +392,52 @@ def test_a_bridge_that_hung_comes_back_in_red_red(
         lambda state: state.connected and state_of(state.commanded) is RED_RED, 'a new link'
     )
     assert GREEN_GREEN not in race.team.states[since:]
+
+
+def test_a_bridge_that_fails_tells_its_stack_red_red_first(
+    start_race: StartRace, tmp_path: pathlib.Path
+) -> None:
+    race = start_race(program=program_of(BridgeThatRaises, tmp_path))
+    with ExampleStack(race.bridge.domain) as stack:
+        race.drive(stack)
+        told = race.team.wait_for_state(RED_RED)
+        assert told.reason == 'the bridge has ended'
+        assert race.bridge.wait() == 1
+        assert 'LookupError: the fault' in race.bridge.output
+        race.team.wait_for_speed(lambda speed: speed == 0.0)
+
+
+def test_a_bridge_that_does_not_hear_its_team_stops_the_kart(
+    start_race: StartRace, tmp_path: pathlib.Path
+) -> None:
+    race = start_race(program=program_of(BridgeThatHangs, tmp_path))
+    with ExampleStack(race.bridge.domain) as stack:
+        race.drive(stack)
+        told = race.team.wait_for_state(RED_RED)
+        assert 'the bridge has not heard its own team for 1 s' in told.reason
+        race.team.wait_for_stop(True)
+        race.team.wait_for_speed(lambda speed: speed == 0.0)
+        race.bridge.kill()
+
+
+def test_a_stack_that_is_ended_brakes_to_a_stop(start_race: StartRace) -> None:
+    race = start_race()
+    with ExampleStack(race.bridge.domain) as stack:
+        race.drive(stack)
+        assert stack.close() == 0
+    race.team.wait_for_speed(lambda speed: speed == 0.0)
+
+
+def test_a_stack_that_fails_brakes_to_a_stop(
+    start_race: StartRace, tmp_path: pathlib.Path
+) -> None:
+    race = start_race()
+    program = program_of(StackThatRaises, tmp_path)
+    with ExampleStack(race.bridge.domain, program=program) as stack:
+        race.drive(stack)
+        assert stack.wait() == 1
+        assert 'LookupError: the fault' in stack.output
+    race.team.wait_for_speed(lambda speed: speed == 0.0)
 
 
 def test_its_names_are_private(

@@ -7,6 +7,7 @@ import contextlib
 import os
 import pathlib
 import random
+import signal
 import threading
 import time
 
@@ -38,16 +39,16 @@ class Event:
         self._stack = contextlib.ExitStack()
         self._domain = self._stack.enter_context(Domain())
         self._port = 0
-        self.seen_lost = 0
+        self.racing = RACING
         self.start()
 
-    def start(self) -> None:
-        """Start race control, and have every kart and the official with it."""
+    def start(self, connect: tuple[int, ...] = (*RACING, OUTSIDE)) -> None:
+        """Start race control, and have these karts and the official with it."""
         self.run = contextlib.ExitStack()
         self.control = RaceControl(
             self._folder,
             self._domain.number,
-            RACING,
+            self.racing,
             [OUTSIDE],
             {'port': self._port, 'finish_delays': '[0.05]', 'auto_race_over': False},
         )
@@ -57,11 +58,11 @@ class Event:
             number: self.run.enter_context(
                 WireKart(address_of(number), self._port, Acknowledges.EACH_CHANGE)
             )
-            for number in (*RACING, OUTSIDE)
+            for number in connect
         }
         self.official = Official(self._domain.number)
         self.run.callback(self.official.close)
-        self.official.wait_for_connected(*RACING, OUTSIDE)
+        self.official.wait_for_connected(*connect)
 
     def kill(self) -> None:
         """Kill race control, and close what was connected to it."""
@@ -99,6 +100,13 @@ class Event:
 
     def home(self) -> None:
         self.official.command('in_garage', track_safe=True)
+        # What an official held alone is not released with the race.
+        race = self.official.wait_for_race(
+            lambda race: state_of(race.state) is IN_GARAGE, 'the race in IN_GARAGE'
+        )
+        for status in race.karts:
+            if state_of(status.hold) is not None:
+                self.official.command('kart/in_garage', kart=status.number)
         for kart in self.karts.values():
             kart.wait_for_state(IN_GARAGE)
 
@@ -176,3 +184,60 @@ def test_race_control_killed_at_random_comes_back_with_every_kart_held(
     figures = f'{KILLS} kills, {published} events published, {unrecorded} of them not recorded'
     print(figures)
     record_property('crashes', figures)
+
+
+def crashed_in_green(meeting: Event) -> None:
+    """Have race control die while karts race."""
+    meeting.grid()
+    meeting.green()
+    os.kill(meeting.control.kart_server_pid, signal.SIGSTOP)
+    meeting.control.kill()
+    # What it would still write is lost with it, as when a machine loses its power.
+    os.kill(meeting.control.kart_server_pid, signal.SIGKILL)
+    meeting.run.close()
+
+
+def test_a_crash_is_not_forgotten_when_what_lies_beside_the_record_was_deleted(
+    meeting: Event,
+) -> None:
+    crashed_in_green(meeting)
+    for beside in meeting.record.parent.glob(f'{meeting.record.name}-*'):
+        beside.unlink()
+    meeting.start(connect=())
+    race = meeting.official.wait_for_race(lambda race: True, 'the race')
+    assert state_of(race.state) is RED_RED
+    assert [kart.may_be_moving for kart in race.karts[:2]] == [True, True]
+    assert not race.track.allowed
+    assert not meeting.official.call('in_garage', track_safe=True).success
+
+
+@pytest.mark.parametrize('harm', [b'', b'no record any more, but something else' * 100])
+def test_a_record_that_was_destroyed_keeps_no_race_control_from_starting_and_every_kart_red(
+    meeting: Event, harm: bytes
+) -> None:
+    crashed_in_green(meeting)
+    for beside in meeting.record.parent.glob(f'{meeting.record.name}-*'):
+        beside.unlink()
+    meeting.record.write_bytes(harm)
+    meeting.start(connect=())
+    race = meeting.official.wait_for_race(lambda race: True, 'the race')
+    assert state_of(race.state) is RED_RED
+    assert {state_of(kart.hold) for kart in race.karts} == {RED_RED}
+    assert not race.track.allowed
+
+
+def test_a_kart_that_left_the_roster_after_a_crash_is_named_and_keeps_the_track_closed(
+    meeting: Event,
+) -> None:
+    crashed_in_green(meeting)
+    meeting.racing = (2,)  # somebody took kart 1 out of the roster
+    meeting.start(connect=(2, OUTSIDE))
+    meeting.official.wait_for_acks(RED_RED, 2, OUTSIDE)
+    gone = meeting.official.wait_for_kart(1, lambda kart: not kart.connected, 'named')
+    assert (state_of(gone.hold), gone.may_be_moving, gone.address) == (RED_RED, True, '')
+    assert not meeting.official.call('set_track_open', data=True).success
+    assert not meeting.official.call('in_garage', track_safe=False).success
+    meeting.official.command('in_garage', track_safe=True)
+    assert not meeting.official.call('set_track_open', data=True).success
+    meeting.official.command('kart/in_garage', kart=1, made_safe_by_hand=True)
+    meeting.official.command('set_track_open', data=True)

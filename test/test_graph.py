@@ -61,8 +61,7 @@ HOSTILE = {
     'everything that widens a graph': {
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
         'ROS_STATIC_PEERS': f'{STRANGER};{OFFICIAL}',
-        'ROS_LOCALHOST_ONLY': '0',
-        'FASTDDS_BUILTIN_TRANSPORTS': 'LARGE_DATA',
+        'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4',
         'RMW_FASTRTPS_USE_QOS_FROM_XML': '1',
     },
 }
@@ -120,7 +119,9 @@ def start_in(environment: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> No
         monkeypatch.setenv(name, value)
 
 
-def break_in(networks: TwoNetworks, domain: int, addresses: tuple[str, ...]) -> dict[str, Findings]:
+def break_in(
+    networks: TwoNetworks, domain: int, addresses: tuple[str, ...]
+) -> dict[str, Findings]:
     """Send strangers, in all ways at once, and return what each found."""
     with networks.stranger.inside():
         strangers = {
@@ -365,7 +366,10 @@ def test_fast_dds_is_told_of_no_other_transport_and_no_shared_memory(interface: 
     assert texts(profile, 'type') == ['UDPv4']
     assert texts(profile, 'useBuiltinTransports') == ['false']
     (allowed,) = re.findall('<interfaceWhiteList>(.*)</interfaceWhiteList>', profile)
-    assert re.findall('<address>(.*?)</address>', allowed) == ['127.0.0.1', *filter(None, [interface])]
+    assert re.findall('<address>(.*?)</address>', allowed) == [
+        '127.0.0.1',
+        *filter(None, [interface]),
+    ]
 
 
 @pytest.mark.parametrize('interface', ['', OFFICIALS])
@@ -375,4 +379,6 @@ def test_cyclone_dds_is_told_of_these_interfaces_only(interface: str) -> None:
 
     addresses = [each.get('address') for each in told.iter('NetworkInterface')]
     assert addresses == ['127.0.0.1', *filter(None, [interface])]
-    assert [each.text for each in told.iter('AllowMulticast')] == ['spdp' if interface else 'false']
+    assert [each.text for each in told.iter('AllowMulticast')] == [
+        'spdp' if interface else 'false'
+    ]

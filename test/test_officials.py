@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import pathlib
-import signal
 import threading
 
 from evgp_node.states import state_of
@@ -12,7 +11,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
 from race_parts.domains import Domain
 from race_parts.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from race_parts.official import SERVICES
+from race_parts.official import seen, SERVICES
 from race_parts.race_control import RaceControl
 from race_parts.ros_side import RosSide
 from race_parts.wire_kart import Acknowledges
@@ -120,6 +119,9 @@ def test_what_loosens_needs_the_officials_statement(
 ) -> None:
     official = join_official(start_race_control())
 
+    official.wait_for_race(
+        lambda race: bool(seen(race, 'grid_active', 0)['karts']), 'what GRID_ACTIVE would start'
+    )
     answer = official.call('grid_active', track_clear=False)
 
     assert not answer.success
@@ -226,7 +228,7 @@ def test_humans_are_let_onto_the_track_only_when_every_kart_has_acknowledged_its
 
     kart.say(RED_RED)
     official.wait_for_acks(RED_RED, 1)
-    opened = official.call('set_track_open', data=True)
+    opened = official.command('set_track_open', data=True)
 
     assert (refused.success, opened.success) == (False, True)
     assert 'kart 1 (Team 1) has not acknowledged RED_RED' in refused.message
@@ -267,8 +269,8 @@ def test_a_start_that_was_sent_while_race_control_hung_is_refused_when_it_goes_o
     official.wait_for_connected(1)
     official.command('grid_active', track_clear=True)
     official.wait_for_acks(GRID_ACTIVE, 1)
-    control.signal(signal.SIGSTOP)
-    wake = threading.Timer(2.0, control.signal, [signal.SIGCONT])
+    control.freeze()
+    wake = threading.Timer(2.0, control.thaw)
     wake.start()
     refused = official.call('green_green')
     wake.join()

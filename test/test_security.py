@@ -35,7 +35,7 @@ def test_race_control_is_allowed_what_it_does_and_nothing_else(
 ) -> None:
     official = join_official(start_race_control())
     node = official.node
-    own = {('rcs', '/'), ('rcs_stops', '/')}
+    own = {('rcs', '/'), ('rcs_stops', '/'), ('rcs_starts', '/')}
     official.wait_for_race(
         lambda _: own <= set(node.get_node_names_and_namespaces()), 'the nodes in the graph'
     )

@@ -59,8 +59,8 @@ FAULTS = {
         ('not connected', 'looser than a stop', 'held on the grid'),
     ),
     'a stop is refused': Fault(
-        '        refusal = refusal or rule.refusal(self, kart)\n',
-        '        refusal = refusal or rule.refusal(self, kart)\n'
+        '        refusal = refusal or self._refusal(rule, kart)\n',
+        '        refusal = refusal or self._refusal(rule, kart)\n'
         '        if command.kind is CommandKind.RED_FLAG and self.state is RED_FLAG:\n'
         "            refusal = 'the race has RED_FLAG already'\n",
         ('stop refused',),
@@ -71,8 +71,10 @@ FAULTS = {
         ('looser than a stop',),
     ),
     'a kart lost in the race is not held': Fault(
-        '        if under_way and self.state is not GRID_ACTIVE:\n            self._hold',
-        '        if False:\n            self._hold',
+        '        if under_way and self.state is not GRID_ACTIVE:\n'
+        '            self._hold(kart, RED_RED, '
+        "f'lost its connection in {self.state.value}', now)\n        elif kart.may_be_moving:",
+        '        if False:',
         ('lost in the race', 'held on the grid', 'unexplained GREEN_GREEN'),
     ),
     'GREEN_GREEN waits for connected karts only': Fault(
@@ -92,8 +94,8 @@ FAULTS = {
         ('GRID_ACTIVE not last',),
     ),
     'IN_GARAGE releases silent karts': Fault(
-        'if each.stopped or each.hold is None:',
-        'if True:',
+        'and (each.hold is None or (each.stopped and (each.in_race or not each.held_alone)))',
+        '',
         ('looser than a stop', 'held on the grid'),
     ),
     'GRID_ACTIVE with a held kart': Fault(
@@ -191,6 +193,8 @@ class Simulation:
         state = self.race.state.value
         if state == 'IN_GARAGE':
             for kart in list(self.race.racing()):
+                if kart.may_be_moving and kart.hold is None:
+                    self.command('kart/red_red', kart.number, False)
                 if kart.hold is not None and self.rng.random() < 0.7:
                     self.command('kart/in_garage', kart.number, True)
             if self.rng.random() < 0.2:
@@ -204,6 +208,11 @@ class Simulation:
             self.command('race_over', None, False)
         elif state == 'RED_RED':
             self.command('in_garage', None, True)
+            for kart in list(self.race.racing()):
+                # Who is lost, or stays silent, is made safe by hand.
+                silent = self.race.state.value == 'RED_RED' and not kart.acknowledged
+                if silent and self.rng.random() < 0.1:
+                    self.command('kart/in_garage', kart.number, True)
 
     def command(self, service: str, kart: int | None, statement: bool) -> None:
         kart = kart if '/' in service or service == 'set_in_race' else None
@@ -212,9 +221,10 @@ class Simulation:
         call = Call(service, kart, statement, statement, self.now)
         self.checker.called(call)
         module = self.module
-        outcome = self.race.command(
-            module.Command(module.CommandKind[name], kart, statement), self.now
-        )
+        kind = module.CommandKind[name]
+        hold = self.race.karts[kart].hold if kart else None
+        seen = frozenset(self.race.availability(kind, kart or 0).karts)
+        outcome = self.race.command(module.Command(kind, kart, statement, seen, hold), self.now)
         self.deliver(outcome)
         call.ended = self.now + 0.0005
         call.success, call.message = outcome.answer.success, outcome.answer.message

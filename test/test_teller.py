@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 import contextlib
 import dataclasses
-import itertools
-import pathlib
 import threading
 import time
 
-from evgp_rcs.node import MOST_WAITING, Teller, TURN
+from evgp_protocol import clock
+from evgp_rcs.messages import time_message
 from evgp_rcs.race import Event, EventKind, Kart, Race, StampedEvent
-from evgp_rcs.record import events, open_read_only, Record
 from evgp_rcs.roster import Roster, RosterEntry
+from evgp_rcs.teller import MOST_UNTOLD, Teller
+from evgp_rcs_msgs import msg
 import pytest
 from race_parts.domains import Domain
 from race_parts.official import Official
@@ -23,28 +23,32 @@ from race_parts.ros_side import RosSide
 
 @dataclasses.dataclass
 class Telling:
-    """A teller that is not started yet, who listens to it, and its record with the file."""
+    """A teller that is not started yet, who listens to it, and what ended it."""
 
     teller: Teller
     official: Official
-    record: Record
-    path: pathlib.Path
+    failed: threading.Event
+    failures: list[BaseException]
 
 
 @pytest.fixture
-def telling(tmp_path: pathlib.Path) -> Iterator[Telling]:
-    path = tmp_path / 'record.sqlite3'
+def telling() -> Iterator[Telling]:
     roster = Roster((RosterEntry(7, 'Team', '127.0.0.7', True),))
+    failed = threading.Event()
+    failures: list[BaseException] = []
+
+    def fail(error: BaseException) -> None:
+        failures.append(error)
+        failed.set()
+
     with (
         Domain() as domain,
         contextlib.closing(RosSide('rcs', domain.number)) as rcs,
         contextlib.closing(Official(domain.number)) as official,
     ):
-        record = Record(path)
-        teller = Teller(rcs.node, roster, record)
-        yield Telling(teller, official, record, path)
+        teller = Teller(rcs.node, roster, fail)
+        yield Telling(teller, official, failed, failures)
         teller.stop()
-        record.end(PATIENCE)
 
 
 def some_events(count: int) -> list[StampedEvent]:
@@ -58,50 +62,60 @@ def alert(text: str) -> StampedEvent:
     return StampedEvent(1, time.time_ns(), 0.0, Event(EventKind.ALERT_RAISED, text))
 
 
+def a_race() -> Race:
+    return Race([Kart(7, 'Team', True)])
+
+
 def test_the_race_does_not_wait_for_all_the_events_before_it(telling: Telling) -> None:
-    race_heard = threading.Event()
-    steps = itertools.count(1)
-
-    def give_way() -> None:
-        step = next(steps)
-        if step == 1:
-            time.sleep(2 * TURN)  # frames go out: that the time of a turn passes is meant
-        if step == 10:
-            telling.official.wait_for_race(lambda race: race.karts[0].number == 7, 'the race')
-            race_heard.set()
-
-    telling.teller.courtesy = lambda: give_way
-    telling.teller.put(some_events(100))
-    telling.teller.put(Race([Kart(7, 'Team', True)]), 0.0)
+    telling.teller.events(some_events(MOST_UNTOLD))
+    telling.teller.race(a_race(), clock.now())
     telling.teller.start()
-    assert race_heard.wait(PATIENCE)
+    telling.official.wait_for_race(lambda race: race.karts[0].number == 7, 'the race')
+    assert len(telling.official.events) < MOST_UNTOLD
 
 
 def test_an_alert_is_told_however_much_karts_say_behind_it(telling: Telling) -> None:
-    telling.teller.put([alert('use the MSR'), *some_events(MOST_WAITING)])
+    telling.teller.events([alert('use the MSR'), *some_events(MOST_UNTOLD)])
     telling.teller.start()
     told = telling.official.wait_for_event(lambda event: True, 'the alert')
     assert told.text == 'use the MSR'
 
 
 def test_an_alert_is_told_however_often_karts_say_too_much(telling: Telling) -> None:
-    steps = itertools.count(1)
-
-    def give_way() -> None:
-        if next(steps) == 1:  # the second alert is left for the next turn, with as much again
-            telling.teller.put(some_events(MOST_WAITING))
-            time.sleep(2 * TURN)
-
-    telling.teller.courtesy = lambda: give_way
-    telling.teller.put([alert('one'), alert('two'), *some_events(MOST_WAITING)])
+    alerts = [alert(f'alert {number}') for number in range(1000)]
+    telling.teller.events([*alerts, *some_events(MOST_UNTOLD)])
     telling.teller.start()
-    telling.official.wait_for_event(lambda event: event.text == 'two', 'the second alert')
+    telling.official.wait_for_event(lambda event: True, 'the first alert')
+    # The other alerts still wait, and there is too much to tell once more.
+    telling.teller.events(some_events(MOST_UNTOLD))
+    telling.official.wait_for_event(lambda event: event.text == 'alert 999', 'the last alert')
 
 
-def test_what_is_not_told_is_in_the_record(telling: Telling) -> None:
-    telling.teller.put(some_events(MOST_WAITING + 1))
+def test_a_teller_that_cannot_go_on_says_so_and_its_last_words_are_heard(
+    telling: Telling,
+) -> None:
+    telling.teller.race(a_race(), clock.now())
     telling.teller.start()
+    telling.official.wait_for_race(lambda race: True, 'a race')
+    broken = a_race()
+    broken.karts = None  # type: ignore[assignment]
+    telling.teller.race(broken, clock.now())
+    assert telling.failed.wait(PATIENCE)
+    assert isinstance(telling.failures[0], AttributeError)
+
     telling.teller.stop()
-    assert telling.record.flush(PATIENCE)
-    with contextlib.closing(open_read_only(telling.path)) as database:
-        assert len(list(events(database, 1))) == MOST_WAITING + 1
+    telling.teller.last_words('race control has failed')
+
+    race = telling.official.wait_for_race(lambda race: bool(race.alerts), 'an alert')
+    assert (race.alerts[0].kind, race.alerts[0].use_msr) == (msg.Alert.PART_FAILED, True)
+    assert race.karts[0].number == 7
+    telling.official.wait_for_event(
+        lambda event: event.kind == msg.RaceEvent.ALERT_RAISED, 'the alert among the events'
+    )
+
+
+def test_a_clock_beyond_what_a_message_has_room_for_ends_nothing() -> None:
+    year_2100 = 4_102_444_800 * 10**9
+    assert time_message(year_2100).sec == 2**31 - 1
+    assert time_message(-year_2100).sec == -(2**31)
+    assert time_message(1_500_000_000).nanosec == 500_000_000

@@ -16,7 +16,7 @@ IN_GARAGE = RaceState.IN_GARAGE
 RED_FLAG = RaceState.RED_FLAG
 RED_RED = RaceState.RED_RED
 
-RACE_CONTROL_NODES = frozenset({'rcs', 'rcs_stops', 'official'})
+RACE_CONTROL_NODES = frozenset({'rcs', 'rcs_stops', 'rcs_starts', 'official'})
 
 FINISH_LATE = 0.5
 """How much later than due a finished kart may get its RED_FLAG, s; a busy machine needs some."""

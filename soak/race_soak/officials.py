@@ -12,7 +12,6 @@ from evgp_rcs_msgs import msg
 from race_parts.official import latched, seen, SERVICES
 from race_parts.ros_side import RosSide
 from race_soak.checker import Call, Checker, STOPS
-from rclpy._rclpy_pybind11 import InvalidHandle
 
 IN_GARAGE = msg.RaceState.IN_GARAGE
 GRID_ACTIVE = msg.RaceState.GRID_ACTIVE
@@ -32,7 +31,6 @@ class _Caller(RosSide):
         super().__init__(name, domain)
         self.calls = 0
         self.accepted = 0
-        self._closing = False
         self._checker = checker
         self._lock = lock
         self._clients = {
@@ -73,19 +71,6 @@ class _Caller(RosSide):
         self.calls += 1
         self.accepted += call.success
         return call.success
-
-    def close(self) -> None:
-        """Leave the domain."""
-        self._closing = True
-        super().close()
-
-    def _spin(self) -> None:
-        try:
-            super()._spin()
-        except InvalidHandle:
-            # rclpy's way to end where a message comes in this very moment.
-            if not self._closing:
-                raise
 
 
 class Officials:
@@ -184,7 +169,9 @@ class Officials:
             wanted = kart.number in self._wanted
             if kart.in_race != wanted:
                 self._call('set_in_race', kart=kart.number, in_race=wanted)
-            if wanted and kart.hold.state and self._rng.random() < 0.9:
+            if wanted and kart.may_be_moving and not kart.hold.state:
+                self._call('kart/red_red', kart=kart.number)
+            elif wanted and kart.hold.state and self._rng.random() < 0.9:
                 self._call('kart/in_garage', kart=kart.number, made_safe_by_hand=True)
         self._call('grid_active', track_clear=True)
         self._pause(0.02)
@@ -227,7 +214,7 @@ class Officials:
             # Who does not acknowledge is made safe by hand.
             self._disciplined.set()
             for kart in race.karts:
-                if kart.in_race and kart.connected and not kart.acknowledged:
+                if kart.in_race and not kart.acknowledged:
                     self._call('kart/in_garage', kart=kart.number, made_safe_by_hand=True)
         self._pause(0.05)
 

@@ -76,9 +76,11 @@ def connect_kart(parts: contextlib.ExitStack) -> ConnectKart:
 def start_bridge(parts: contextlib.ExitStack) -> StartBridge:
     """Return a function that starts a kart's bridge on a ROS domain of its own."""
 
-    def start(port: int, number: int = 1, **parameters: object) -> Bridge:
+    def start(
+        port: int, number: int = 1, program: str = 'kart_bridge_node', **parameters: object
+    ) -> Bridge:
         domain = parts.enter_context(Domain())
-        bridge = Bridge(domain.number, port, address_of(number), parameters)
+        bridge = Bridge(domain.number, port, address_of(number), parameters, program)
         parts.callback(bridge.close)
         return bridge
 

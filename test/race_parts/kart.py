@@ -29,6 +29,7 @@ class Bridge(Process):
 
     :param local_address: the kart's own address.
     :param parameters: more ROS parameters of the node.
+    :param program: what is run: an executable of the package, or the path of another.
     """
 
     def __init__(
@@ -37,12 +38,13 @@ class Bridge(Process):
         port: int,
         local_address: str,
         parameters: Mapping[str, object] | None = None,
+        program: str = 'kart_bridge_node',
     ) -> None:
         """Start the bridge; it need not find race control."""
         self.domain = domain
         super().__init__(
             'evgp_kart_bridge',
-            'kart_bridge_node',
+            program,
             domain,
             {
                 'host': '127.0.0.1',
@@ -54,11 +56,21 @@ class Bridge(Process):
 
 
 class ExampleStack(Process):
-    """The example autonomy stack on the domain of its bridge."""
+    """
+    The example autonomy stack on the domain of its bridge.
 
-    def __init__(self, domain: int, parameters: Mapping[str, object] | None = None) -> None:
+    :param parameters: ROS parameters of the node.
+    :param program: what is run: an executable of the package, or the path of another.
+    """
+
+    def __init__(
+        self,
+        domain: int,
+        parameters: Mapping[str, object] | None = None,
+        program: str = 'example_stack',
+    ) -> None:
         """Start the stack; it need not find the bridge."""
-        super().__init__('evgp_kart_bridge', 'example_stack', domain, parameters)
+        super().__init__('evgp_kart_bridge', program, domain, parameters)
 
 
 class Team(RosSide):
@@ -130,6 +142,19 @@ class Team(RosSide):
     def remote_without_promise(self) -> None:
         """Have a safety remote whose messages may get lost."""
         self._publisher(Bool, 'tsr', qos_profile_sensor_data)
+
+    def second_lock(self) -> None:
+        """Publish the bridge's lock, as only the bridge may."""
+        self._publisher(Bool, 'stop', latched(1)).publish(Bool(data=False))
+
+    def second_odometry(self) -> None:
+        """Have another source of odometry, which says that the kart stands."""
+        self._publisher(Odometry, 'odom', QoSProfile(depth=10)).publish(Odometry())
+
+    def second_server(self, service: str) -> None:
+        """Offer a service of the bridge, as only the bridge may."""
+        kind = {'acknowledge': srv.Acknowledge, 'team_stop': SetBool}[service]
+        self.node.create_service(kind, f'{self._bridge}/{service}', lambda _, answer: answer)
 
     def drive_at(self, speed: float) -> None:
         """

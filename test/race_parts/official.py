@@ -60,7 +60,8 @@ def seen(race: msg.Race | None, service: str, kart: int) -> dict[str, Any]:
         offered = (each for each in race.commands if each.command == SEES[service])
         return {'karts': next(offered).karts}
     if service == 'kart/in_garage':
-        return {'hold': each.hold for each in race.karts if each.number == kart}
+        held = next((each for each in race.karts if each.number == kart), None)
+        return {} if held is None else {'hold': held.hold}
     return {}
 
 
@@ -103,6 +104,8 @@ class Official(RosSide):
 
         :raises AssertionError: if race control does not answer in time.
         """
+        if service in (*SEES, 'kart/in_garage'):
+            self.wait_for_race(lambda race: True, 'a first look at the race')
         request = {**seen(self.race, service, request.get('kart', 0)), **request}
         response: Any = self.request(self._clients[service], SERVICES[service].Request(**request))
         return Answer(response.success, response.message)

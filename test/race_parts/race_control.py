@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+import os
 import pathlib
+import signal
 
 from race_parts.process import Process
 import yaml
@@ -68,3 +70,20 @@ class RaceControl(Process):
         except BaseException:
             self.close()
             raise
+        self.kart_server_pid = child_of(self.pid)
+
+    def freeze(self) -> None:
+        """Stop both processes of race control, as a machine that hangs."""
+        for pid in (self.pid, self.kart_server_pid):
+            os.kill(pid, signal.SIGSTOP)
+
+    def thaw(self) -> None:
+        """Let both go on."""
+        for pid in (self.pid, self.kart_server_pid):
+            os.kill(pid, signal.SIGCONT)
+
+
+def child_of(pid: int) -> int:
+    """Return the process that another one has started."""
+    (child,) = pathlib.Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
+    return int(child)

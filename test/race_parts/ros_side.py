@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import threading
+import time
 from typing import TypeVar
 
+from evgp_node.spinning import Spinning
 from race_parts.process import PATIENCE
 import rclpy
-from rclpy._rclpy_pybind11 import InvalidHandle
 from rclpy.client import Client
 from rclpy.context import Context
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 
 T = TypeVar('T')
@@ -30,17 +30,15 @@ class RosSide:
     def __init__(self, name: str, domain: int) -> None:
         """Join the domain and spin."""
         self.news = threading.Condition()
-        self._closing = False
+        self.failures: list[BaseException] = []
         self.context = Context()
         rclpy.init(context=self.context, domain_id=domain)
         self.node = Node(name, context=self.context, use_global_arguments=False)
-        self._executor = SingleThreadedExecutor(context=self.context)
-        self._executor.add_node(self.node)
-        self._thread = threading.Thread(target=self._spin, daemon=True)
+        self._spinning: Spinning | None = None
 
     def spin(self) -> None:
         """Begin to hear; called once everything is subscribed."""
-        self._thread.start()
+        self._spinning = Spinning(self.node, self.failures.append, self.context)
 
     def wait_until(self, found: Callable[[], T], what: Callable[[], str]) -> T:
         """
@@ -53,6 +51,17 @@ class RosSide:
             value = self.news.wait_for(found, self.patience)
             assert value, f'not within {self.patience:g} s: {what()}'
         return value
+
+    def wait_until_polled(self, found: Callable[[], object], what: str) -> None:
+        """
+        Return once `found` is true, of which nothing gives notice.
+
+        :raises AssertionError: if it does not become true in time.
+        """
+        until = time.monotonic() + self.patience
+        while not found():
+            assert time.monotonic() < until, f'not within {self.patience:g} s: {what}'
+            time.sleep(0.02)
 
     def request(self, client: Client, request: object) -> object:
         """
@@ -69,19 +78,13 @@ class RosSide:
         return future.result()
 
     def close(self) -> None:
-        """Leave the domain."""
-        self._closing = True
-        self._executor.shutdown()
-        if self._thread.ident is not None:
-            self._thread.join(PATIENCE)
+        """
+        Leave the domain.
+
+        :raises AssertionError: if a callback of this side failed.
+        """
+        ended = self._spinning is None or self._spinning.stop(PATIENCE)
+        assert ended, 'a callback has not returned'
         self.node.destroy_node()
         rclpy.try_shutdown(context=self.context)
-
-    def _spin(self) -> None:
-        try:
-            self._executor.spin()
-        except ExternalShutdownException:
-            pass  # closed while waiting: that is how it ends
-        except InvalidHandle:
-            if not self._closing:  # closed while a message came in
-                raise
+        assert not self.failures, self.failures

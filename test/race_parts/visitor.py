@@ -141,7 +141,9 @@ def look_around(seconds: float) -> Findings:
         for name, (client, request) in clients.items():
             if name not in asked and client.service_is_ready():
                 asked.add(name)
-                client.call_async(request).add_done_callback(lambda _, name=name: answered.add(name))
+                client.call_async(request).add_done_callback(
+                    lambda _, name=name: answered.add(name)
+                )
         if answered and answered == asked and heard:
             break
     return Findings(

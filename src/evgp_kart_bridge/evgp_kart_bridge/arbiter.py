@@ -14,7 +14,8 @@ verdict follows from a few facts:
 
 * *commanded*: the last frame on the present connection; none while there is no connection, or
   no frame on it yet. A connection on which ``frame_timeout`` passes without a frame is lost.
-* *team stop*: the service, the remote's topic, or the remote's silence (``tsr_timeout``).
+* *team stop*: the service, the remote's topic, the remote's silence (``tsr_timeout``), two nodes
+  where there must be one, or a bridge that would not hear its team's stop (``team_timeout``).
 * *armed*: GREEN_GREEN would be obeyed. This table is all that makes it so or ends it:
 
   ================================================= =============================
@@ -59,6 +60,10 @@ class StopSource(enum.Enum):
     UNRELIABLE = 'unreliable'  # the remote's messages could get lost; nobody can release it
     TWO_REMOTES = 'two remotes'  # one may say stop and the other go
     TWO_BRIDGES = 'two bridges'  # nobody knows to which of them the stack listens
+    TWO_LOCKS = 'two locks'  # nobody knows to which of them the motors listen
+    TWO_ODOMETRIES = 'two odometries'  # one may stand while the other moves
+    TWO_ANSWERERS = 'two answerers'  # one may say that a state is acknowledged which is not
+    TWO_STOPPERS = 'two stoppers'  # one may say that the kart stops which does not
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,6 +74,8 @@ class Settings:
     :ivar frame_timeout: so long without a frame is a lost connection; above 0.
     :ivar tsr_timeout: so long without a message of the team's safety remote is a team stop;
         0: no remote is required.
+    :ivar team_timeout: so long without a sign that the bridge hears its team is a team stop;
+        0: no sign is required.
     :ivar auto_acknowledge_stop: acknowledge the red states when odometry shows a standstill.
     :ivar standstill_speed: no faster than this is standing still; from 0.
     :ivar standstill_time: for so long, without a gap, to be taken for stopped; from 0.
@@ -79,6 +86,7 @@ class Settings:
 
     frame_timeout: float = 1.0
     tsr_timeout: float = 0.0
+    team_timeout: float = 0.0
     auto_acknowledge_stop: bool = False
     standstill_speed: float = 0.05
     standstill_time: float = 0.5
@@ -172,6 +180,7 @@ class Arbiter:
         # The team's stop.
         self._engaged = dict.fromkeys(StopSource, False)
         self._remote_at: float | None = None  # None: unheard, or silent for too long
+        self._team_heard_at: float | None = None  # None: not yet, or not for too long
         # Odometry.
         self._speed = math.nan
         self._speed_at = -math.inf
@@ -211,6 +220,8 @@ class Arbiter:
             due.append(self._heard_at + self._settings.frame_timeout)
         if self._remote_at is not None:
             due.append(self._remote_at + self._settings.tsr_timeout)
+        if self._team_heard_at is not None:
+            due.append(self._team_heard_at + self._settings.team_timeout)
         if self._slowing_since is not None:
             due.append(self._slowing_since + self._settings.red_flag_drive_time)
         return min(due, default=None)
@@ -254,6 +265,13 @@ class Arbiter:
             self._remote_at = now
         if self._team_stop:
             self._on_team_stop()
+        return self._outcome(give_up)
+
+    def team_heard(self, now: float) -> Outcome:
+        """Take note that the bridge hears its team now: a stop would get here."""
+        give_up = self._pass(now)
+        if self._settings.team_timeout > 0:
+            self._team_heard_at = now
         return self._outcome(give_up)
 
     def acknowledge(self, state: RaceState, now: float) -> Outcome:
@@ -309,6 +327,7 @@ class Arbiter:
         give_up = None
         if now < self._now:
             self._remote_at = None
+            self._team_heard_at = None
             self._speed_at = -math.inf
             if self._open:
                 give_up = 'the clock went backwards'
@@ -319,6 +338,10 @@ class Arbiter:
             self._lose(f'not connected to race control: {give_up}')
         if self._remote_at is not None and now >= self._remote_at + settings.tsr_timeout:
             self._remote_at = None
+            self._on_team_stop()
+        heard = self._team_heard_at
+        if heard is not None and now >= heard + settings.team_timeout:
+            self._team_heard_at = None
             self._on_team_stop()
         slowing = self._slowing_since
         if slowing is not None and now >= slowing + settings.red_flag_drive_time:
@@ -387,11 +410,15 @@ class Arbiter:
 
     @property
     def _team_stop(self) -> bool:
-        return any(self._engaged.values()) or self._remote_missing
+        return any(self._engaged.values()) or self._remote_missing or self._team_unheard
 
     @property
     def _remote_missing(self) -> bool:
         return self._settings.tsr_timeout > 0 and self._remote_at is None
+
+    @property
+    def _team_unheard(self) -> bool:
+        return self._settings.team_timeout > 0 and self._team_heard_at is None
 
     def _team_stop_reason(self) -> str:
         reasons = []
@@ -405,8 +432,20 @@ class Arbiter:
             reasons.append('more than one publisher of the safety remote')
         if self._engaged[StopSource.TWO_BRIDGES]:
             reasons.append('another bridge publishes the same race state')
+        if self._engaged[StopSource.TWO_LOCKS]:
+            reasons.append('another node publishes ~/stop')
+        if self._engaged[StopSource.TWO_ODOMETRIES]:
+            reasons.append('more than one publisher of odometry')
+        if self._engaged[StopSource.TWO_ANSWERERS]:
+            reasons.append('another node offers ~/acknowledge')
+        if self._engaged[StopSource.TWO_STOPPERS]:
+            reasons.append('another node offers ~/team_stop')
         if self._remote_missing:
             reasons.append(f'nothing from the safety remote for {self._settings.tsr_timeout:g} s')
+        if self._team_unheard:
+            reasons.append(
+                f'the bridge has not heard its own team for {self._settings.team_timeout:g} s'
+            )
         return 'team stop: ' + ', '.join(reasons)
 
     def _on_team_stop(self) -> None:

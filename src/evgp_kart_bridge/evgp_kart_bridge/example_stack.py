@@ -1,22 +1,32 @@
 """
 A stack to copy: obeys the race state, drives a simulated speed, acknowledges when it is due.
 
-It stops when the bridge dies, since ``RaceStateWatch`` then says RED_RED.
+It stops when the bridge dies, since ``RaceStateWatch`` then says RED_RED, and brakes to a stop when
+it ends itself, in order or by a failure. If its process is killed nobody is left to brake: motors
+must stop by themselves when they are told nothing.
+
+Its timer goes by the steady clock: on ROS time, a wall clock that is set back, or simulated time
+that nobody publishes, would keep it from braking.
 """
 
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from typing import Any
 
 from evgp_kart_bridge.watch import RaceStateWatch
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
+from evgp_node.stamps import stamp
 from evgp_node.states import state_message, state_of
+from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.clock import Clock, ClockType
 
 STEP = 0.02  # s
 ASK_AGAIN = 0.2  # s
@@ -38,33 +48,55 @@ class ExampleStack(StrictNode):
         """Watch the race state and begin to drive."""
         super().__init__('example_stack', **node_options)
         Parameters(self).refuse_unknown()
+        self._driving = threading.Lock()  # who drives: the timer, or `close`
+        self._ended = False
         self._speed = 0.0
+        self._published = True
         self._obeyed = ''
         self._asking: Any = None
         self._asked, self._ask_again_at = None, 0.0
         self._watch = RaceStateWatch(self)
         self._bridge = self.create_client(Acknowledge, 'kart_bridge/acknowledge')
         self._odometry = self.create_publisher(Odometry, 'kart_bridge/odom', 10)
-        self.create_timer(STEP, self._drive)
+        self.create_timer(STEP, self._drive, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def close(self) -> None:
-        """End; a real stack brakes here."""
+        """Brake to a stop, whatever ended the node: its executor may not run any more."""
+        with self._driving:
+            self._ended = True
+            while self._speed > 0.0:
+                self._move(RaceState.RED_RED)
+                time.sleep(STEP)
 
     def _drive(self) -> None:
-        state = self._watch.state
+        with self._driving:
+            if self._ended:
+                return
+            state = self._watch.state
+            self._move(state)
         obeyed = f'{state.value} {self._watch.reason}'
         if obeyed != self._obeyed:
             self._obeyed = obeyed
             self.get_logger().info(obeyed)
+        self._acknowledge(state)
+
+    def _move(self, state: RaceState) -> None:
+        """Drive one step, then say how fast: what cannot be said must not keep it from braking."""
         target, rate = DRIVING[state]
         change = max(-rate * STEP, min(rate * STEP, target - self._speed))
         self._speed += change
         odometry = Odometry()
-        odometry.header.stamp = self.get_clock().now().to_msg()
+        odometry.header.stamp = stamp(self.get_clock())
         odometry.header.frame_id, odometry.child_frame_id = 'odom', 'base_link'
         odometry.twist.twist.linear.x = self._speed
-        self._odometry.publish(odometry)
-        self._acknowledge(state)
+        published = True
+        try:
+            self._odometry.publish(odometry)
+        except RCLError as error:
+            published = False
+            if self._published:
+                self.get_logger().error(f'Odometry cannot be published: {error}')
+        self._published = published
 
     def _acknowledge(self, state: RaceState) -> None:
         """Say GRID_ACTIVE once ready, GREEN_GREEN once driving, a red once standing (§3.A)."""
@@ -79,14 +111,14 @@ class ExampleStack(StrictNode):
         }.get(commanded, False)
         if not reached or told.acknowledged:
             return
-        if commanded is self._asked and time.monotonic() < self._ask_again_at:
+        if commanded is self._asked and clock.now() < self._ask_again_at:
             return
         if self._asking is not None:
             self._bridge.remove_pending_request(self._asking)  # the bridge may have died over it
         self._asking = self._bridge.call_async(
             Acknowledge.Request(reached=state_message(commanded))
         )
-        self._asked, self._ask_again_at = commanded, time.monotonic() + ASK_AGAIN
+        self._asked, self._ask_again_at = commanded, clock.now() + ASK_AGAIN
 
 
 def main(args: list[str] | None = None) -> int:

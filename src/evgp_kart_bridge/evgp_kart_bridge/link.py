@@ -8,6 +8,10 @@ is given up, a verdict is told.
 
 The verdict is told again `REPEAT` times a second by this same thread. So when it hangs, the
 verdict falls silent, and whoever listens stops (§3.E).
+
+The time is that of `evgp_protocol.clock`, which nobody sets and a suspend does not stop. A kart
+computer that wakes up looks at it within ``1 / REPEAT``, or when the first frame comes, before that
+frame is judged: the connection was silent for too long.
 """
 
 from __future__ import annotations
@@ -22,6 +26,7 @@ import socket
 import threading
 
 from evgp_kart_bridge.arbiter import Arbiter, Outcome, Verdict
+from evgp_protocol import clock
 from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame, StateFrame
 from evgp_protocol.states import RaceState
 
@@ -157,7 +162,7 @@ class Link:
 
     def _run(self) -> None:
         try:
-            asyncio.run(self._serve())
+            clock.run(self._serve())
         except BaseException as error:  # noqa: BLE001 - handed to the one who ends the process
             self._on_failure(error)
         finally:

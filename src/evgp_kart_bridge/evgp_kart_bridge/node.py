@@ -8,6 +8,7 @@ team's nodes say and hands it to the link.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import concurrent.futures
 import math
 import sys
@@ -19,12 +20,14 @@ from evgp_kart_bridge.link import Link, LinkClosedError, LinkSettings, LinkStatu
 from evgp_kart_bridge.watch import race_state_qos
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
+from evgp_node.stamps import stamp
 from evgp_node.states import state_message, state_of
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
 from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -66,8 +69,11 @@ LATCHED_TSR_QOS = QoSProfile(
 )
 """Of a second subscription of ``~/tsr``, for what a latched remote said before."""
 
-LOOK_AROUND = 0.5
-"""How often the bridge looks for a second bridge or remote, seconds."""
+LOOK_AROUND = 0.3
+"""How often the bridge looks for a second node where there must be one, seconds."""
+
+TEAM_TIMEOUT = 1.0
+"""Time after which a bridge that has not looked around does not hear its team either, seconds."""
 
 ODOMETRY_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -88,6 +94,10 @@ _ENDED = Verdict(
 )
 
 
+class PublishError(RuntimeError):
+    """The middleware does not take the race state."""
+
+
 class KartBridge(StrictNode):
     """
     The bridge's node.
@@ -105,10 +115,41 @@ class KartBridge(StrictNode):
         self._race_state = self.create_publisher(KartRaceState, '~/race_state', qos)
         self._stop = self.create_publisher(Bool, '~/stop', qos)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._told: Verdict | None = None
         self._until_diagnostics = 0
+        self._until_look = 0
+        # The link's thread asks; that the executor's answers shows that it hears the team. A
+        # timer would not do: some middlewares wait for one by the wall clock.
+        self._ask_to_look = self.create_guard_condition(self._look_around)
         self._malformed = 0
-        self._seen_double = {StopSource.TWO_REMOTES: False, StopSource.TWO_BRIDGES: False}
+        # Where there must be one: what counts them, whom, and what two of them are.
+        self._alone: list[tuple[StopSource, Callable[[str], int], str]] = [
+            (StopSource.TWO_REMOTES, self.count_publishers, self.resolve_topic_name('~/tsr')),
+            (
+                StopSource.TWO_BRIDGES,
+                self.count_publishers,
+                self.resolve_topic_name('~/race_state'),
+            ),
+            (StopSource.TWO_LOCKS, self.count_publishers, self.resolve_topic_name('~/stop')),
+        ]
+        if settings.auto_acknowledge_stop:
+            self._alone.append(
+                (
+                    StopSource.TWO_ODOMETRIES,
+                    self.count_publishers,
+                    self.resolve_topic_name('~/odom'),
+                )
+            )
+        if hasattr(self, 'count_services'):  # ROS 2 Humble cannot tell
+            for source, service in (
+                (StopSource.TWO_ANSWERERS, '~/acknowledge'),
+                (StopSource.TWO_STOPPERS, '~/team_stop'),
+            ):
+                self._alone.append(
+                    (source, self.count_services, self.resolve_service_name(service))
+                )
+        self._seen_double: set[StopSource] = set()
         self._link = Link(Arbiter(settings), link_settings, self._tell, on_failure)
         self.create_service(Acknowledge, '~/acknowledge', self._acknowledge)
         self.create_service(SetBool, '~/team_stop', self._team_stop)
@@ -128,15 +169,15 @@ class KartBridge(StrictNode):
             event_callbacks=SubscriptionEventCallbacks(incompatible_qos=lambda _: None),
         )
         self.create_subscription(Odometry, '~/odom', self._odometry, ODOMETRY_QOS)
-        self.create_timer(
-            LOOK_AROUND, self._look_around, clock=Clock(clock_type=ClockType.STEADY_TIME)
-        )
         self._link.start()
 
     def close(self) -> None:
         """Leave race control, and tell RED_RED last."""
         self._link.stop()
-        self._publish(_ENDED)
+        try:
+            self._publish(_ENDED)
+        except PublishError as error:  # then its silence stops the kart
+            self.get_logger().error(str(error))
         # A publisher that is gone sends nothing again that got lost.
         for publisher in (self._race_state, self._stop):
             publisher.wait_for_all_acked(Duration(seconds=LAST_WORD))
@@ -191,19 +232,14 @@ class KartBridge(StrictNode):
         self._link.give(lambda arbiter, now: arbiter.team_stop(StopSource.UNRELIABLE, True, now))
 
     def _look_around(self) -> None:
-        """Stop while there are two where there must be one."""
-        for source, subject, most in (
-            (StopSource.TWO_REMOTES, '~/tsr', 1),
-            (StopSource.TWO_BRIDGES, '~/race_state', 1),
-        ):
-            engaged = self.count_publishers(self.resolve_topic_name(subject)) > most
-            if engaged != self._seen_double[source]:
-                self._seen_double[source] = engaged
-                self._link.give(
-                    lambda arbiter, now, source=source, engaged=engaged: arbiter.team_stop(
-                        source, engaged, now
-                    )
-                )
+        """Stop while there are two where there must be one; say that the team is heard."""
+        seen = {source for source, count, name in self._alone if count(name) > 1}
+        for source in seen ^ self._seen_double:
+            self._link.give(
+                lambda arbiter, now, source=source: arbiter.team_stop(source, source in seen, now)
+            )
+        self._seen_double = seen
+        self._link.give(Arbiter.team_heard)
 
     def _odometry(self, message: Odometry) -> None:
         velocity = message.twist.twist.linear
@@ -222,25 +258,35 @@ class KartBridge(StrictNode):
             self.get_logger().warning(
                 f'{status.malformed} malformed frames so far; {status.last_malformed}',
                 throttle_duration_sec=10.0,
+                throttle_time_source_type=self._steady,
             )
+        if self._until_look <= 0:
+            self._until_look = round(REPEAT * LOOK_AROUND)
+            self._ask_to_look.trigger()
+        self._until_look -= 1
         if self._until_diagnostics <= 0:
             self._until_diagnostics = round(REPEAT)
             self._diagnostics.publish(self._diagnostic(verdict, status))
         self._until_diagnostics -= 1
 
     def _publish(self, verdict: Verdict) -> None:
-        self._race_state.publish(
-            KartRaceState(
-                stamp=self.get_clock().now().to_msg(),
-                state=state_message(verdict.state),
-                commanded=state_message(verdict.commanded),
-                connected=verdict.connected,
-                team_stop=verdict.team_stop,
-                acknowledged=verdict.acknowledged,
-                reason=verdict.reason,
-            )
+        message = KartRaceState(
+            stamp=stamp(self.get_clock()),
+            state=state_message(verdict.state),
+            commanded=state_message(verdict.commanded),
+            connected=verdict.connected,
+            team_stop=verdict.team_stop,
+            acknowledged=verdict.acknowledged,
+            reason=verdict.reason,
         )
-        self._stop.publish(Bool(data=not verdict.may_drive))
+        try:
+            self._race_state.publish(message)
+            self._stop.publish(Bool(data=not verdict.may_drive))
+        except RCLError as error:
+            raise PublishError(
+                f'the race state cannot be published ({error}). Look at the clock: Fast DDS '
+                'refuses every message from 19 January 2038 on'
+            ) from error
 
     def _log(self, verdict: Verdict) -> None:
         told = self._told
@@ -262,7 +308,7 @@ class KartBridge(StrictNode):
             level = DiagnosticStatus.WARN
         commanded = verdict.commanded.value if verdict.commanded is not None else 'nothing'
         array = DiagnosticArray()
-        array.header.stamp = self.get_clock().now().to_msg()
+        array.header.stamp = stamp(self.get_clock())
         array.status = [
             DiagnosticStatus(
                 level=level,
@@ -318,6 +364,7 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
     settings = Settings(
         frame_timeout=frame_timeout,
         tsr_timeout=tsr_timeout,
+        team_timeout=TEAM_TIMEOUT,
         auto_acknowledge_stop=declare(
             'auto_acknowledge_stop',
             False,

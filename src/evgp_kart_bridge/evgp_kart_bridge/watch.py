@@ -9,15 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import math
+import threading
 import time
 from typing import Any
 
 from evgp_node.states import state_of
+from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
+from rclpy._rclpy_pybind11 import InvalidHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
+from rclpy.guard_condition import GuardCondition
 from rclpy.node import Node
 from rclpy.qos import (
     DurabilityPolicy,
@@ -26,6 +29,7 @@ from rclpy.qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
+from rclpy.subscription import Subscription
 
 try:
     from rclpy.event_handler import SubscriptionEventCallbacks
@@ -38,13 +42,17 @@ LEASE = 0.5
 FORGIVEN = 1.0
 """A stack that did not know its state for longer, s, starts only behind a new GRID_ACTIVE."""
 
+BACKLOG = 100
+"""Maximum number of messages kept for a busy stack: more than the bridge says in `FORGIVEN`."""
+
 
 def race_state_qos(lease: float) -> QoSProfile:
     """
-    Return the QoS of ``~/race_state`` and ``~/stop``, for both ends.
+    Return the QoS of ``~/race_state`` and ``~/stop``: the bridge's, and a plain subscriber's.
 
     Latched, and the bridge must say every `lease` that it lives, by publishing. Only the newest
-    message waits for a stack that is busy.
+    message is kept: a late subscriber must not hear states that do not hold any more, and one
+    that asks for none of them may wait for seconds until Fast DDS has skipped them.
 
     :param lease: in seconds; a subscriber's must not be shorter than the bridge's.
     """
@@ -56,6 +64,21 @@ def race_state_qos(lease: float) -> QoSProfile:
         liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
         liveliness_lease_duration=Duration(seconds=lease),
     )
+
+
+def watch_qos(lease: float) -> QoSProfile:
+    """
+    Return the QoS of the watch's subscription to ``~/race_state``.
+
+    Every message waits for a stack that is busy, so that it hears every state. What was said
+    before it began to listen it does not hear, however much the publisher keeps.
+
+    :param lease: in seconds; not shorter than the bridge's.
+    """
+    qos = race_state_qos(lease)
+    qos.depth = BACKLOG
+    qos.durability = DurabilityPolicy.VOLATILE
+    return qos
 
 
 class RaceStateWatch:
@@ -87,27 +110,27 @@ class RaceStateWatch:
         self._bridges_alive: int | None = None  # None: the middleware has not said yet
         self._armed = False
         self._sure_at = -math.inf  # when there was no doubt last
-        # Of its own, so that subscription and timer wait for the same things: see `_hear`.
+        # Of its own, so that subscription and alarm wait for the same things: see `_hear`.
         group = MutuallyExclusiveCallbackGroup()
-        # When the executor last called the timer, and when before that.
-        self._passed = self._passed_before = time.monotonic()
+        # When the executor last came round to `_pass`, and when before that.
+        self._passed = self._passed_before = clock.now()
         self._told: RaceState | None = None
-        node.create_subscription(
+        self._subscription: Subscription | None = None
+        self._subscription = node.create_subscription(
             KartRaceState,
             topic,
             self._hear,
-            race_state_qos(lease),
+            watch_qos(lease),
             callback_group=group,
             event_callbacks=SubscriptionEventCallbacks(liveliness=self._hear_liveliness),
         )
         # The middleware says when the bridge is gone; the clock says it whatever middleware it
-        # is. A steady clock, since simulated time may stand still.
-        node.create_timer(
-            lease / 5,
-            self._pass,
-            callback_group=group,
-            clock=Clock(clock_type=ClockType.STEADY_TIME),
-        )
+        # is. A timer would not do: simulated time may stand still, and some middlewares wait for
+        # a timer by the wall clock, for as long as that is set back.
+        self._alarm = node.create_guard_condition(self._pass, callback_group=group)
+        threading.Thread(
+            target=_ring, args=(self._alarm, lease / 5), name='race state watch', daemon=True
+        ).start()
 
     @property
     def state(self) -> RaceState:
@@ -127,7 +150,7 @@ class RaceStateWatch:
         return self._judge()[1]
 
     def _judge(self) -> tuple[RaceState, str]:
-        now = time.monotonic()
+        now = clock.now()
         doubt = self._doubt(now)
         if doubt or self.message is None:
             return RaceState.RED_RED, doubt
@@ -152,32 +175,78 @@ class RaceStateWatch:
         return self._armed and now - self._sure_at <= FORGIVEN
 
     def _hear(self, message: KartRaceState) -> None:
-        self.message = message
+        # All that waits is taken now: a stop must not wait behind what was said before it.
+        heard = [message, *self._take_waiting()]
+        self.message = heard[-1]
         # A stack that was busy finds what was said meanwhile, an old GREEN_GREEN perhaps. It
-        # came after the timer's call before the last, or it would have been taken then. (The
+        # came after the call of `_pass` before the last, or it would have been taken then. (The
         # last one does not say that: it may belong to the same turn of the executor. And the
         # stamp would say it only if the clocks of bridge and stack agree.)
         self._heard_at = self._passed_before
+        now = clock.now()
+        for each in heard:
+            self._follow(state_of(each.state), now)
         self._look()
+
+    def _take_waiting(self) -> list[KartRaceState]:
+        """Return what waits behind the message that the executor has taken, oldest first."""
+        waiting: list[KartRaceState] = []
+        subscription = self._subscription
+        if subscription is None:
+            return waiting
+        with subscription.handle:
+            while len(waiting) < BACKLOG:
+                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+                if taken is None:
+                    break
+                waiting.append(taken[0])
+        return waiting
 
     def _pass(self) -> None:
         self._passed_before = self._passed
-        self._passed = time.monotonic()
+        self._passed = clock.now()
         self._look()
 
     def _hear_liveliness(self, liveliness: Any) -> None:
         self._bridges_alive = liveliness.alive_count
+        if self._bridges_alive > 1:
+            self._armed = False  # perhaps by a GRID_ACTIVE of the other one
         self._look()
 
+    def _follow(self, said: RaceState | None, now: float) -> None:
+        """
+        Arm or disarm by one message, however late it is taken.
+
+        A GRID_ACTIVE that waited for a busy stack counts as long as the doubt is forgiven. One
+        of two bridges does not: the other may say GREEN_GREEN.
+        """
+        doubt = self._doubt(now)
+        forgiven = now - self._sure_at <= FORGIVEN and self._bridges_alive in (None, 1)
+        if said is RaceState.GRID_ACTIVE:
+            self._armed = forgiven or not doubt
+        elif said is RaceState.GREEN_GREEN:
+            self._armed = self._is_armed(now)
+        else:
+            self._armed = False
+        if not doubt:
+            self._sure_at = now
+
     def _look(self) -> None:
-        now = time.monotonic()
-        if self.message is not None and not self._doubt(now):
-            said = state_of(self.message.state)
-            self._armed = said is RaceState.GRID_ACTIVE or (
-                said is RaceState.GREEN_GREEN and self._is_armed(now)
-            )
+        now = clock.now()
+        if not self._doubt(now):
+            self._armed = self._is_armed(now)
             self._sure_at = now
         state = self.state
         if state is not self._told:
             self._told = state
             self._on_change(state)
+
+
+def _ring(alarm: GuardCondition, interval: float) -> None:
+    """Wake a node's executor again and again, for as long as there is the node."""
+    while True:
+        time.sleep(interval)  # by the monotonic clock; a wait with a timeout need not be
+        try:
+            alarm.trigger()
+        except InvalidHandle:
+            return

@@ -24,11 +24,10 @@ def generate_launch_description() -> LaunchDescription:
             ),
             # Apart from everybody else's graph, unless told otherwise (docs/security.md).
             DeclareLaunchArgument(
-                'discovery_range',
-                default_value=EnvironmentVariable(
-                    'ROS_AUTOMATIC_DISCOVERY_RANGE', default_value='LOCALHOST'
-                ),
-                description='How far away other nodes may be: LOCALHOST or SUBNET.',
+                'graph_interface',
+                default_value=EnvironmentVariable('EVGP_GRAPH_INTERFACE', default_value=''),
+                description='The IPv4 address of the interface to further computers of this '
+                'kart; empty: its stack is on this one.',
             ),
             DeclareLaunchArgument(
                 'domain_id',
@@ -45,7 +44,7 @@ def generate_launch_description() -> LaunchDescription:
                     {'host': ParameterValue(LaunchConfiguration('host'), value_type=str)},
                 ],
                 additional_env={
-                    'ROS_AUTOMATIC_DISCOVERY_RANGE': LaunchConfiguration('discovery_range'),
+                    'EVGP_GRAPH_INTERFACE': LaunchConfiguration('graph_interface'),
                     'ROS_DOMAIN_ID': LaunchConfiguration('domain_id'),
                 },
                 output='screen',

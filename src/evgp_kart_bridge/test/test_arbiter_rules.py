@@ -85,34 +85,38 @@ class Oracle:
             own = [item.value[1] for item in stops if item.value[0] is source]
             if own and own[-1]:
                 return True
-        if self.settings.tsr_timeout == 0:
-            return False
-        remote = [item.at for item in stops if item.value[0] is StopSource.TOPIC]
-        return not remote or now - remote[-1] >= self.settings.tsr_timeout
+        for timeout, signs in self._signs(past):
+            if timeout > 0 and (not signs or now - signs[-1] >= timeout):
+                return True
+        return False
+
+    def _signs(self, past: History) -> list[tuple[float, list[float]]]:
+        """Return what must not be missed for how long, and when it came."""
+        remote = [
+            item.at
+            for item in past
+            if item.kind == 'team_stop' and item.value[0] is StopSource.TOPIC
+        ]
+        team = [item.at for item in past if item.kind == 'team_heard']
+        return [(self.settings.tsr_timeout, remote), (self.settings.team_timeout, team)]
 
     def stopped_since(self, begin: int) -> bool:
         """Whether the team stop was on at any time from the input at `begin` to now."""
         last = len(self.history) - 1
         if any(self.stop_at(index) for index in range(begin, last + 1)):
             return True
-        if self.settings.tsr_timeout == 0:
-            return False
-        # The remote may have been silent for too long between two of the inputs.
-        remote = [
-            item.at
-            for item in self.history
-            if item.kind == 'team_stop' and item.value[0] is StopSource.TOPIC
-        ]
-        for earlier, later in itertools.pairwise([*remote, self.now]):
-            lapsed = earlier + self.settings.tsr_timeout
-            if later >= lapsed and later > self.history[begin].at:
-                return True
+        # They may have been missed for too long between two of the inputs.
+        for timeout, signs in self._signs(self.history):
+            for earlier, later in itertools.pairwise([*signs, self.now]):
+                lapsed = later >= earlier + timeout
+                if timeout > 0 and lapsed and later > self.history[begin].at:
+                    return True
         return False
 
     @property
     def team_stop(self) -> bool:
         if not self.history:
-            return self.settings.tsr_timeout > 0
+            return self.settings.tsr_timeout > 0 or self.settings.team_timeout > 0
         return self.stop_at(len(self.history) - 1)
 
     @property
@@ -214,7 +218,7 @@ class Oracle:
 def apply(arbiter: Arbiter, kind: str, value: Any, at: float) -> Input:
     """Give one input to the arbiter and note it with its answer."""
     stop_source = sys.modules[type(arbiter).__module__].StopSource
-    if kind == 'tick' or kind == 'connected':
+    if kind in ('tick', 'connected', 'team_heard'):
         outcome = getattr(arbiter, kind)(at)
     elif kind == 'team_stop':
         outcome = arbiter.team_stop(stop_source[value[0].name], value[1], at)
@@ -268,6 +272,7 @@ SMALL = Settings(
 WORLDS = {
     'plain': SMALL,
     'remote required': dataclasses.replace(SMALL, tsr_timeout=1.0),
+    'team must be heard': dataclasses.replace(SMALL, team_timeout=1.0),
     'acknowledges by itself': dataclasses.replace(SMALL, auto_acknowledge_stop=True),
     'drives in garage': dataclasses.replace(SMALL, drive_in_garage=True),
 }
@@ -279,6 +284,7 @@ LINK = [
     *(('acknowledge', state) for state in RaceState),
 ]
 STOPS = [('team_stop', (source, engaged)) for source in StopSource for engaged in (True, False)]
+TEAM = [('team_heard', None)]
 SPEEDS = [('speed', value) for value in (0.0, 1.0, math.nan)]
 
 
@@ -348,6 +354,7 @@ def explore(
     [
         ('plain', LINK + STOPS[:6]),
         ('remote required', LINK + STOPS[2:4]),
+        ('team must be heard', LINK + TEAM + STOPS[:2]),
         ('acknowledges by itself', LINK + SPEEDS),
         ('drives in garage', LINK + STOPS[:2]),
     ],
@@ -417,6 +424,23 @@ FAULTS = {
         'return self._settings.tsr_timeout > 0 and self._remote_at is None',
         'return False',
     ),
+    'a deaf bridge is not missed': (
+        'return self._settings.team_timeout > 0 and self._team_heard_at is None',
+        'return False',
+    ),
+    'a deaf bridge is told apart too late': (
+        'if heard is not None and now >= heard',
+        'if heard is not None and now > heard',
+    ),
+    'deafness does not disarm': (
+        '            self._team_heard_at = None\n            self._on_team_stop()\n',
+        '            self._team_heard_at = None\n',
+    ),
+    'hearing the team releases its stop': (
+        '            self._team_heard_at = now\n',
+        '            self._team_heard_at = now\n'
+        '            self._engaged = dict.fromkeys(StopSource, False)\n',
+    ),
     'one source releases the other': (
         'self._engaged[source] = engaged',
         'self._engaged = dict.fromkeys(StopSource, engaged)',
@@ -484,7 +508,7 @@ def test_fault_is_found(old: str, new: str) -> None:
     try:
         with pytest.raises(AssertionError, match='after'):
             for settings in WORLDS.values():
-                explore(module, settings, LINK + STOPS[:4] + SPEEDS, limit=60_000)
+                explore(module, settings, LINK + TEAM + STOPS[:4] + SPEEDS, limit=60_000)
     finally:
         del sys.modules[module.__name__]
 
@@ -497,6 +521,7 @@ class ArbiterAndOracle(RuleBasedStateMachine):
             Settings,
             frame_timeout=st.sampled_from([0.25, 1.0]),
             tsr_timeout=st.sampled_from([0.0, 0.0, 0.375]),
+            team_timeout=st.sampled_from([0.0, 0.0, 0.375]),
             auto_acknowledge_stop=st.booleans(),
             standstill_time=st.sampled_from([0.0, 0.5]),
             red_flag_drive_time=st.sampled_from([0.0, 1.0, 15.0]),
@@ -561,6 +586,10 @@ class ArbiterAndOracle(RuleBasedStateMachine):
     def stop(self, wait: float, source: StopSource, engaged: bool) -> None:
         self.give('team_stop', (source, engaged), wait)
 
+    @rule(wait=waits)
+    def hear_the_team(self, wait: float) -> None:
+        self.give('team_heard', None, wait)
+
     @rule(wait=waits, value=st.sampled_from([0.0, 0.04, 0.06, 5.0, math.nan, math.inf]))
     def speed(self, wait: float, value: float) -> None:
         self.give('speed', value, wait)
@@ -569,6 +598,7 @@ class ArbiterAndOracle(RuleBasedStateMachine):
     def come_to_race(self) -> None:
         for source in StopSource:
             self.give('team_stop', (source, False), 0.0)
+        self.give('team_heard', None, 0.0)
         self.give('connected', None, 0.0)
         self.give('heard', GRID, 0.0)
         self.give('acknowledge', GRID, 0.0)

@@ -17,6 +17,7 @@ import ctypes
 import fcntl
 import ipaddress
 import os
+import pathlib
 import socket
 import struct
 import tempfile
@@ -205,7 +206,7 @@ def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
     raise GraphError(
         f'karts connect at {karts}, and the ROS graph can be reached at {at}: whoever is on the '
         "karts' network could start them. Set the parameter address to that of the karts' "
-        "interface, and officials to another one, or leave officials out; docs/security.md has "
+        'interface, and officials to another one, or leave officials out; docs/security.md has '
         'the other ways'
     )
 
@@ -297,6 +298,8 @@ def _named_interface() -> str:
 
 # ----- what the kernel says ---------------------------------------------------------------
 
+_DESCRIPTORS = pathlib.Path('/proc/self/fd')
+_NETWORK = pathlib.Path('/proc/thread-self/net')
 _SIOCGIFCONF = 0x8912
 _REQUEST_SIZE = 40  # of struct ifreq, on 64 bits
 _SO_ATTACH_FILTER = _SO_GET_FILTER = 26
@@ -325,21 +328,21 @@ def _interfaces() -> dict[str, str]:
 def _sockets() -> Iterator[list[tuple[socket.socket, str]]]:
     """Give each UDP socket of this process, and the IPv4 address to which it is bound."""
     bound = {}
-    for line in _lines('/proc/self/net/udp'):
+    for line in _lines(_NETWORK / 'udp'):
         number = bytes.fromhex(line[1].partition(':')[0])
         bound[line[9]] = socket.inet_ntoa(number[::-1])
-    for line in _lines('/proc/self/net/udp6'):
+    for line in _lines(_NETWORK / 'udp6'):
         bound[line[9]] = EVERY  # we open none; who sees one shall ask
     with contextlib.ExitStack() as stack:
         found = []
-        for name in os.listdir('/proc/self/fd'):
+        for own in list(_DESCRIPTORS.iterdir()):
             try:
                 # A copy: the original may be closed meanwhile, and another get its number.
-                descriptor = os.dup(int(name))
+                descriptor = os.dup(int(own.name))
             except OSError:
                 continue
-            inode = os.readlink(f'/proc/self/fd/{descriptor}')
-            address = bound.get(inode.removeprefix('socket:[').removesuffix(']'))
+            what = str((_DESCRIPTORS / str(descriptor)).readlink())
+            address = bound.get(what.removeprefix('socket:[').removesuffix(']'))
             if address is None:
                 os.close(descriptor)
             else:
@@ -348,8 +351,8 @@ def _sockets() -> Iterator[list[tuple[socket.socket, str]]]:
         yield found
 
 
-def _lines(path: str) -> list[list[str]]:
-    with contextlib.suppress(FileNotFoundError), open(path, encoding='ascii') as file:
+def _lines(path: pathlib.Path) -> list[list[str]]:
+    with contextlib.suppress(FileNotFoundError), path.open(encoding='ascii') as file:
         return [line.split() for line in file][1:]
     return []  # a machine without IPv6
 
@@ -381,11 +384,13 @@ def _filtered_interfaces(of: socket.socket) -> list[int] | None:
     code = ctypes.create_string_buffer(8 * 64)
     # Counted in instructions, there and back, not in bytes as everywhere else.
     count = ctypes.c_uint32(64)
-    if _LIBC.getsockopt(
-        of.fileno(), socket.SOL_SOCKET, _SO_GET_FILTER, code, ctypes.byref(count)
-    ):
+    if _LIBC.getsockopt(of.fileno(), socket.SOL_SOCKET, _SO_GET_FILTER, code, ctypes.byref(count)):
         return None
     program = list(struct.iter_unpack('HBBI', code.raw[: 8 * count.value]))
     if not program or program[0] != _LOAD_INTERFACE:
         return None
     return [value for operation, _, _, value in program if operation == _JUMP_IF_EQUAL]
+
+
+if __name__ == '__main__':
+    print(fast_dds_profile(_named_interface()), end='')

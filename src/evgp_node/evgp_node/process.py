@@ -81,7 +81,11 @@ def run_node(
         signal.signal(signal.SIGTSTP, signal.SIG_IGN)
         try:
             with unwaiting_output():
-                return _run(name, make_node, refusals, args, ending, end)
+                code, take_down = _run(name, make_node, refusals, args, ending, end)
+            # All that was printed is out by now: while ROS hangs, no thread could print it.
+            end_within(TEARDOWN_TIMEOUT, code)
+            take_down()
+            return code
         finally:
             signal.set_wakeup_fd(-1)
 
@@ -93,7 +97,8 @@ def _run(
     args: list[str] | None,
     ending: socket.socket,
     end: socket.socket,
-) -> int:
+) -> tuple[int, Callable[[], object]]:
+    """Run it and close it; return the exit code, and what takes ROS down."""
     failures: list[BaseException] = []
 
     def fail(error: BaseException) -> None:
@@ -112,12 +117,13 @@ def _run(
         node = make_node(fail)
     except UnknownROSArgsError as error:
         print(f'{name}: unknown ROS arguments: {error}', file=sys.stderr)
-        return 2
+        return 2, rclpy.try_shutdown
     except (RCLError, GraphError, *refusals) as error:
         print(f'{name}: {error}', file=sys.stderr)
-        end_within(TEARDOWN_TIMEOUT, 2)
-        rclpy.try_shutdown()
-        return 2
+        return 2, rclpy.try_shutdown
+    except BaseException:
+        end_within(CLOSE_TIMEOUT, 1)
+        raise
     spinning = [Spinning(each, fail) for each in (node, *node.beside)]
     ending.recv(1)
     end_within(CLOSE_TIMEOUT, 1)
@@ -127,9 +133,13 @@ def _run(
         print(f'{name} could not go on:', file=sys.stderr)
         traceback.print_exception(failures[0])
         code = 1
-    end_within(TEARDOWN_TIMEOUT, code)
-    if all([each.stop(TEARDOWN_TIMEOUT) for each in spinning]):
-        for each in (*node.beside, node):
-            each.destroy_node()
-        rclpy.try_shutdown()
-    return code
+    end_within(CLOSE_TIMEOUT, code)
+
+    def take_down() -> None:
+        ended = [each.stop(TEARDOWN_TIMEOUT) for each in spinning]
+        if all(ended):
+            for each in (*node.beside, node):
+                each.destroy_node()
+            rclpy.try_shutdown()
+
+    return code, take_down

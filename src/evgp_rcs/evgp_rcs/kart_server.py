@@ -3,10 +3,9 @@ The kart server: the TCP side of race control, and the one owner of the race (§
 
 Rules of what lives in this file:
 
-- One thread, one asyncio loop. The race, the sockets and everything below are touched by that
-  thread alone; other threads reach it through ``submit`` and are reached through two callbacks.
-- No ROS, no disk, no log. What happened leaves as events, what there is to see as a copy of the
-  race; whoever takes them works on them in a thread of its own.
+- One thread, one asyncio loop, in a process without ROS (``kart_process``). The race, the sockets
+  and everything below are touched by that thread alone.
+- No disk, no log, no other process. What they need leaves through ``Outside``, which never waits.
 - A command is judged and its frames are written to every socket in one go, without an await in
   between: nothing else runs between an official's stop and its bytes.
 - Every peer is bounded: bytes read per beat, bytes waiting to be written, events told.
@@ -18,14 +17,13 @@ import array
 import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-import concurrent.futures
 from dataclasses import dataclass
 import fcntl
 import itertools
 import socket
 import termios
-import threading
 import time
+from typing import Protocol
 
 from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame, StateFrame
 from evgp_protocol.states import RaceState
@@ -33,12 +31,15 @@ from evgp_rcs.race import (
     Answer,
     Command,
     CommandKind,
+    COMMANDS,
     Event,
     EventKind,
     Outcome,
     Race,
+    RaceMemory,
     StampedEvent,
     STOPS,
+    URGENT,
 )
 
 READ_BYTES = 4096
@@ -54,21 +55,11 @@ UNSENT_BYTES = 4096
 """What may wait for one kart that does not read before it is dropped, bytes."""
 
 HELD_UP = 1.0
-"""A beat that comes later than this, s: officials and karts have waited for race control."""
+"""Delay of a beat after which race control counts as held up, in seconds."""
 
 PAUSE_AFTER_HELD_UP = 5.0
-"""So long after that nothing is taken that loosens or starts anything, s. What officials sent
-meanwhile comes late: up to 3 s were seen, where DDS had to introduce the two ends first."""
-
-WAITING = frozenset(
-    {
-        CommandKind.GRID_ACTIVE,
-        CommandKind.GREEN_GREEN,
-        CommandKind.IN_GARAGE,
-        CommandKind.KART_IN_GARAGE,
-    }
-)
-"""The commands that are not taken during a pause: those that loosen or start something."""
+"""Time after that for which commands that loosen or start anything are refused, in seconds. What
+officials sent meanwhile comes late: DDS delivered it up to 3 s later."""
 
 TCP_THIN_LINEAR_TIMEOUTS = 16
 """An option of Linux (since 2.6.34) that Python does not name."""
@@ -77,17 +68,28 @@ CONNECTIONS = (10, 2.0)
 """How often a kart may connect: so many times at once, and then so often a second."""
 
 COPY_PER_KART = 0.0002
-"""The least time between two copies of the race, for each of its karts, s. Whoever takes one of a
-thousand karts has 40 ms of work with it."""
+"""Minimum time between two copies of the race, for each of its karts, in seconds. The ROS half
+needs 40 ms to publish a race with a thousand karts."""
 
-MOST_WAITED = 0.2
-"""So long in all does a piece of work wait for frames that go to the karts, s."""
+REMEMBER_TIMEOUT = 1.0
+"""Time after which a GREEN_GREEN waits no longer for the record, in seconds."""
+
+KARTS_BETWEEN_LOOKS = 8
+"""Number of karts that a beat writes to before it looks again whether a command has come."""
 
 FRAMES = {state: encode(state) for state in RaceState}
 
 
+SILENCE = 1.0
+"""Time after which a silent ROS half counts as gone, in seconds."""
+
+
 class KartServerError(RuntimeError):
-    """The kart server cannot start; the text says why and what would be right."""
+    """The kart server cannot start or go on; the text says why and what would be right."""
+
+
+class RosHalfGoneError(RuntimeError):
+    """The ROS half was not heard for longer than `SILENCE`, or is gone."""
 
 
 @dataclass(frozen=True)
@@ -115,13 +117,45 @@ class ServerSettings:
     copy_at_least: float = 0.5
 
 
-@dataclass(frozen=True)
-class _Waiting:
-    """A command that was not judged yet, and when it came (s)."""
+@dataclass
+class Waiting:
+    """
+    A command that was not judged yet.
+
+    :param answered: takes the answer, once every frame has been written.
+    :param came: when it came (s).
+    :param withdrawn: nobody waits for its answer any more: it is not to be judged.
+    """
 
     command: Command
-    answer: concurrent.futures.Future[Answer]
+    answered: Callable[[Answer], None]
     came: float
+    withdrawn: bool = False
+
+
+class Outside(Protocol):
+    """What the kart server needs of the world; nothing here may wait for anything."""
+
+    def look(self) -> None:
+        """Take in what has come, and hand commands over with ``submit``."""
+
+    def tell(self, events: list[StampedEvent]) -> None:
+        """Take the events, in order."""
+
+    def show(self, race: Race, at: float) -> None:
+        """Take what there is to see of the race at this time (s); it must not be kept."""
+
+    def remember(self, memory: RaceMemory, at: float) -> None:
+        """Have this found by the next run, as soon as the disk takes it."""
+
+    def make_sure(self, memory: RaceMemory, at: float, done: Callable[[bool], None]) -> None:
+        """Have this on the disk, then call ``done`` in the loop with whether it is there."""
+
+    def trouble(self, now: float) -> str:
+        """Return why the record fails, as a sentence for an official; empty: it does not."""
+
+    def silent_since(self) -> float | None:
+        """Return when the ROS half was heard last (s); None while nothing is expected of it."""
 
 
 class _Allowance:
@@ -146,7 +180,7 @@ class _Allowance:
     def mention(self) -> str:
         """Return how many were withheld since the last mention, as the end of a sentence."""
         withheld, self.withheld = self.withheld, 0
-        return f' ({withheld} more were not told)' if withheld else ''
+        return f' ({withheld} more not reported)' if withheld else ''
 
 
 class _KartLink(asyncio.BufferedProtocol):
@@ -175,7 +209,6 @@ class _KartLink(asyncio.BufferedProtocol):
         self.number = 0
         self.serial = 0
         self.frame = b''
-        self.frames_sent = 0
         self.reason = 'the connection ended'
 
     # ----- asyncio's side -----------------------------------------------------------------
@@ -190,7 +223,7 @@ class _KartLink(asyncio.BufferedProtocol):
         """Make the socket prompt: no Nagle, little in flight, and a vanished kart noticed."""
         assert self._socket is not None
         self._send_timeout = settings.send_timeout
-        self._answered_at = time.monotonic()
+        self._answered_at = self._server.now()
         option = self._socket.setsockopt
         option(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         try:
@@ -299,14 +332,13 @@ class _KartLink(asyncio.BufferedProtocol):
         if self._transport is None:
             return
         self._transport.write(self.frame)
-        self.frames_sent += 1
         self._written += len(self.frame)
         if self._transport.get_write_buffer_size() > UNSENT_BYTES:
             self.drop('the kart does not read what it is sent')
 
     def _is_unanswered(self) -> bool:
         """Return whether the kart has answered nothing of what it was sent for too long (§4.D)."""
-        now = time.monotonic()
+        now = self._server.now()
         if self._transport is None or now < self._ask_at:
             return False
         self._ask_at = now + self._send_timeout / 8  # to ask the kernel at every beat is too dear
@@ -331,16 +363,12 @@ class _KartLink(asyncio.BufferedProtocol):
 
 class KartServer:
     """
-    The karts' sockets and the race, in one thread of their own.
+    The karts' sockets and the race, in one asyncio loop.
 
-    :param race: the race; from ``start`` on it belongs to this server's thread.
+    :param race: the race; from ``serve`` on it belongs to this server.
     :param addresses: the roster's IPv4 addresses and the kart number of each (§4.A).
     :param settings: how to listen and send.
-    :param on_events: takes the events, in order, in the server's thread: it must only hand
-        them on.
-    :param on_copy: takes a copy of the race and the time (s) it was taken, likewise.
-    :param on_failure: takes the error that ended the server after it had started; by then every
-        kart has been sent RED_RED and is disconnected.
+    :param outside: the ROS half and the record.
     :param first_events: what happened before, to be told first.
     """
 
@@ -349,22 +377,19 @@ class KartServer:
         race: Race,
         addresses: Mapping[str, int],
         settings: ServerSettings,
-        on_events: Callable[[list[StampedEvent]], None],
-        on_copy: Callable[[Race, float], None],
-        on_failure: Callable[[BaseException], None],
+        outside: Outside,
         first_events: Iterable[Event] = (),
     ) -> None:
-        """Take note of everything; nothing is opened before ``start``."""
+        """Take note of everything; nothing is opened before ``serve``."""
         self._race = race
         self._addresses = dict(addresses)
         self._settings = settings
-        self._on_events = on_events
-        self._on_copy = on_copy
-        self._on_failure = on_failure
+        self._outside = outside
         self._first_events = tuple(first_events)
         self._links: dict[int, _KartLink] = {}
-        self._stops: deque[_Waiting] = deque()
-        self._commands: deque[_Waiting] = deque()
+        self._stops: deque[Waiting] = deque()
+        self._commands: deque[Waiting] = deque()
+        self._starting: Waiting | None = None
         self._sequence = itertools.count(1)
         self._refusals = _Allowance(5)
         self._connections = {number: _Allowance(*CONNECTIONS) for number in race.karts}
@@ -374,143 +399,47 @@ class KartServer:
         self._paused_until = 0.0
         self._paused_by = ''
         self._beat_at = 0.0
+        self._began_again_at = 0.0
         self._copied_at = 0.0
         self._copy_interval = max(settings.copy_interval, COPY_PER_KART * len(race.karts))
         self._copy_asked = False
         self._loop: asyncio.AbstractEventLoop | None = None
         self._closing: asyncio.Event | None = None
-        self._listening: concurrent.futures.Future[tuple[str, int]] = concurrent.futures.Future()
-        self._thread = threading.Thread(target=self._run, name='kart_server', daemon=True)
         self._failure: BaseException | None = None
-        self.address = ('', 0)
-        self.calm = threading.Event()
-        """Not set while a stop or a beat is on its way to the karts: whoever has work that can
-        wait waits for it, see ``courtesy``. Else each write hands them the interpreter."""
-        self.calm.set()
 
-    # ----- for other threads --------------------------------------------------------------
+    # ----- for whoever runs it, in the thread of its loop ---------------------------------
 
-    def start(self) -> None:
+    async def serve(self, listening: Callable[[tuple[str, int]], None]) -> None:
         """
-        Listen, and return once karts can connect.
+        Listen for karts until ``end``; the last that every kart hears is RED_RED.
 
+        :param listening: takes the address and port, once karts can connect.
         :raises KartServerError: if the address cannot be listened at.
+        :raises BaseException: what ended it, after every kart was sent RED_RED.
         """
-        self._thread.start()
+        self._loop = loop = asyncio.get_running_loop()
+        self._closing = asyncio.Event()
+        loop.set_exception_handler(self._fail)
         try:
-            self.address = self._listening.result()
+            server = await loop.create_server(
+                lambda: _KartLink(self),
+                self._settings.host or None,
+                self._settings.port,
+                family=socket.AF_INET,
+                backlog=1024,
+                reuse_address=True,
+            )
         except OSError as error:
             where = f'{self._settings.host or "any address"}, port {self._settings.port}'
             raise KartServerError(
                 f'race control cannot listen for karts at {where}: {_plain(error)}; '
                 'stop the program that has the port, or choose another address or port'
             ) from error
-
-    def submit(
-        self, command: Command, came: float | None = None
-    ) -> concurrent.futures.Future[Answer]:
-        """
-        Hand over an official's command; stops are taken before anything else that waits.
-
-        :param came: when it came (monotonic, s), if that was before.
-        :returns: a future with the answer, done once every frame has been written.
-        :raises KartServerError: if the server is not running: then only the MSR is left.
-        """
-        answer: concurrent.futures.Future[Answer] = concurrent.futures.Future()
-        waiting = _Waiting(command, answer, time.monotonic() if came is None else came)
-        if command.kind in STOPS:
-            self.calm.clear()
-            self._stops.append(waiting)
-        else:
-            self._commands.append(waiting)
-        self._call(self.take_commands)
-        return answer
-
-    def report(self, event: Event) -> None:
-        """
-        Have something told among the events, in order with them.
-
-        :raises KartServerError: if the server is not running.
-        """
-        self._call(lambda: self._tell([event]))
-
-    def copy(self) -> concurrent.futures.Future[tuple[Race, float]]:
-        """
-        Return a copy of the race with its time (s), as soon as the server comes to it.
-
-        :raises KartServerError: if the server is not running.
-        """
-        future: concurrent.futures.Future[tuple[Race, float]] = concurrent.futures.Future()
-        self._call(lambda: future.set_result((self._race.copy(), self._now())))
-        return future
-
-    def courtesy(self) -> Callable[[], None]:
-        """
-        Return what a piece of work calls between its parts, in whatever thread.
-
-        It waits while frames are on their way to the karts, `MOST_WAITED` in all its calls.
-        """
-        left = MOST_WAITED
-
-        def give_way() -> None:
-            nonlocal left
-            if left > 0 and not self.calm.is_set():
-                began = time.monotonic()
-                self.calm.wait(left)
-                left -= time.monotonic() - began
-
-        return give_way
-
-    def _call(self, work: Callable[[], object]) -> None:
-        try:
-            assert self._loop is not None, 'nothing can be asked for before start'
-            self._loop.call_soon_threadsafe(work)
-        except RuntimeError as error:
-            self.calm.set()
-            raise KartServerError('the kart server is not running: use the MSR') from error
-
-    def stop(self) -> None:
-        """Send every kart RED_RED, close every connection, and return when that is done."""
-        if self._loop is not None and self._closing is not None and self._thread.is_alive():
-            closing = self._closing
-            try:
-                self._loop.call_soon_threadsafe(closing.set)
-            except RuntimeError:  # the loop ended by itself between the question and the call
-                return
-        if self._thread.ident is not None:
-            self._thread.join()
-
-    # ----- the loop -----------------------------------------------------------------------
-
-    def _run(self) -> None:
-        try:
-            asyncio.run(self._serve())
-        except BaseException as error:  # noqa: BLE001 - handed to whoever owns the process
-            if self._listening.done():
-                self._on_failure(error)
-            else:
-                self._listening.set_exception(error)
-        finally:
-            # Again: until the loop was closed, something could still be handed over.
-            self._refuse_the_rest()
-
-    async def _serve(self) -> None:
-        self._loop = loop = asyncio.get_running_loop()
-        self._closing = asyncio.Event()
-        loop.set_exception_handler(self._fail)
-        server = await loop.create_server(
-            lambda: _KartLink(self),
-            self._settings.host or None,
-            self._settings.port,
-            family=socket.AF_INET,
-            backlog=128,
-            reuse_address=True,
-        )
         self._tell(self._first_events)
-        self._beat_at = loop.time()
+        self._beat_at = self._began_again_at = loop.time()
         loop.call_soon(self._beat, loop.time())
         try:
-            self._listening.set_result(server.sockets[0].getsockname()[:2])
+            listening(server.sockets[0].getsockname()[:2])
             await self._closing.wait()
         finally:
             server.close()
@@ -522,50 +451,83 @@ class KartServer:
         # One turn of the loop, so that closed transports let go of their sockets.
         await asyncio.sleep(0)
 
+    def submit(
+        self, command: Command, answered: Callable[[Answer], None], came: float | None = None
+    ) -> Waiting:
+        """
+        Take an official's command; it is judged in ``take_commands``, stops before the rest.
+
+        :param answered: takes the answer.
+        :param came: when it came (s), if that was before.
+        """
+        waiting = Waiting(command, answered, self.now() if came is None else came)
+        (self._stops if command.kind in URGENT else self._commands).append(waiting)
+        return waiting
+
+    def rival(self, present: bool) -> None:
+        """Take note whether another race control answers in the same ROS domain."""
+        self._apply(self._race.rival(present, self.now()))
+
+    def report(self, event: Event) -> None:
+        """Have something told among the events, in order with them."""
+        self._tell([event])
+
+    def end(self, failure: BaseException | None = None) -> None:
+        """
+        Send every kart RED_RED, close every connection, and have ``serve`` return.
+
+        :param failure: what ``serve`` raises then.
+        """
+        if self._failure is None:
+            self._failure = failure
+        if self._closing is not None:
+            self._closing.set()
+
+    def now(self) -> float:
+        """Return the time of the rules (s)."""
+        assert self._loop is not None, 'there is no time before serve'
+        return self._loop.time()
+
+    # ----- the loop -----------------------------------------------------------------------
+
     def _fail(self, loop: asyncio.AbstractEventLoop, context: dict[str, object]) -> None:
         """Stop everything on an error nobody foresaw: the karts see RED_RED, then the end."""
         error = context.get('exception')
         if isinstance(error, OSError) and str(context.get('message')).startswith('socket.accept'):
             # Out of file descriptors: asyncio tries again in a second, the race goes on.
-            if self._refusals.take(self._now()):
+            if self._refusals.take(self.now()):
                 text = f'No further connection can be taken now: {_plain(error)}'
                 self._tell([Event(EventKind.REFUSED_CONNECTION, text, success=False)])
             return
-        if self._failure is None:
-            self._failure = (
-                error
-                if isinstance(error, BaseException)
-                else RuntimeError(str(context.get('message')))
-            )
-        assert self._closing is not None
-        self._closing.set()
+        self.end(
+            error
+            if isinstance(error, BaseException)
+            else RuntimeError(str(context.get('message')))
+        )
 
     def _refuse_the_rest(self) -> None:
         answer = Answer(False, 'Race control is stopping; if a kart still moves, use the MSR.')
-        for queue in (self._stops, self._commands):
-            while queue:
-                future = queue.popleft().answer
-                if future.set_running_or_notify_cancel():
-                    future.set_result(answer)
-        self.calm.set()
+        starting, self._starting = self._starting, None
+        for waiting in (*self._stops, *self._commands, *((starting,) if starting else ())):
+            if not waiting.withdrawn:
+                waiting.answered(answer)
+        self._stops.clear()
+        self._commands.clear()
 
     def _beat(self, due: float) -> None:
         assert self._loop is not None
         assert self._closing is not None
         if self._closing.is_set():
             return
-        self._notice_delay(self._now())
+        self._notice_delay(self.now())
         self.take_commands()
-        now = self._beat_at = self._now()
+        now = self._beat_at = self.now()
+        self._look_at_the_ros_half(now)
         self._apply(self._race.tick(now))
-        self.calm.clear()
-        for link in list(self._links.values()):
-            if self._stops:
+        for count, link in enumerate(list(self._links.values())):
+            if count % KARTS_BETWEEN_LOOKS == 0:
                 self.take_commands()
-                self.calm.clear()
             link.beat()
-        if not self._stops:
-            self.calm.set()
         if now - self._copied_at >= self._settings.copy_at_least:
             self._ask_for_copy()
         period = 1.0 / self._settings.beat_rate
@@ -573,30 +535,93 @@ class KartServer:
         due = max(due + period, self._loop.time())
         self._loop.call_at(due, self._beat, due)
 
+    def _look_at_the_ros_half(self, now: float) -> None:
+        """End when the ROS half is silent: then no official could stop a kart any more."""
+        since = self._outside.silent_since()
+        if since is None:
+            return
+        # While race control itself was held up, nobody could have been heard.
+        silent_for = now - max(since, self._began_again_at)
+        if silent_for > SILENCE:
+            self.end(RosHalfGoneError(f'the ROS half was silent for {silent_for:.1f} s'))
+
     def take_commands(self) -> None:
         """Judge what officials have sent, stops first; called before any other work."""
+        self._outside.look()
         while self._stops or self._commands:
-            now = self._now()
+            now = self.now()
             self._notice_delay(now)
-            is_stop = bool(self._stops)
             waiting = (self._stops or self._commands).popleft()
-            command, future = waiting.command, waiting.answer
-            if is_stop:
-                self.calm.clear()
-                self._pause(now + self._settings.pause, 'a stop was given just now')
-            elif not future.set_running_or_notify_cancel():
-                continue  # its official has been told that it is not answered
-            if command.kind in WAITING and waiting.came < self._paused_until:
-                outcome = self._race.refuse(
-                    command, f'{self._paused_by}; look at the race, and send it again'
-                )
-            else:
-                outcome = self._race.command(command, now)
-            self._apply(outcome)
-            if is_stop and not future.set_running_or_notify_cancel():
+            if waiting.withdrawn:
                 continue
-            future.set_result(outcome.answer)
-        self.calm.set()
+            if waiting.command.kind in STOPS:
+                self._pause(now + self._settings.pause, 'a stop was given just now')
+            if not self._waits_for_the_record(waiting, now):
+                self._judge(waiting, now)
+
+    def _judge(self, waiting: Waiting, now: float) -> None:
+        command = waiting.command
+        paused = COMMANDS[command.kind].loosens and waiting.came < self._paused_until
+        # A reason of the rules says more to the official than the pause does.
+        if paused and not self._is_refused(command):
+            reason = f'{self._paused_by}; look at the race, and send it again'
+            outcome = self._race.refuse(command, reason)
+        else:
+            outcome = self._race.command(command, now)
+        self._send(outcome)
+        assert outcome.answer is not None
+        waiting.answered(outcome.answer)
+        self._tell(outcome.events)
+
+    def _is_refused(self, command: Command) -> bool:
+        """Return whether the rules refuse a command, whatever the official states or saw."""
+        to_one_kart = COMMANDS[command.kind].to_one_kart
+        if to_one_kart and command.kart not in self._race.karts:
+            return True
+        return not self._race.availability(command.kind, command.kart or 0).available
+
+    def _waits_for_the_record(self, waiting: Waiting, now: float) -> bool:
+        """
+        Have it on the disk that karts may move, before GREEN_GREEN lets them.
+
+        Whatever is judged meanwhile comes first: a stop is not behind it, and a start that the
+        race no longer allows is refused when its turn comes.
+        """
+        command = waiting.command
+        if command.kind is not CommandKind.GREEN_GREEN or waiting.came < self._paused_until:
+            return False
+        if self._starting is not None:
+            answer = Answer(False, 'GREEN_GREEN refused: one waits for the record already.')
+            waiting.answered(answer)
+            return True
+        trial = self._race.copy()
+        accepted = trial.command(command, now).answer
+        assert accepted is not None
+        # While the record fails the official has stated that the race may start without.
+        if not accepted.success or self._outside.trouble(now):
+            return False
+        assert self._loop is not None
+        self._starting = waiting
+        self._outside.make_sure(trial.memory(), now, lambda on_disk: self._start(waiting, on_disk))
+        self._loop.call_later(REMEMBER_TIMEOUT, self._start, waiting, False)
+        return True
+
+    def _start(self, waiting: Waiting, on_disk: bool) -> None:
+        """Judge a GREEN_GREEN that waited for the record; without the record, it is refused."""
+        if self._starting is not waiting:
+            return  # it had its turn already
+        self._starting = None
+        self.take_commands()
+        if waiting.withdrawn:
+            return
+        now = self.now()
+        if not on_disk:
+            text = self._outside.trouble(now) or (
+                f'The record has not taken GREEN_GREEN for {REMEMBER_TIMEOUT:g} s'
+            )
+            self._apply(self._race.record_trouble(text, now))
+        self._judge(waiting, now)
+        self._remember(now)
 
     def _pause(self, until: float, why: str) -> None:
         """
@@ -613,51 +638,57 @@ class KartServer:
         """Pause if race control was held up: what waits may have been sent long ago."""
         held_up = now - self._beat_at - 1.0 / self._settings.beat_rate
         if held_up > HELD_UP:
-            self._beat_at = now
+            self._beat_at = self._began_again_at = now
             until = now + max(self._settings.pause, PAUSE_AFTER_HELD_UP)
             self._pause(until, f'race control was held up for {held_up:.1f} s')
 
     def _apply(self, outcome: Outcome) -> None:
+        self._send(outcome)
+        self._tell(outcome.events)
+
+    def _send(self, outcome: Outcome) -> None:
         for order in outcome.orders:
             link = self._links.get(order.kart)
             if link is not None:
                 link.order(FRAMES[order.state], order.serial)
-        self._tell(outcome.events)
 
     def _tell(self, events: Iterable[Event]) -> None:
-        now = self._now()
+        now = self.now()
         wall = time.time_ns()
         stamped = [
             StampedEvent(next(self._sequence), wall, now, event)
             for event in events
-            if event.kind is not EventKind.REPORTED or self._reports[event.kart].take(now)
+            if not event.chatter or self._reports[event.kart].take(now)
         ]
         if stamped:
-            self._on_events(stamped)
+            self._outside.tell(stamped)
             self._ask_for_copy()
 
     def _ask_for_copy(self) -> None:
         if not self._copy_asked:
             assert self._loop is not None
             self._copy_asked = True
-            delay = self._copied_at + self._copy_interval - self._now()
+            delay = self._copied_at + self._copy_interval - self.now()
             self._loop.call_later(max(delay, 0.0), self._copy)
 
     def _copy(self) -> None:
         self._copy_asked = False
-        self._copied_at = self._now()
-        self._on_copy(self._race.copy(), self._copied_at)
+        now = self._copied_at = self.now()
+        self._apply(self._race.record_trouble(self._outside.trouble(now), now))
+        self._remember(now)
+        self._outside.show(self._race, now)
 
-    def _now(self) -> float:
-        assert self._loop is not None
-        return self._loop.time()
+    def _remember(self, now: float) -> None:
+        # What a start that waits has written must be what a crash leaves behind.
+        if self._starting is None:
+            self._outside.remember(self._race.memory(), now)
 
     # ----- what the links tell ------------------------------------------------------------
 
     def link_made(self, link: _KartLink, peer: tuple[str, int]) -> None:
         """Take a new connection, or refuse it if its address is not in the roster (§4.A)."""
         number = self._addresses.get(peer[0])
-        now = self._now()
+        now = self.now()
         if number is None:
             link.drop('its address is not in the roster')
             if self._refusals.take(now):
@@ -690,7 +721,7 @@ class KartServer:
         """Take a frame, or what should have been one, from a kart."""
         if self._links.get(link.number) is not link:
             return
-        now = self._now()
+        now = self.now()
         if isinstance(heard, MalformedFrame):
             allowance = self._rubbish[link.number]
             if allowance.take(now):
@@ -704,7 +735,7 @@ class KartServer:
         """Take note that a connection ended; one that was replaced has been told already."""
         if self._links.get(link.number) is link:
             del self._links[link.number]
-            self._apply(self._race.disconnected(link.number, link.reason, self._now()))
+            self._apply(self._race.disconnected(link.number, link.reason, self.now()))
 
 
 def _plain(error: BaseException) -> str:

@@ -6,7 +6,7 @@ Nothing is decided here. A copy of the race goes in, a message comes out.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 import enum
 from typing import Any
 
@@ -16,6 +16,8 @@ from evgp_rcs.race import AlertKind, CommandKind, COMMANDS, EventKind, Kart, Rac
 from evgp_rcs_msgs import msg
 
 NS = 1_000_000_000
+
+_FIRST_SECOND, _LAST_SECOND = -(2**31), 2**31 - 1
 
 
 def _constants(kinds: Iterable[enum.Enum], message: Any) -> dict[enum.Enum, int]:
@@ -31,13 +33,20 @@ _TO_ALL = [kind for kind, rule in COMMANDS.items() if not rule.to_one_kart]
 
 
 def time_message(ns: int) -> Time:
-    """Return a wall time, in ns since the epoch, as a message."""
-    return Time(sec=ns // NS, nanosec=ns % NS)
+    """
+    Return a wall time, in ns since the epoch, as a message.
+
+    A message has room for the years 1901 to 2038; a clock beyond them is cut off there.
+    """
+    sec, nanosec = divmod(ns, NS)
+    return Time(sec=max(_FIRST_SECOND, min(sec, _LAST_SECOND)), nanosec=nanosec)
 
 
-def record_alert(text: str, since_ns: int) -> msg.Alert:
-    """Return the alert that the record fails, since a wall time in ns since the epoch."""
-    return msg.Alert(kind=msg.Alert.RECORD_FAILING, text=text, since=time_message(since_ns))
+def failure_alert(text: str, since_ns: int) -> msg.Alert:
+    """Return the alert that a part of race control failed, at a wall time (ns since the epoch)."""
+    return msg.Alert(
+        kind=msg.Alert.PART_FAILED, use_msr=True, text=text, since=time_message(since_ns)
+    )
 
 
 def race_message(
@@ -45,8 +54,6 @@ def race_message(
     now: float,
     wall_ns: int,
     addresses: dict[int, str],
-    more_alerts: Iterable[msg.Alert] = (),
-    give_way: Callable[[], object] = lambda: None,
 ) -> msg.Race:
     """
     Return the whole race as one message.
@@ -54,12 +61,10 @@ def race_message(
     :param now: the race's clock when the race was copied (s).
     :param wall_ns: the wall time of that moment (ns since the epoch).
     :param addresses: the address of each kart of the roster.
-    :param more_alerts: alerts that the rules know nothing of.
-    :param give_way: is called before each kart; it may wait until more urgent work is done.
     """
 
     def wall(monotonic: float) -> Time:
-        return time_message(max(0, wall_ns + round((monotonic - now) * NS)))
+        return time_message(wall_ns + round((monotonic - now) * NS))
 
     def availability(kind: CommandKind, number: int = 0) -> msg.CommandAvailability:
         available = race.availability(kind, number)
@@ -72,7 +77,6 @@ def race_message(
         )
 
     def status(kart: Kart) -> msg.KartStatus:
-        give_way()
         return msg.KartStatus(
             number=kart.number,
             team=kart.team,
@@ -105,17 +109,14 @@ def race_message(
             msr_used=access.msr_used,
         ),
         alerts=[
-            *more_alerts,
-            *(
-                msg.Alert(
-                    kind=_ALERT[alert.kind],
-                    kart=alert.kart,
-                    use_msr=alert.use_msr,
-                    text=alert.text,
-                    since=wall(alert.since),
-                )
-                for alert in race.alerts(now)
-            ),
+            msg.Alert(
+                kind=_ALERT[alert.kind],
+                kart=alert.kart,
+                use_msr=alert.use_msr,
+                text=alert.text,
+                since=wall(alert.since),
+            )
+            for alert in race.alerts(now)
         ],
     )
 

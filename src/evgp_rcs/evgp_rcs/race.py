@@ -508,7 +508,6 @@ class Race:
             if kart is None:
                 refusal = self._unknown_kart(command)
         refusal = refusal or self._refusal(rule, kart)
-        refusal = refusal or self._not_as_seen(command, rule, kart)
         statement = '' if refusal else rule.statement(self, kart)
         if statement and not command.statement:
             refusal = f'state that {statement}'
@@ -517,6 +516,7 @@ class Race:
                     f'{kart} has not acknowledged {kart.sent.value} on its present connection: '
                     f'wait for it, or state that {statement}'
                 )
+        refusal = refusal or self._not_as_seen(command, rule, kart)
         if refusal:
             answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
         else:
@@ -1141,9 +1141,9 @@ class Race:
             return f'took its {kart.sent.value} back'
         return f'no {kart.sent.value} yet'
 
-    def _waited_for(self) -> Iterator[Kart]:
-        """Yield the karts that the race waits for: lost ones too, unless the MSR was used."""
-        return (kart for kart in self.racing() if kart.connected or not self.msr_used)
+    def _waited_for(self) -> list[Kart]:
+        """Return the karts that the race waits for: lost ones too, unless the MSR was used."""
+        return [kart for kart in self.racing() if kart.connected or not self.msr_used]
 
     def _race_over_due(self) -> float | None:
         """Return when the race goes over by itself; None while a finish is outstanding (§3.C)."""
@@ -1160,14 +1160,14 @@ class Race:
     def _tell_all_acknowledged(self) -> None:
         if self.state is IN_GARAGE:
             return
-        waited_for = list(self._waited_for())
+        waited_for = self._waited_for()
         acknowledged = bool(waited_for) and all(kart.acknowledged for kart in waited_for)
         news = acknowledged and not self._told_all_acknowledged
         self._told_all_acknowledged = acknowledged
         if news:
             who = 'connected kart' if self.msr_used else 'kart'
             following, text = _NEXT[self.state]
-            obstacle = self.availability(following).reason if following else ''
+            obstacle = self._refusal(COMMANDS[following], None) if following else ''
             self._events.append(
                 Event(
                     EventKind.ALL_ACKNOWLEDGED,

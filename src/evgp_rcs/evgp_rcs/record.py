@@ -1,12 +1,23 @@
 """
 The record: every event of race control, and what a race must find again after a crash (§3.E).
 
-One thread writes; nothing that stops a kart waits for it. Each batch of events is one
-transaction of SQLite, together with what the race must remember, so that after a crash of the
-process or of the machine both are there up to the same event, or neither is.
+One thread writes; whoever hands something over puts it into a queue and waits for nothing. Each
+batch of events is one transaction of SQLite, together with what the race must remember, so that
+after a crash of the process or of the machine both are there up to the same event, or neither is.
 
 When the disk does not take it, the events wait here, `trouble` says so, and the writer tries
-again. Nothing is lost until `MOST_WAITING` events wait.
+again. Nothing is lost until `MOST_UNWRITTEN` events wait.
+
+What the next run finds is `left_behind`. It is None only if the record proves that the last run
+ended in order with nothing under way, or if there never was a run. Three things make that proof
+hard to lose:
+
+- a run is entered as begun in the file itself (not only in SQLite's ``-wal`` beside it) before any
+  kart can connect, and so is what must be known before a GREEN_GREEN;
+- a *witness* far from the record, a small file in ``/var/tmp``, says that a run has begun that has
+  not ended in order, and whether the record knows of it. So a run that could not write its record
+  is not forgotten by the next one, nor is one whose record was deleted;
+- whatever cannot be read, or does not fit together, counts as the worst: nothing is known.
 
 The schema (``PRAGMA user_version`` 1):
 
@@ -34,32 +45,52 @@ memory   session             the run
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import contextlib
 import dataclasses
 import fcntl
+import hashlib
 import json
 import math
 import os
 import pathlib
+import queue
 import sqlite3
+import tempfile
 import threading
 import time
 from typing import IO
 
+from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.race import KartMemory, RaceMemory, StampedEvent
 
 SCHEMA_VERSION = 1
 
-MOST_WAITING = 100_000
-"""So many events wait for a disk that takes none; what comes after them is lost."""
+MOST_UNWRITTEN = 100_000
+"""Maximum backlog of events while the disk takes none; what comes after them is lost."""
+
+CLAIM_TIMEOUT = 2.0
+"""Maximum time to wait for a race control that is just ending to let go of its record, in
+seconds."""
 
 RETRY = 1.0
-"""How long after a failure the writer tries again, seconds."""
+"""Time after a failure until the writer tries again, in seconds."""
 
 SLOW = 2.0
-"""So long may an event wait before `trouble` speaks of it, seconds."""
+"""Time an event may wait before `trouble` speaks of it, in seconds."""
+
+WITNESSES = pathlib.Path('/var/tmp')  # noqa: S108 - what others put there makes us careful only
+"""Where a run says that it has begun, apart from the record; kept when the machine restarts."""
+
+TEMPORARY = pathlib.Path(tempfile.gettempdir())
+"""A record below this folder is not meant to last, and its witness goes with it."""
+
+UNRECORDED = 'unrecorded'
+"""What the witness says of a run that the record does not know of."""
+
+NOTHING_KNOWN = RaceMemory(RaceState.RED_RED, {}, known=False)
+"""What is left behind where the record cannot tell."""
 
 _SCHEMA = """
 CREATE TABLE session (
@@ -90,7 +121,11 @@ CREATE TABLE memory (
 
 
 class RecordError(RuntimeError):
-    """The file cannot be the record; the text says why and what would be right."""
+    """The file is the record of another race control that is running."""
+
+
+class _NoRecordError(RuntimeError):
+    """The file is no record, or is damaged; the text says why and what would be right."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -109,91 +144,147 @@ def default_path() -> pathlib.Path:
     return pathlib.Path(home, 'evgp_rcs', 'record.sqlite3')
 
 
+@dataclasses.dataclass(frozen=True)
+class _Remember:
+    """
+    What the next run is to find.
+
+    :param done: takes whether it is on the disk; None: nobody waits for that.
+    """
+
+    memory: RaceMemory
+    at: float
+    done: Callable[[bool], None] | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class _Flush:
+    """Whoever waits until all that came before is on the disk."""
+
+    done: Callable[[bool], None]
+
+
+@dataclasses.dataclass(frozen=True)
+class _End:
+    """The run ends."""
+
+    in_order: bool
+
+
+_Given = Sequence[StampedEvent] | _Remember | _Flush | _End
+
+
 class Record:
     """
     Writes the record of one run of race control.
 
-    :param path: the file; made, with its folder, if there is none.
-    :raises RecordError: if it is something else than a record, or another race control's.
+    :param path: the file; made, with its folder, if there is none. If it cannot be written, or is
+        no record, `trouble` says so, the writer tries again and again, and nothing is known of the
+        time before.
+    :raises RecordError: if it is the record of another race control that is running.
     """
 
     def __init__(self, path: pathlib.Path) -> None:
-        """Claim the file; if the disk does not let it, `trouble` says so."""
+        """Claim the file, and find what the last run left."""
         self._path = path
-        self._lock = threading.Condition()
-        self._waiting: deque[tuple[float, StampedEvent]] = deque()
-        self._memory: RaceMemory | None = None
-        self._memory_at = -math.inf
-        self._memory_waits = False
+        self._witness = _Witness(path)
+        self._given: queue.SimpleQueue[_Given] = queue.SimpleQueue()
+        # Written by whoever hands over.
+        self._put = 0
+        self._caught_up_at = clock.now()
+        # Written by the writer alone; one word each, so that anybody can read them.
+        self._taken = 0
         self._lost = 0
         self._error = ''
-        self._ending = False
-        self._ended_in_order = False
+        # The writer's own.
+        self._waiting: deque[StampedEvent] = deque()
+        self._memory: _Remember | None = None
+        self._remembered: RaceMemory | None = None
+        self._remembered_at = -math.inf
+        self._confirm: list[Callable[[bool], None]] = []
+        self._end: _End | None = None
         self._database: sqlite3.Connection | None = None
         self._session = 0
         self._claimed: IO[bytes] | None = None
         self._written = 0  # the sequence number of the last event
-        self.courtesy: Callable[[], Callable[[], object]] = lambda: lambda: None
-        """Called for each batch; what it returns is called before each event and each kart that is
-        put into the batch, and waits while frames are on their way to the karts."""
         self.left_behind: RaceMemory | None = None
         """What the last run left, unless it ended in good order with nothing under way."""
+        said = self._witness.read()
         try:
-            self.left_behind = self._open()
-        except RecordError:
-            self._release()
-            raise
-        except (OSError, sqlite3.OperationalError) as error:
+            self._claim()
+            self._witness.write(UNRECORDED)
+            self.left_behind = self._open(said)
+        except _UNWRITABLE as error:
+            self._witness.write(UNRECORDED)
             self._error = _in_words(error)
-            self.left_behind = _left_behind_read_only(path)
-        self._thread = threading.Thread(target=self._run, name='record', daemon=True)
+            self.left_behind = NOTHING_KNOWN
+        self._thread: threading.Thread | None = None
+
+    def start(self, on_failure: Callable[[BaseException], None]) -> None:
+        """
+        Begin to write what is handed over.
+
+        :param on_failure: is called, in the writer's thread, when it cannot go on.
+        """
+        self._thread = threading.Thread(
+            target=self._run, args=(on_failure,), name='record', daemon=True
+        )
         self._thread.start()
 
-    # ----- for other threads --------------------------------------------------------------
+    # ----- for whoever owns the race; none of these waits ---------------------------------
 
-    def put(self, events: Iterable[StampedEvent]) -> None:
-        """Have events written; returns at once."""
-        now = time.monotonic()
-        with self._lock:
-            for event in events:
-                if len(self._waiting) < MOST_WAITING:
-                    self._waiting.append((now, event))
-                else:
-                    self._lost += 1
-            self._lock.notify_all()
+    def put(self, events: Sequence[StampedEvent]) -> None:
+        """Have events written."""
+        self._put += len(events)
+        self._given.put(events)
 
     def remember(self, memory: RaceMemory, at: float) -> None:
         """
-        Have this be what the next run finds.
+        Save this for the next run.
 
         :param at: the time of it, on any clock (s): what is older than what is known is ignored.
         """
-        with self._lock:
-            if at < self._memory_at:
-                return
-            self._memory_at = at
-            if memory != self._memory:
-                self._memory = memory
-                self._memory_waits = True
-                self._lock.notify_all()
+        self._given.put(_Remember(memory, at))
 
-    def trouble(self) -> str:
-        """Return why the record fails, as a sentence for an official; empty: it does not."""
-        with self._lock:
-            waiting = len(self._waiting)
-            waits = time.monotonic() - self._waiting[0][0] if waiting else 0.0
-            reason = self._error
-            if not reason and waits > SLOW:
-                reason = f'the disk has taken nothing for {waits:.0f} s'
-            if not reason:
-                return ''
-            lost = f', {self._lost} are lost' if self._lost else ''
-            return f'The record {self._path} fails: {reason}; {waiting} events wait{lost}'
+    def make_sure(self, memory: RaceMemory, at: float, done: Callable[[bool], None]) -> None:
+        """
+        Save this for the next run, in the file itself.
+
+        :param done: is called, in the writer's thread, with whether it is on the disk.
+        """
+        self._given.put(_Remember(memory, at, done))
+
+    def trouble(self, now: float) -> str:
+        """
+        Return why the record fails, as a sentence for an official; empty: it does not.
+
+        :param now: the time, on the clock that counts a suspend (s).
+        """
+        waiting = self._put - self._taken
+        if not waiting:
+            self._caught_up_at = now
+        reason = self._error
+        if not reason and now - self._caught_up_at > SLOW:
+            reason = f'the disk has taken nothing for {now - self._caught_up_at:.0f} s'
+        if not reason:
+            return ''
+        lost = f', {self._lost} are lost' if self._lost else ''
+        return f'The record {self._path} fails: {reason}; {waiting} events wait{lost}'
 
     def flush(self, timeout: float) -> bool:
-        """Wait until all that was given is written, s; return whether it is."""
-        with self._lock:
-            return self._lock.wait_for(lambda: not (self._waiting or self._memory_waits), timeout)
+        """Wait until all that was given is written, or for so long (s); return whether it is."""
+        until = clock.now() + timeout
+        while True:
+            answer: queue.SimpleQueue[bool] = queue.SimpleQueue()
+            self._given.put(_Flush(answer.put))
+            try:
+                if answer.get(timeout=max(0.0, until - clock.now())):
+                    return True
+            except queue.Empty:
+                return False
+            if clock.now() >= until:
+                return False
+            time.sleep(RETRY / 10)  # the disk takes nothing now: later it may
 
     def end(self, timeout: float, in_order: bool = True) -> None:
         """
@@ -202,92 +293,127 @@ class Record:
         :param timeout: wait no longer than this, s.
         :param in_order: the next run need not take up a race that was not under way.
         """
-        with self._lock:
-            self._ended_in_order = in_order
-            self._ending = True
-            self._lock.notify_all()
-        self._thread.join(timeout)
+        if self._thread is not None:
+            self._given.put(_End(in_order))
+            self._thread.join(timeout)
 
     # ----- the writer ---------------------------------------------------------------------
 
-    def _run(self) -> None:
+    def _run(self, on_failure: Callable[[BaseException], None]) -> None:
         try:
             self._write_until_the_end()
+        except BaseException as error:  # noqa: BLE001 - handed to whoever ends the process
+            on_failure(error)
         finally:
             self._release()
 
     def _write_until_the_end(self) -> None:
         while True:
-            with self._lock:
-                self._lock.wait_for(
-                    lambda: self._waiting or self._memory_waits or self._ending or self._error,
-                )
-                batch = [event for _, event in self._waiting]
-                memory = self._memory if self._memory_waits else None
-                ending = self._ending
+            self._take_what_was_given()
             try:
                 if self._database is None:
-                    self._open()
-                self._write(batch, memory, ending)
-            except (OSError, sqlite3.Error, RecordError) as error:
+                    self._claim()
+                    self._open(None)
+                self._write()
+            except (*_UNWRITABLE, RecordError) as error:
                 # What SQLite knows of the file may be wrong by now: the next try opens it anew.
                 if self._database is not None:
                     self._database.close()
                     self._database = None
-                with self._lock:
-                    self._error = _in_words(error)
-                    if ending:
-                        return
-                    self._lock.wait_for(lambda: self._ending, RETRY)
+                self._error = _in_words(error)
+                self._tell_whoever_waits(False)
+                if self._end is not None:
+                    return
                 continue
-            with self._lock:
-                self._error = ''
-                for _ in batch:
-                    self._waiting.popleft()
-                if memory is not None and memory == self._memory:
-                    self._memory_waits = False
-                self._lock.notify_all()
-            if ending:
+            self._error = ''
+            self._tell_whoever_waits(True)
+            if self._end is not None:
+                if self._end.in_order:
+                    self._witness.remove()
                 return
 
-    def _open(self) -> RaceMemory | None:
-        """Open the file, begin a run of its own, and return what the last run left."""
+    def _take_what_was_given(self) -> None:
+        """Wait for something to write; after a failure, until it is time to try again."""
+        again_at = clock.now() + RETRY if self._error else None
+        while self._end is None:
+            try:
+                if again_at is not None:
+                    self._take(self._given.get(timeout=max(0.0, again_at - clock.now())))
+                    self._tell_whoever_waits(False)
+                else:
+                    self._take(self._given.get())
+                    break
+            except queue.Empty:
+                break
+        while not self._given.empty():
+            self._take(self._given.get())
+
+    def _take(self, given: _Given) -> None:
+        if isinstance(given, _Remember):
+            if given.done is not None:
+                self._confirm.append(given.done)
+            if given.at >= self._remembered_at:
+                self._remembered_at = given.at
+                if given.memory != self._remembered or given.done is not None:
+                    self._memory = given
+        elif isinstance(given, _Flush):
+            self._confirm.append(given.done)
+        elif isinstance(given, _End):
+            self._end = given
+        else:
+            room = MOST_UNWRITTEN - len(self._waiting)
+            self._waiting += given[:room]
+            self._lost += max(0, len(given) - room)
+
+    def _tell_whoever_waits(self, there: bool) -> None:
+        confirm, self._confirm = self._confirm, []
+        for done in confirm:
+            done(there)
+
+    def _claim(self) -> None:
+        """Have the file to oneself."""
+        if self._claimed is not None:
+            return
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        if self._claimed is None:
-            claimed = self._path.open('ab')
+        claimed = self._path.open('ab')
+        until = clock.now() + CLAIM_TIMEOUT
+        while True:
             try:
                 fcntl.flock(claimed, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError as error:
+                if clock.now() < until:
+                    time.sleep(CLAIM_TIMEOUT / 100)
+                    continue
                 claimed.close()
                 raise RecordError(
                     f'{self._path} is the record of another race control that is running: '
                     'choose another file with the parameter record'
                 ) from error
             self._claimed = claimed
+            return
+
+    def _open(self, said: str | None) -> RaceMemory | None:
+        """
+        Open the file, begin a run of its own, and return what the last run left.
+
+        :param said: what the witness says of the last run; None: this run has begun already.
+        """
         database = sqlite3.connect(
             self._path, timeout=1.0, isolation_level=None, check_same_thread=False
         )
         try:
-            left_behind = self._prepare(database)
+            left_behind = self._prepare(database, said)
         except BaseException:
             database.close()
             raise
         self._database = database
         return left_behind
 
-    def _prepare(self, database: sqlite3.Connection) -> RaceMemory | None:
-        try:
-            (version,) = database.execute('PRAGMA user_version').fetchone()
-            tables = database.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]
-        except sqlite3.DatabaseError as error:
-            if isinstance(error, sqlite3.OperationalError):
-                raise
-            raise RecordError(
-                f'{self._path} is no record of race control ({error}): move it away, or choose '
-                'another file with the parameter record'
-            ) from error
+    def _prepare(self, database: sqlite3.Connection, said: str | None) -> RaceMemory | None:
+        (version,) = database.execute('PRAGMA user_version').fetchone()
+        tables = database.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]
         if version != SCHEMA_VERSION and (version or tables):
-            raise RecordError(
+            raise _NoRecordError(
                 f'{self._path} is no record of this race control (its version is {version}, '
                 f'not {SCHEMA_VERSION}): move it away, or choose another file with the parameter '
                 'record'
@@ -295,57 +421,54 @@ class Record:
         database.execute('PRAGMA journal_mode = WAL')
         # A race control that loses its power has lost nothing that it wrote.
         database.execute('PRAGMA synchronous = FULL')
+        began_ns = 0
         with _transaction(database):
             if not version:
                 for statement in _SCHEMA.split(';'):
                     database.execute(statement)
                 database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
-            left_behind = _left_behind(database)
+            left_behind = None if said is None else _left_behind(database, said)
             if not self._session:
-                cursor = database.execute(
-                    'INSERT INTO session (began_ns) VALUES (?)', (time.time_ns(),)
-                )
+                began_ns = time.time_ns()
+                cursor = database.execute('INSERT INTO session (began_ns) VALUES (?)', (began_ns,))
                 assert cursor.lastrowid is not None
-                session = cursor.lastrowid
-            else:
-                session = self._session
-        self._session = session
+                self._session = cursor.lastrowid
+        if began_ns:
+            _checkpoint(database)
+            self._witness.write(str(began_ns))
         return left_behind
 
-    def _write(
-        self, batch: Sequence[StampedEvent], memory: RaceMemory | None, ending: bool
-    ) -> None:
+    def _write(self) -> None:
         assert self._database is not None
-        give_way = self.courtesy()
-        rows = []
-        for stamped in batch:
-            give_way()
-            rows.append(_row(self._session, stamped))
-        karts = {}
-        if memory is not None:
-            for number, kart in memory.karts.items():
-                give_way()
-                karts[number] = dataclasses.asdict(kart)
+        events = list(self._waiting)
+        memory = self._memory
+        rows = [_row(self._session, stamped) for stamped in events]
+        sequence = events[-1].sequence if events else self._written
         with _transaction(self._database):
             self._database.executemany(
                 'INSERT INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)', rows
             )
             if memory is not None:
+                karts = {
+                    number: dataclasses.asdict(kart)
+                    for number, kart in memory.memory.karts.items()
+                }
                 self._database.execute(
                     'INSERT OR REPLACE INTO memory VALUES (?, ?, ?, ?)',
-                    (
-                        self._session,
-                        batch[-1].sequence if batch else self._written,
-                        memory.state.value,
-                        json.dumps(karts),
-                    ),
+                    (self._session, sequence, memory.memory.state.value, json.dumps(karts)),
                 )
-            if ending and self._ended_in_order:
+            if self._end is not None and self._end.in_order:
                 self._database.execute(
                     'UPDATE session SET ended_ns = ? WHERE id = ?', (time.time_ns(), self._session)
                 )
-        if batch:
-            self._written = batch[-1].sequence
+        self._written = sequence
+        self._waiting.clear()
+        self._taken += len(events)
+        if memory is not None:
+            self._remembered = memory.memory
+            self._memory = None
+            if memory.done is not None:
+                _checkpoint(self._database)
 
     def _release(self) -> None:
         if self._database is not None:
@@ -354,10 +477,60 @@ class Record:
             self._claimed.close()
 
 
+_UNWRITABLE = (OSError, sqlite3.Error, _NoRecordError)
+"""What a file raises that cannot be written, or is damaged, or is something else."""
+
+
+class _Witness:
+    """
+    Says, apart from the record, that a run has begun which has not ended in order.
+
+    Best effort: where it cannot be written, the record alone is the proof.
+    """
+
+    def __init__(self, record: pathlib.Path) -> None:
+        """Find its place."""
+        name = hashlib.sha256(str(record.absolute()).encode()).hexdigest()[:16]
+        lasts = TEMPORARY not in record.absolute().parents
+        self._path = (WITNESSES if lasts else record.parent) / f'evgp_rcs-{os.getuid()}-{name}'
+
+    def read(self) -> str:
+        """Return what it says: `UNRECORDED`, when the run began (ns), or nothing."""
+        try:
+            return self._path.read_text(encoding='ascii')
+        except (OSError, UnicodeDecodeError):
+            return UNRECORDED if self._path.exists() else ''
+
+    def write(self, what: str) -> None:
+        """Have it say this; nothing removes it."""
+        if not what:
+            self.remove()
+            return
+        try:
+            with self._path.open('w', encoding='ascii') as file:
+                file.write(what)
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError:
+            pass  # the record alone has to prove it
+
+    def remove(self) -> None:
+        """Have it say nothing: the run has ended in order, and the record says so."""
+        try:
+            self._path.unlink(missing_ok=True)
+        except OSError:
+            pass  # the next run is too careful
+
+
 def _in_words(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         return error.strerror.lower()
     return str(error)
+
+
+def _checkpoint(database: sqlite3.Connection) -> None:
+    """Have all that was written in the file itself: the ``-wal`` beside it may be deleted."""
+    database.execute('PRAGMA wal_checkpoint(TRUNCATE)').fetchone()
 
 
 @contextlib.contextmanager
@@ -388,37 +561,35 @@ def _row(session: int, stamped: StampedEvent) -> tuple[object, ...]:
     )
 
 
-NOTHING_KNOWN = RaceMemory(RaceState.IN_GARAGE, {})
+def _left_behind(database: sqlite3.Connection, said: str) -> RaceMemory | None:
+    """
+    Return what the last run left, if the next one must take it up.
 
-
-def _left_behind(database: sqlite3.Connection) -> RaceMemory | None:
-    """Return what the last run left, if the next one must take it up."""
-    last = database.execute('SELECT ended_ns FROM session ORDER BY id DESC LIMIT 1').fetchone()
-    if last is None:
-        return None
-    row = database.execute(
-        'SELECT state, karts FROM memory ORDER BY session DESC LIMIT 1'
+    :param said: what the witness says of the last run.
+    """
+    last = database.execute(
+        'SELECT id, began_ns, ended_ns FROM session ORDER BY id DESC LIMIT 1'
     ).fetchone()
-    memory = NOTHING_KNOWN
-    if row is not None:
-        state, karts = row
+    if last is None:
+        return NOTHING_KNOWN if said else None
+    session, began_ns, ended_ns = last
+    if said not in ('', str(began_ns)):
+        return NOTHING_KNOWN  # a later run, which this record does not know of
+    row = database.execute(
+        'SELECT state, karts FROM memory WHERE session = ?', (session,)
+    ).fetchone()
+    if row is None:
+        # It wrote nothing: what it took up from the run before is all that can be known.
+        return NOTHING_KNOWN
+    state, karts = row
+    try:
         memory = RaceMemory(
             RaceState[state],
             {int(number): KartMemory(**kart) for number, kart in json.loads(karts).items()},
         )
-    ended_in_order = last[0] is not None
-    return None if ended_in_order and memory.home else memory
-
-
-def _left_behind_read_only(path: pathlib.Path) -> RaceMemory | None:
-    """Return the same from a file that cannot be written; one that cannot be read is doubt."""
-    try:
-        with contextlib.closing(open_read_only(path)) as database:
-            return _left_behind(database)
-    except FileNotFoundError:
-        return None
-    except (OSError, sqlite3.Error):
-        return NOTHING_KNOWN
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return NOTHING_KNOWN  # damaged, or written by a later version
+    return None if ended_ns is not None and memory.home else memory
 
 
 # ----- to read a record -----------------------------------------------------------------------

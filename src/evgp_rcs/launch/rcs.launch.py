@@ -28,11 +28,10 @@ def generate_launch_description() -> LaunchDescription:
             ),
             # Apart from everybody else's graph, unless told otherwise (docs/security.md).
             DeclareLaunchArgument(
-                'discovery_range',
-                default_value=EnvironmentVariable(
-                    'ROS_AUTOMATIC_DISCOVERY_RANGE', default_value='LOCALHOST'
-                ),
-                description='How far away other nodes may be: LOCALHOST or SUBNET.',
+                'officials',
+                default_value=EnvironmentVariable('EVGP_GRAPH_INTERFACE', default_value=''),
+                description='The IPv4 address of the interface that officials on other '
+                'machines use; empty: there are none.',
             ),
             DeclareLaunchArgument(
                 'domain_id',
@@ -49,7 +48,7 @@ def generate_launch_description() -> LaunchDescription:
                     {'roster': ParameterValue(LaunchConfiguration('roster'), value_type=str)},
                 ],
                 additional_env={
-                    'ROS_AUTOMATIC_DISCOVERY_RANGE': LaunchConfiguration('discovery_range'),
+                    'EVGP_GRAPH_INTERFACE': LaunchConfiguration('officials'),
                     'ROS_DOMAIN_ID': LaunchConfiguration('domain_id'),
                 },
                 output='screen',

@@ -12,6 +12,7 @@ The rules are a parameter (a module), so that the same search can be let loose o
 from __future__ import annotations
 
 from collections import Counter, deque
+from collections.abc import Container
 import dataclasses
 from dataclasses import dataclass, field
 import gc
@@ -1040,7 +1041,9 @@ class Search:
     :param track: tell states apart by whether the track is open, which no rule but an alert
         reads; opening and closing are tried in every state in any case.
     :param around: another race control comes and goes, and the record fails and works again.
-    :param restarted: begin as after a crash in mid-race.
+    :param begin: where: in the 'garage', on the 'grid' or in 'green' with every kart of the race
+        connected and its word given, or after a 'crash' in mid-race.
+    :param without: commands to one kart that are not given.
     """
 
     def __init__(
@@ -1052,9 +1055,10 @@ class Search:
         compare: int = 4000,
         track: bool = True,
         around: bool = False,
-        restarted: bool = False,
+        begin: str = 'garage',
+        without: Container[str] = (),
     ) -> None:
-        """Set the karts up, none connected, in IN_GARAGE."""
+        """Set the karts up and bring them to where the search begins."""
         self.rules = rules
         self.times = rules.RaceTimes(
             **{
@@ -1072,11 +1076,11 @@ class Search:
             for number in range(1, racing + outside + 1)
         ]
         self.race = rules.Race(karts, self.times)
-        self.restarted = restarted
-        if restarted:
-            kart = rules.KartMemory(True, False, 0, True, True, False)
-            memory = rules.RaceMemory(GREEN_GREEN, dict.fromkeys(range(1, 1 + racing), kart))
-            self.race.recover(memory, 0.0)
+        self.begin = begin
+        self.commands = [(kind, 0) for kind in RACE_COMMANDS]
+        for kind in KART_COMMANDS:
+            if kind not in without:
+                self.commands.extend((kind, kart.number) for kart in karts)
         self.around = around
         self.scratch = Scratch(self.race)
         self.numbers = [kart.number for kart in karts]
@@ -1140,8 +1144,8 @@ class Search:
 
         :raises RuleBrokenError: if the rules break a property, with the shortest way to it.
         """
+        facts = self._begin()
         view = look(self.race)
-        facts = recall(view, 0.0) if self.restarted else remember(view)
         saved = self.scratch.save()
         key = self._key(view, facts, 0.0)
         # For each key the state that stands for it, and whence and by what it was reached.
@@ -1156,6 +1160,30 @@ class Search:
         finally:
             if collecting:
                 gc.enable()
+
+    def _begin(self) -> Facts:
+        if self.begin == 'crash':
+            racing = [number for number in self.numbers if self.race.karts[number].in_race]
+            kart = self.rules.KartMemory(True, False, 0, True, True, False)
+            memory = self.rules.RaceMemory(GREEN_GREEN, dict.fromkeys(racing, kart))
+            self.race.recover(memory, 0.0)
+            return recall(look(self.race), 0.0)
+        facts = remember(look(self.race))
+        way = []
+        if self.begin in ('grid', 'green'):
+            way += [Input('connected', '', number) for number in self.numbers]
+            way.append(Input('command', 'GRID_ACTIVE', 0, True))
+            way += [
+                Input('heard', '', number, serial=2, state=GRID_ACTIVE) for number in self.numbers
+            ]
+        if self.begin == 'green':
+            way.append(Input('command', 'GREEN_GREEN'))
+        for given in way:
+            before = look(self.race)
+            given = as_seen(before, given)
+            give(self.rules, self.race, given, 0.0)
+            facts = learn(before, facts, given, True, look(self.race), 0.0)
+        return facts
 
     def _run(self, todo: deque[Key], most: int | None) -> Report:
         while todo:
@@ -1228,12 +1256,7 @@ class Search:
 
     def _inputs(self, view: View, facts: Facts, now: float) -> Any:
         """Yield every input with its time; the rules are in the state of ``view`` meanwhile."""
-        announced = []
-        for kind in RACE_COMMANDS:
-            announced.append((kind, 0))
-        for kind in KART_COMMANDS:
-            announced.extend((kind, number) for number in self.numbers)
-        for kind, number in announced:
+        for kind, number in self.commands:
             opinion = check_announced(self.rules, self.race, view, facts, kind, number)
             right = as_seen(view, Input('command', kind, number, True))
             if opinion.allowed and opinion.needs_statement:

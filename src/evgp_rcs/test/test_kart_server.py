@@ -2,23 +2,41 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterator
+import concurrent.futures
 import contextlib
+import queue
 import socket
 import threading
 import time
 
+from evgp_protocol import clock
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
+from evgp_rcs import kart_server
 from evgp_rcs.kart_server import (
     _KartLink,
     HELD_UP,
     KartServer,
     KartServerError,
     READ_BYTES,
+    RosHalfGoneError,
     ServerSettings,
+    SILENCE,
+    Waiting,
 )
-from evgp_rcs.race import Answer, Command, CommandKind, Event, EventKind, Kart, Race, StampedEvent
+from evgp_rcs.race import (
+    Answer,
+    Command,
+    CommandKind,
+    Event,
+    EventKind,
+    Kart,
+    Race,
+    RaceMemory,
+    StampedEvent,
+)
 import pytest
 
 PATIENCE = 20.0
@@ -31,26 +49,65 @@ RED_RED = RaceState.RED_RED
 
 
 class Running:
-    """A server with three karts in its roster, 1 and 2 in the race, and what it told."""
+    """
+    A server in a thread, with three karts in its roster, 1 and 2 in the race, and what it told.
+
+    It is the server's ``Outside`` itself: instead of a ROS half and a record, the test.
+    """
 
     def __init__(self, beat_rate: float, pause: float) -> None:
         self.events: list[Event] = []
-        self.failures: list[BaseException] = []
         self.on_event: Callable[[Event], None] = lambda event: None
+        self.failure: BaseException | None = None
+        self.remembered: list[RaceMemory] = []
+        self.sure: list[tuple[RaceMemory, Callable[[bool], None]]] = []
+        self.record_works_at_once = True
+        self._shown = 0
+        self.record_trouble = ''
+        self.ros_half_heard_at: float | None = None
+        self._given: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._news = threading.Condition()
         self.race = Race([Kart(1, 'A', True), Kart(2, 'B', True), Kart(3, 'C')])
         self.server = KartServer(
             self.race,
             {f'127.0.2.{number}': number for number in (1, 2, 3)},
             ServerSettings(host='127.0.0.1', port=0, beat_rate=beat_rate, pause=pause),
-            on_events=self._take,
-            on_copy=lambda race, now: None,
-            on_failure=self._fail,
+            self,
         )
-        self.server.start()
+        self._listening: concurrent.futures.Future[tuple[str, int]] = concurrent.futures.Future()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+        self.address = self._listening.result(PATIENCE)
+
+    def submit(
+        self, command: Command, came: float | None = None
+    ) -> concurrent.futures.Future[Answer]:
+        """Hand a command over, from any thread, as the other process does."""
+        answer: concurrent.futures.Future[Answer] = concurrent.futures.Future()
+        came = clock.now() if came is None else came
+        self._given.put(lambda: self.server.submit(command, answer.set_result, came))
+        self._loop.call_soon_threadsafe(self.server.take_commands)
+        return answer
 
     def give(self, kind: CommandKind, kart: int | None = None, statement: bool = True) -> Answer:
-        return self.server.submit(Command(kind, kart, statement)).result(PATIENCE)
+        return self.submit(self.command(kind, kart, statement)).result(PATIENCE)
+
+    def command(
+        self, kind: CommandKind, kart: int | None = None, statement: bool = True
+    ) -> Command:
+        """Return a command of an official who sees the race as it is."""
+        offered = self.race.availability(kind, kart or 0)
+        hold = self.race.karts[kart].hold if kart is not None else None
+        return Command(kind, kart, statement, frozenset(offered.karts), hold)
+
+    def stop(self) -> None:
+        """End the server, and return once it has."""
+        if self._thread.is_alive():
+            try:
+                self._loop.call_soon_threadsafe(self.server.end)
+            except RuntimeError:
+                pass  # it ended by itself meanwhile
+        self._thread.join(PATIENCE)
 
     def wait_for(self, kind: EventKind, kart: int = 0, count: int = 1) -> list[Event]:
         def found() -> list[Event]:
@@ -62,21 +119,66 @@ class Running:
             return found()
 
     def wait_for_failure(self) -> BaseException:
-        with self._news:
-            assert self._news.wait_for(lambda: bool(self.failures), PATIENCE)
-        return self.failures[0]
+        self._thread.join(PATIENCE)
+        assert self.failure is not None
+        return self.failure
 
-    def _take(self, stamped: list[StampedEvent]) -> None:
+    def _run(self) -> None:
+        try:
+            clock.run(self._serve())
+        except BaseException as error:  # noqa: BLE001 - asserted by the test
+            self.failure = error
+
+    async def _serve(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        await self.server.serve(self._listening.set_result)
+
+    # ----- Outside; in the server's thread ------------------------------------------------
+
+    def look(self) -> None:
+        while not self._given.empty():
+            self._given.get()()
+
+    def tell(self, stamped: list[StampedEvent]) -> None:
         with self._news:
             self.events += [each.event for each in stamped]
             self._news.notify_all()
         for each in stamped:
             self.on_event(each.event)
 
-    def _fail(self, error: BaseException) -> None:
+    def show(self, race: Race, at: float) -> None:
         with self._news:
-            self.failures.append(error)
+            self._shown += 1
             self._news.notify_all()
+
+    def race_was_shown(self, times: int) -> None:
+        """Return once the race was shown so often again."""
+        with self._news:
+            wanted = self._shown + times
+            assert self._news.wait_for(lambda: self._shown >= wanted, PATIENCE)
+
+    def remember(self, memory: RaceMemory, at: float) -> None:
+        self.remembered.append(memory)
+
+    def make_sure(self, memory: RaceMemory, at: float, done: Callable[[bool], None]) -> None:
+        with self._news:
+            self.sure.append((memory, done))
+            self._news.notify_all()
+        if self.record_works_at_once:
+            self._loop.call_soon(done, True)
+
+    def wait_for_memory(self) -> tuple[RaceMemory, Callable[[bool], None]]:
+        """Return what a start wants to have on the disk, and what says whether it is."""
+        with self._news:
+            assert self._news.wait_for(lambda: bool(self.sure), PATIENCE)
+            memory, done = self.sure[-1]
+        return memory, lambda there: self._loop.call_soon_threadsafe(done, there)
+
+    def trouble(self, now: float) -> str:
+        return self.record_trouble
+
+    def silent_since(self) -> float | None:
+        return self.ros_half_heard_at
 
 
 @pytest.fixture
@@ -89,7 +191,7 @@ def parts() -> Iterator[contextlib.ExitStack]:
 def run(parts: contextlib.ExitStack) -> Callable[..., Running]:
     def start(beat_rate: float = 50.0, pause: float = 0.0) -> Running:
         running = Running(beat_rate, pause)
-        parts.callback(running.server.stop)
+        parts.callback(running.stop)
         return running
 
     return start
@@ -105,7 +207,7 @@ def connect(parts: contextlib.ExitStack) -> Callable[..., socket.socket]:
         if receive_buffer:
             client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
         client.bind((f'127.0.2.{kart}', 0))
-        client.connect(running.server.address)
+        client.connect(running.address)
         return client
 
     return connection
@@ -253,7 +355,7 @@ def test_an_acknowledgement_that_waited_unread_when_the_command_came_counts_for_
         # kart 1 says now lies unread in the kernel when the command is judged.
         if (event.kind, event.kart) == (EventKind.CONNECTED, 2):
             client.sendall(encode(GRID_ACTIVE))
-            running.server.submit(Command(CommandKind.GRID_ACTIVE, statement=True))
+            running.submit(running.command(CommandKind.GRID_ACTIVE))
 
     running.on_event = say_early
     other = connect(running, 2)
@@ -389,20 +491,20 @@ def test_a_release_is_taken_when_the_pause_after_a_stop_is_over(
 ) -> None:
     running = run(pause=0.05)
     running.give(CommandKind.ALL_KILL)
-    while not running.give(CommandKind.IN_GARAGE).success:
+    while not running.give(CommandKind.KART_IN_GARAGE, 3).success:
         pass
-    assert running.race.state is IN_GARAGE
+    assert running.race.karts[3].sent is IN_GARAGE
 
 
 def test_a_release_that_came_before_a_pause_was_over_is_refused_behind_it_too(
     run: Run, connect: Connect
 ) -> None:
     running = run(pause=0.05)
-    came = time.monotonic()
+    came = clock.now()
     running.give(CommandKind.ALL_KILL)
-    while time.monotonic() < came + 0.2:
+    while clock.now() < came + 0.2:
         running.give(CommandKind.CLOSE_TRACK)
-    answer = running.server.submit(Command(CommandKind.IN_GARAGE, None, True), came)
+    answer = running.submit(running.command(CommandKind.IN_GARAGE), came)
     assert not answer.result(PATIENCE).success
     assert running.race.state is RED_RED
 
@@ -411,25 +513,6 @@ def test_a_stop_is_taken_in_the_pause_after_a_stop(run: Run, connect: Connect) -
     running = run(pause=PATIENCE)
     running.give(CommandKind.KART_RED_RED, 1)
     assert running.give(CommandKind.ALL_KILL).success
-
-
-def test_what_can_wait_is_told_to_wait_while_a_stop_is_on_its_way(
-    run: Run, connect: Connect
-) -> None:
-    running = run()
-    calm = []
-
-    def stop_meanwhile(event: Event) -> None:
-        if event.kind is EventKind.CONNECTED:
-            calm.append(running.server.calm.is_set())
-            running.server.submit(Command(CommandKind.ALL_KILL))
-            calm.append(running.server.calm.is_set())
-
-    running.on_event = stop_meanwhile
-    connect(running, 1)
-    running.wait_for(EventKind.COMMAND)
-    assert calm == [True, False]
-    assert running.server.calm.wait(PATIENCE)
 
 
 def test_a_stop_waits_for_no_beat_that_has_begun(
@@ -444,30 +527,13 @@ def test_a_stop_waits_for_no_beat_that_has_begun(
         if link.number == 1 and not taken.is_set():
             with contextlib.suppress(BlockingIOError):  # what the beats before have sent
                 other.recv(65536, socket.MSG_DONTWAIT)
-            running.server.submit(Command(CommandKind.ALL_KILL))
+            running.submit(Command(CommandKind.ALL_KILL))
             taken.set()
 
+    monkeypatch.setattr(kart_server, 'KARTS_BETWEEN_LOOKS', 1)
     monkeypatch.setattr(_KartLink, 'beat', beat_amid_which_a_stop_comes)
     assert taken.wait(PATIENCE)
     assert other.recv(4096).startswith(encode(RED_RED))
-
-
-def test_work_waits_for_frames_but_not_for_ever(run: Run) -> None:
-    server = run().server
-    server.stop()
-    server.calm.clear()  # and nobody is left who would set it
-    give_way = server.courtesy()
-    for _ in range(1000):  # each time for ever, or each time anew, the test would time out
-        give_way()
-    assert not server.calm.is_set()
-
-
-def test_a_stop_to_a_stopped_server_leaves_nothing_waiting(run: Run) -> None:
-    running = run()
-    running.server.stop()
-    with pytest.raises(KartServerError):
-        running.server.submit(Command(CommandKind.ALL_KILL))
-    assert running.server.calm.is_set()
 
 
 def test_a_start_that_waited_while_race_control_was_held_up_is_refused(
@@ -478,7 +544,7 @@ def test_a_start_that_waited_while_race_control_was_held_up_is_refused(
 
     def hold_up(event: Event) -> None:
         if event.kind is EventKind.CONNECTED:
-            waiting.append(running.server.submit(Command(CommandKind.GRID_ACTIVE, None, True)))
+            waiting.append(running.submit(running.command(CommandKind.GRID_ACTIVE)))
             time.sleep(HELD_UP + 0.1)  # as a machine that was suspended
 
     running.on_event = hold_up
@@ -489,20 +555,17 @@ def test_a_start_that_waited_while_race_control_was_held_up_is_refused(
     assert 'race control was held up for' in answer.message
 
 
-def test_a_command_that_nobody_waits_for_any_more_is_not_given(run: Run, connect: Connect) -> None:
+def test_a_command_that_was_withdrawn_is_not_given(run: Run) -> None:
     running = run()
-    given = []
+    command = running.command(CommandKind.GRID_ACTIVE)
+    answers: list[Answer] = []
 
-    def give_up(event: Event) -> None:
-        if event.kind is EventKind.CONNECTED:
-            given.append(running.server.submit(Command(CommandKind.GRID_ACTIVE, None, True)))
-            given[0].cancel()
+    def give_up() -> None:
+        running.server.submit(command, answers.append).withdrawn = True
 
-    running.on_event = give_up
-    connect(running, 1)
-    running.wait_for(EventKind.CONNECTED, 1)
+    running._given.put(give_up)
     running.give(CommandKind.CLOSE_TRACK)
-    assert given[0].cancelled()
+    assert answers == []
     assert running.race.state is IN_GARAGE
 
 
@@ -550,26 +613,164 @@ def test_a_server_that_stops_sends_red_red_first(run: Run, connect: Connect) -> 
     running = run(NO_BEAT)
     client = connect(running, 3)
     read_until(client, IN_GARAGE)
-    running.server.stop()
+    running.stop()
     assert read_to_end(client) == encode(RED_RED)
 
 
-def test_a_command_to_a_stopped_server_says_use_the_msr(run: Run) -> None:
+def test_a_command_that_waits_when_the_server_stops_is_answered_with_use_the_msr(
+    run: Run,
+) -> None:
     running = run()
-    running.server.stop()
-    with pytest.raises(KartServerError, match='use the MSR'):
-        running.server.submit(Command(CommandKind.ALL_KILL))
+    command = running.command(CommandKind.ALL_KILL)
+    answers: list[Answer] = []
+
+    def stop() -> None:
+        running.server.end()
+        running.server._commands.append(Waiting(command, answers.append, 0.0))
+        running.server.take_commands = lambda: None  # type: ignore[method-assign]
+
+    running._loop.call_soon_threadsafe(stop)
+    running._thread.join(PATIENCE)
+    assert [answer.success for answer in answers] == [False]
+    assert 'use the MSR' in answers[0].message
 
 
 def test_a_port_in_use_is_refused_with_what_to_do() -> None:
     with socket.create_server(('127.0.0.1', 0)) as taken:
-        server = KartServer(
-            Race([]),
-            {},
-            ServerSettings(host='127.0.0.1', port=taken.getsockname()[1]),
-            on_events=lambda events: None,
-            on_copy=lambda race, now: None,
-            on_failure=lambda error: None,
-        )
+        settings = ServerSettings(host='127.0.0.1', port=taken.getsockname()[1])
+        server = KartServer(Race([]), {}, settings, Running.__new__(Running))
         with pytest.raises(KartServerError, match='choose another address or port'):
-            server.start()
+            clock.run(server.serve(lambda address: None))
+
+
+# ----- a start waits for the record, and nothing waits for a start -------------------------
+
+
+@pytest.fixture
+def ready(run: Run, connect: Connect) -> tuple[Running, socket.socket, socket.socket]:
+    """Return a race whose karts are ready, and whose record takes its time."""
+    running = run()
+    one, two = connect(running, 1), connect(running, 2)
+    running.wait_for(EventKind.CONNECTED, 1)
+    running.wait_for(EventKind.CONNECTED, 2)
+    running.give(CommandKind.GRID_ACTIVE)
+    for number, client in ((1, one), (2, two)):
+        read_until(client, GRID_ACTIVE)
+        client.sendall(encode(GRID_ACTIVE))
+        running.wait_for(EventKind.ACKNOWLEDGED, number)
+    running.record_works_at_once = False
+    return running, one, two
+
+
+def test_a_start_goes_out_once_the_disk_knows_that_karts_may_move(ready: Green) -> None:
+    running, one, _ = ready
+    starting = running.submit(running.command(CommandKind.GREEN_GREEN))
+    memory, done = running.wait_for_memory()
+    assert memory.state is GREEN_GREEN
+    assert memory.karts[1].may_be_moving
+    assert running.race.state is GRID_ACTIVE
+    done(True)
+    assert starting.result(PATIENCE).success
+    read_until(one, GREEN_GREEN)
+
+
+@pytest.mark.parametrize(
+    ('kind', 'kart'),
+    [
+        (CommandKind.RACE_OVER, None),
+        (CommandKind.ALL_KILL, None),
+        (CommandKind.RED_FLAG, None),
+        (CommandKind.KART_RED_RED, 1),
+        (CommandKind.KART_RED_FLAG, 2),
+        (CommandKind.RECORD_MSR, None),
+        (CommandKind.LEAVE_RACE, 1),
+    ],
+)
+def test_what_stops_is_not_behind_a_start_that_waits_for_the_disk_and_cancels_it(
+    ready: Green, kind: CommandKind, kart: int | None
+) -> None:
+    running, one, two = ready
+    starting = running.submit(running.command(CommandKind.GREEN_GREEN))
+    _, done = running.wait_for_memory()
+    assert running.give(kind, kart).success
+    done(True)
+    assert not starting.result(PATIENCE).success
+    running.give(CommandKind.ALL_KILL)
+    for client in (one, two):
+        assert encode(GREEN_GREEN) not in read_until(client, RED_RED)
+
+
+def test_nothing_older_takes_the_place_of_what_a_start_has_written(ready: Green) -> None:
+    running, _, _ = ready
+    starting = running.submit(running.command(CommandKind.GREEN_GREEN))
+    _, done = running.wait_for_memory()
+    before = len(running.remembered)
+    running.give(CommandKind.CLOSE_TRACK)  # something that is told, and remembered at other times
+    running.race_was_shown(2)
+    assert len(running.remembered) == before
+    done(True)
+    assert starting.result(PATIENCE).success
+    running.race_was_shown(1)
+    assert running.remembered[-1].state is GREEN_GREEN
+
+
+def test_a_start_that_the_disk_does_not_take_is_refused_unless_it_may_go_without(
+    ready: Green,
+) -> None:
+    running, one, _ = ready
+    starting = running.submit(running.command(CommandKind.GREEN_GREEN, None, False))
+    _, done = running.wait_for_memory()
+    running.record_trouble = 'the disk is full'
+    done(False)
+    assert not starting.result(PATIENCE).success
+    assert not running.give(CommandKind.GREEN_GREEN, None, False).success
+    assert running.race.state is GRID_ACTIVE
+    assert running.give(CommandKind.GREEN_GREEN, None, True).success
+    read_until(one, GREEN_GREEN)
+
+
+def test_a_start_does_not_wait_for_a_disk_that_hangs_for_ever(ready: Green) -> None:
+    running, _, _ = ready
+    starting = running.submit(running.command(CommandKind.GREEN_GREEN, None, False))
+    running.wait_for_memory()
+    assert not starting.result(PATIENCE).success
+    assert running.race.state is GRID_ACTIVE
+
+
+def test_a_start_that_would_be_refused_does_not_wait_for_the_disk(run: Run) -> None:
+    running = run()
+    running.record_works_at_once = False
+    assert not running.give(CommandKind.GREEN_GREEN).success
+    assert running.sure == []
+
+
+# ----- the ROS half ------------------------------------------------------------------------
+
+
+def test_a_ros_half_that_is_silent_means_red_red_to_every_kart_and_the_end(
+    run: Run, connect: Connect
+) -> None:
+    running = run()
+    client = connect(running, 3)
+    read_until(client, IN_GARAGE)
+    running.ros_half_heard_at = clock.now()
+    assert read_to_end(client).endswith(encode(RED_RED))
+    assert isinstance(running.wait_for_failure(), RosHalfGoneError)
+
+
+def test_a_kart_server_that_was_held_up_does_not_take_the_ros_half_for_silent(
+    run: Run, connect: Connect
+) -> None:
+    running = run()
+
+    def hold_up(event: Event) -> None:
+        if event.kind is EventKind.CONNECTED:
+            running.ros_half_heard_at = clock.now()
+            time.sleep(HELD_UP + SILENCE)  # as a process that was stopped, and the other as well
+            running.on_event = lambda event: None
+
+    running.on_event = hold_up
+    connect(running, 1)
+    running.wait_for(EventKind.CONNECTED, 1)
+    running.ros_half_heard_at = None if running.give(CommandKind.CLOSE_TRACK).success else 0.0
+    assert running.failure is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib
 from pathlib import Path
 import sys
@@ -55,11 +56,17 @@ class Races(RuleBasedStateMachine):
         for number in self.race.karts if linked else ():
             self.give(oracle.Input('connected', '', number))
 
-    def give(self, given: oracle.Input) -> Any:
-        """Give one input, to a kart of the roster, and put every question to the oracle."""
+    def give(self, given: oracle.Input, blind: bool = False) -> Any:
+        """
+        Give one input, to a kart of the roster, and put every question to the oracle.
+
+        :param blind: the official does not see the race as it is.
+        """
         if given.kart > len(self.race.karts):
             given = given._replace(kart=1 + given.kart % len(self.race.karts))
         before = oracle.look(self.race)
+        if not blind:
+            given = oracle.as_seen(before, given)
         if given.what == 'command':
             oracle.check_announced(rules, self.race, before, self.facts, given.kind, given.kart)
         outcome = oracle.give(rules, self.race, given, self.now)
@@ -84,6 +91,21 @@ class Races(RuleBasedStateMachine):
     @rule(kind=st.sampled_from(oracle.KART_COMMANDS), kart=KARTS, statement=st.booleans())
     def command_kart(self, kind: str, kart: int, statement: bool) -> None:
         self.give(oracle.Input('command', kind, kart, statement))
+
+    @rule(
+        kind=st.sampled_from((*oracle.NAMING, 'KART_IN_GARAGE')),
+        kart=KARTS,
+        karts=st.frozensets(KARTS),
+        hold=st.sampled_from((None, RaceState.RED_FLAG, RaceState.RED_RED)),
+    )
+    def command_without_a_look(
+        self, kind: str, kart: int, karts: frozenset[int], hold: RaceState | None
+    ) -> None:
+        if kind == 'KART_IN_GARAGE':
+            given = oracle.Input('command', kind, kart, True, hold=hold)
+        else:
+            given = oracle.Input('command', kind, statement=True, karts=karts)
+        self.give(given, blind=True)
 
     @rule(data=st.data())
     def command_what_is_allowed(self, data: st.DataObject) -> None:
@@ -123,15 +145,19 @@ class Races(RuleBasedStateMachine):
     def bring_a_race_under_way(
         self, joining: set[int], stop_short: int, between: str, kart: int
     ) -> None:
+        self.give(oracle.Input('rival', statement=False))
+        for number, each in self.race.karts.items():
+            if not each.connected:
+                self.give(oracle.Input('connected', '', number))
         if self.race.state is not RaceState.IN_GARAGE:
             self.give(oracle.Input('command', 'ALL_KILL'))
             self.every_kart_answers()
             self.give(oracle.Input('command', 'IN_GARAGE', statement=True))
         for number, each in self.race.karts.items():
+            if each.may_be_moving:
+                self.give(oracle.Input('command', 'KART_RED_RED', number))
             if each.hold is not None:
                 self.give(oracle.Input('command', 'KART_IN_GARAGE', number, True))
-            if not each.connected:
-                self.give(oracle.Input('connected', '', number))
             if number in joining:
                 self.give(oracle.Input('command', 'JOIN_RACE', number))
         self.give(oracle.Input('command', 'GRID_ACTIVE', statement=True))
@@ -143,7 +169,7 @@ class Races(RuleBasedStateMachine):
         elif between:
             self.give(oracle.Input('command', between, kart))
         self.give(oracle.Input('tick'))
-        self.give(oracle.Input('command', 'GREEN_GREEN'))
+        self.give(oracle.Input('command', 'GREEN_GREEN', statement=True))
 
     @precondition(lambda self: self.race.state is RaceState.GREEN_GREEN)
     @rule(kart=KARTS, step=st.floats(0.0, 12.0))
@@ -178,34 +204,36 @@ class Races(RuleBasedStateMachine):
 
     # ----- race control itself ------------------------------------------------------------
 
-    @rule()
-    def race_control_is_restarted(self) -> None:
+    @rule(known=st.sampled_from((True, True, False)))
+    def race_control_is_restarted(self, known: bool) -> None:
         """Nothing moves after it, every kart is held, and all that follows is as ever."""
         left = self.race
+        before = oracle.look(left)
+        oracle.check_recovery(rules, left, before, self.now, known)
         karts = [rules.Kart(number, in_race=number == 1) for number in left.karts]
         self.race = rules.Race(karts, left.times, self.now)
-        outcome = self.race.recover(left.memory(), self.now)
+        memory = dataclasses.replace(left.memory(), known=known)
+        outcome = self.race.recover(memory, self.now)
         assert not outcome.orders
         view = oracle.look(self.race)
         assert view.state is RaceState.RED_RED
         assert not view.track_open
         assert not view.msr_used
-        for old, kart in zip(left.karts.values(), view.karts, strict=True):
+        for old, kart in zip(before.karts, view.karts, strict=True):
             assert (kart.in_race, kart.place) == (old.in_race, old.place)
             assert kart.hold is kart.sent is RaceState.RED_RED
-            assert kart.moving or not old.may_be_moving
-        self.facts = oracle.Facts(
-            False,
-            tuple(
-                oracle.KartFacts(
-                    lost=kart.in_race,
-                    phase=0,
-                    missing=self.now if kart.in_race or kart.moving else None,
-                )
-                for kart in view.karts
-            ),
-        )
+            assert kart.moving or (known and not old.moving)
+            assert kart.on_grid or not old.on_grid
+        self.facts = oracle.recall(view, self.now)
         oracle.check_state(self.race, view, self.facts, self.now)
+
+    @rule(present=st.sampled_from((False, False, True)))
+    def another_race_control_comes_or_goes(self, present: bool) -> None:
+        self.give(oracle.Input('rival', statement=present))
+
+    @rule(failing=st.booleans())
+    def the_record_fails_or_works(self, failing: bool) -> None:
+        self.give(oracle.Input('record', statement=failing))
 
     # ----- time ---------------------------------------------------------------------------
 

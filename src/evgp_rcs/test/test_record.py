@@ -6,11 +6,12 @@ from collections.abc import Callable, Iterator
 import contextlib
 import os
 import pathlib
+import queue
 import sqlite3
 import subprocess
-import threading
 import time
 
+from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.race import (
     Command,
@@ -23,13 +24,25 @@ from evgp_rcs.race import (
     RaceMemory,
     StampedEvent,
 )
+import evgp_rcs.record
 from evgp_rcs.record import events, open_read_only, Record, RecordError, sessions
 from evgp_rcs.timeline import main as print_timeline
 import pytest
 
 PATIENCE = 20.0
-HOME = RaceMemory(RaceState.IN_GARAGE, {7: KartMemory(True, False, 0, False)})
-RACING = RaceMemory(RaceState.GREEN_GREEN, {7: KartMemory(True, False, 0, True)})
+HOME = RaceMemory(RaceState.IN_GARAGE, {7: KartMemory(True, False, 0, False, False, False)})
+RACING = RaceMemory(RaceState.GREEN_GREEN, {7: KartMemory(True, False, 0, True, True, False)})
+
+
+@pytest.fixture(autouse=True)
+def witnesses(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> pathlib.Path:
+    """Return a folder of this test's own in which runs say that they have begun."""
+    folder = tmp_path / 'witnesses'
+    folder.mkdir()
+    monkeypatch.setattr(evgp_rcs.record, 'WITNESSES', folder)
+    monkeypatch.setattr(evgp_rcs.record, 'TEMPORARY', folder / 'elsewhere')
+    return folder
+
 
 Begin = Callable[[], Record]
 
@@ -39,13 +52,20 @@ def path(tmp_path: pathlib.Path) -> pathlib.Path:
     return tmp_path / 'folder' / 'record.sqlite3'
 
 
+def started(path: pathlib.Path) -> Record:
+    """Return a record that is being written; nothing may make its writer fail."""
+    record = Record(path)
+    record.start(lambda error: pytest.fail(f'the writer failed: {error!r}'))
+    return record
+
+
 @pytest.fixture
 def begin(path: pathlib.Path) -> Iterator[Begin]:
     """Return a function that begins a run; it ends with the test."""
     with contextlib.ExitStack() as stack:
 
         def start() -> Record:
-            record = Record(path)
+            record = started(path)
             stack.callback(record.end, PATIENCE)
             return record
 
@@ -127,7 +147,11 @@ def test_a_run_that_crashed_before_it_remembered_anything_is_doubt(begin: Begin)
     crash(begin())
     left_behind = begin().left_behind
     assert left_behind is not None
-    assert not left_behind.karts
+    assert not left_behind.known
+
+
+def test_the_first_run_ever_has_nothing_to_take_up(begin: Begin) -> None:
+    assert begin().left_behind is None
 
 
 def test_a_run_finds_what_the_last_one_left_and_not_an_older_one(begin: Begin) -> None:
@@ -146,25 +170,114 @@ def test_two_race_controls_cannot_have_one_record(begin: Begin, path: pathlib.Pa
         Record(path)
 
 
-def test_a_file_that_is_no_record_is_refused_and_left_alone(
-    begin: Begin, path: pathlib.Path
-) -> None:
-    path.parent.mkdir()
+def no_text_file(path: pathlib.Path) -> None:
     path.write_text(
         'karts: [] # the wrong file, and longer than a header of SQLite has bytes\n' * 3
     )
+
+
+def no_database_of_ours(path: pathlib.Path) -> None:
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.execute('CREATE TABLE invoices (sum INTEGER)')
+
+
+@pytest.mark.parametrize('make', [no_text_file, no_database_of_ours])
+def test_a_file_that_is_no_record_is_left_alone_and_does_not_keep_race_control_from_starting(
+    begin: Begin, path: pathlib.Path, make: Callable[[pathlib.Path], None]
+) -> None:
+    path.parent.mkdir()
+    make(path)
     before = path.read_bytes()
-    with pytest.raises(RecordError, match='is no record of race control'):
-        begin()
+    record = begin()
+    assert str(path) in record.trouble(clock.now())
+    assert record.left_behind is not None
+    assert not record.left_behind.known
     assert path.read_bytes() == before
 
 
-def test_another_database_is_refused_and_left_alone(begin: Begin, path: pathlib.Path) -> None:
-    path.parent.mkdir()
+# ----- what an end must prove --------------------------------------------------------------
+
+
+def damage(path: pathlib.Path) -> None:
+    """Overwrite the record from its second page on."""
+    data = bytearray(path.read_bytes())
+    data[4096:] = b'\xaa' * (len(data) - 4096)
+    path.write_bytes(data)
+
+
+def cut_short(path: pathlib.Path) -> None:
+    path.write_bytes(path.read_bytes()[:1000])
+
+
+def garble_the_memory(path: pathlib.Path) -> None:
     with contextlib.closing(sqlite3.connect(path)) as database:
-        database.execute('CREATE TABLE invoices (sum INTEGER)')
-    with pytest.raises(RecordError, match='its version is 0'):
-        begin()
+        database.execute("UPDATE memory SET karts = '[1, 2'")
+        database.commit()
+
+
+@pytest.mark.parametrize('harm', [damage, cut_short, garble_the_memory, pathlib.Path.unlink])
+def test_a_record_that_was_harmed_after_a_crash_proves_nothing(
+    begin: Begin, path: pathlib.Path, harm: Callable[[pathlib.Path], None]
+) -> None:
+    record = begin()
+    record.remember(HOME, 0.0)
+    crash(record)
+    harm(path)
+    left_behind = begin().left_behind
+    assert left_behind is not None
+    assert not left_behind.known
+
+
+def test_a_crash_is_known_although_all_that_lay_beside_the_record_was_deleted(
+    begin: Begin, path: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    begin().end(PATIENCE)  # an earlier run, that ended in order
+    record = begin()
+    record.remember(HOME, 0.0)
+    assert record.flush(PATIENCE)
+    record.make_sure(RACING, 1.0, lambda there: None)
+    assert record.flush(PATIENCE)
+    record.remember(HOME, 2.0)
+    assert record.flush(PATIENCE)
+    # What a machine finds that lost its power, and whose -wal somebody deleted then.
+    copy = tmp_path / 'copy'
+    copy.mkdir()
+    (copy / path.name).write_bytes(path.read_bytes())
+    record.end(PATIENCE, in_order=False)
+    for left in path.parent.iterdir():
+        left.unlink()
+    (copy / path.name).rename(path)
+    assert begin().left_behind == RACING
+
+
+def test_a_run_that_could_not_write_its_record_is_not_forgotten_by_the_next(
+    begin: Begin, path: pathlib.Path
+) -> None:
+    record = begin()
+    record.remember(HOME, 0.0)
+    record.end(PATIENCE)
+    beside = path.with_name('beside')
+    path.rename(beside)
+    path.mkdir()  # nobody can write it, and root neither
+    second = begin()
+    assert second.trouble(clock.now())
+    assert second.left_behind is not None
+    assert not second.left_behind.known
+    second.end(PATIENCE, in_order=True)
+    path.rmdir()
+    beside.rename(path)
+    third = begin().left_behind
+    assert third is not None
+    assert not third.known
+
+
+def test_what_a_start_must_leave_behind_is_told_to_be_there_once_it_is(begin: Begin) -> None:
+    record = begin()
+    told: queue.SimpleQueue[bool] = queue.SimpleQueue()
+    record.make_sure(RACING, 0.0, told.put)
+    assert told.get(timeout=PATIENCE)
+    crash(record)
+    assert begin().left_behind == RACING
 
 
 def test_a_reader_beside_the_writer_disturbs_neither(begin: Begin, path: pathlib.Path) -> None:
@@ -224,7 +337,7 @@ def test_a_full_disk_is_trouble_until_there_is_room_and_no_event_is_lost(
     small_disk: pathlib.Path,
 ) -> None:
     path = small_disk / 'record.sqlite3'
-    record = Record(path)
+    record = started(path)
     record.put([event(1)])
     assert record.flush(PATIENCE)
     ballast = small_disk / 'ballast'
@@ -232,14 +345,17 @@ def test_a_full_disk_is_trouble_until_there_is_room_and_no_event_is_lost(
         ballast.write_bytes(bytes(1 << 20))
     count = 2000
     record.put([event(n, f'event {n} ' + 100 * 'x') for n in range(2, count + 1)])
-    wait_for(record.trouble)
+    wait_for(lambda: record.trouble(clock.now()))
     assert (
-        record.trouble()
+        record.trouble(clock.now())
         == f'The record {path} fails: database or disk is full; {count - 1} events wait'
     )
+    told: queue.SimpleQueue[bool] = queue.SimpleQueue()
+    record.make_sure(RACING, 0.0, told.put)
+    assert not told.get(timeout=PATIENCE)
     ballast.unlink()
     assert record.flush(PATIENCE)
-    wait_for(lambda: not record.trouble())
+    wait_for(lambda: not record.trouble(clock.now()))
     record.end(PATIENCE)
     assert len(texts(path, 1)) == count
 
@@ -248,14 +364,13 @@ def test_a_disk_that_turns_read_only_is_trouble_until_it_can_be_written(
     small_disk: pathlib.Path,
 ) -> None:
     path = small_disk / 'record.sqlite3'
-    record = Record(path)
+    record = started(path)
     record.put([event(1)])
     assert record.flush(PATIENCE)
     record.end(PATIENCE, in_order=False)
     subprocess.run(['mount', '-o', 'remount,ro', str(small_disk)], check=True)
-    second = Record(path)
-    assert 'read-only file system' in second.trouble()
-    # What cannot be written may still be read.
+    second = started(path)
+    assert 'read-only file system' in second.trouble(clock.now())
     assert second.left_behind is not None
     second.put([event(1, 'while it could not be written')])
     subprocess.run(['mount', '-o', 'remount,rw', str(small_disk)], check=True)
@@ -268,8 +383,8 @@ def test_a_folder_that_cannot_be_made_is_trouble_and_the_end_does_not_hang(
     tmp_path: pathlib.Path,
 ) -> None:
     (tmp_path / 'folder').write_text('a file where a folder should be')
-    record = Record(tmp_path / 'folder' / 'record.sqlite3')
-    assert record.trouble()
+    record = started(tmp_path / 'folder' / 'record.sqlite3')
+    assert record.trouble(clock.now())
     record.put([event(1)])
     assert not record.flush(0.0)
     record.end(PATIENCE)
@@ -322,26 +437,3 @@ def test_a_record_that_is_not_there_is_named(
 ) -> None:
     assert print_timeline([str(path)]) == 2
     assert f'there is no {path}' in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    'hand_over',
-    [lambda record: record.put([event(1)]), lambda record: record.remember(RACING, 0.0)],
-    ids=['events', 'memory'],
-)
-def test_the_writer_waits_while_frames_go_out(
-    begin: Begin, hand_over: Callable[[Record], None]
-) -> None:
-    record = begin()
-    asked, calm = threading.Event(), threading.Event()
-
-    def give_way() -> None:
-        asked.set()
-        calm.wait(PATIENCE)
-
-    record.courtesy = lambda: give_way
-    hand_over(record)
-    assert asked.wait(PATIENCE)
-    assert not record.flush(0.0)
-    calm.set()
-    assert record.flush(PATIENCE)

@@ -2,7 +2,7 @@
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration
+from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
 
 
@@ -13,10 +13,26 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 'namespace', default_value='', description='Where race control stands.'
             ),
+            # The same two as race control has (docs/security.md).
+            DeclareLaunchArgument(
+                'officials',
+                default_value=EnvironmentVariable('EVGP_GRAPH_INTERFACE', default_value=''),
+                description='The IPv4 address, on this machine, of the interface to race control; '
+                'empty: race control is on this machine.',
+            ),
+            DeclareLaunchArgument(
+                'domain_id',
+                default_value=EnvironmentVariable('ROS_DOMAIN_ID', default_value='0'),
+                description='The ROS domain, 0 to 101.',
+            ),
             Node(
                 package='evgp_rcs_console',
                 executable='rcs_gui',
                 namespace=LaunchConfiguration('namespace'),
+                additional_env={
+                    'EVGP_GRAPH_INTERFACE': LaunchConfiguration('officials'),
+                    'ROS_DOMAIN_ID': LaunchConfiguration('domain_id'),
+                },
                 output='screen',
             ),
         ]

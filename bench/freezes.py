@@ -1,0 +1,205 @@
+"""
+Freeze programs around race control, in traffic, and see whether a kart or a stop notices.
+
+``setup/in-workspace python bench/freezes.py --times 1000``. What is frozen (SIGSTOP) in turn: a
+client that calls services without a pause, an official's ``rcs_ctl watch``, and race control's own
+ROS half, for less than its limit and for more. Meanwhile another official sends stops.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import pathlib
+import random
+import signal
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+HERE = pathlib.Path(__file__).parent
+sys.path[:0] = [str(HERE), str(HERE.parent / 'test')]
+
+from evgp_protocol.states import RaceState  # noqa: E402
+from race_parts.domains import Domain  # noqa: E402
+from race_parts.official import Official  # noqa: E402
+from race_parts.process import Process  # noqa: E402
+from race_parts.punctual_kart import PunctualKart  # noqa: E402
+from race_parts.race_control import address_of, RaceControl  # noqa: E402
+from race_parts.wire_kart import Acknowledges  # noqa: E402
+
+KARTS = range(1, 6)
+
+CALLER = """
+import sys, threading
+sys.path[:0] = {paths!r}
+from race_parts.official import Official
+official = Official(int(sys.argv[1]), 'caller')
+while True:
+    official.call_all('kart/finish', [{{'kart': 60000}}] * 20)
+"""
+"""A client of services that never pauses: it asks for a finish of a kart that is not there."""
+
+
+def caller(domain: int, environment: dict[str, str]) -> subprocess.Popen[bytes]:
+    """Start a client in traffic, with the transports that the environment asks for."""
+    return subprocess.Popen(
+        [sys.executable, '-c', CALLER.format(paths=sys.path[:2]), str(domain)],
+        env={**os.environ, **environment},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+
+
+def worst(values: list[float]) -> str:
+    """Return median and worst, ms."""
+    if not values:
+        return '-'
+    return f'{statistics.median(values) * 1e3:.1f} / {max(values) * 1e3:.1f}'
+
+
+def freeze_others(folder: pathlib.Path, times: int, what: str) -> None:
+    """Freeze a program that race control's ROS half talks to."""
+    gaps, stops = [], []
+    with contextlib.ExitStack() as stack:
+        domain = stack.enter_context(Domain()).number
+        control = stack.enter_context(
+            RaceControl(folder, domain, KARTS, parameters={'pause': 0.5})
+        )
+        official = stack.enter_context(contextlib.closing(Official(domain)))
+        karts = [
+            stack.enter_context(
+                PunctualKart(address_of(number), control.port, Acknowledges.EACH_CHANGE)
+            )
+            for number in KARTS
+        ]
+        official.wait_for_connected(*KARTS)
+        official.command('all_kill')
+        if what == 'watch':
+            victim = Process('evgp_rcs_console', 'rcs_ctl', domain)
+            victim.close()
+            command = [str(victim._process.args[3]), 'watch']  # type: ignore[index]
+            program = subprocess.Popen(
+                command,
+                env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+        else:
+            program = caller(domain, {'ROS_DOMAIN_ID': str(domain)})
+        stack.callback(program.wait)
+        stack.callback(program.kill)
+        time.sleep(3.0)  # DDS meets, and the traffic begins
+        for _ in range(times):
+            since = time.monotonic()
+            time.sleep(random.uniform(0.0, 0.05))  # noqa: S311 - no secret
+            program.send_signal(signal.SIGSTOP)
+            for _ in range(3):
+                time.sleep(random.uniform(0.02, 0.08))  # noqa: S311 - no secret
+                began = time.monotonic()
+                assert official.call('all_kill').success
+                stops.append(time.monotonic() - began)
+            program.send_signal(signal.SIGCONT)
+            gaps.append(max(kart.worst_gap(since) for kart in karts))
+            for kart in karts:
+                kart.times.clear()
+    late = sum(gap > 0.1 for gap in gaps)
+    slow = sum(stop > 0.05 for stop in stops)
+    print(
+        f'| {what} | {times} | {worst(gaps)} | {late} | {worst(stops)} | {slow} of {len(stops)} |',
+        flush=True,
+    )
+
+
+def freeze_ros_half(folder: pathlib.Path, times: int) -> None:
+    """Freeze the ROS half, for less than its limit: no kart may notice."""
+    gaps = []
+    with contextlib.ExitStack() as stack:
+        domain = stack.enter_context(Domain()).number
+        control = stack.enter_context(RaceControl(folder, domain, KARTS))
+        official = stack.enter_context(contextlib.closing(Official(domain)))
+        karts = [
+            stack.enter_context(
+                PunctualKart(address_of(number), control.port, Acknowledges.EACH_CHANGE)
+            )
+            for number in KARTS
+        ]
+        official.wait_for_connected(*KARTS)
+        for _ in range(times):
+            since = time.monotonic()
+            time.sleep(random.uniform(0.0, 0.05))  # noqa: S311 - no secret
+            control.signal(signal.SIGSTOP)
+            time.sleep(random.uniform(0.05, 0.5))  # noqa: S311 - no secret
+            control.signal(signal.SIGCONT)
+            time.sleep(0.05)
+            gaps.append(max(kart.worst_gap(since) for kart in karts))
+            for kart in karts:
+                kart.times.clear()
+        ended = [kart for kart in karts if kart.ended]
+        assert not ended, f'{len(ended)} karts were dropped'
+    late = sum(gap > 0.1 for gap in gaps)
+    print(f'| ROS half, up to 0.5 s | {times} | {worst(gaps)} | {late} | - | - |', flush=True)
+
+
+def freeze_ros_half_for_good(folder: pathlib.Path, times: int) -> None:
+    """Freeze the ROS half for more than its limit: every kart gets RED_RED, and when."""
+    took, gaps = [], []
+    for number in range(times):
+        with contextlib.ExitStack() as stack:
+            own = folder / f'run{number}'
+            own.mkdir()
+            domain = stack.enter_context(Domain()).number
+            control = stack.enter_context(RaceControl(own, domain, KARTS))
+            official = stack.enter_context(contextlib.closing(Official(domain)))
+            karts = [
+                stack.enter_context(
+                    PunctualKart(address_of(number), control.port, Acknowledges.EACH_CHANGE)
+                )
+                for number in KARTS
+            ]
+            official.wait_for_connected(*KARTS)
+            since = time.monotonic()
+            control.signal(signal.SIGSTOP)
+            for kart in karts:
+                kart.wait_for_end()
+                assert kart.state is RaceState.RED_RED
+                at = kart.changes[-1][0]
+                took.append(at - since)
+                times_before = [when for when in kart.times if since <= when <= at]
+                gaps.append(
+                    max(
+                        (b - a for a, b in zip(times_before, times_before[1:], strict=False)),
+                        default=0.0,
+                    )
+                )
+    print(
+        f'| ROS half, for good | {times} | {worst(gaps)} | {sum(g > 0.1 for g in gaps)} '
+        f'| RED_RED after {min(took):.2f}-{max(took):.2f} s | - |',
+        flush=True,
+    )
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--times', type=int, default=100)
+    times = parser.parse_args().times
+    print(
+        '| frozen | times | worst gap of a kart, ms, median / worst | over 100 ms '
+        "| another official's stop, call to answer, ms | over 50 ms |"
+    )
+    print('|---|---|---|---|---|---|', flush=True)
+    for what in ('client', 'watch'):
+        with tempfile.TemporaryDirectory() as folder:
+            freeze_others(pathlib.Path(folder), times, what)
+    with tempfile.TemporaryDirectory() as folder:
+        freeze_ros_half(pathlib.Path(folder), times)
+    with tempfile.TemporaryDirectory() as folder:
+        freeze_ros_half_for_good(pathlib.Path(folder), max(1, times // 50))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,222 @@
+"""
+The ROS half's end of the kart server: starts its process, hands commands over, hears what happens.
+
+One thread of its own hears the kart server; every other method may be called from any thread and
+returns without waiting for it, but for ``start`` and ``stop``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import concurrent.futures
+import contextlib
+import itertools
+import socket
+import struct
+import subprocess
+import sys
+import threading
+from typing import Any
+
+from evgp_rcs.channel import (
+    Alive,
+    Answered,
+    Begin,
+    Copy,
+    End,
+    Failed,
+    Happened,
+    Listening,
+    pack,
+    Refused,
+    Request,
+    Unpacker,
+    Withdraw,
+)
+from evgp_rcs.kart_server import KartServerError
+from evgp_rcs.race import Answer, Command, Race, StampedEvent
+
+END_TIMEOUT = 5.0
+"""Maximum time the kart server's process may take to end, in seconds; then it is killed."""
+
+SEND_TIMEOUT = 0.5
+"""Maximum time a message may wait for a kart server that reads nothing, in seconds."""
+
+READ_BYTES = 1 << 20
+
+
+class KartServerClient:
+    """
+    The kart server in its process, as the ROS half sees it.
+
+    :param begin: with what it starts.
+    :param on_events: takes the events, in order, in the hearing thread: it must only hand them on.
+    :param on_copy: takes a copy of the race and the time (s) it was taken, likewise.
+    :param on_end: is called, in the hearing thread, when the kart server has ended by itself; the
+        text says why. Every kart has been sent RED_RED or has lost its connection.
+    """
+
+    def __init__(
+        self,
+        begin: Begin,
+        on_events: Callable[[list[StampedEvent]], None],
+        on_copy: Callable[[Race, float], None],
+        on_end: Callable[[str], None],
+    ) -> None:
+        """Take note of everything; nothing is started before ``start``."""
+        self._begin = begin
+        self._on_events = on_events
+        self._on_copy = on_copy
+        self._on_end = on_end
+        self._numbers = itertools.count(1)
+        self._waiting: dict[int, concurrent.futures.Future[Answer]] = {}
+        self._listening: concurrent.futures.Future[tuple[str, int]] = concurrent.futures.Future()
+        self._sending = threading.Lock()
+        self._ended = ''
+        self._stopping = False
+        self._end: socket.socket
+        self._process: subprocess.Popen[bytes]
+        self._thread = threading.Thread(target=self._run, name='kart_client', daemon=True)
+        self.address = ('', 0)
+
+    def start(self) -> None:
+        """
+        Start the kart server, and return once karts can connect.
+
+        :raises KartServerError: if it cannot start.
+        """
+        self._end, other = socket.socketpair()
+        # A kart server that hangs must not hold up the thread that takes the next stop.
+        option = struct.pack('ll', 0, int(SEND_TIMEOUT * 1e6))
+        self._end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, option)
+        with other:
+            self._process = subprocess.Popen(
+                [sys.executable, '-m', 'evgp_rcs.kart_process', str(other.fileno())],
+                pass_fds=(other.fileno(),),
+                stdin=subprocess.DEVNULL,
+                # What ends the ROS half by its terminal reaches the kart server through it.
+                start_new_session=True,
+            )
+        self._thread.start()
+        self._send(self._begin)
+        try:
+            self.address = self._listening.result()
+        except KartServerError:
+            self._clear_away()
+            raise
+
+    def submit(
+        self, command: Command, came: float
+    ) -> tuple[int, concurrent.futures.Future[Answer]]:
+        """
+        Hand over an official's command.
+
+        :param came: when it came, on the clock of the rules (s).
+        :return: its number, for ``withdraw``, and a future with the answer, done once every frame
+            has been written.
+        :raises KartServerError: if the kart server is gone: then only the MSR is left.
+        """
+        number = next(self._numbers)
+        answer: concurrent.futures.Future[Answer] = concurrent.futures.Future()
+        self._waiting[number] = answer
+        self._send(Request(number, command, came))
+        if self._ended:
+            self._refuse_the_rest()
+        return number, answer
+
+    def withdraw(self, number: int) -> None:
+        """Have a command that was not judged yet not judged at all."""
+        if self._waiting.pop(number, None) is not None:
+            self._send(Withdraw(number))
+
+    def alive(self, rival: bool) -> None:
+        """
+        Say that the ROS half can take a stop.
+
+        :param rival: whether another race control is heard in this domain.
+        """
+        if not self._stopping:
+            self._send(Alive(rival))
+
+    def stop(self, in_order: bool) -> None:
+        """
+        Have every kart sent RED_RED and the process end; return when that is done.
+
+        :param in_order: the next run need not take up a race that was not under way.
+        """
+        self._stopping = True
+        if self._thread.ident is None:
+            return
+        try:
+            self._send(End(in_order))
+        except KartServerError:
+            pass  # it has ended already
+        self._clear_away()
+
+    def _clear_away(self) -> None:
+        self._stopping = True
+        try:
+            self._process.wait(END_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._thread.join(END_TIMEOUT)
+        self._end.close()
+
+    def _send(self, message: object) -> None:
+        data = pack(message)
+        try:
+            with self._sending:
+                self._end.sendall(data)
+        except OSError as error:
+            # Half a message may be out: the kart server is given up, and ends by that.
+            with contextlib.suppress(OSError):  # it is closed already
+                self._end.shutdown(socket.SHUT_RDWR)
+            raise KartServerError('the kart server does not take it: use the MSR') from error
+
+    # ----- the hearing thread -------------------------------------------------------------
+
+    def _run(self) -> None:
+        unpacker = Unpacker()
+        why = 'its process has ended'
+        while True:
+            try:
+                data = self._end.recv(READ_BYTES)
+            except OSError:
+                break
+            if not data:
+                break
+            for message in unpacker.feed(data):
+                if isinstance(message, Failed):
+                    why = message.text
+                else:
+                    self._take(message)
+        self._ended = why
+        self._refuse_the_rest()
+        if not self._listening.done():
+            self._listening.set_exception(KartServerError(f'the kart server failed: {why}'))
+        elif not self._stopping:
+            self._on_end(why)
+
+    def _take(self, message: Any) -> None:
+        if isinstance(message, Happened):
+            self._on_events(message.events)
+        elif isinstance(message, Copy):
+            self._on_copy(message.race, message.at)
+        elif isinstance(message, Answered):
+            answer = self._waiting.pop(message.number, None)
+            if answer is not None:
+                answer.set_result(message.answer)
+        elif isinstance(message, Listening):
+            self._listening.set_result(message.address)
+        else:
+            assert isinstance(message, Refused)
+            self._listening.set_exception(KartServerError(message.text))
+
+    def _refuse_the_rest(self) -> None:
+        while self._waiting:
+            try:
+                _, answer = self._waiting.popitem()
+            except KeyError:
+                return  # the other thread that refuses was quicker
+            answer.set_exception(KartServerError('the kart server is gone: use the MSR'))

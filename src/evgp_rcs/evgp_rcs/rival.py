@@ -1,0 +1,82 @@
+"""
+A second race control on the same ROS graph, which officials could not tell from the first.
+
+Its answers and its race would mix with ours. So the second does not start (`claim_the_graph`,
+`refuse_rivals`), and if two graphs meet later, both notice (`look_for_rivals`).
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+
+from evgp_node.graph import LOOPBACK, reachable_at
+from rclpy.node import Node
+
+LOOK_AGAIN = 0.5
+"""Time between two looks for another race control while this one runs, seconds."""
+
+FIRST_LOOK = 1.5
+"""How long race control looks for another on other machines before it starts, seconds."""
+
+_STEP = 0.05
+
+
+class RivalError(RuntimeError):
+    """There is another race control on this graph; the text says what to do."""
+
+
+def claim_the_graph(node: Node) -> socket.socket:
+    """
+    Claim the node's name on this machine's graph, for as long as the returned socket is open.
+
+    The claim is an abstract UNIX socket: the kernel keeps those for each network namespace, as it
+    does the loopback interface on which the graph is, and takes them away with the process.
+
+    :raises RivalError: if another process holds the claim.
+    """
+    name = node.get_fully_qualified_name()
+    domain = node.context.get_domain_id()
+    claim = socket.socket(socket.AF_UNIX)
+    try:
+        claim.bind(f'\0evgp race control {name} on domain {domain}')
+    except OSError as error:
+        claim.close()
+        raise RivalError(
+            f'another race control runs on this machine as {name} on ROS domain {domain}. '
+            'End it first, or give this one another ROS_DOMAIN_ID'
+        ) from error
+    return claim
+
+
+def refuse_rivals(node: Node) -> None:
+    """
+    Refuse to start beside a race control on another machine, if the graph reaches beyond this one.
+
+    Call it before the node publishes the race.
+
+    :raises RivalError: if there is one.
+    """
+    if reachable_at() == (LOOPBACK,):
+        return  # the claim has told already
+    until = time.monotonic() + FIRST_LOOK
+    while time.monotonic() < until:
+        if look_for_rivals(node):
+            raise RivalError(
+                f'another race control publishes {node.resolve_topic_name("~/race")} on ROS '
+                f'domain {node.context.get_domain_id()}. End it first, or give this one another '
+                'ROS_DOMAIN_ID'
+            )
+        time.sleep(_STEP)  # rclpy has nothing to await a change of the graph by
+
+
+def look_for_rivals(node: Node) -> bool:
+    """
+    Return whether anyone else publishes this race control's race.
+
+    A rival that was killed counts until DDS gives it up, 20 s. It takes a few microseconds for
+    each publisher, waits for nothing, and may be called in any thread.
+    """
+    topic = node.resolve_topic_name('~/race')
+    own = sum(publisher.topic_name == topic for publisher in node.publishers)
+    return bool(node.count_publishers(topic) > own)

@@ -1,0 +1,89 @@
+"""The parameters of race control: each declared once, with its meaning, range and default."""
+
+from __future__ import annotations
+
+import pathlib
+
+from evgp_node.parameters import check_address, ParameterError, Parameters
+from evgp_rcs.channel import Begin
+from evgp_rcs.kart_server import ServerSettings
+from evgp_rcs.race import RaceTimes
+from evgp_rcs.record import default_path
+from evgp_rcs.roster import load_roster
+
+
+def read_settings(parameters: Parameters) -> Begin:
+    """
+    Declare every parameter of race control, read the roster, and return with what to start.
+
+    :raises ParameterError: if a parameter is wrong.
+    :raises RosterError: if the roster is.
+    """
+    declare = parameters.declare
+
+    def seconds(name: str, default: float, meaning: str) -> float:
+        return declare(name, default, f'{meaning} for so long, s.', (0.1, 3600))
+
+    path = declare('roster', '', 'The file that lists the karts, see config/karts.yaml.')
+    record = declare(
+        'record',
+        '',
+        'The file of the record (SQLite); empty: evgp_rcs/record.sqlite3 below ROS_HOME.',
+    )
+    settings = ServerSettings(
+        host=declare(
+            'address', '0.0.0.0', 'The IPv4 address at which karts connect; 0.0.0.0: every one.'
+        ),
+        port=declare('port', 12017, 'The TCP port at which karts connect; 0: any.', (0, 65535)),
+        beat_rate=declare(
+            'beat_rate', 20.0, 'Frames per second to each kart, Hz (§4.C: at least 10).', (10, 100)
+        ),
+        send_timeout=declare(
+            'send_timeout',
+            1.0,
+            'A kart that leaves bytes unanswered so long is lost, s.',
+            (0.2, 10),
+        ),
+        pause=declare(
+            'pause',
+            1.0,
+            'So long after a stop nothing is taken that loosens or starts anything, s.',
+            (0.5, 10),
+        ),
+    )
+    times = RaceTimes(
+        finish_delays=tuple(
+            declare(
+                'finish_delays',
+                list(RaceTimes().finish_delays),
+                'From FINISH to RED_FLAG for place 1, 2, …; the last for all further, s, 0-60.',
+            )
+        ),
+        finish_stop=seconds('finish_stop', 15.0, 'A finished kart may not acknowledge RED_FLAG'),
+        auto_race_over=declare(
+            'auto_race_over', True, 'Once every kart has finished, the race goes over by itself.'
+        ),
+        ready_alert=seconds('ready_alert', 120.0, 'Alert: GRID_ACTIVE is not acknowledged'),
+        green_alert=seconds('green_alert', 30.0, 'Alert: GREEN_GREEN is not acknowledged'),
+        flag_alert=seconds('flag_alert', 15.0, 'Alert: RED_FLAG is not acknowledged'),
+        red_alert=seconds('red_alert', 5.0, 'Alert: RED_RED is not acknowledged'),
+    )
+    parameters.refuse_unknown()
+    check_address('address', settings.host)
+    for delay in times.finish_delays:
+        if not 0.0 <= delay <= 60.0:
+            raise ParameterError(
+                f'parameter finish_delays: {delay:g} is not possible. '
+                'Give each place a delay from 0 to 60 s'
+            )
+    if not path:
+        raise ParameterError(
+            'parameter roster is missing. Name the file that lists the karts, '
+            'as in: --ros-args -p roster:=config/karts.yaml'
+        )
+    return Begin(
+        roster=load_roster(pathlib.Path(path)),
+        times=times,
+        settings=settings,
+        record=pathlib.Path(record).expanduser() if record else default_path(),
+    )

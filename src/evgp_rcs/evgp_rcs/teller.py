@@ -1,0 +1,226 @@
+"""
+Publishes what the kart server tells, in a thread of its own.
+
+Events go out in order, all of them unless more than `MOST_UNTOLD` wait. Of several copies of the
+race only the newest does, and that may overtake events: it waits for no more of them than are
+published in `TURN`, so that what officials see is the present race.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+import queue
+import threading
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from evgp_protocol import clock
+from evgp_rcs.messages import event_message, failure_alert, race_message, time_message
+from evgp_rcs.race import AlertKind, Event, EventKind, Kart, Race, StampedEvent
+from evgp_rcs.roster import Roster
+from evgp_rcs_msgs import msg
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+RACE_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Of ``~/race``: a late subscriber gets the present race at once."""
+
+EVENTS_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=200,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Of ``~/events``: a late subscriber gets the last 200 events."""
+
+DIAGNOSTICS_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""Of ``/diagnostics``, as diagnostic aggregators expect it."""
+
+TURN = 0.05
+"""Maximum time spent publishing events before a newer race is published, in seconds."""
+
+MOST_UNTOLD = 5000
+"""Maximum backlog of events to publish; beyond it, `LESSER` events go to the record only."""
+
+LESSER = (EventKind.ACKNOWLEDGED, EventKind.KART_STATE, EventKind.REPORTED)
+"""What karts do by the hundred, and what ``~/race`` shows as well."""
+
+ERRORS = (AlertKind.RECORD_FAILING, AlertKind.TWO_RACE_CONTROLS)
+"""Alerts without the MSR that are errors in the diagnostics."""
+
+LAST_WORD = 0.5
+"""Maximum time the last words may take to be heard, in seconds."""
+
+
+class Teller:
+    """
+    Publishes the race, its events and diagnostics.
+
+    :param on_failure: is called, in the teller's thread, when it cannot go on.
+    """
+
+    def __init__(
+        self, node: Node, roster: Roster, on_failure: Callable[[BaseException], None]
+    ) -> None:
+        """Create the publishers; nothing is published before ``start``."""
+        self._node = node
+        self._on_failure = on_failure
+        self._addresses = {entry.number: entry.address for entry in roster.entries}
+        self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
+        self._events = node.create_publisher(msg.RaceEvent, '~/events', EVENTS_QOS)
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
+        self._happened: queue.SimpleQueue[list[StampedEvent] | tuple[Race, float] | None] = (
+            queue.SimpleQueue()
+        )
+        self._thread = threading.Thread(target=self._run, name='teller', daemon=True)
+        self._told_diagnostics = 0.0
+        self._published = msg.Race()
+        self._sequence = 0
+
+    def events(self, events: list[StampedEvent]) -> None:
+        """Take events, from any thread."""
+        self._happened.put(events)
+
+    def race(self, race: Race, at: float) -> None:
+        """Take a copy of the race, and when it was taken (s), from any thread."""
+        self._happened.put((race, at))
+
+    def start(self) -> None:
+        """Begin to publish."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Publish what is still to be told, and return."""
+        if self._thread.ident is not None:
+            self._happened.put(None)
+            self._thread.join()
+
+    def last_words(self, text: str) -> None:
+        """
+        Publish the alert that a part of race control has failed, after ``stop``.
+
+        It goes on top of the last race that could be published, and waits until subscribers have
+        it.
+        """
+        wall_ns = time.time_ns()
+        alert = failure_alert(text, wall_ns)
+        self._published.alerts = [alert, *self._published.alerts]
+        self._race.publish(self._published)
+        event = Event(EventKind.ALERT_RAISED, text, success=False)
+        stamped = StampedEvent(self._sequence + 1, wall_ns, clock.now(), event)
+        self._events.publish(event_message(stamped))
+        for publisher in (self._race, self._events):
+            publisher.wait_for_all_acked(Duration(seconds=LAST_WORD))
+
+    def _run(self) -> None:
+        try:
+            self._publish_until_the_end()
+        except BaseException as error:  # noqa: BLE001 - handed to whoever ends the process
+            self._on_failure(error)
+
+    def _publish_until_the_end(self) -> None:
+        waiting: deque[StampedEvent] = deque()
+        ended = False
+        while not ended or waiting:
+            came = [] if waiting else [self._happened.get()]
+            while not self._happened.empty():
+                came.append(self._happened.get())
+            newest: tuple[Race, float] | None = None
+            for news in came:
+                if news is None:
+                    ended = True
+                elif isinstance(news, tuple):
+                    newest = news
+                else:
+                    waiting += news
+            if len(waiting) > MOST_UNTOLD:
+                waiting = self._without_lesser(waiting)
+            until = time.monotonic() + TURN
+            while waiting and time.monotonic() < until:
+                self._tell(waiting.popleft())
+            if newest is not None:
+                self._tell_race(*newest)
+
+    def _without_lesser(self, events: deque[StampedEvent]) -> deque[StampedEvent]:
+        """Return the events that are told when there are too many to tell them all."""
+        kept = [each for each in events if each.event.kind not in LESSER][-MOST_UNTOLD:]
+        self._node.get_logger().warning(
+            f'{len(events) - len(kept)} events came faster than they can be published; '
+            'only the record has them'
+        )
+        return deque(kept)
+
+    def _tell(self, stamped: StampedEvent) -> None:
+        event = stamped.event
+        log = self._node.get_logger()
+        if event.kind is EventKind.ALERT_RAISED or not event.success:
+            log.warning(event.text)
+        elif event.kind is EventKind.ACKNOWLEDGED:
+            log.debug(event.text)  # that all have, or that one is late, is told for itself
+        elif event.kind not in (EventKind.KART_STATE, EventKind.FINISHED):  # the command says it
+            log.info(event.text)
+        self._events.publish(event_message(stamped))
+        self._sequence = stamped.sequence
+
+    def _tell_race(self, race: Race, at: float) -> None:
+        wall_ns = time.time_ns() - round((clock.now() - at) * 1e9)
+        message = race_message(race, at, wall_ns, self._addresses)
+        self._race.publish(message)
+        self._published = message
+        if at - self._told_diagnostics >= 1.0:
+            self._told_diagnostics = at
+            self._diagnostics.publish(self._diagnostic(race, at))
+
+    def _diagnostic(self, race: Race, now: float) -> DiagnosticArray:
+        name = self._node.get_fully_qualified_name().lstrip('/')
+        alerts = race.alerts(now)
+        level, summary = DiagnosticStatus.OK, f'The race is in {race.state.value}'
+        if alerts:
+            level, summary = DiagnosticStatus.WARN, alerts[0].text
+        severe = [alert for alert in alerts if alert.use_msr or alert.kind in ERRORS]
+        if severe:
+            severe.sort(key=lambda alert: not alert.use_msr)
+            level, summary = DiagnosticStatus.ERROR, severe[0].text
+        array = DiagnosticArray()
+        array.header.stamp = time_message(time.time_ns())
+        array.status = [
+            DiagnosticStatus(
+                level=level,
+                name=f'{name}: race',
+                message=summary,
+                hardware_id='rcs',
+                values=[
+                    KeyValue(key='race state', value=race.state.value),
+                    KeyValue(key='alerts', value=str(len(alerts))),
+                ],
+            ),
+            *(self._kart_diagnostic(name, kart) for kart in race.karts.values()),
+        ]
+        return array
+
+    def _kart_diagnostic(self, name: str, kart: Kart) -> DiagnosticStatus:
+        return DiagnosticStatus(
+            level=DiagnosticStatus.OK
+            if kart.connected or not kart.in_race
+            else DiagnosticStatus.WARN,
+            name=f'{name}: kart {kart.number}',
+            message='connected' if kart.connected else 'not connected',
+            hardware_id=self._addresses.get(kart.number, ''),
+            values=[
+                KeyValue(key='team', value=kart.team),
+                KeyValue(key='sent', value=kart.sent.value),
+                KeyValue(key='acknowledged', value=str(kart.acknowledged).lower()),
+            ],
+        )

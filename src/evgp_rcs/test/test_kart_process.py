@@ -1,0 +1,312 @@
+"""The kart server's process at one end of a real socket pair, and the test at the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import contextlib
+import os
+import pathlib
+import queue
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from typing import Any
+
+from evgp_protocol import clock
+from evgp_protocol.frames import encode
+from evgp_protocol.states import RaceState
+from evgp_rcs.channel import (
+    Alive,
+    Answered,
+    Begin,
+    Copy,
+    End,
+    Failed,
+    Happened,
+    Listening,
+    pack,
+    Refused,
+    Request,
+    Unpacker,
+    Withdraw,
+)
+from evgp_rcs.kart_client import KartServerClient
+from evgp_rcs.kart_server import KartServerError, ServerSettings, SILENCE
+from evgp_rcs.race import Command, CommandKind, EventKind, RaceTimes
+from evgp_rcs.record import events, open_read_only, sessions
+from evgp_rcs.roster import Roster, RosterEntry
+import pytest
+
+PATIENCE = 20.0
+
+ALL_KILL = Command(CommandKind.ALL_KILL)
+RED_RED = RaceState.RED_RED
+IN_GARAGE = RaceState.IN_GARAGE
+
+
+@pytest.fixture
+def begin(tmp_path: pathlib.Path) -> Begin:
+    return Begin(
+        Roster((RosterEntry(1, 'A', '127.0.3.1', True), RosterEntry(2, 'B', '127.0.3.2', False))),
+        RaceTimes(),
+        ServerSettings(host='127.0.0.1', port=0),
+        tmp_path / 'record.sqlite3',
+    )
+
+
+class Half:
+    """The ROS half, as the test plays it: it reads when it is told to."""
+
+    def __init__(self) -> None:
+        self.end, other = socket.socketpair()
+        self.end.settimeout(PATIENCE)
+        with other:
+            self.process = subprocess.Popen(
+                [sys.executable, '-m', 'evgp_rcs.kart_process', str(other.fileno())],
+                pass_fds=(other.fileno(),),
+                stderr=subprocess.DEVNULL,
+            )
+        self._unpacker = Unpacker()
+        self._come: queue.SimpleQueue[Any] = queue.SimpleQueue()
+
+    def say(self, message: object) -> None:
+        self.end.sendall(pack(message))
+
+    def hear(self) -> Any:
+        """Return the next message; None at the end."""
+        while self._come.empty():
+            data = self.end.recv(65536)
+            if not data:
+                return None
+            for message in self._unpacker.feed(data):
+                self._come.put(message)
+        return self._come.get()
+
+    def wait_for(self, kind: type) -> Any:
+        """Return the next message of a kind."""
+        while True:
+            message = self.hear()
+            assert message is not None, f'it ended without a {kind.__name__}'
+            if isinstance(message, kind):
+                return message
+
+    def close(self) -> None:
+        self.end.close()
+        self.process.wait(PATIENCE)
+
+
+@pytest.fixture
+def half() -> Iterator[Half]:
+    with contextlib.closing(Half()) as playing:
+        yield playing
+
+
+@pytest.fixture
+def connect(half: Half, begin: Begin) -> Iterator[Callable[[int], socket.socket]]:
+    """Return a function that connects a kart; the kart server has begun."""
+    half.say(begin)
+    address = half.wait_for(Listening).address
+    with contextlib.ExitStack() as stack:
+
+        def kart(number: int) -> socket.socket:
+            client = stack.enter_context(socket.socket())
+            client.settimeout(PATIENCE)
+            client.bind((f'127.0.3.{number}', 0))
+            client.connect(address)
+            return client
+
+        yield kart
+
+
+Connect = Callable[[int], socket.socket]
+
+
+def read_until(client: socket.socket, state: RaceState) -> None:
+    heard = b''
+    while encode(state) not in heard:
+        data = client.recv(4096)
+        assert data, f'the connection ended; heard {heard!r}'
+        heard += data
+
+
+def read_to_end(client: socket.socket) -> bytes:
+    heard = b''
+    with contextlib.suppress(ConnectionResetError):
+        while data := client.recv(4096):
+            heard += data
+    return heard
+
+
+def test_a_stop_is_answered_and_in_force(half: Half, connect: Connect) -> None:
+    client = connect(1)
+    read_until(client, IN_GARAGE)
+    half.say(Request(7, ALL_KILL, clock.now()))
+    answered = half.wait_for(Answered)
+    assert (answered.number, answered.answer.success) == (7, True)
+    read_until(client, RED_RED)
+
+
+def test_an_end_of_the_ros_half_means_red_red_to_every_kart(half: Half, connect: Connect) -> None:
+    client = connect(2)
+    read_until(client, IN_GARAGE)
+    half.end.close()
+    assert read_to_end(client).endswith(encode(RED_RED))
+    assert half.process.wait(PATIENCE) == 1
+
+
+def test_a_silence_of_the_ros_half_means_red_red_to_every_kart(
+    half: Half, connect: Connect
+) -> None:
+    client = connect(2)
+    read_until(client, IN_GARAGE)
+    half.say(Alive(False))
+    assert read_to_end(client).endswith(encode(RED_RED))
+    assert f'silent for {SILENCE:.0f}' in half.wait_for(Failed).text
+
+
+def test_a_ros_half_that_reads_nothing_holds_nobody_up_and_loses_no_event(
+    half: Half, connect: Connect
+) -> None:
+    client = connect(1)
+    read_until(client, IN_GARAGE)
+    count = 4000
+    for number in range(count):
+        half.say(Request(number, Command(CommandKind.KART_FINISH, 1), clock.now()))
+    half.say(Request(count, ALL_KILL, clock.now()))
+    read_until(client, RED_RED)  # while far more waits than any socket takes
+    sequences: list[int] = []
+    copies = 0
+    answers = 0
+    while answers <= count:
+        message = half.hear()
+        if isinstance(message, Happened):
+            sequences += [each.sequence for each in message.events]
+        copies += isinstance(message, Copy)
+        answers += isinstance(message, Answered)
+    assert sequences == list(range(sequences[0], sequences[0] + len(sequences)))
+    assert copies < count / 10
+
+
+def test_a_withdrawn_command_that_came_with_its_withdrawal_is_not_judged(
+    half: Half, connect: Connect
+) -> None:
+    connect(1)
+    close = Command(CommandKind.CLOSE_TRACK)
+    half.end.sendall(
+        pack(Request(1, close, clock.now())) + pack(Withdraw(1)) + pack(Request(2, close, 0.0))
+    )
+    assert half.wait_for(Answered).number == 2
+
+
+@pytest.mark.parametrize('in_order', [True, False])
+def test_the_record_says_whether_the_end_was_in_order(
+    half: Half, connect: Connect, begin: Begin, in_order: bool
+) -> None:
+    connect(1)
+    half.say(End(in_order))
+    half.process.wait(PATIENCE)
+    with contextlib.closing(open_read_only(begin.record)) as database:
+        (run,) = sessions(database)
+    assert (run.ended_ns is not None) is in_order
+
+
+def test_what_happened_is_on_the_disk_although_the_ros_half_died(
+    half: Half, connect: Connect, begin: Begin
+) -> None:
+    client = connect(1)
+    read_until(client, IN_GARAGE)
+    half.say(Request(1, ALL_KILL, clock.now()))
+    read_until(client, RED_RED)
+    half.end.close()
+    half.process.wait(PATIENCE)
+    with contextlib.closing(open_read_only(begin.record)) as database:
+        assert 'ALL_KILL' in [event.command for event in events(database, 1)]
+
+
+def test_a_port_in_use_is_refused_and_leaves_no_doubt_behind(half: Half, begin: Begin) -> None:
+    with socket.create_server(('127.0.0.1', 0)) as taken:
+        port = taken.getsockname()[1]
+        half.say(Begin(begin.roster, begin.times, ServerSettings('127.0.0.1', port), begin.record))
+        assert 'choose another address or port' in half.wait_for(Refused).text
+        assert half.process.wait(PATIENCE) == 2
+    again = Half()
+    with contextlib.closing(again):
+        again.say(begin)
+        again.wait_for(Listening)
+        assert again.wait_for(Copy).race.state is IN_GARAGE
+
+
+def test_a_kart_server_whose_record_fails_for_good_sends_red_red_and_says_why(
+    begin: Begin,
+) -> None:
+    """The writer is made to fail by a file that takes its place in Python: no disk does that."""
+    broken = begin.record.parent / 'sitecustomize.py'
+    broken.write_text(
+        'import evgp_rcs.record as record\n'
+        'def fail(self):\n'
+        "    raise ZeroDivisionError('a fault put in by the test')\n"
+        'record.Record._take_what_was_given = fail\n'
+    )
+    with contextlib.closing(BrokenHalf(begin.record.parent)) as other:
+        other.say(begin)
+        alerts = [
+            event.event.success
+            for event in other.wait_for(Happened).events
+            if event.event.kind is EventKind.ALERT_RAISED
+        ]
+        assert alerts == [False]
+        assert 'a fault put in by the test' in other.wait_for(Failed).text
+        assert other.process.wait(PATIENCE) == 1
+
+
+class BrokenHalf(Half):
+    """The same, with a folder before all others on Python's path."""
+
+    def __init__(self, folder: pathlib.Path) -> None:
+        before = os.environ.get('PYTHONPATH', '')
+        os.environ['PYTHONPATH'] = f'{folder}{os.pathsep}{before}'
+        try:
+            super().__init__()
+        finally:
+            os.environ['PYTHONPATH'] = before
+
+
+# ----- the client of it, in the ROS half ---------------------------------------------------
+
+
+def test_a_kart_server_that_is_killed_is_told_of_and_every_command_refused(begin: Begin) -> None:
+    ended: queue.SimpleQueue[str] = queue.SimpleQueue()
+    client = KartServerClient(begin, lambda events: None, lambda race, at: None, ended.put)
+    client.start()
+    try:
+        client._process.send_signal(signal.SIGSTOP)
+        _, waiting = client.submit(ALL_KILL, clock.now())
+        client._process.kill()
+        with pytest.raises(KartServerError, match='use the MSR'):
+            waiting.result(PATIENCE)
+        assert ended.get(timeout=PATIENCE)
+        with pytest.raises(KartServerError, match='use the MSR'):
+            client.submit(ALL_KILL, clock.now())[1].result(PATIENCE)
+    finally:
+        client.stop(in_order=False)
+
+
+def test_a_kart_server_that_hangs_and_takes_nothing_is_given_up_and_no_thread_waits_for_it(
+    begin: Begin,
+) -> None:
+    ended = threading.Event()
+    client = KartServerClient(
+        begin, lambda events: None, lambda race, at: None, lambda why: ended.set()
+    )
+    client.start()
+    try:
+        client._process.send_signal(signal.SIGSTOP)
+        with pytest.raises(KartServerError, match='use the MSR'):
+            while True:  # until its end takes no more
+                client.submit(ALL_KILL, clock.now())
+        assert ended.wait(PATIENCE)
+        client._process.send_signal(signal.SIGCONT)
+    finally:
+        client.stop(in_order=False)

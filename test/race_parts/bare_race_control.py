@@ -1,0 +1,122 @@
+"""Race control's end of the wire for one kart, which does what the test says and no more."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+
+from evgp_protocol.frames import encode, FrameDecoder, StateFrame
+from evgp_protocol.states import RaceState
+from race_parts.process import PATIENCE
+
+BEAT = 0.05
+"""Between two frames, seconds."""
+
+
+class BareRaceControl:
+    """
+    A socket that sends one state again and again to the kart that connected last.
+
+    ``said`` is what the kart said last on its present connection.
+    """
+
+    def __init__(self) -> None:
+        """Listen and beat; IN_GARAGE until told otherwise."""
+        self.said: RaceState | None = None
+        self._state = RaceState.IN_GARAGE
+        self._beating = True
+        self._kart: socket.socket | None = None
+        self._news = threading.Condition()
+        self._ending = threading.Event()
+        self._listening = socket.create_server(('127.0.0.1', 0))
+        self.port: int = self._listening.getsockname()[1]
+        self._threads = [
+            threading.Thread(target=target, daemon=True) for target in (self._accept, self._beat)
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def say(self, state: RaceState) -> float:
+        """Send this state from now on; return the monotonic time of its first frame, s."""
+        with self._news:
+            self._state = state
+            self._beating = True
+            self.said = None
+            self._send()
+        return time.monotonic()
+
+    def fall_silent(self) -> float:
+        """Send nothing any more, and keep the connection; return the monotonic time, s."""
+        with self._news:
+            self._beating = False
+        return time.monotonic()
+
+    def wait_until_it_says(self, state: RaceState) -> None:
+        """
+        Return once the kart has said this state since the last `say`.
+
+        :raises AssertionError: if it does not in time.
+        """
+        with self._news:
+            self._news.wait_for(lambda: self.said is state, PATIENCE)
+            assert self.said is state, f'the kart said {self.said}'
+
+    def close(self) -> None:
+        """Disconnect."""
+        self._ending.set()
+        self._listening.shutdown(socket.SHUT_RDWR)
+        with self._news:
+            self._drop()
+        for thread in self._threads:
+            thread.join(PATIENCE)
+        self._listening.close()
+
+    def _accept(self) -> None:
+        while not self._ending.is_set():
+            try:
+                kart, _ = self._listening.accept()
+            except OSError:
+                return  # closed
+            with self._news:
+                self._drop()
+                self._kart = kart
+                self.said = None
+            threading.Thread(target=self._read, args=(kart,), daemon=True).start()
+
+    def _beat(self) -> None:
+        while not self._ending.wait(BEAT):
+            with self._news:
+                if self._beating:
+                    self._send()
+
+    def _send(self) -> None:
+        if self._kart is not None:
+            try:
+                self._kart.sendall(encode(self._state))
+            except OSError:
+                self._drop()
+
+    def _drop(self) -> None:
+        kart, self._kart = self._kart, None
+        if kart is not None:
+            try:
+                kart.shutdown(socket.SHUT_RDWR)
+            except OSError:
+                pass  # the other end was quicker
+
+    def _read(self, kart: socket.socket) -> None:
+        decoder = FrameDecoder()
+        with kart:
+            while True:
+                try:
+                    data = kart.recv(4096)
+                except OSError:
+                    return
+                if not data:
+                    return
+                heard = [each for each in decoder.feed(data) if isinstance(each, StateFrame)]
+                with self._news:
+                    if heard and kart is self._kart:
+                        self.said = heard[-1].state
+                    self._news.notify_all()

@@ -1,0 +1,128 @@
+"""The end of a node's process: without an error, and in time whatever DDS does."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pathlib
+import subprocess
+import sys
+import threading
+import time
+
+from evgp_node.process import CLOSE_TIMEOUT, TEARDOWN_TIMEOUT
+from evgp_node.spinning import Spinning
+import pytest
+from race_parts.domains import Domain
+from race_parts.process import PATIENCE
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from std_msgs.msg import Bool
+
+ENDS = 100
+"""With `executor.shutdown()` beside the spinning thread, 12 of 1,000 ends raised."""
+
+
+def test_a_spinning_thread_that_is_stopped_amid_callbacks_ends_without_an_error(
+    parts: contextlib.ExitStack,
+) -> None:
+    context = Context()
+    rclpy.init(context=context, domain_id=parts.enter_context(Domain()).number)
+    parts.callback(rclpy.try_shutdown, context=context)
+    busy = Node('busy', context=context, use_global_arguments=False)
+    parts.callback(busy.destroy_node)
+    publisher = busy.create_publisher(Bool, '/busy', 10)
+    over = threading.Event()
+
+    def flood() -> None:
+        while not over.wait(0.0003):
+            publisher.publish(Bool())
+
+    flooding = threading.Thread(target=flood)
+    flooding.start()
+    parts.callback(flooding.join)
+    parts.callback(over.set)
+    failures: list[BaseException] = []
+
+    for at in range(ENDS):
+        node = Node('ending', context=context, use_global_arguments=False)
+        node.create_subscription(Bool, '/busy', lambda _: None, 10)
+        node.create_timer(0.0005, lambda: None)
+        spinning = Spinning(node, failures.append, context)
+        time.sleep(0.002 * (at % 7))  # the moment of the end differs
+        assert spinning.stop(PATIENCE)
+        node.destroy_node()
+
+    assert not failures
+
+
+PROGRAM = """
+import ctypes, sys, time
+from evgp_node.parameters import StrictNode
+from evgp_node.process import run_node
+
+def hang():  # as DDS may: holding the interpreter's lock
+    ctypes.PyDLL(None).sleep(60)
+
+class Hanging(StrictNode):
+    def __init__(self, on_failure):
+        super().__init__('hanging')
+        print('runs', flush=True)
+        if 'fails' in sys.argv:
+            on_failure(ArithmeticError('of its own'))
+
+    def close(self):
+        print('closed', flush=True)
+        if 'close' in sys.argv:
+            time.sleep(1)  # what was printed goes out
+            hang()
+
+    def destroy_node(self):
+        if 'teardown' in sys.argv:
+            hang()
+        super().destroy_node()
+
+sys.exit(run_node('hanging', Hanging, ()))
+"""
+
+
+@pytest.mark.parametrize(
+    ('where', 'code', 'most'),
+    [
+        (['teardown'], 0, TEARDOWN_TIMEOUT),
+        (['close'], 1, CLOSE_TIMEOUT),
+        (['fails', 'teardown'], 1, TEARDOWN_TIMEOUT),
+        (['fails'], 1, TEARDOWN_TIMEOUT),
+        ([], 0, TEARDOWN_TIMEOUT),
+    ],
+    ids=['in the teardown', 'in close', 'after a failure', 'a failure', 'nothing'],
+)
+def test_a_process_ends_in_time_and_with_its_exit_code_whatever_hangs(
+    where: list[str], code: int, most: float, parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    program = tmp_path / 'hanging.py'
+    program.write_text(PROGRAM)
+    process = subprocess.Popen(
+        [sys.executable, str(program), *where],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, 'ROS_DOMAIN_ID': str(parts.enter_context(Domain()).number)},
+    )
+    parts.enter_context(process)
+    parts.callback(process.kill)
+    assert process.stdout is not None
+    assert process.stderr is not None
+    assert process.stdout.readline() == 'runs\n'
+    process.terminate()
+    began = time.monotonic()
+
+    process.wait(CLOSE_TIMEOUT + TEARDOWN_TIMEOUT + PATIENCE)
+
+    took = time.monotonic() - began
+    printed, errors = process.stdout.read(), process.stderr.read()
+    assert process.returncode == code, errors
+    assert printed == 'closed\n'
+    assert ('ArithmeticError: of its own' in errors) == ('fails' in where)
+    assert took < most + 2.0  # of which all but the first part is the machine's load

@@ -1,0 +1,241 @@
+"""
+Race control's two processes: whichever of them dies or hangs, karts stop and officials know.
+
+One has ROS (``rcs_node``), the other the rules and the karts' sockets. Neither outlives the other.
+"""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import signal
+import time
+
+from evgp_node.states import state_of
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs import msg
+import pytest
+from race_parts.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from race_parts.official import Official
+from race_parts.process import PATIENCE
+from race_parts.race_control import RaceControl
+from race_parts.wire_kart import Acknowledges, WireKart
+
+GREEN_GREEN = RaceState.GREEN_GREEN
+GRID_ACTIVE = RaceState.GRID_ACTIVE
+IN_GARAGE = RaceState.IN_GARAGE
+RED_FLAG = RaceState.RED_FLAG
+RED_RED = RaceState.RED_RED
+
+RACING = (1, 2)
+OUTSIDE = 3
+
+
+class Scene:
+    """Race control with two karts in the race and one outside it, in one of the five states."""
+
+    def __init__(self, control: RaceControl, official: Official, karts: list[WireKart]) -> None:
+        self.control = control
+        self.official = official
+        self.karts = karts
+
+    def go_to(self, state: RaceState) -> None:
+        """Bring the race there from the garage."""
+        if state is IN_GARAGE:
+            return
+        if state is RED_RED:
+            self.official.command('all_kill')
+            self.official.wait_for_acks(RED_RED, *RACING, OUTSIDE)
+            return
+        self.official.command('grid_active', track_clear=True)
+        self.official.wait_for_acks(GRID_ACTIVE, *RACING)
+        if state is GRID_ACTIVE:
+            return
+        self.official.command('green_green')
+        self.official.wait_for_acks(GREEN_GREEN, *RACING)
+        if state is RED_FLAG:
+            self.official.command('red_flag')
+            self.official.wait_for_acks(RED_FLAG, *RACING)
+
+
+@pytest.fixture
+def scene(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> Scene:
+    control = start_race_control(RACING, [OUTSIDE])
+    official = join_official(control)
+    karts = [
+        connect_kart(control, number, Acknowledges.EACH_CHANGE) for number in (*RACING, OUTSIDE)
+    ]
+    official.wait_for_connected(*RACING, OUTSIDE)
+    return Scene(control, official, karts)
+
+
+def wait_until_gone(pid: int) -> None:
+    """Return once there is no such process any more, or it is a corpse nobody has buried."""
+    until = time.monotonic() + PATIENCE
+    while time.monotonic() < until:
+        try:
+            stat = pathlib.Path(f'/proc/{pid}/stat').read_text(encoding='ascii')
+        except OSError:
+            return
+        if stat.rpartition(')')[2].split()[0] == 'Z':
+            return
+        time.sleep(0.005)  # a process that is no child of ours has no event to await
+    raise AssertionError(f'process {pid} still runs')
+
+
+def test_every_kart_hears_red_red_when_the_ros_half_is_killed(
+    scene: Scene, each_state: RaceState
+) -> None:
+    scene.go_to(each_state)
+    scene.control.kill()
+    for kart in scene.karts:
+        kart.wait_for_end()
+        assert kart.state is RED_RED
+    wait_until_gone(scene.control.kart_server_pid)
+
+
+def test_officials_are_told_to_use_the_msr_when_the_kart_server_is_killed(
+    scene: Scene, each_state: RaceState
+) -> None:
+    scene.go_to(each_state)
+    os.kill(scene.control.kart_server_pid, signal.SIGKILL)
+    race = scene.official.wait_for_race(
+        lambda race: any(alert.kind == msg.Alert.PART_FAILED for alert in race.alerts),
+        'the alert that a part has failed',
+    )
+    assert race.alerts[0].use_msr
+    for kart in scene.karts:
+        kart.wait_for_end()
+    assert scene.control.wait() == 1
+
+
+@pytest.fixture(params=[IN_GARAGE, GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED], ids=str)
+def each_state(request: pytest.FixtureRequest) -> RaceState:
+    """Return each of the five states."""
+    state: RaceState = request.param
+    return state
+
+
+def test_every_kart_hears_red_red_when_the_ros_half_hangs(scene: Scene) -> None:
+    scene.go_to(GREEN_GREEN)
+    scene.control.signal(signal.SIGSTOP)
+    for kart in scene.karts:
+        kart.wait_for_end()
+        assert kart.state is RED_RED
+    wait_until_gone(scene.control.kart_server_pid)
+    scene.control.signal(signal.SIGCONT)
+    assert scene.control.wait() == 1
+
+
+def test_a_ros_half_that_hangs_for_a_moment_costs_nothing(scene: Scene) -> None:
+    scene.go_to(GREEN_GREEN)
+    scene.control.signal(signal.SIGSTOP)
+    for kart in scene.karts:
+        kart.wait_for_frames(6)  # 0.3 s
+    scene.control.signal(signal.SIGCONT)
+    scene.official.command('all_kill')
+    for kart in scene.karts[:2]:
+        kart.wait_for_state(RED_RED)
+        assert [state for _, state in kart.changes][-2:] == [GREEN_GREEN, RED_RED]
+
+
+def test_a_kart_server_that_is_told_to_end_sends_red_red_first(scene: Scene) -> None:
+    scene.go_to(GREEN_GREEN)
+    os.kill(scene.control.kart_server_pid, signal.SIGTERM)
+    for kart in scene.karts:
+        kart.wait_for_end()
+        assert kart.state is RED_RED
+    assert scene.control.wait() == 1
+
+
+def test_a_stop_to_a_kart_server_that_hangs_is_answered_with_use_the_msr(scene: Scene) -> None:
+    os.kill(scene.control.kart_server_pid, signal.SIGSTOP)
+    try:
+        answer = scene.official.call('all_kill')
+    finally:
+        os.kill(scene.control.kart_server_pid, signal.SIGCONT)
+    assert not answer.success
+    assert 'use the MSR' in answer.message
+    for kart in scene.karts:  # late, but given all the same
+        kart.wait_for_state(RED_RED)
+
+
+def test_a_start_that_nobody_waits_for_any_more_is_not_given(scene: Scene) -> None:
+    scene.go_to(GRID_ACTIVE)
+    os.kill(scene.control.kart_server_pid, signal.SIGSTOP)
+    try:
+        answer = scene.official.call('green_green')
+    finally:
+        os.kill(scene.control.kart_server_pid, signal.SIGCONT)
+    assert not answer.success
+    for kart in scene.karts:
+        kart.wait_for_frames(5)
+        assert GREEN_GREEN not in [state for _, state in kart.changes]
+
+
+def mapped(pid: int) -> str:
+    return pathlib.Path(f'/proc/{pid}/maps').read_text(encoding='utf-8')
+
+
+def test_the_process_that_stops_karts_has_no_ros(scene: Scene) -> None:
+    assert 'rclpy' in mapped(scene.control.pid)  # or this would not be how it is seen
+    for what in ('rclpy', 'librcl', 'librmw', 'fastrtps', 'fastdds', 'cyclone'):
+        assert what not in mapped(scene.control.kart_server_pid)
+
+
+def test_race_control_shares_no_memory_with_other_programs_of_ros(scene: Scene) -> None:
+    for pid in (scene.control.pid, scene.control.kart_server_pid):
+        assert 'fastrtps_' not in mapped(pid)  # as Fast DDS calls its shared memory
+
+
+def test_a_start_without_a_record_needs_a_statement_and_is_not_forgotten_by_a_crash(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    connect_kart: ConnectKart,
+    tmp_path: pathlib.Path,
+) -> None:
+    record = tmp_path / 'here' / 'record.sqlite3'
+    record.parent.mkdir()
+    first = start_race_control((1,), record=record)
+    official = join_official(first)
+    kart = connect_kart(first, 1, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1)
+    first.close()
+    kart.wait_for_end()
+
+    beside = record.with_name('beside')
+    record.rename(beside)
+    record.mkdir()  # nobody can write it now, and root neither
+    control = start_race_control((1,), record=record)
+    official = join_official(control)
+    kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
+    official.wait_for_acks(RED_RED, 1)
+    official.command('in_garage', track_safe=True)
+    official.command('grid_active', track_clear=True)
+    official.wait_for_acks(GRID_ACTIVE, 1)
+    race = official.wait_for_race(
+        lambda race: any(alert.kind == msg.Alert.RECORD_FAILING for alert in race.alerts),
+        'the alert that the record fails',
+    )
+    green = msg.CommandAvailability.GREEN_GREEN
+    offered = next(each for each in race.commands if each.command == green)
+    assert offered.statement
+    assert not official.call('green_green').success
+    official.command('green_green', without_record=True)
+    official.wait_for_acks(GREEN_GREEN, 1)
+    control.kill()
+    kart.wait_for_end()
+
+    record.rmdir()
+    beside.rename(record)
+    again = start_race_control((1,), record=record)
+    official = join_official(again)
+    kart = connect_kart(again, 1)
+    race = official.wait_for_race(lambda race: race.karts[0].connected, 'the kart')
+    assert state_of(race.state) is RED_RED
+    assert race.karts[0].may_be_moving
+    assert not race.track.allowed
+    assert kart.wait_for_state(RED_RED)
+    assert not official.call('set_track_open', data=True).success

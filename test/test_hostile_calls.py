@@ -1,0 +1,321 @@
+"""No call of any service, and no message, ends a node or makes it deaf: each is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import ctypes
+import random
+from typing import Any
+
+from evgp_rcs_msgs import msg, srv
+from nav_msgs.msg import Odometry
+import pytest
+from race_parts.domains import Domain
+from race_parts.fixtures import StartBridge, StartRaceControl
+from race_parts.kart import ExampleStack
+from race_parts.official import SERVICES
+from race_parts.process import Process
+from race_parts.ros_side import RosSide
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+from std_msgs.msg import Bool
+from std_srvs.srv import SetBool, Trigger
+from type_description_interfaces.srv import GetTypeDescription
+
+OF_RCLPY: dict[str, Any] = {
+    'describe_parameters': DescribeParameters,
+    'get_parameters': GetParameters,
+    'get_parameter_types': GetParameterTypes,
+    'list_parameters': ListParameters,
+    'set_parameters': SetParameters,
+    'set_parameters_atomically': SetParametersAtomically,
+    'get_type_description': GetTypeDescription,
+}
+"""The services that every node has from rclpy."""
+
+OF_BRIDGE: dict[str, Any] = {'acknowledge': srv.Acknowledge, 'team_stop': SetBool}
+
+TEXTS = ['', '.', '/', '~', 'roster', 'use_sim_time', 'a' * 5000, '\0', 'ü', '{}', '%s%n', '..a']
+
+NUMBERS = {
+    'uint8': [0, 1, 9, 10, 200, 255],
+    'uint16': [0, 1, 2, 65535],
+    'uint64': [0, 1, 2**64 - 1],
+    'int64': [0, -1, 2**63 - 1, -(2**63)],
+    'double': [0.0, float('nan'), float('inf'), -1e308],
+    'boolean': [False, True],
+    'octet': [b'\0', b'\xff'],
+}
+
+
+class Hostile(RosSide):
+    """A node that calls whatever there is, with whatever can be sent."""
+
+    def __init__(self, domain: int, seed: int = 1) -> None:
+        """Join the domain."""
+        super().__init__('hostile', domain)
+        self.rng = random.Random(seed)
+        self.spin()
+
+    def client(self, name: str, kind: Any) -> Any:
+        """Return a client of a service that is there."""
+        client = self.node.create_client(kind, name)
+        assert client.wait_for_service(self.patience), name
+        return client
+
+    def filled(self, kind: Any) -> Any:
+        """Return a message with what nobody expects in each field."""
+        message = kind()
+        for field, of in message.get_fields_and_field_types().items():
+            setattr(message, field, self._value(message, field, of))
+        return message
+
+    def _value(self, message: Any, field: str, of: str) -> Any:
+        if of.startswith('sequence<'):
+            inner = of.removeprefix('sequence<').removesuffix('>').partition(',')[0]
+            count = self.rng.choice([0, 1, 2, 100])
+            if inner == 'octet':
+                return [self.rng.choice(NUMBERS[inner]) for _ in range(count)]
+            return [self._single(message, field, inner) for _ in range(count)]
+        if of.endswith(']'):
+            return getattr(message, field)
+        return self._single(message, field, of)
+
+    def _single(self, message: Any, field: str, of: str) -> Any:
+        if of.startswith('string'):
+            return self.rng.choice(TEXTS)
+        if of in NUMBERS:
+            return self.rng.choice(NUMBERS[of])
+        if of in ('Parameter', 'rcl_interfaces/Parameter'):
+            return self.filled(Parameter)
+        if of == 'rcl_interfaces/ParameterValue':
+            return self.filled(ParameterValue)
+        if of == 'evgp_rcs_msgs/RaceState':
+            return self.filled(msg.RaceState)
+        raise NotImplementedError(of)  # a new kind of field: say here what is hostile in it
+
+
+# ----- requests that Python cannot make ---------------------------------------------------
+
+
+class String(ctypes.Structure):
+    """As ``rosidl_runtime_c__String``."""
+
+    _fields_ = (('data', ctypes.c_char_p), ('size', ctypes.c_size_t), ('room', ctypes.c_size_t))
+
+
+class Strings(ctypes.Structure):
+    """As ``rosidl_runtime_c__String__Sequence``, which is all of a request of get_parameters."""
+
+    _fields_ = (
+        ('data', ctypes.POINTER(String)),
+        ('size', ctypes.c_size_t),
+        ('room', ctypes.c_size_t),
+    )
+
+
+def ask_for(client: Any, name: bytes) -> None:
+    """Send a request of get_parameters (or the like) with a name that is no UTF-8."""
+    text = String(name, len(name), len(name) + 1)
+    request = Strings(ctypes.pointer(text), 1, 1)
+    number = ctypes.c_int64()
+    with client.handle:
+        code = ctypes.CDLL('librcl.so').rcl_send_request(
+            ctypes.c_void_p(client.handle.pointer), ctypes.byref(request), ctypes.byref(number)
+        )
+    assert code == 0
+
+
+# ----- each node of ours ------------------------------------------------------------------
+
+
+@pytest.fixture(params=['rcs', 'kart_bridge', 'example_stack'])
+def attacked(
+    request: pytest.FixtureRequest,
+    start_race_control: StartRaceControl,
+    start_bridge: StartBridge,
+    parts: contextlib.ExitStack,
+) -> tuple[Process, str, dict[str, Any], int]:
+    """Return a running process, its node's name, that node's own services, and the domain."""
+    if request.param == 'rcs':
+        control = start_race_control(in_race=[1])
+        return control, 'rcs', SERVICES, control.domain
+    if request.param == 'kart_bridge':
+        bridge = start_bridge(12017)
+        return bridge, 'kart_bridge', OF_BRIDGE, bridge.domain
+    domain = parts.enter_context(Domain()).number
+    return parts.enter_context(ExampleStack(domain)), 'example_stack', {}, domain
+
+
+@pytest.fixture
+def hostile(
+    attacked: tuple[Process, str, dict[str, Any], int],
+) -> Iterator[Hostile]:
+    """Return a hostile node in the graph of the attacked one."""
+    side = Hostile(attacked[3])
+    yield side
+    side.close()
+
+
+def check_it_lives(process: Process, name: str, hostile: Hostile) -> None:
+    """Check that it still answers, and still ends in order."""
+    client = hostile.client(f'/{name}/list_parameters', ListParameters)
+    hostile.request(client, ListParameters.Request())
+    assert process.close() == 0, process.output
+
+
+def test_every_call_is_answered_whatever_is_in_it(
+    attacked: tuple[Process, str, dict[str, Any], int], hostile: Hostile
+) -> None:
+    process, name, own, _ = attacked
+    calls = 0
+    for service, kind in {**OF_RCLPY, **own}.items():
+        client = hostile.client(f'/{name}/{service}', kind)
+        for _ in range(30):
+            hostile.request(client, hostile.filled(kind.Request))
+            calls += 1
+
+    print(f'{name}: {calls} hostile calls, all answered')
+    check_it_lives(process, name, hostile)
+
+
+def test_a_parameter_of_a_type_that_does_not_exist_is_refused(
+    attacked: tuple[Process, str, dict[str, Any], int], hostile: Hostile
+) -> None:
+    process, name, _, _ = attacked
+    parameters = [Parameter(name='use_sim_time', value=ParameterValue(type=200))]
+    one_by_one = hostile.client(f'/{name}/set_parameters', SetParameters)
+    all_or_none = hostile.client(f'/{name}/set_parameters_atomically', SetParametersAtomically)
+
+    for _ in range(2):
+        each: Any = hostile.request(one_by_one, SetParameters.Request(parameters=parameters))
+        every: Any = hostile.request(
+            all_or_none, SetParametersAtomically.Request(parameters=parameters)
+        )
+        for result in (*each.results, every.result):
+            assert not result.successful
+            assert '200' in result.reason
+        assert len(each.results) == 1
+
+    process.wait_for_line('Traceback')
+    check_it_lives(process, name, hostile)
+
+
+def test_no_parameter_can_be_changed_while_it_runs(
+    attacked: tuple[Process, str, dict[str, Any], int], hostile: Hostile
+) -> None:
+    process, name, _, _ = attacked
+    listed: Any = hostile.request(
+        hostile.client(f'/{name}/list_parameters', ListParameters), ListParameters.Request()
+    )
+    client = hostile.client(f'/{name}/set_parameters', SetParameters)
+    value = ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=1)
+    parameters = [Parameter(name=each, value=value) for each in listed.result.names]
+
+    answer: Any = hostile.request(client, SetParameters.Request(parameters=parameters))
+
+    assert len(answer.results) == len(parameters)
+    assert not any(result.successful for result in answer.results)
+    check_it_lives(process, name, hostile)
+
+
+def test_a_name_that_is_no_text_and_random_messages_end_nothing(
+    attacked: tuple[Process, str, dict[str, Any], int], hostile: Hostile
+) -> None:
+    process, name, _, _ = attacked
+    for service in ('get_parameters', 'describe_parameters', 'get_parameter_types'):
+        client = hostile.client(f'/{name}/{service}', OF_RCLPY[service])
+        for text in (b'\xff\xfe', b'\xc3(', b'a\0b', b'\xed\xa0\x80'):
+            ask_for(client, text)
+    if name == 'kart_bridge':
+        for topic, kind, sizes in (('odom', Odometry, (0, 1, 4, 20, 800)), ('tsr', Bool, (0, 1))):
+            publisher = hostile.node.create_publisher(kind, f'/{name}/{topic}', 10)
+            hostile.wait_until_polled(lambda p=publisher: p.get_subscription_count() > 0, topic)
+            for _ in range(100):
+                body = hostile.rng.randbytes(hostile.rng.choice(sizes))
+                publisher.publish(b'\0\1\0\0' + body)
+
+    check_it_lives(process, name, hostile)
+
+
+# ----- what raises in a callback of ours --------------------------------------------------
+
+
+class Broken(RosSide):
+    """A node whose callbacks raise."""
+
+    def __init__(self, domain: int) -> None:
+        """Offer a service that raises, and listen to a topic so."""
+        super().__init__('broken', domain)
+        self.node.create_service(Trigger, '~/call', self._raise)
+        self.node.create_subscription(Bool, '~/topic', self._raise, 10)
+        # Whoever takes a request of it gets into trouble, as with one that cannot be read.
+        unreadable = self.node.create_service(Trigger, '~/unreadable', self._raise)
+        unreadable.srv_type = type('Unreadable', (), {'Request': int, 'Response': int})
+        self.spin()
+
+    def _raise(self, *_: object) -> None:
+        raise ArithmeticError('broken')
+
+
+def test_a_service_of_ours_that_raises_answers_no_and_says_what_to_do(
+    parts: contextlib.ExitStack, capfd: pytest.CaptureFixture[str]
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    broken = Broken(domain)
+    parts.callback(broken.close)
+    hostile = Hostile(domain)
+    parts.callback(hostile.close)
+
+    for _ in range(2):
+        answer: Any = hostile.request(hostile.client('/broken/call', Trigger), Trigger.Request())
+        assert not answer.success
+        assert 'USE THE MSR' in answer.message
+    assert not broken.failures
+    assert 'ArithmeticError: broken' in capfd.readouterr().err
+
+
+def test_a_request_that_cannot_be_read_is_dropped_and_locks_no_other_callback(
+    parts: contextlib.ExitStack, capfd: pytest.CaptureFixture[str]
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    broken = Broken(domain)
+    parts.callback(broken.close)
+    hostile = Hostile(domain)
+    parts.callback(hostile.close)
+
+    for _ in range(2):
+        hostile.client('/broken/unreadable', Trigger).call_async(Trigger.Request())
+        hostile.request(hostile.client('/broken/call', Trigger), Trigger.Request())
+
+    hostile.wait_until_polled(
+        lambda: 'A call of ~/unreadable could not be read' in capfd.readouterr().err,
+        'the line that says so',
+    )
+    hostile.request(hostile.client('/broken/call', Trigger), Trigger.Request())
+    assert not broken.failures
+
+
+def test_a_failure_that_no_call_made_is_told_and_ends_the_spinning(
+    parts: contextlib.ExitStack,
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    broken = Broken(domain)
+    hostile = Hostile(domain)
+    parts.callback(hostile.close)
+    publisher = hostile.node.create_publisher(Bool, '/broken/topic', 10)
+
+    hostile.wait_until_polled(
+        lambda: publisher.publish(Bool()) or broken.failures, 'the failure is told'
+    )
+
+    with pytest.raises(AssertionError, match='broken'):
+        broken.close()

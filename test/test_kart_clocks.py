@@ -1,0 +1,272 @@
+"""
+Clocks that jump under a driving kart: what stops it goes by none of them.
+
+The bridge and the example stack run on a machine whose clocks the test steps; race control and
+the one who watches the speed run on another, whose clocks go right.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import contextlib
+import pathlib
+import time
+from typing import Any
+
+from evgp_node.states import state_of
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs.msg import KartRaceState
+from nav_msgs.msg import Odometry
+import pytest
+from race_parts.bare_race_control import BareRaceControl
+from race_parts.domains import Domain
+from race_parts.kart import Bridge, ExampleStack
+from race_parts.official import latched
+from race_parts.race_control import address_of
+from race_parts.ros_side import RosSide
+from race_parts.steppable_clock import SteppableClock
+
+GRID_ACTIVE = RaceState.GRID_ACTIVE
+GREEN_GREEN = RaceState.GREEN_GREEN
+RED_RED = RaceState.RED_RED
+
+AT_ONCE = 0.7
+"""By then a kart brakes, in seconds: it takes a few hundredths, but this machine may be busy."""
+
+LEASE = 0.5
+"""The bridge's `liveliness_lease`, in seconds."""
+
+YEAR = 365.25 * 86400.0
+
+STEPS = {
+    '20 s back': -20.0,
+    '20 s ahead': 20.0,
+    'a year back': -YEAR,
+    '10 years ahead': 10 * YEAR,
+}
+
+
+class Onlooker(RosSide):
+    """Keeps what the bridge and the stack publish, each with the monotonic time (s) it came."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__('onlooker', domain)
+        self.speeds: list[tuple[float, float]] = []
+        self.states: list[tuple[float, RaceState | None]] = []
+        self.reason = ''
+        # How far the wall clock of each is ahead of the right time, s.
+        self.bridge_ahead = self.stack_ahead = 0.0
+        self.node.create_subscription(
+            KartRaceState, '/kart_bridge/race_state', self._hear_state, latched(1)
+        )
+        self.node.create_subscription(Odometry, '/kart_bridge/odom', self._hear_speed, 10)
+        self.spin()
+
+    def wait_for_state(self, state: RaceState) -> None:
+        self.wait_until(
+            lambda: bool(self.states) and self.states[-1][1] is state,
+            lambda: f'{state}; the last was {self.states[-1:]}, {self.reason}',
+        )
+
+    def wait_for_state_since(self, since: float, state: RaceState) -> float:
+        """Return how long after `since` the bridge first said this state, s."""
+
+        def first() -> float | None:
+            return next((at for at, said in self.states if at >= since and said is state), None)
+
+        self.wait_until(first, lambda: f'{state}; the last was {self.states[-1:]}')
+        at = first()
+        assert at is not None
+        return at - since
+
+    def wait_for_speed(self, least: float) -> None:
+        self.wait_until(
+            lambda: bool(self.speeds) and self.speeds[-1][1] >= least,
+            lambda: f'{least:g} m/s; the last was {self.speeds[-1:]}, {self.reason}',
+        )
+
+    def wait_for_braking(self, since: float) -> float:
+        """Return how long after `since` the kart began to slow down, and wait until it stands."""
+
+        def began() -> float | None:
+            before: float | None = None
+            for at, speed in self.speeds:
+                if at >= since and before is not None and speed < before:
+                    return at
+                before = speed
+            return None
+
+        self.wait_until(began, lambda: f'braking; the last was {self.speeds[-1:]}')
+        self.wait_until(
+            lambda: self.speeds[-1][1] == 0.0, lambda: f'a stop; the last was {self.speeds[-1:]}'
+        )
+        at = began()
+        assert at is not None
+        return at - since
+
+    def wait_for_wall_clocks(self, offset: float) -> None:
+        """Return once the stamps of bridge and stack show how far their clock is ahead."""
+        self.wait_until(
+            lambda: abs(self.bridge_ahead - offset) < 5.0 and abs(self.stack_ahead - offset) < 5.0,
+            lambda: f'{offset:g} s; bridge {self.bridge_ahead:g}, stack {self.stack_ahead:g}',
+        )
+
+    def _hear_state(self, message: KartRaceState) -> None:
+        with self.news:
+            self.states.append((time.monotonic(), state_of(message.state)))
+            self.reason = message.reason
+            self.bridge_ahead = message.stamp.sec - time.time()
+            self.news.notify_all()
+
+    def _hear_speed(self, message: Odometry) -> None:
+        with self.news:
+            self.speeds.append((time.monotonic(), message.twist.twist.linear.x))
+            self.stack_ahead = message.header.stamp.sec - time.time()
+            self.news.notify_all()
+
+
+class Kart:
+    """A bridge and a stack on a machine with steppable clocks, race control, and an onlooker."""
+
+    def __init__(
+        self,
+        parts: contextlib.ExitStack,
+        clock: SteppableClock,
+        parameters: dict[str, object],
+    ) -> None:
+        self.clock = clock
+        self.control = BareRaceControl()
+        parts.callback(self.control.close)
+        domain = parts.enter_context(Domain()).number
+        self.onlooker = Onlooker(domain)
+        parts.callback(self.onlooker.close)
+        self._parts = parts
+        self._domain = domain
+        self._parameters = parameters
+        self.start_bridge()
+        with clock.on_it():
+            self.stack = ExampleStack(domain, parameters)
+        parts.callback(self.stack.close)
+
+    def start_bridge(self) -> None:
+        """Start the bridge, for the first time or again."""
+        with self.clock.on_it():
+            self.bridge = Bridge(self._domain, self.control.port, address_of(1), self._parameters)
+        self._parts.callback(self.bridge.close)
+
+    def drive(self) -> None:
+        """Come to race from wherever it stands."""
+        self.control.say(RaceState.IN_GARAGE)
+        self.onlooker.wait_for_state(RaceState.IN_GARAGE)
+        self.control.say(GRID_ACTIVE)
+        self.control.wait_until_it_says(GRID_ACTIVE)
+        self.control.say(GREEN_GREEN)
+        self.onlooker.wait_for_state(GREEN_GREEN)
+        self.onlooker.wait_for_speed(2.0)
+
+
+StartKart = Callable[..., Kart]
+
+
+@pytest.fixture
+def start_kart(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Iterator[StartKart]:
+    """Return a function that starts a kart; it takes parameters of both nodes."""
+
+    def start(**parameters: object) -> Kart:
+        clock = parts.enter_context(SteppableClock(tmp_path))
+        return Kart(parts, clock, parameters)
+
+    yield start
+
+
+@pytest.mark.parametrize('step', list(STEPS.values()), ids=list(STEPS))
+def test_a_wall_clock_that_is_set_delays_no_stop(
+    start_kart: StartKart, step: float, record_property: Callable[[str, Any], None]
+) -> None:
+    kart = start_kart()
+    kart.drive()
+    kart.onlooker.wait_for_wall_clocks(0.0)
+    # At the very moment of the stop, and well before it.
+    kart.clock.set_wall(step)
+    killed = kart.onlooker.wait_for_braking(kart.control.say(RED_RED))
+    kart.onlooker.wait_for_wall_clocks(step)
+    kart.control.wait_until_it_says(RED_RED)
+    kart.drive()
+    silent = kart.onlooker.wait_for_braking(kart.control.fall_silent())
+    kart.drive()
+    kart.clock.set_wall(0.0)
+    back = kart.onlooker.wait_for_braking(kart.control.say(RED_RED))
+    kart.onlooker.wait_for_wall_clocks(0.0)
+    print(f'{step:g} s: ALL_KILL {killed:.3f} s, silence {silent:.3f} s, back {back:.3f} s')
+    record_property('worst', max(killed, back, silent - 1.0))
+    assert max(killed, back, silent - 1.0) < AT_ONCE
+    assert kart.stack.close() == 0
+    assert kart.bridge.close() == 0
+
+
+@pytest.mark.parametrize('step', [-20.0, -YEAR], ids=['20 s back', 'a year back'])
+def test_a_wall_clock_that_is_set_back_as_the_bridge_dies_keeps_no_kart_driving(
+    start_kart: StartKart, step: float
+) -> None:
+    kart = start_kart()
+    kart.drive()
+    at = time.monotonic()
+    kart.bridge.kill()  # nothing is said to the stack any more that could wake it
+    kart.clock.set_wall(step)
+    braking = kart.onlooker.wait_for_braking(at)
+    print(f'{step:g} s: the bridge dies, braking after {braking:.3f} s')
+    assert braking < LEASE + AT_ONCE
+
+
+def test_simulated_time_that_nobody_publishes_delays_no_stop(start_kart: StartKart) -> None:
+    kart = start_kart(use_sim_time=True)
+    kart.drive()
+    killed = kart.onlooker.wait_for_braking(kart.control.say(RED_RED))
+    kart.control.wait_until_it_says(RED_RED)
+    kart.drive()
+    silent = kart.onlooker.wait_for_braking(kart.control.fall_silent())
+    print(f'use_sim_time: ALL_KILL {killed:.3f} s, silence {silent:.3f} s')
+    assert max(killed, silent - 1.0) < AT_ONCE
+
+
+def test_a_wall_clock_past_2038_stops_the_kart_which_races_again_once_it_is_right(
+    start_kart: StartKart,
+) -> None:
+    kart = start_kart()
+    kart.drive()
+    at = time.monotonic()
+    kart.clock.set_wall(20 * YEAR)
+    # Fast DDS publishes nothing with such a time. So the bridge ends, which race control sees, and
+    # the stack hears silence.
+    kart.stack.wait_for_line('RED_RED the bridge is silent')
+    braking = time.monotonic() - at
+    assert kart.bridge.wait() == 1, kart.bridge.output
+    assert 'the race state cannot be published' in kart.bridge.output
+    assert 'Look at the clock' in kart.bridge.output
+    print(f'past 2038: stack in RED_RED after {braking:.3f} s')
+    assert braking < LEASE + AT_ONCE
+    kart.clock.set_wall(0.0)
+    kart.onlooker.wait_until(
+        lambda: kart.onlooker.speeds[-1][0] > at + braking,
+        lambda: f'odometry again; the stack printed {kart.stack.output}',
+    )
+    kart.onlooker.wait_for_braking(at)
+    kart.start_bridge()
+    kart.drive()
+    assert kart.stack.close() == 0
+    assert kart.bridge.close() == 0
+
+
+def test_a_suspended_kart_wakes_in_red_red_and_stays_there(start_kart: StartKart) -> None:
+    kart = start_kart()
+    kart.drive()
+    # Race control goes on saying GREEN_GREEN: those are the frames that wait for the kart.
+    at = time.monotonic()
+    kart.clock.suspend(30.0)
+    said = kart.onlooker.wait_for_state_since(at, RED_RED)
+    braking = kart.onlooker.wait_for_braking(at)
+    print(f'suspend: bridge in RED_RED after {said:.3f} s, braking after {braking:.3f} s')
+    assert max(said, braking) < AT_ONCE
+    kart.onlooker.wait_for_wall_clocks(30.0)
+    heard = [state for when, state in kart.onlooker.states if when >= at + said]
+    assert GREEN_GREEN not in heard

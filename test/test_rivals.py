@@ -1,0 +1,153 @@
+"""Two race controls on one graph: the second does not start, and if they meet later both know."""
+
+from __future__ import annotations
+
+import contextlib
+import pathlib
+
+from evgp_node import graph
+from evgp_protocol.states import RaceState
+from evgp_rcs.rival import look_for_rivals
+from evgp_rcs_msgs import msg
+import pytest
+from race_parts.domains import Domain
+from race_parts.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from race_parts.networks import Namespace
+from race_parts.official import latched
+from race_parts.process import Process
+from race_parts.race_control import RaceControl
+from race_parts.ros_side import RosSide
+from race_parts.wire_kart import Acknowledges
+
+
+def second(folder: pathlib.Path, domain: int, *arguments: str, **parameters: object) -> Process:
+    """Start another race control, at another port and with a record of its own."""
+    roster = folder / 'second.yaml'
+    roster.write_text('karts:\n- {number: 1, team: A, address: 127.0.1.1, in_race: true}\n')
+    record = folder / 'second.sqlite3'
+    return Process(
+        'evgp_rcs',
+        'rcs_node',
+        domain,
+        {'roster': roster, 'record': record, 'port': 0, **parameters},
+        arguments,
+    )
+
+
+def test_a_second_race_control_on_this_machine_does_not_start_and_the_first_goes_on(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    connect_kart: ConnectKart,
+    tmp_path: pathlib.Path,
+) -> None:
+    control = start_race_control(in_race=[1])
+    official = join_official(control)
+    kart = connect_kart(control, 1)
+
+    with second(tmp_path, control.domain) as rival:
+        assert rival.wait() == 2
+
+    (line,) = rival.output.splitlines()
+    assert (
+        f'another race control runs on this machine as /rcs on ROS domain {control.domain}' in line
+    )
+    kart.wait_for_frames(10)
+    official.command('all_kill')
+
+
+def test_race_control_starts_again_at_once_after_it_was_killed(
+    start_race_control: StartRaceControl, tmp_path: pathlib.Path
+) -> None:
+    control = start_race_control(in_race=[1])
+    control.kill()
+
+    with second(tmp_path, control.domain) as again:
+        again.wait_for_line('listens for')
+
+
+def test_race_controls_of_other_names_or_domains_are_no_rivals(
+    start_race_control: StartRaceControl, tmp_path: pathlib.Path
+) -> None:
+    control = start_race_control(in_race=[1])
+    start_race_control(in_race=[1])
+
+    with second(tmp_path, control.domain, '-r', '__ns:=/junior') as other:
+        other.wait_for_line('listens for')
+
+
+@pytest.mark.own_process
+def test_a_second_race_control_on_the_officials_network_does_not_start(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    machines = [parts.enter_context(contextlib.closing(Namespace())) for _ in range(2)]
+    machines[0].ip(f'link add eth0 type veth peer name eth0 netns {machines[1].path}')
+    for last, machine in enumerate(machines, 1):
+        machine.ip(f'addr add 10.78.0.{last}/24 dev eth0', 'link set eth0 up')
+    with machines[0].inside():
+        monkeypatch.setenv(graph.INTERFACE, '10.78.0.1')
+        control = RaceControl(tmp_path, domain, [1])
+        parts.callback(control.close)
+
+    with machines[1].inside():
+        monkeypatch.setenv(graph.INTERFACE, '10.78.0.2')
+        rival = parts.enter_context(second(tmp_path, domain, address='127.0.0.1'))
+        assert rival.wait() == 2
+
+    (line,) = rival.output.splitlines()
+    assert 'another race control publishes /rcs/race' in line
+
+
+class Publisher(RosSide):
+    """A node called rcs that publishes a race, as race control does."""
+
+    def __init__(self, domain: int) -> None:
+        """Join and publish."""
+        super().__init__('rcs', domain)
+        self.publisher = self.node.create_publisher(msg.Race, '~/race', latched(1))
+        self.spin()
+
+
+def test_two_race_controls_that_meet_both_notice_and_notice_when_it_is_over(
+    parts: contextlib.ExitStack,
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    first = Publisher(domain)
+    parts.callback(first.close)
+    assert not look_for_rivals(first.node)
+
+    other = Publisher(domain)
+    try:
+        for each in (first, other):
+            each.wait_until_polled(lambda node=each.node: look_for_rivals(node), 'a rival')
+    finally:
+        other.close()
+
+    first.wait_until_polled(lambda: not look_for_rivals(first.node), 'no rival any more')
+
+
+def test_while_two_race_controls_meet_nothing_that_loosens_is_accepted_and_stops_are(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    connect_kart: ConnectKart,
+) -> None:
+    control = start_race_control(in_race=[1])
+    official = join_official(control)
+    kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1)
+    # Not `official.race`: of two race controls, a client cannot tell whose it hears.
+    two = msg.RaceEvent.ALERT_RAISED, 'two race controls'
+    rival = Publisher(control.domain)
+    try:
+        official.wait_for_event(lambda event: event.kind == two[0], two[1])
+        refused = official.call('grid_active', track_clear=True, karts=[1])
+        stopped = official.call('all_kill')
+    finally:
+        rival.close()
+    assert (refused.success, stopped.success) == (False, True)
+    assert RaceState.GRID_ACTIVE not in [state for _, state in kart.changes]
+    official.wait_for_event(
+        lambda event: event.kind == msg.RaceEvent.ALERT_CLEARED, 'that the other is gone'
+    )
+    official.wait_for_acks(RaceState.RED_RED, 1)
+    official.command('in_garage', track_safe=True)
