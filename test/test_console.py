@@ -82,8 +82,7 @@ def confirm(console: Console, key: str, condition: str, accepted: str) -> None:
     """
     ends = time.monotonic() + PATIENCE
     while time.monotonic() < ends:
-        console.key(key)
-        console.wait_for('question', text=condition)
+        console.ask(key, text=condition)
         console.key('y')
         if accepted in console.wait_for('status', text=f'{accepted}|send it again')['text']:
             return
@@ -156,8 +155,7 @@ def test_a_whole_race_by_keys_only(
     console.key('2', 'ctrl+j')
     console.wait_for('leave_race_2')
     console.wait_for('grid_active', barred='false')
-    console.key('F2')
-    console.wait_for('question', text='track is clear of humans')
+    console.ask('F2', text='track is clear of humans')
     console.key('y')
     console.wait_for('green_green', barred='false')
     console.key('F3')
@@ -171,13 +169,11 @@ def test_a_whole_race_by_keys_only(
     console.key('a')
     console.wait_for('state', text='RED RED')
     console.wait_for('in_garage', barred='false')
-    console.key('F6')
-    console.wait_for('question')
+    console.ask('F6')
     console.key('y')
     console.wait_for('state', text='IN GARAGE')
     console.wait_for('open_track', barred='false')
-    console.key('F7')
-    console.wait_for('question')
+    console.ask('F7')
     console.key('y')
     console.wait_for('track', text='OPEN')
     console.wait_for('close_track', barred='false')
@@ -275,8 +271,7 @@ def test_all_kill_by_click_while_a_question_is_open(
     console = open_console(control)
     kart = connect_kart(control, 1, EACH_CHANGE)
     see_karts(console, 1)
-    console.key('F2')
-    console.wait_for('question')
+    console.ask('F2')
 
     console.click('all_kill')
 
@@ -290,8 +285,7 @@ def test_red_flag_by_key_while_a_question_is_open(
     console = open_console(control)
     kart = connect_kart(control, 1, EACH_CHANGE)
     see_karts(console, 1)
-    console.key('F2')
-    console.wait_for('question')
+    console.ask('F2')
 
     console.key('F4')
 
@@ -390,8 +384,7 @@ def test_a_race_control_that_was_killed_and_started_again_is_shown_as_it_is_now(
     console = open_console(control)
     kart = connect_kart(control, 1, EACH_CHANGE)
     see_karts(console, 1)
-    console.key('F2')
-    console.wait_for('question')
+    console.ask('F2')
     console.key('y')
     kart.wait_for_state(GRID_ACTIVE)
     console.wait_for('state', text='GRID ACTIVE')
@@ -499,8 +492,7 @@ def test_a_command_that_is_not_allowed_says_why_on_hover_on_focus_and_when_tappe
     console = open_console(control)
     kart = connect_kart(control, 1)
     see_karts(console, 1)
-    console.key('F2')
-    console.wait_for('question')
+    console.ask('F2')
     console.key('y')
     kart.wait_for_state(GRID_ACTIVE)
     why = r'GREEN GREEN: waiting for kart 1 \(Team 1\): no GRID_ACTIVE yet, \d+ s'
@@ -527,8 +519,7 @@ def test_two_consoles_agree(
     see_karts(one, 1, 2)
     see_karts(other, 1, 2)
 
-    one.key('F2')
-    one.wait_for('question')
+    one.ask('F2')
     one.key('y')
     other.wait_for('state', text='GRID ACTIVE')
     other.wait_for('green_green', barred='false')
@@ -634,8 +625,7 @@ def test_the_use_of_the_msr_is_recorded_by_a_statement(
     kart = connect_kart(control, 1)
     see_karts(console, 1)
 
-    console.key('F9')
-    console.wait_for('question', text='does not trigger the MSR')
+    console.ask('F9', text='does not trigger the MSR')
     console.click('yes', barred='false', text='Master Safety Remote was used')
 
     kart.wait_for_state(RED_RED)
@@ -726,8 +716,7 @@ def test_screenshots_of_every_state(
     shoot('grid')
     karts[3].say(GRID_ACTIVE)
     console.wait_for('green_green', barred='false')
-    console.key('F3')
-    console.wait_for('question')
+    console.ask('F3')
     console.key('y')
     karts[3].wait_for_state(GREEN_GREEN)
     karts[3].say(GREEN_GREEN)
@@ -805,8 +794,7 @@ def ready_to_start(
     console = open_console(control)
     kart = connect_kart(control, 1, EACH_CHANGE)
     see_karts(console, 1)
-    console.key('F2')
-    console.wait_for('question')
+    console.ask('F2')
     console.key('y')
     console.wait_for('green_green', barred='false')
     return console, kart
@@ -846,8 +834,7 @@ def test_a_question_is_not_answered_by_keys_that_waited(
     ready_to_start: tuple[Console, WireKart],
 ) -> None:
     console, kart = ready_to_start
-    console.key('F3')
-    console.wait_for('question')
+    console.ask('F3')
 
     with held_up(console):
         console.key('y')
@@ -916,8 +903,7 @@ def test_the_letters_that_answer_a_question_finish_no_kart(
     console.start_race()
     console.wait_for('kart_finish_14', barred='false')
 
-    console.key('F9')
-    console.wait_for('question')
+    console.ask('F9')
     console.key('n', 'n', 'n', 'y')
     console.wait_for('question', visible=False)
     console.key('a')

@@ -120,14 +120,26 @@ class Console:
         for name in names:
             self.screen.key(name)
 
+    def ask(self, *names: str, **wanted: object) -> None:
+        """
+        Press keys until the last one has the window ask a question, as wanted.
+
+        On a busy machine the window may be held up; then it drops keys, and says so.
+        """
+        ends = time.monotonic() + PATIENCE
+        while 'question' not in self.widgets() and time.monotonic() < ends:
+            self.key(*names)
+            again = time.monotonic() + 1.0
+            while 'question' not in self.widgets() and time.monotonic() < again:
+                time.sleep(0.02)
+        self.wait_for('question', **wanted)
+
     def start_race(self) -> None:
         """Give GRID_ACTIVE and, once that is allowed, GREEN_GREEN, by keys."""
-        self.key('F2')
-        self.wait_for('question')
+        self.ask('F2')
         self.key('y')
         self.wait_for('green_green', barred='false')
-        self.key('F3')
-        self.wait_for('question')
+        self.ask('F3')
         self.key('y')
 
     def block(self, seconds: float) -> None:

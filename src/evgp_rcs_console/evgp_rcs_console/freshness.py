@@ -28,6 +28,9 @@ AGAIN = 0.4
 DRIFT = 1e-4
 """Maximum rate at which the display server's clock may lose time against ours (s per s)."""
 
+ANOTHER = 600.0
+"""Difference between two stamps' ages from which they are by different clocks, in seconds."""
+
 _WRAP = 1 << 32
 """The display server's clock counts milliseconds in 32 bits."""
 
@@ -39,12 +42,14 @@ class InputClock:
     The server's clock has an epoch of its own. The smallest difference seen between our clock and
     a stamp is the one of the input that came fastest: what differs by more has waited. The
     smallest difference may grow by ``DRIFT``, since the server may be another machine.
+
+    Some inputs are made by the toolkit, with an epoch of its own; and a server's clock may jump,
+    as after a suspend. What differs by more than ``ANOTHER`` is by another clock.
     """
 
     def __init__(self) -> None:
         """Begin with no input seen."""
-        self._offset: float | None = None
-        self._at = 0.0
+        self._clocks: list[tuple[float, float]] = []  # smallest difference (ms), seen when (s)
 
     def age(self, stamp: int, now: float) -> float:
         """
@@ -56,15 +61,15 @@ class InputClock:
         if not stamp:
             return 0.0
         difference = (now * 1000 - stamp) % _WRAP
-        if self._offset is None:
-            self._offset, self._at = difference, now
-            return 0.0
-        allowed = self._offset + (now - self._at) * 1000 * DRIFT
-        waited = (difference - allowed + _WRAP / 2) % _WRAP - _WRAP / 2
-        if waited <= 0:
-            self._offset, self._at = difference, now
-            return 0.0
-        return waited / 1000
+        for place, (smallest, seen_at) in enumerate(self._clocks):
+            allowed = smallest + (now - seen_at) * 1000 * DRIFT
+            waited = (difference - allowed + _WRAP / 2) % _WRAP - _WRAP / 2
+            if abs(waited) < ANOTHER * 1000:
+                if waited <= 0:
+                    self._clocks[place] = (difference, now)
+                return max(0.0, waited) / 1000
+        self._clocks = [*self._clocks[-3:], (difference, now)]
+        return 0.0
 
 
 class Beat:

@@ -50,6 +50,20 @@ def test_a_server_whose_clock_is_a_little_slow_stays_usable_all_day() -> None:
     assert max(ages) < STALE
 
 
+def test_inputs_with_another_epoch_do_not_make_those_of_the_server_old() -> None:
+    clock = InputClock()
+    server, toolkit = 1_000_000_000, 5_000
+
+    ages = [
+        clock.age(epoch + 1000 * second, 50.0 + second)
+        for second in range(5)
+        for epoch in (toolkit, server)
+    ]
+
+    assert ages == [0.0] * 10
+    assert clock.age(server + 5000, 70.0) == pytest.approx(15.0, abs=0.01)
+
+
 def test_an_input_without_a_stamp_is_left_to_the_beat() -> None:
     clock = InputClock()
     clock.age(1_000_000, 50.0)
