@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import itertools
 import os
 import pathlib
 import random
@@ -171,7 +172,7 @@ def freeze_ros_half_for_good(folder: pathlib.Path, times: int) -> None:
                 times_before = [when for when in kart.times if since <= when <= at]
                 gaps.append(
                     max(
-                        (b - a for a, b in zip(times_before, times_before[1:], strict=False)),
+                        (b - a for a, b in itertools.pairwise(times_before)),
                         default=0.0,
                     )
                 )

@@ -152,9 +152,7 @@ class Kart:
     def start_bridge(self, on_it: bool = True) -> None:
         """Start the bridge, for the first time or again; on a right clock if not `on_it`."""
         with self.clock.on_it() if on_it else contextlib.nullcontext():
-            self.bridge = Bridge(
-                self._domain, self.control.port, address_of(1), self._parameters
-            )
+            self.bridge = Bridge(self._domain, self.control.port, address_of(1), self._parameters)
         self._parts.callback(self.bridge.close)
 
     def drive(self) -> None:

@@ -602,7 +602,9 @@ class KartServer:
             return False
         assert self._loop is not None
         self._starting = waiting
-        self._outside.make_sure(self._race.memory_after_green(), now, lambda on_disk: self._start(waiting, on_disk))
+        self._outside.make_sure(
+            self._race.memory_after_green(), now, lambda on_disk: self._start(waiting, on_disk)
+        )
         self._loop.call_later(REMEMBER_TIMEOUT, self._start, waiting, False)
         return True
 
