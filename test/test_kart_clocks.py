@@ -7,7 +7,7 @@ the one who watches the speed run on another, whose clocks go right.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import contextlib
 import pathlib
 import time
@@ -152,9 +152,7 @@ class Kart:
     def start_bridge(self, on_it: bool = True) -> None:
         """Start the bridge, for the first time or again; on a right clock if not `on_it`."""
         with self.clock.on_it() if on_it else contextlib.nullcontext():
-            self.bridge = Bridge(
-                self._domain, self.control.port, address_of(1), self._parameters
-            )
+            self.bridge = Bridge(self._domain, self.control.port, address_of(1), self._parameters)
         self._parts.callback(self.bridge.close)
 
     def drive(self) -> None:
@@ -172,14 +170,14 @@ StartKart = Callable[..., Kart]
 
 
 @pytest.fixture
-def start_kart(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Iterator[StartKart]:
+def start_kart(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> StartKart:
     """Return a function that starts a kart; it takes parameters of both nodes."""
 
     def start(bridge_on_it: bool = True, **parameters: object) -> Kart:
         clock = parts.enter_context(SteppableClock(tmp_path))
         return Kart(parts, clock, parameters, bridge_on_it)
 
-    yield start
+    return start
 
 
 @pytest.mark.parametrize('step', list(STEPS.values()), ids=list(STEPS))

@@ -50,7 +50,8 @@ class Stack(RosSide):
 
     def wait_for_reason(self, reason: str) -> None:
         self.wait_until(
-            lambda: self.watch.reason == reason, lambda: f'{reason}; it was told {self.told}, {self.watch.reason}'
+            lambda: self.watch.reason == reason,
+            lambda: f'{reason}; it was told {self.told}, {self.watch.reason}',
         )
 
     def _wake(self) -> None:
@@ -74,9 +75,7 @@ class BareBridge(RosSide):
         self.message = KartRaceState(state=state_message(says))
         qos = race_state_qos(LEASE)
         qos.depth = keeps
-        self._publisher = self.node.create_publisher(
-            KartRaceState, '/kart_bridge/race_state', qos
-        )
+        self._publisher = self.node.create_publisher(KartRaceState, '/kart_bridge/race_state', qos)
         self._timer = self.node.create_timer(0.05, self._say)
         self.spin()
 
