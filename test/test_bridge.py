@@ -60,6 +60,7 @@ class OneKartRace:
 
     def drive(self, stack: ExampleStack) -> None:
         stack.wait_for_line('IN_GARAGE')
+        self.team.wait_for_speed(lambda speed: speed == 0.0)
         self.green()
         self.team.wait_for_speed(lambda speed: speed > 1.0)
 

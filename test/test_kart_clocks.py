@@ -7,7 +7,7 @@ the one who watches the speed run on another, whose clocks go right.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import contextlib
 import pathlib
 import time
@@ -170,14 +170,14 @@ StartKart = Callable[..., Kart]
 
 
 @pytest.fixture
-def start_kart(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Iterator[StartKart]:
+def start_kart(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> StartKart:
     """Return a function that starts a kart; it takes parameters of both nodes."""
 
     def start(bridge_on_it: bool = True, **parameters: object) -> Kart:
         clock = parts.enter_context(SteppableClock(tmp_path))
         return Kart(parts, clock, parameters, bridge_on_it)
 
-    yield start
+    return start
 
 
 @pytest.mark.parametrize('step', list(STEPS.values()), ids=list(STEPS))

@@ -1,9 +1,9 @@
 """
 A stack to copy: obeys the race state, drives a simulated speed, acknowledges when it is due.
 
-It stops when the bridge dies, since ``RaceStateWatch`` then says RED_RED, and brakes to a stop when
-it ends itself, in order or by a failure. If its process is killed nobody is left to brake: motors
-must stop by themselves when they are told nothing.
+It stops when the bridge dies, since ``RaceStateWatch`` then says RED_RED. It brakes to a stop
+before it ends itself, in order or by a failure. If its process is killed, nobody is left to brake:
+motors must stop by themselves when they are told nothing.
 
 Its timer goes by the steady clock: on ROS time, a wall clock that is set back, or simulated time
 that nobody publishes, would keep it from braking.

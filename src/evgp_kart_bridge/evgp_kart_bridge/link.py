@@ -9,9 +9,9 @@ is given up, a verdict is told.
 The verdict is told again `REPEAT` times a second by this same thread. So when it hangs, the
 verdict falls silent, and whoever listens stops (§3.E).
 
-The time is that of `evgp_protocol.clock`, which nobody sets and a suspend does not stop. A kart
-computer that wakes up looks at it within ``1 / REPEAT``, or when the first frame comes, before that
-frame is judged: the connection was silent for too long.
+The time is that of `evgp_protocol.clock`, which nobody sets and a suspend does not stop. A kart's
+computer that wakes up looks at it within ``1 / REPEAT``, or when the first frame comes, before
+that frame is judged: the connection was silent for too long.
 """
 
 from __future__ import annotations

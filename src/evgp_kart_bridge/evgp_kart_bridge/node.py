@@ -8,7 +8,6 @@ team's nodes say and hands it to the link.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import concurrent.futures
 import math
 import sys
@@ -123,32 +122,22 @@ class KartBridge(StrictNode):
         # timer would not do: some middlewares wait for one by the wall clock.
         self._ask_to_look = self.create_guard_condition(self._look_around)
         self._malformed = 0
-        # Where there must be one: what counts them, whom, and what two of them are.
-        self._alone: list[tuple[StopSource, Callable[[str], int], str]] = [
-            (StopSource.TWO_REMOTES, self.count_publishers, self.resolve_topic_name('~/tsr')),
-            (
-                StopSource.TWO_BRIDGES,
-                self.count_publishers,
-                self.resolve_topic_name('~/race_state'),
-            ),
-            (StopSource.TWO_LOCKS, self.count_publishers, self.resolve_topic_name('~/stop')),
-        ]
+        # By whose full names there must be one publisher, or one server.
+        topics = {
+            StopSource.TWO_REMOTES: '~/tsr',
+            StopSource.TWO_BRIDGES: '~/race_state',
+            StopSource.TWO_LOCKS: '~/stop',
+        }
         if settings.auto_acknowledge_stop:
-            self._alone.append(
-                (
-                    StopSource.TWO_ODOMETRIES,
-                    self.count_publishers,
-                    self.resolve_topic_name('~/odom'),
-                )
-            )
-        if hasattr(self, 'count_services'):  # ROS 2 Humble cannot tell
-            for source, service in (
-                (StopSource.TWO_ANSWERERS, '~/acknowledge'),
-                (StopSource.TWO_STOPPERS, '~/team_stop'),
-            ):
-                self._alone.append(
-                    (source, self.count_services, self.resolve_service_name(service))
-                )
+            topics[StopSource.TWO_ODOMETRIES] = '~/odom'
+        services = {
+            StopSource.TWO_ANSWERERS: '~/acknowledge',
+            StopSource.TWO_STOPPERS: '~/team_stop',
+        }
+        self._one_publisher = {key: self.resolve_topic_name(name) for key, name in topics.items()}
+        self._one_server = {key: self.resolve_service_name(name) for key, name in services.items()}
+        if not hasattr(self, 'count_services'):  # ROS 2 Humble cannot tell
+            self._one_server = {}
         self._seen_double: set[StopSource] = set()
         self._link = Link(Arbiter(settings), link_settings, self._tell, on_failure)
         self.create_service(Acknowledge, '~/acknowledge', self._acknowledge)
@@ -233,7 +222,10 @@ class KartBridge(StrictNode):
 
     def _look_around(self) -> None:
         """Stop while there are two where there must be one; say that the team is heard."""
-        seen = {source for source, count, name in self._alone if count(name) > 1}
+        seen = {
+            key for key, name in self._one_publisher.items() if self.count_publishers(name) > 1
+        }
+        seen |= {key for key, name in self._one_server.items() if self.count_services(name) > 1}
         for source in seen ^ self._seen_double:
             self._link.give(
                 lambda arbiter, now, source=source: arbiter.team_stop(source, source in seen, now)
@@ -404,8 +396,8 @@ def main(args: list[str] | None = None) -> int:
     """
     Run the bridge until SIGINT or SIGTERM; what it tells last is RED_RED.
 
-    :return: 0 after an orderly end, 1 after a failure (what was told last is RED_RED), 2 if a
-        setting is wrong.
+    :return: 0 after an orderly end, 2 if a setting is wrong.
+    :raises NodeFailedError: after a failure; what was told last is RED_RED.
     """
     return run_node('kart_bridge', KartBridge, (ParameterError,), args)
 

@@ -80,25 +80,25 @@ class Oracle:
         """Whether the team stop is on right after the input at `index`."""
         past = self.history[: index + 1]
         now = past[-1].at
-        stops = [item for item in past if item.kind == 'team_stop']
-        for source in StopSource:
-            own = [item.value[1] for item in stops if item.value[0] is source]
-            if own and own[-1]:
-                return True
-        for timeout, signs in self._signs(past):
-            if timeout > 0 and (not signs or now - signs[-1] >= timeout):
-                return True
-        return False
+        stops = {item.value[0]: item.value[1] for item in past if item.kind == 'team_stop'}
+        if any(stops.values()):
+            return True
+        return any(not signs or now - signs[-1] >= timeout for timeout, signs in self._signs(past))
 
     def _signs(self, past: History) -> list[tuple[float, list[float]]]:
         """Return what must not be missed for how long, and when it came."""
-        remote = [
-            item.at
-            for item in past
-            if item.kind == 'team_stop' and item.value[0] is StopSource.TOPIC
-        ]
-        team = [item.at for item in past if item.kind == 'team_heard']
-        return [(self.settings.tsr_timeout, remote), (self.settings.team_timeout, team)]
+        signs = []
+        if self.settings.tsr_timeout > 0:
+            remote = [
+                item.at
+                for item in past
+                if item.kind == 'team_stop' and item.value[0] is StopSource.TOPIC
+            ]
+            signs.append((self.settings.tsr_timeout, remote))
+        if self.settings.team_timeout > 0:
+            team = [item.at for item in past if item.kind == 'team_heard']
+            signs.append((self.settings.team_timeout, team))
+        return signs
 
     def stopped_since(self, begin: int) -> bool:
         """Whether the team stop was on at any time from the input at `begin` to now."""
@@ -108,8 +108,7 @@ class Oracle:
         # They may have been missed for too long between two of the inputs.
         for timeout, signs in self._signs(self.history):
             for earlier, later in itertools.pairwise([*signs, self.now]):
-                lapsed = later >= earlier + timeout
-                if timeout > 0 and lapsed and later > self.history[begin].at:
+                if later >= earlier + timeout and later > self.history[begin].at:
                     return True
         return False
 
