@@ -11,13 +11,12 @@ import enum
 from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
+from evgp_node.stamps import stamp_of
 from evgp_node.states import state_message
 from evgp_rcs.race import AlertKind, CommandKind, COMMANDS, EventKind, Kart, Race, StampedEvent
 from evgp_rcs_msgs import msg
 
 NS = 1_000_000_000
-
-_FIRST_SECOND, _LAST_SECOND = -(2**31), 2**31 - 1
 
 
 def _constants(kinds: Iterable[enum.Enum], message: Any) -> dict[enum.Enum, int]:
@@ -32,21 +31,9 @@ _TO_ONE_KART = [kind for kind, rule in COMMANDS.items() if rule.to_one_kart]
 _TO_ALL = [kind for kind, rule in COMMANDS.items() if not rule.to_one_kart]
 
 
-def time_message(ns: int) -> Time:
-    """
-    Return a wall time, in ns since the epoch, as a message.
-
-    A message has room for the years 1901 to 2038; a clock beyond them is cut off there.
-    """
-    sec, nanosec = divmod(ns, NS)
-    return Time(sec=max(_FIRST_SECOND, min(sec, _LAST_SECOND)), nanosec=nanosec)
-
-
 def failure_alert(text: str, since_ns: int) -> msg.Alert:
     """Return the alert that a part of race control failed, at a wall time (ns since the epoch)."""
-    return msg.Alert(
-        kind=msg.Alert.PART_FAILED, use_msr=True, text=text, since=time_message(since_ns)
-    )
+    return msg.Alert(kind=msg.Alert.PART_FAILED, use_msr=True, text=text, since=stamp_of(since_ns))
 
 
 def race_message(
@@ -64,7 +51,7 @@ def race_message(
     """
 
     def wall(monotonic: float) -> Time:
-        return time_message(wall_ns + round((monotonic - now) * NS))
+        return stamp_of(wall_ns + round((monotonic - now) * NS))
 
     def availability(kind: CommandKind, number: int = 0) -> msg.CommandAvailability:
         available = race.availability(kind, number)
@@ -96,7 +83,7 @@ def race_message(
 
     access = race.track_access()
     return msg.Race(
-        stamp=time_message(wall_ns),
+        stamp=stamp_of(wall_ns),
         state=state_message(race.state),
         state_since=wall(race.state_since),
         over=race.over,
@@ -127,7 +114,7 @@ def event_message(stamped: StampedEvent) -> msg.RaceEvent:
     monotonic_ns = round(stamped.monotonic * NS)
     return msg.RaceEvent(
         sequence=stamped.sequence,
-        stamp=time_message(stamped.wall_ns),
+        stamp=stamp_of(stamped.wall_ns),
         monotonic=Duration(sec=monotonic_ns // NS, nanosec=monotonic_ns % NS),
         kind=_EVENT[event.kind],
         kart=event.kart,

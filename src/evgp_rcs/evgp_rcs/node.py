@@ -8,6 +8,8 @@ one starts it, and neither outlives the other. Each thread here has its own work
   answer: one for what stops karts, one for GREEN_GREEN, which may wait for the disk, and one for
   the rest. So no stop waits behind another call;
 - the client's thread (``kart_client``) hears the kart server;
+- one asks the executor of the stops again and again for a sign of life, which goes to the kart
+  server, and looks for another race control;
 - the teller's thread (``teller``) publishes the race and its events, and logs.
 """
 
@@ -16,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import concurrent.futures
 import sys
+import threading
 from typing import Any
 
 from evgp_node.graph import GraphError, refuse_open_graph, where_reachable
@@ -37,7 +40,6 @@ from evgp_rcs.roster import RosterError
 from evgp_rcs.settings import read_settings
 from evgp_rcs.teller import Teller
 from evgp_rcs_msgs import srv
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -90,6 +92,8 @@ class RcsNode(StrictNode):
         self._on_failure = on_failure
         self._failure = ''
         self._rival = False
+        self._closing = threading.Event()
+        self._asking = threading.Thread(target=self._ask, name='asking', daemon=True)
         self._teller = Teller(self, begin.roster, self._teller_failed)
         self._server = KartServerClient(
             begin,
@@ -100,6 +104,7 @@ class RcsNode(StrictNode):
         self._offer_services()
         self._server.start()
         self._teller.start()
+        self._asking.start()
         self.get_logger().info(
             f'Race control listens for {len(begin.roster.entries)} karts at '
             f'{self._server.address[0]}, port {self._server.address[1]}'
@@ -115,6 +120,8 @@ class RcsNode(StrictNode):
         """Send every kart RED_RED, close their connections, and tell what is left to tell."""
         self._server.stop(in_order=not self._failure)
         self._teller.stop()
+        self._closing.set()
+        self._asking.join()
         if self._failure:
             self._teller.last_words(self._failure)
 
@@ -135,15 +142,20 @@ class RcsNode(StrictNode):
         self._failure = self._failure or text
         self._on_failure(error)
 
+    def _ask(self) -> None:
+        looked_at = -LOOK_AGAIN
+        while not self._closing.wait(ALIVE_EVERY):
+            if clock.now() - looked_at >= LOOK_AGAIN:
+                looked_at = clock.now()
+                self._rival = look_for_rivals(self)
+            self._ask_whether_alive.trigger()
+
     def _say_alive(self) -> None:
         """Tell the kart server that stops can be taken; called in the executor that takes them."""
         try:
             self._server.alive(self._rival)
         except KartServerError:
             pass  # its end is noticed, and told, by the thread that hears it
-
-    def _look_around(self) -> None:
-        self._rival = look_for_rivals(self)
 
     # ----- services -----------------------------------------------------------------------
 
@@ -152,9 +164,9 @@ class RcsNode(StrictNode):
         # what a stop would wait for most. So the stops have a node of their own.
         stops, starts = self._node_beside('stops'), self._node_beside('starts')
         self.beside = (stops, starts)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        stops.create_timer(ALIVE_EVERY, self._say_alive, clock=steady)
-        self.create_timer(LOOK_AGAIN, self._look_around, clock=steady)
+        # Asked by a thread, as a timer would not do: some middlewares wait for one by the wall
+        # clock. That the executor of the stops answers shows that it can take a stop.
+        self._ask_whether_alive = stops.create_guard_condition(self._say_alive)
         others = self
         offer = self._offer
         offer(stops, '~/all_kill', Trigger, CommandKind.ALL_KILL)

@@ -15,8 +15,9 @@ import threading
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
-from evgp_rcs.messages import event_message, failure_alert, race_message, time_message
+from evgp_rcs.messages import event_message, failure_alert, race_message
 from evgp_rcs.race import AlertKind, Event, EventKind, Kart, Race, StampedEvent
 from evgp_rcs.roster import Roster
 from evgp_rcs_msgs import msg
@@ -194,7 +195,7 @@ class Teller:
             severe.sort(key=lambda alert: not alert.use_msr)
             level, summary = DiagnosticStatus.ERROR, severe[0].text
         array = DiagnosticArray()
-        array.header.stamp = time_message(time.time_ns())
+        array.header.stamp = stamp_of(time.time_ns())
         array.status = [
             DiagnosticStatus(
                 level=level,
