@@ -61,7 +61,7 @@ def rules(count: int) -> None:
         def make_sure(self, memory: object, at: float, done: Any) -> None:
             """Nothing is kept."""
 
-        def trouble(self, now: float) -> str:
+        def trouble(self) -> str:
             """Have none."""
             return ''
 

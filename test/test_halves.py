@@ -187,7 +187,7 @@ def test_the_process_that_stops_karts_has_no_ros(scene: Scene) -> None:
 
 def test_race_control_shares_no_memory_with_other_programs_of_ros(scene: Scene) -> None:
     for pid in (scene.control.pid, scene.control.kart_server_pid):
-        assert 'fastrtps_' not in mapped(pid)  # as Fast DDS calls its shared memory
+        assert 'shm/fast' not in mapped(pid)  # where Fast DDS has its shared memory
 
 
 def test_a_start_without_a_record_needs_a_statement_and_is_not_forgotten_by_a_crash(

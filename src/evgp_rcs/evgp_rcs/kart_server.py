@@ -151,7 +151,7 @@ class Outside(Protocol):
     def make_sure(self, memory: RaceMemory, at: float, done: Callable[[bool], None]) -> None:
         """Have this on the disk, then call ``done`` in the loop with whether it is there."""
 
-    def trouble(self, now: float) -> str:
+    def trouble(self) -> str:
         """Return why the record fails, as a sentence for an official; empty: it does not."""
 
     def silent_since(self) -> float | None:
@@ -598,7 +598,7 @@ class KartServer:
         accepted = self._race.copy().command(command, now).answer
         assert accepted is not None
         # While the record fails the official has stated that the race may start without.
-        if not accepted.success or self._outside.trouble(now):
+        if not accepted.success or self._outside.trouble():
             return False
         assert self._loop is not None
         self._starting = waiting
@@ -618,7 +618,7 @@ class KartServer:
             return
         now = self.now()
         if not on_disk:
-            text = self._outside.trouble(now) or (
+            text = self._outside.trouble() or (
                 f'The record has not taken GREEN_GREEN for {REMEMBER_TIMEOUT:g} s'
             )
             self._apply(self._race.record_trouble(text, now))
@@ -676,7 +676,7 @@ class KartServer:
     def _copy(self) -> None:
         self._copy_asked = False
         now = self._copied_at = self.now()
-        trouble = self._outside.trouble(now)
+        trouble = self._outside.trouble()
         if trouble != self._race.record_fails:
             self._apply(self._race.record_trouble(trouble, now))
         self._remember(now)

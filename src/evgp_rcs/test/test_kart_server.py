@@ -174,7 +174,7 @@ class Running:
             memory, done = self.sure[-1]
         return memory, lambda there: self._loop.call_soon_threadsafe(done, there)
 
-    def trouble(self, now: float) -> str:
+    def trouble(self) -> str:
         return self.record_trouble
 
     def silent_since(self) -> float | None:

@@ -11,7 +11,6 @@ import sqlite3
 import subprocess
 import time
 
-from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.race import (
     Command,
@@ -189,7 +188,7 @@ def test_a_file_that_is_no_record_is_left_alone_and_does_not_keep_race_control_f
     make(path)
     before = path.read_bytes()
     record = begin()
-    assert str(path) in record.trouble(clock.now())
+    assert str(path) in record.trouble()
     assert record.left_behind is not None
     assert not record.left_behind.known
     assert path.read_bytes() == before
@@ -260,7 +259,7 @@ def test_a_run_that_could_not_write_its_record_is_not_forgotten_by_the_next(
     path.rename(beside)
     path.mkdir()  # nobody can write it, and root neither
     second = begin()
-    assert second.trouble(clock.now())
+    assert second.trouble()
     assert second.left_behind is not None
     assert not second.left_behind.known
     second.end(PATIENCE, in_order=True)
@@ -345,9 +344,9 @@ def test_a_full_disk_is_trouble_until_there_is_room_and_no_event_is_lost(
         ballast.write_bytes(bytes(1 << 20))
     count = 2000
     record.put([event(n, f'event {n} ' + 100 * 'x') for n in range(2, count + 1)])
-    wait_for(lambda: record.trouble(clock.now()))
+    wait_for(lambda: record.trouble())
     assert (
-        record.trouble(clock.now())
+        record.trouble()
         == f'The record {path} fails: database or disk is full; {count - 1} events wait'
     )
     told: queue.SimpleQueue[bool] = queue.SimpleQueue()
@@ -355,7 +354,7 @@ def test_a_full_disk_is_trouble_until_there_is_room_and_no_event_is_lost(
     assert not told.get(timeout=PATIENCE)
     ballast.unlink()
     assert record.flush(PATIENCE)
-    wait_for(lambda: not record.trouble(clock.now()))
+    wait_for(lambda: not record.trouble())
     record.end(PATIENCE)
     assert len(texts(path, 1)) == count
 
@@ -370,7 +369,7 @@ def test_a_disk_that_turns_read_only_is_trouble_until_it_can_be_written(
     record.end(PATIENCE, in_order=False)
     subprocess.run(['mount', '-o', 'remount,ro', str(small_disk)], check=True)
     second = started(path)
-    assert 'read-only file system' in second.trouble(clock.now())
+    assert 'read-only file system' in second.trouble()
     assert second.left_behind is not None
     second.put([event(1, 'while it could not be written')])
     subprocess.run(['mount', '-o', 'remount,rw', str(small_disk)], check=True)
@@ -384,7 +383,7 @@ def test_a_folder_that_cannot_be_made_is_trouble_and_the_end_does_not_hang(
 ) -> None:
     (tmp_path / 'folder').write_text('a file where a folder should be')
     record = started(tmp_path / 'folder' / 'record.sqlite3')
-    assert record.trouble(clock.now())
+    assert record.trouble()
     record.put([event(1)])
     assert not record.flush(0.0)
     record.end(PATIENCE)
@@ -401,7 +400,7 @@ def test_a_run_whose_record_began_to_fail_is_not_known_to_the_next(
     with pytest.raises(OSError, match='No space left'):
         ballast.write_bytes(bytes(1 << 20))
     record.put([event(n, f'event {n} ' + 100 * 'x') for n in range(1, 2000)])
-    wait_for(lambda: record.trouble(clock.now()))
+    wait_for(lambda: record.trouble())
     record.end(PATIENCE, in_order=False)
     ballast.unlink()
     again = started(path)
@@ -417,7 +416,7 @@ def test_a_run_whose_record_works_again_is_known_to_the_next(small_disk: pathlib
     with pytest.raises(OSError, match='No space left'):
         ballast.write_bytes(bytes(1 << 20))
     record.put([event(n, f'event {n} ' + 100 * 'x') for n in range(1, 1000)])
-    wait_for(lambda: record.trouble(clock.now()))
+    wait_for(lambda: record.trouble())
     ballast.unlink()
     record.remember(RACING, 0.0)
     assert record.flush(PATIENCE)

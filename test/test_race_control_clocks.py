@@ -1,0 +1,94 @@
+"""Clocks that jump under race control: its signs of life and its stops go by none of them."""
+
+from __future__ import annotations
+
+import contextlib
+import pathlib
+import time
+
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs import msg
+import pytest
+from race_parts.domains import Domain
+from race_parts.official import Official
+from race_parts.punctual_kart import PunctualKart
+from race_parts.race_control import address_of, RaceControl
+from race_parts.steppable_clock import SteppableClock
+from race_parts.wire_kart import Acknowledges
+
+GREEN_GREEN = RaceState.GREEN_GREEN
+GRID_ACTIVE = RaceState.GRID_ACTIVE
+RED_RED = RaceState.RED_RED
+
+YEAR = 365.25 * 86400.0
+
+
+class Scene:
+    """A race in GREEN_GREEN with one kart, on clocks that the test steps."""
+
+    def __init__(self, parts: contextlib.ExitStack, folder: pathlib.Path) -> None:
+        self.clock = parts.enter_context(SteppableClock(folder))
+        domain = parts.enter_context(Domain()).number
+        with self.clock.on_it():
+            self.control = RaceControl(folder, domain, [1], parameters={'green_alert': 600.0})
+        parts.callback(self.control.close)
+        self.official = parts.enter_context(contextlib.closing(Official(domain)))
+        self.kart = parts.enter_context(
+            PunctualKart(address_of(1), self.control.port, Acknowledges.EACH_CHANGE)
+        )
+        self.official.wait_for_connected(1)
+        self.official.command('grid_active', track_clear=True)
+        self.official.wait_for_acks(GRID_ACTIVE, 1)
+        self.official.command('green_green')
+        self.official.wait_for_acks(GREEN_GREEN, 1)
+
+
+@pytest.fixture
+def scene(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Scene:
+    return Scene(parts, tmp_path)
+
+
+@pytest.mark.parametrize('offset', [-20.0, 20.0, -YEAR, 10 * YEAR])
+def test_a_wall_clock_that_is_set_ends_no_race_and_delays_no_stop(
+    scene: Scene, offset: float
+) -> None:
+    scene.clock.set_wall(offset)
+    scene.official.wait_for_race(
+        lambda race: abs(race.stamp.sec - time.time() - offset) < 5.0, 'the step in its stamps'
+    )
+    scene.kart.wait_for_frames(60)  # 3 s, and its ROS half may be silent for 1 s
+    assert scene.kart.state is GREEN_GREEN
+    scene.official.command('all_kill')
+    scene.kart.wait_for_state(RED_RED)
+    scene.official.wait_for_acks(RED_RED, 1)
+
+
+def test_after_a_suspend_nothing_is_started_that_was_sent_before(scene: Scene) -> None:
+    scene.official.command('all_kill')
+    scene.official.wait_for_acks(RED_RED, 1)
+    scene.official.command('in_garage', track_safe=True)
+    scene.official.command('grid_active', track_clear=True)
+    scene.official.wait_for_acks(GRID_ACTIVE, 1)
+
+    scene.clock.suspend(30.0)
+    scene.kart.wait_for_frames(3)  # race control has noticed
+    refused = scene.official.call('green_green')
+
+    assert not refused.success
+    assert scene.kart.state is GRID_ACTIVE
+    scene.official.command('all_kill')
+    scene.kart.wait_for_state(RED_RED)
+
+
+def test_an_alert_counts_the_time_of_a_suspend(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    scene = Scene(parts, tmp_path)
+    scene.kart._acknowledges = Acknowledges.NEVER
+    scene.official.command('all_kill')
+    scene.kart.wait_for_state(RED_RED)
+    scene.clock.suspend(3600.0)
+    scene.official.wait_for_race(
+        lambda race: any(alert.kind == msg.Alert.RED_UNACKNOWLEDGED for alert in race.alerts),
+        'the alert',
+    )
