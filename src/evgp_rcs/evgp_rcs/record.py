@@ -38,7 +38,7 @@ event    session, sequence   the run, and the number of the event in it: from 1,
 memory   session             the run
 ..       sequence            the last event that this comes after
 ..       state               the race's state
-..       karts               JSON: of each kart's number, the fields of ``KartMemory``
+..       karts               JSON: of each kart's number, the fields of ``KartMemory`` in order
 ======== =================== ======================================================================
 """
 
@@ -52,6 +52,7 @@ import fcntl
 import hashlib
 import json
 import math
+import operator
 import os
 import pathlib
 import queue
@@ -118,6 +119,9 @@ CREATE TABLE memory (
     karts TEXT NOT NULL
 );
 """
+
+
+_every_field = operator.attrgetter(*(field.name for field in dataclasses.fields(KartMemory)))
 
 
 class RecordError(RuntimeError):
@@ -456,8 +460,7 @@ class Record:
             )
             if memory is not None:
                 karts = {
-                    number: dataclasses.asdict(kart)
-                    for number, kart in memory.memory.karts.items()
+                    number: _every_field(kart) for number, kart in memory.memory.karts.items()
                 }
                 self._database.execute(
                     'INSERT OR REPLACE INTO memory VALUES (?, ?, ?, ?)',
@@ -592,7 +595,11 @@ def _left_behind(database: sqlite3.Connection, said: str) -> RaceMemory | None:
     try:
         memory = RaceMemory(
             RaceState[state],
-            {int(number): KartMemory(**kart) for number, kart in json.loads(karts).items()},
+            {
+                # Older records have the fields by their names.
+                int(number): KartMemory(**kart) if isinstance(kart, dict) else KartMemory(*kart)
+                for number, kart in json.loads(karts).items()
+            },
         )
     except (ValueError, KeyError, TypeError, AttributeError):
         return NOTHING_KNOWN  # damaged, or written by a later version
