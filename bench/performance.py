@@ -35,7 +35,7 @@ from race_parts.domains import Domain  # noqa: E402
 from race_parts.kart import Bridge, Team  # noqa: E402
 from race_parts.official import Official  # noqa: E402
 from race_parts.process import Process  # noqa: E402
-from race_parts.usage import cpu_seconds, resident  # noqa: E402
+from race_parts.usage import cpu_seconds, family, resident  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 import yaml  # noqa: E402
 
@@ -372,9 +372,10 @@ def beat_of(folder: pathlib.Path, count: int, seconds: float) -> Iterator[tuple[
 
 
 def keep_to_one_core(pid: int) -> None:
-    """Have all threads of a process share one core."""
-    for thread in pathlib.Path(f'/proc/{pid}/task').iterdir():
-        os.sched_setaffinity(int(thread.name), {0})
+    """Have all threads of a process, and of those it has started, share one core."""
+    for each in family(pid):
+        for thread in pathlib.Path(f'/proc/{each}/task').iterdir():
+            os.sched_setaffinity(int(thread.name), {0})
 
 
 def start_race(official: Official, count: int) -> None:

@@ -92,7 +92,7 @@ def test_a_bad_peer_costs_only_itself(
 def test_out_of_files_the_race_goes_on_and_karts_come_back_later(tmp_path: pathlib.Path) -> None:
     with AttackedRace(tmp_path) as race:
         race.green()
-        pid = race.control.pid
+        pid = race.control.kart_server_pid
         lines = len(race.control.lines)
         _, hard = resource.prlimit(pid, resource.RLIMIT_NOFILE)
         resource.prlimit(pid, resource.RLIMIT_NOFILE, (open_files(pid) + 1, hard))

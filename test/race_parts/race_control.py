@@ -8,6 +8,7 @@ import pathlib
 import signal
 
 from race_parts.process import Process
+from race_parts.usage import family
 import yaml
 
 
@@ -70,7 +71,7 @@ class RaceControl(Process):
         except BaseException:
             self.close()
             raise
-        self.kart_server_pid = child_of(self.pid)
+        _, self.kart_server_pid = family(self.pid)
 
     def freeze(self) -> None:
         """Stop both processes of race control, as a machine that hangs."""
@@ -81,9 +82,3 @@ class RaceControl(Process):
         """Let both go on."""
         for pid in (self.pid, self.kart_server_pid):
             os.kill(pid, signal.SIGCONT)
-
-
-def child_of(pid: int) -> int:
-    """Return the process that another one has started."""
-    (child,) = pathlib.Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
-    return int(child)

@@ -1,4 +1,4 @@
-"""What a process has taken of this machine so far, as Linux tells it."""
+"""What a process, with those it has started, has taken of this machine so far."""
 
 from __future__ import annotations
 
@@ -9,15 +9,29 @@ import re
 TICK = os.sysconf('SC_CLK_TCK')
 
 
+def family(pid: int) -> list[int]:
+    """Return a process and all that it has started."""
+    children = pathlib.Path(f'/proc/{pid}/task/{pid}/children').read_text(encoding='ascii')
+    return [pid, *(each for child in children.split() for each in family(int(child)))]
+
+
 def cpu_seconds(pid: int) -> float:
-    """Return the CPU time that a process has used, s."""
+    """Return the CPU time that a process and those it has started have used, s."""
+    return sum(map(_cpu_seconds, family(pid)))
+
+
+def resident(pid: int) -> int:
+    """Return how much memory a process and those it has started have, in KiB."""
+    return sum(map(_resident, family(pid)))
+
+
+def _cpu_seconds(pid: int) -> float:
     fields = pathlib.Path(f'/proc/{pid}/stat').read_text(encoding='ascii').rsplit(')', 1)[1]
     user, system = fields.split()[11:13]
     return (int(user) + int(system)) / TICK
 
 
-def resident(pid: int) -> int:
-    """Return how much memory a process has, in KiB."""
+def _resident(pid: int) -> int:
     status = pathlib.Path(f'/proc/{pid}/status').read_text(encoding='ascii')
     found = re.search(r'VmRSS:\s+(\d+) kB', status)
     assert found is not None, f'process {pid} has ended'
