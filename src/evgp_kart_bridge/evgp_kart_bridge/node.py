@@ -396,8 +396,8 @@ def main(args: list[str] | None = None) -> int:
     """
     Run the bridge until SIGINT or SIGTERM; what it tells last is RED_RED.
 
-    :return: 0 after an orderly end, 2 if a setting is wrong.
-    :raises NodeFailedError: after a failure; what was told last is RED_RED.
+    :return: 0 after an orderly end, 1 after a failure (what was told last is RED_RED), 2 if a
+        setting is wrong.
     """
     return run_node('kart_bridge', KartBridge, (ParameterError,), args)
 

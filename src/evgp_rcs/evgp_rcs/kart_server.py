@@ -42,16 +42,16 @@ from evgp_rcs.race import (
 )
 
 READ_BYTES = 4096
-"""What is read of one kart per beat, bytes. A kart says some 15 bytes a beat at most."""
+"""Maximum read from one kart per beat, in bytes. A kart says some 15 bytes a beat at most."""
 
 FLOOD_BEATS = 40
-"""A kart that says more than `READ_BYTES` in each of so many beats in a row is dropped."""
+"""Maximum number of beats in a row in which a kart may say `READ_BYTES`; then it is dropped."""
 
 DEAF_BEATS = 20
-"""For so many beats after a flood, what a kart says is no acknowledgement."""
+"""Number of beats after a flood for which nothing a kart says counts as an acknowledgement."""
 
 UNSENT_BYTES = 4096
-"""What may wait for one kart that does not read before it is dropped, bytes."""
+"""Maximum backlog to a kart that does not read, in bytes; beyond it, the kart is dropped."""
 
 HELD_UP = 1.0
 """Delay of a beat after which race control counts as held up, in seconds."""
@@ -64,7 +64,7 @@ TCP_THIN_LINEAR_TIMEOUTS = 16
 """An option of Linux (since 2.6.34) that Python does not name."""
 
 CONNECTIONS = (10, 2.0)
-"""How often a kart may connect: so many times at once, and then so often a second."""
+"""Limit of a kart's connections: how many at once, and how many a second after that."""
 
 COPY_PER_KART = 0.0002
 """Minimum time between two copies of the race, for each of its karts, in seconds. The ROS half
@@ -156,7 +156,7 @@ class Outside(Protocol):
         """Take what there is to see of the race at this time (s); it must not be kept."""
 
     def remember(self, memory: RaceMemory, at: float) -> None:
-        """Have this found by the next run, as soon as the disk takes it."""
+        """Save this for the next run, as soon as the disk takes it."""
 
     def make_sure(self, memory: RaceMemory, at: float, done: Callable[[bool], None]) -> None:
         """Have this on the disk, then call ``done`` in the loop with whether it is there."""
@@ -267,7 +267,7 @@ class _KartLink(asyncio.BufferedProtocol):
             self._hear(view[:stale], 0)
             self._stale_frame = self._decoder.in_frame
         self._unprocessed = 0
-        # Of what a flood has left at the kart's end nobody knows when it was said.
+        # Bytes queued by a flood have unknown age, so they do not count.
         self._hear(view[stale:nbytes], self.serial if self._open_beats >= DEAF_BEATS else 0)
         self._read_this_beat += nbytes
         if self._read_this_beat >= READ_BYTES and self._transport is not None:

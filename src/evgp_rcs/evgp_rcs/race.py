@@ -598,7 +598,7 @@ class Race:
             kart.acknowledged = True
             if state.is_red:
                 self._end_doubt(kart)
-            # That all have, the next tick tells: to look at each kart now takes N times N steps.
+            # Whether all have is reported at the next tick; checking here would cost O(N²).
             self._tell(
                 EventKind.ACKNOWLEDGED,
                 f'{_capital(kart)} acknowledged {state.value}',
