@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import pathlib
 import signal
+import threading
 import time
 
 from evgp_node.states import state_of
@@ -150,28 +151,37 @@ def test_a_kart_server_that_is_told_to_end_sends_red_red_first(scene: Scene) -> 
     assert scene.control.wait() == 1
 
 
-def test_a_stop_to_a_kart_server_that_hangs_is_answered_with_use_the_msr(scene: Scene) -> None:
+def test_a_kart_server_that_hangs_is_ended_and_officials_are_told_to_use_the_msr(
+    scene: Scene,
+) -> None:
+    scene.go_to(GREEN_GREEN)
     os.kill(scene.control.kart_server_pid, signal.SIGSTOP)
-    try:
-        answer = scene.official.call('all_kill')
-    finally:
-        os.kill(scene.control.kart_server_pid, signal.SIGCONT)
+    answer = scene.official.call('all_kill')
     assert not answer.success
     assert 'use the MSR' in answer.message
-    for kart in scene.karts:  # late, but given all the same
-        kart.wait_for_state(RED_RED)
-
-
-def test_a_start_that_nobody_waits_for_any_more_is_not_given(scene: Scene) -> None:
-    scene.go_to(GRID_ACTIVE)
-    os.kill(scene.control.kart_server_pid, signal.SIGSTOP)
-    try:
-        answer = scene.official.call('green_green')
-    finally:
-        os.kill(scene.control.kart_server_pid, signal.SIGCONT)
-    assert not answer.success
+    scene.official.wait_for_race(
+        lambda race: any(alert.kind == msg.Alert.PART_FAILED for alert in race.alerts),
+        'the alert that a part has failed',
+    )
     for kart in scene.karts:
-        kart.wait_for_frames(5)
+        kart.wait_for_end()
+    assert scene.control.wait() == 1
+    wait_until_gone(scene.control.kart_server_pid)
+
+
+def test_race_control_that_hangs_as_a_whole_goes_on_and_starts_nothing_that_waited(
+    scene: Scene,
+) -> None:
+    scene.go_to(GRID_ACTIVE)
+    scene.control.freeze()
+    wake = threading.Timer(3.0, scene.control.thaw)
+    wake.start()
+    answer = scene.official.call('green_green')
+    wake.join()
+    assert not answer.success
+    scene.official.command('all_kill')
+    for kart in scene.karts:
+        kart.wait_for_state(RED_RED)
         assert GREEN_GREEN not in [state for _, state in kart.changes]
 
 

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import concurrent.futures
 import contextlib
 import itertools
+import select
 import socket
 import struct
 import subprocess
@@ -39,10 +40,27 @@ from evgp_rcs.race import Answer, Command, Race, StampedEvent
 END_TIMEOUT = 5.0
 """Maximum time the kart server's process may take to end, in seconds; then it is killed."""
 
+START_TIMEOUT = 20.0
+"""Maximum time the kart server may take to start, in seconds. A disk may be slow; one that hangs
+must not keep officials without an answer."""
+
+SILENCE = 1.5
+"""Time after which a kart server that says nothing counts as hung, in seconds. A copy of the race
+comes every 0.5 s at least."""
+
+LOOKS = 10
+"""Number of looks in which that time passes. If this process was stopped too, it is one look."""
+
 SEND_TIMEOUT = 0.5
 """Maximum time a message may wait for a kart server that reads nothing, in seconds."""
 
 READ_BYTES = 1 << 20
+
+_CHILD = (
+    'import sys; sys.path[:] = sys.argv[2:]; '
+    'from evgp_rcs.kart_process import main; sys.exit(main(sys.argv[1:2]))'
+)
+"""What the kart server's process runs: it finds its modules where this process finds them."""
 
 
 class KartServerClient:
@@ -91,19 +109,27 @@ class KartServerClient:
         self._end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, option)
         with other:
             self._process = subprocess.Popen(
-                [sys.executable, '-m', 'evgp_rcs.kart_process', str(other.fileno())],
+                # Not -m, which would look for modules in the working directory first.
+                [sys.executable, '-c', _CHILD, str(other.fileno()), *map(str, sys.path)],
                 pass_fds=(other.fileno(),),
                 stdin=subprocess.DEVNULL,
                 # What ends the ROS half by its terminal reaches the kart server through it.
                 start_new_session=True,
             )
         self._thread.start()
-        self._send(self._begin)
         try:
-            self.address = self._listening.result()
+            self._send(self._begin)
+            self.address = self._listening.result(START_TIMEOUT)
         except KartServerError:
             self._clear_away()
             raise
+        except concurrent.futures.TimeoutError:
+            self._process.kill()
+            self._clear_away()
+            raise KartServerError(
+                f'the kart server has not started for {START_TIMEOUT:g} s. Does the disk of the '
+                f'record hang ({self._begin.record})?'
+            ) from None
 
     def submit(
         self, command: Command, came: float
@@ -138,20 +164,25 @@ class KartServerClient:
         if not self._stopping:
             self._send(Alive(rival))
 
-    def stop(self, in_order: bool) -> None:
+    def end(self, in_order: bool) -> None:
         """
-        Have every kart sent RED_RED and the process end; return when that is done.
+        Have every kart sent RED_RED and the process end, and return at once.
 
         :param in_order: the next run need not take up a race that was not under way.
         """
-        self._stopping = True
-        if self._thread.ident is None:
+        if self._stopping or self._thread.ident is None:
             return
+        self._stopping = True
         try:
             self._send(End(in_order))
         except KartServerError:
             pass  # it has ended already
-        self._clear_away()
+
+    def stop(self, in_order: bool) -> None:
+        """Do what ``end`` does, and return when the process has ended."""
+        self.end(in_order)
+        if self._thread.ident is not None:
+            self._clear_away()
 
     def _clear_away(self) -> None:
         self._stopping = True
@@ -177,26 +208,44 @@ class KartServerClient:
     # ----- the hearing thread -------------------------------------------------------------
 
     def _run(self) -> None:
-        unpacker = Unpacker()
-        why = 'its process has ended'
-        while True:
-            try:
-                data = self._end.recv(READ_BYTES)
-            except OSError:
-                break
-            if not data:
-                break
-            for message in unpacker.feed(data):
-                if isinstance(message, Failed):
-                    why = message.text
-                else:
-                    self._take(message)
+        try:
+            why = self._hear()
+        except BaseException as error:  # noqa: BLE001 - handed to whoever ends the process
+            why = f'it cannot be heard any more: {error!r}'
         self._ended = why
+        # Whatever became of it: no kart may be left with a race control that nobody hears.
+        with contextlib.suppress(OSError):
+            self._end.shutdown(socket.SHUT_RDWR)
         self._refuse_the_rest()
         if not self._listening.done():
             self._listening.set_exception(KartServerError(f'the kart server failed: {why}'))
         elif not self._stopping:
             self._on_end(why)
+
+    def _hear(self) -> str:
+        """Hand on what comes; return why nothing comes any more."""
+        unpacker = Unpacker()
+        why = 'its process has ended'
+        silent = 0
+        while True:
+            if not select.select([self._end], [], [], SILENCE / LOOKS)[0]:
+                silent += self._listening.done() and not self._stopping
+                if silent < LOOKS:
+                    continue
+                self._process.kill()  # so that the karts lose their connections
+                return f'it said nothing for {SILENCE:g} s and was killed'
+            silent = 0
+            try:
+                data = self._end.recv(READ_BYTES)
+            except OSError:
+                return why
+            if not data:
+                return why
+            for message in unpacker.feed(data):
+                if isinstance(message, Failed):
+                    why = message.text
+                else:
+                    self._take(message)
 
     def _take(self, message: Any) -> None:
         if isinstance(message, Happened):

@@ -54,6 +54,9 @@ NICENESS = -10
 """Where it is allowed (root, or a limit for the user), karts' frames come before other programs'
 work on a busy machine."""
 
+FIRST_SIGN = 10.0
+"""Additional time for the first sign of life of the ROS half, in seconds: it still starts."""
+
 GATHER = 0.002
 """Time for which events are gathered for one message to the ROS half, in seconds. Of a thousand
 karts that acknowledge, each as a message of its own would keep both processes busy."""
@@ -125,8 +128,12 @@ class RosHalf:
             if len(data) < READ_BYTES:
                 return
 
+    def expect(self, allowance: float) -> None:
+        """Expect a sign of life from now on; the first may take so long more (s)."""
+        self._heard_at = clock.now() + allowance
+
     def silent_since(self) -> float | None:
-        """Return when it was heard last (s); None before it was heard for the first time."""
+        """Return when it was heard last (s); None while nothing is expected of it."""
         return self._heard_at
 
     def send(self, message: object) -> None:
@@ -155,6 +162,8 @@ class RosHalf:
 
     def send_the_rest(self, *messages: object, timeout: float) -> None:
         """Send all that waits and the last messages, as long as the other end takes it."""
+        if self._gone:
+            return  # half a message may be out: what follows could not be read
         self._unsent += b''.join(map(pack, (Happened(self._gathered), *messages)))
         with contextlib.suppress(OSError):  # it is gone, or does not take it: the end either way
             self._end.settimeout(timeout)
@@ -199,6 +208,7 @@ class RosHalf:
         assert self._server is not None
         self._gone = why
         self._unsent.clear()
+        self._gathered.clear()
         self._loop.remove_reader(self._end)
         self._loop.remove_writer(self._end)
         self._server.end(RosHalfGoneError(f'the ROS half is gone: {why}'))
@@ -229,9 +239,13 @@ class World:
 
     def make_sure(self, memory: RaceMemory, at: float, done: Callable[[bool], None]) -> None:
         """Have this on the disk, then call ``done`` in the loop."""
-        self._record.make_sure(
-            memory, at, lambda there: self._loop.call_soon_threadsafe(done, there)
-        )
+        self._record.make_sure(memory, at, lambda there: _call(self._loop, done, there))
+
+
+def _call(loop: Any, work: Callable[..., None], *arguments: object) -> None:
+    """Call something in the loop, from another thread; one that has ended needs it no more."""
+    with contextlib.suppress(RuntimeError):
+        loop.call_soon_threadsafe(work, *arguments)
 
 
 def race_of(begin: Begin, now: float) -> Race:
@@ -268,7 +282,7 @@ async def serve(begin: Begin, ros_half: RosHalf, world: World, record: Record) -
     )
 
     def record_failed(error: BaseException) -> None:
-        loop.call_soon_threadsafe(_part_failed, server, error)
+        _call(loop, _part_failed, server, error)
 
     record.start(record_failed)
     world.attach(loop)
@@ -280,7 +294,12 @@ async def serve(begin: Begin, ros_half: RosHalf, world: World, record: Record) -
     # The race and its karts stay: the search for garbage need not go through them every time.
     gc.collect()
     gc.freeze()
-    await server.serve(lambda address: ros_half.send(Listening(address)))
+
+    def listening(address: tuple[str, int]) -> None:
+        ros_half.expect(FIRST_SIGN)
+        ros_half.send(Listening(address))
+
+    await server.serve(listening)
 
 
 def _part_failed(server: KartServer, error: BaseException) -> None:

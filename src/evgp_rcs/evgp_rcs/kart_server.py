@@ -78,6 +78,8 @@ KARTS_BETWEEN_LOOKS = 8
 
 FRAMES = {state: encode(state) for state in RaceState}
 
+_ENDING = Answer(False, 'Race control is stopping; if a kart still moves, use the MSR.')
+
 # Python gives the interpreter's lock away with every call of the system, and gets it back when the
 # record's thread lets go: with a thousand karts, a thousand times for one stop. These two never
 # wait in the kernel, so they keep it.
@@ -464,6 +466,8 @@ class KartServer:
             for link in list(self._links.values()):
                 link.farewell()
             self._refuse_the_rest()
+            # What changed since the last copy must be found by the next run too.
+            self._outside.remember(self._race.memory(), self.now())
         if self._failure is not None:
             raise self._failure
         # One turn of the loop, so that closed transports let go of their sockets.
@@ -525,11 +529,10 @@ class KartServer:
         )
 
     def _refuse_the_rest(self) -> None:
-        answer = Answer(False, 'Race control is stopping; if a kart still moves, use the MSR.')
         starting, self._starting = self._starting, None
         for waiting in (*self._stops, *self._commands, *((starting,) if starting else ())):
             if not waiting.withdrawn:
-                waiting.answered(answer)
+                waiting.answered(_ENDING)
         self._stops.clear()
         self._commands.clear()
 
@@ -573,6 +576,9 @@ class KartServer:
             waiting = (self._stops or self._commands).popleft()
             if waiting.withdrawn:
                 continue
+            if COMMANDS[waiting.command.kind].loosens and self._is_ending():
+                waiting.answered(_ENDING)
+                continue
             if waiting.command.kind in STOPS:
                 self._pause(now + self._settings.pause, 'a stop was given just now')
             if not self._waits_for_the_record(waiting, now):
@@ -592,6 +598,9 @@ class KartServer:
         waiting.answered(outcome.answer)
         self._tell(outcome.events)
 
+    def _is_ending(self) -> bool:
+        return self._closing is not None and self._closing.is_set()
+
     def _is_refused(self, command: Command) -> bool:
         """Return whether the rules refuse a command, whatever the official states or saw."""
         to_one_kart = COMMANDS[command.kind].to_one_kart
@@ -610,8 +619,11 @@ class KartServer:
         if command.kind is not CommandKind.GREEN_GREEN or waiting.came < self._paused_until:
             return False
         if self._starting is not None:
-            answer = Answer(False, 'GREEN_GREEN refused: one waits for the record already.')
-            waiting.answered(answer)
+            reason = 'another GREEN_GREEN is still waiting for the record'
+            outcome = self._race.refuse(command, reason)
+            assert outcome.answer is not None
+            waiting.answered(outcome.answer)
+            self._tell(outcome.events)
             return True
         accepted = self._race.copy().command(command, now).answer
         assert accepted is not None
@@ -633,6 +645,9 @@ class KartServer:
         self._starting = None
         self.take_commands()
         if waiting.withdrawn:
+            return
+        if self._is_ending():
+            waiting.answered(_ENDING)
             return
         now = self.now()
         if not on_disk:

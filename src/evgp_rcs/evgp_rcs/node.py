@@ -28,7 +28,7 @@ from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_rcs.kart_client import KartServerClient
 from evgp_rcs.kart_server import KartServerError
-from evgp_rcs.race import Answer, Command, CommandKind, STOPS
+from evgp_rcs.race import Answer, Command, CommandKind, URGENT
 from evgp_rcs.rival import (
     claim_the_graph,
     LOOK_AGAIN,
@@ -118,12 +118,15 @@ class RcsNode(StrictNode):
 
     def close(self) -> None:
         """Send every kart RED_RED, close their connections, and tell what is left to tell."""
+        if self._failure:
+            # At once: what follows may take its time.
+            self._server.end(in_order=False)
+            self._teller.stop()
+            self._teller.last_words(self._failure)
         self._server.stop(in_order=not self._failure)
         self._teller.stop()
         self._closing.set()
         self._asking.join()
-        if self._failure:
-            self._teller.last_words(self._failure)
 
     def _teller_failed(self, error: BaseException) -> None:
         self._fail(
@@ -261,7 +264,7 @@ class RcsNode(StrictNode):
             try:
                 return answer.result(ANSWER_TIMEOUT)
             except concurrent.futures.TimeoutError:
-                if command.kind not in STOPS:
+                if command.kind not in URGENT:
                     # What is not in force by now does not come into force later, unseen.
                     self._server.withdraw(number)
         except KartServerError as error:
@@ -269,7 +272,7 @@ class RcsNode(StrictNode):
         return Answer(
             False,
             f'{command.kind.value} is not answered after {ANSWER_TIMEOUT:g} s'
-            + ('; use the MSR.' if command.kind in STOPS else '; look at the race.'),
+            + ('; use the MSR.' if command.kind in URGENT else '; look at the race.'),
         )
 
 

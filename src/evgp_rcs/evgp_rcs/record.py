@@ -57,6 +57,7 @@ import os
 import pathlib
 import queue
 import sqlite3
+import stat
 import tempfile
 import threading
 import time
@@ -214,9 +215,9 @@ class Record:
         self._written = 0  # the sequence number of the last event
         self.left_behind: RaceMemory | None = None
         """What the last run left, unless it ended in good order with nothing under way."""
-        said = self._witness.read()
         try:
             self._claim()
+            said = self._witness.read()
             self._witness.write(UNRECORDED)
             self.left_behind = self._open(said)
         except _UNWRITABLE as error:
@@ -383,6 +384,11 @@ class Record:
         if self._claimed is not None:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)
+        if self._path.exists() and not self._path.is_file():
+            raise _NoRecordError(
+                f'{self._path} is no file: move it away, or choose another one with the parameter '
+                'record'
+            )
         claimed = self._path.open('ab')
         until = clock.now() + CLAIM_TIMEOUT
         while True:
@@ -506,23 +512,39 @@ class _Witness:
     def read(self) -> str:
         """Return what it says: `UNRECORDED`, when the run began (ns), or nothing."""
         try:
-            # A full disk leaves an empty one.
-            return self._path.read_text(encoding='ascii') or UNRECORDED
+            with self._opened(os.O_RDONLY) as file:
+                # A full disk leaves an empty one.
+                return file.read(100).decode('ascii') or UNRECORDED
+        except FileNotFoundError:
+            return ''
         except (OSError, UnicodeDecodeError):
-            return UNRECORDED if self._path.exists() else ''
+            return UNRECORDED
 
     def write(self, what: str) -> None:
-        """Have it say this; nothing removes it."""
-        if not what:
-            self.remove()
-            return
+        """Have it say this."""
         try:
-            with self._path.open('w', encoding='ascii') as file:
-                file.write(what)
+            with self._opened(os.O_WRONLY | os.O_CREAT) as file:
+                file.truncate(0)
+                file.write(what.encode('ascii'))
                 file.flush()
                 os.fsync(file.fileno())
         except OSError:
             pass  # the record alone has to prove it
+
+    def _opened(self, flags: int) -> IO[bytes]:
+        """
+        Open it, if it is a file of our own: others may put anything there.
+
+        :raises OSError: if it is anything else, or cannot be opened.
+        """
+        safely = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+        descriptor = os.open(self._path, flags | safely, 0o600)
+        status = os.fstat(descriptor)
+        own = stat.S_ISREG(status.st_mode) and status.st_uid == os.getuid()
+        if not own or status.st_nlink != 1:
+            os.close(descriptor)
+            raise PermissionError(f'{self._path} is not of our making')
+        return os.fdopen(descriptor, 'rb' if flags == os.O_RDONLY else 'wb')
 
     def remove(self) -> None:
         """Have it say nothing: the run has ended in order, and the record says so."""
@@ -540,7 +562,9 @@ def _in_words(error: Exception) -> str:
 
 def _checkpoint(database: sqlite3.Connection) -> None:
     """Have all that was written in the file itself: the ``-wal`` beside it may be deleted."""
-    database.execute('PRAGMA wal_checkpoint(TRUNCATE)').fetchone()
+    busy, _, _ = database.execute('PRAGMA wal_checkpoint(FULL)').fetchone()
+    if busy:
+        raise sqlite3.OperationalError('another program reads it and does not let go')
 
 
 @contextlib.contextmanager

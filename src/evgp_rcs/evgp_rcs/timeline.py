@@ -10,7 +10,14 @@ import pathlib
 import sqlite3
 import sys
 
-from evgp_rcs.record import default_path, events, open_read_only, Session, sessions
+from evgp_rcs.record import (
+    default_path,
+    events,
+    open_read_only,
+    RecordedEvent,
+    Session,
+    sessions,
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -47,7 +54,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
                     f'rcs_record: {wanted.file} has no such run; it has {known}', file=sys.stderr
                 )
                 return 2
-            _print_timeline(database, run, wanted.kart)
+            happened = list(events(database, run.number))
+        # With the record closed: it may be a pager that is slow, and the race must not wait.
+        _print_timeline(run, happened, wanted.kart)
     except (OSError, sqlite3.Error) as error:
         print(f'rcs_record: {wanted.file} cannot be read: {error}', file=sys.stderr)
         return 2
@@ -66,11 +75,11 @@ def _describe(run: Session) -> str:
     return f'{run.number:4}  {began} - {ended}  {run.events} events'
 
 
-def _print_timeline(database: sqlite3.Connection, run: Session, kart: int | None) -> None:
+def _print_timeline(run: Session, happened: Sequence[RecordedEvent], kart: int | None) -> None:
     print(_describe(run))
     first: float | None = None
     expected = 1
-    for event in events(database, run.number):
+    for event in happened:
         if event.sequence != expected:
             print(f'       ... {event.sequence - expected} events are missing ...')
         expected = event.sequence + 1

@@ -39,7 +39,7 @@ from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs.roster import Roster, RosterEntry
 import pytest
 
-PATIENCE = 20.0
+PATIENCE = 30.0
 
 ALL_KILL = Command(CommandKind.ALL_KILL)
 RED_RED = RaceState.RED_RED
@@ -273,6 +273,39 @@ class BrokenHalf(Half):
             os.environ['PYTHONPATH'] = before
 
 
+def test_a_hold_of_the_last_moment_is_found_by_the_next_run(
+    half: Half, connect: Connect, begin: Begin
+) -> None:
+    connect(1)
+    held = Request(1, Command(CommandKind.KART_RED_RED, 2), clock.now())
+    half.end.sendall(pack(held) + pack(End(True)))
+    assert half.process.wait(PATIENCE) == 0
+    with contextlib.closing(Half()) as again:
+        again.say(begin)
+        again.wait_for(Listening)
+        race = again.wait_for(Copy).race
+    assert (race.state, race.karts[2].hold) == (RED_RED, RED_RED)
+
+
+def test_nothing_is_released_once_the_end_has_begun(half: Half, connect: Connect) -> None:
+    client = connect(2)
+    read_until(client, IN_GARAGE)
+    half.say(Request(1, Command(CommandKind.KART_RED_RED, 2), 0.0))
+    read_until(client, RED_RED)
+    release = Command(CommandKind.KART_IN_GARAGE, 2, True, frozenset({2}), RED_RED)
+    half.end.sendall(pack(End(True)) + pack(Request(2, release, clock.now() + 60.0)))
+    assert encode(IN_GARAGE) not in read_to_end(client)
+
+
+def test_a_ros_half_that_never_gave_a_sign_of_life_is_not_waited_for_for_ever(
+    half: Half, connect: Connect
+) -> None:
+    client = connect(1)
+    read_until(client, IN_GARAGE)
+    assert read_to_end(client).endswith(encode(RED_RED))
+    assert half.process.wait(PATIENCE) == 1
+
+
 # ----- the client of it, in the ROS half ---------------------------------------------------
 
 
@@ -310,3 +343,26 @@ def test_a_kart_server_that_hangs_and_takes_nothing_is_given_up_and_no_thread_wa
         client._process.send_signal(signal.SIGCONT)
     finally:
         client.stop(in_order=False)
+
+
+def test_a_hearing_thread_that_fails_ends_race_control(begin: Begin) -> None:
+    ended: queue.SimpleQueue[str] = queue.SimpleQueue()
+
+    def broken(race: object, at: float) -> None:
+        raise ZeroDivisionError('a fault put in by the test')
+
+    client = KartServerClient(begin, lambda events: None, broken, ended.put)
+    client.start()
+    assert 'ZeroDivisionError' in ended.get(timeout=PATIENCE)
+    assert client._process.wait(PATIENCE) == 1  # and every kart was sent RED_RED
+    client.stop(in_order=False)
+
+
+def test_no_module_is_taken_from_the_working_directory(
+    begin: Begin, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'sqlite3.py').write_text("raise ZeroDivisionError('it was taken')")
+    monkeypatch.chdir(tmp_path)
+    client = KartServerClient(begin, lambda e: None, lambda race, at: None, lambda why: None)
+    client.start()
+    client.stop(in_order=True)

@@ -426,6 +426,41 @@ def test_a_run_whose_record_works_again_is_known_to_the_next(small_disk: pathlib
     assert again.left_behind == RACING
 
 
+def witness_of(witnesses: pathlib.Path) -> pathlib.Path:
+    (found,) = witnesses.iterdir()
+    return found
+
+
+@pytest.mark.parametrize('kind', ['a pipe', 'a link', 'a link to nothing', 'a folder'])
+def test_what_somebody_else_put_in_the_place_of_the_witness_is_doubt_and_stays_untouched(
+    begin: Begin, path: pathlib.Path, witnesses: pathlib.Path, kind: str
+) -> None:
+    crash(begin())
+    witness = witness_of(witnesses)
+    witness.unlink()
+    path.unlink()
+    precious = witnesses / 'precious'
+    precious.write_text('untouched')
+    if kind == 'a pipe':
+        os.mkfifo(witness)
+    elif kind == 'a folder':
+        witness.mkdir()
+    else:
+        witness.symlink_to(precious if kind == 'a link' else witnesses / 'nothing')
+    left_behind = begin().left_behind
+    assert left_behind is not None
+    assert not left_behind.known
+    assert precious.read_text() == 'untouched'
+    assert not (witnesses / 'nothing').exists()
+
+
+def test_a_record_that_is_a_pipe_keeps_nobody_waiting(begin: Begin, path: pathlib.Path) -> None:
+    path.parent.mkdir()
+    os.mkfifo(path)
+    record = begin()
+    assert 'is no file' in record.trouble()
+
+
 # ----- the timeline ------------------------------------------------------------------------
 
 
