@@ -165,6 +165,7 @@ def test_a_stranger_on_the_network_finds_nothing_of_race_control_and_changes_not
         lambda race: state_of(race.karts[0].sent) is RaceState.RED_FLAG, 'the flag'
     )
     assert after.state == before.state
+    official.wait_for_event(lambda event: event.command, 'the only command')
     assert [event.command for event in official.events if event.command] == [
         msg.CommandAvailability.KART_RED_FLAG
     ]

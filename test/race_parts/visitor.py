@@ -134,8 +134,6 @@ def look_around(seconds: float) -> Findings:
             )
             if any(of_others(end.node_name) for end in ends):
                 topics.add(topic)
-        if after is None and (nodes or services or topics):
-            after = time.monotonic() - began
         stop.publish(Bool(data=True))
         race.publish(msg.Race())
         for name, (client, request) in clients.items():
@@ -144,7 +142,14 @@ def look_around(seconds: float) -> Findings:
                 client.call_async(request).add_done_callback(
                     lambda _, name=name: answered.add(name)
                 )
-        if answered and answered == asked and heard:
+        if after is None and (nodes or services or topics or answered or heard):
+            after = time.monotonic() - began
+        # Services are found one by one: these two are looked for by name.
+        if (
+            answered & {'/rcs/all_kill', '/kart_bridge/acknowledge'}
+            and answered == asked
+            and heard
+        ):
             break
     return Findings(
         sorted(nodes), sorted(services), sorted(topics), sorted(answered), sorted(heard), after
