@@ -54,7 +54,7 @@ NICENESS = -10
 """Where it is allowed (root, or a limit for the user), karts' frames come before other programs'
 work on a busy machine."""
 
-FIRST_SIGN = 10.0
+FIRST_SIGN = 2.0
 """Additional time for the first sign of life of the ROS half, in seconds: it still starts."""
 
 GATHER = 0.002

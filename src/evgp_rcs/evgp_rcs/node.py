@@ -147,11 +147,13 @@ class RcsNode(StrictNode):
 
     def _ask(self) -> None:
         looked_at = -LOOK_AGAIN
-        while not self._closing.wait(ALIVE_EVERY):
+        while True:
+            self._ask_whether_alive.trigger()
+            if self._closing.wait(ALIVE_EVERY):
+                return
             if clock.now() - looked_at >= LOOK_AGAIN:
                 looked_at = clock.now()
                 self._rival = look_for_rivals(self)
-            self._ask_whether_alive.trigger()
 
     def _say_alive(self) -> None:
         """Tell the kart server that stops can be taken; called in the executor that takes them."""
