@@ -363,7 +363,8 @@ class Record:
                 self._confirm.append(given.done)
             if given.at >= self._remembered_at:
                 self._remembered_at = given.at
-                if given.memory != self._remembered or given.done is not None:
+                newest = self._remembered if self._memory is None else self._memory.memory
+                if given.memory != newest or given.done is not None:
                     self._memory = given
         elif isinstance(given, _Flush):
             self._confirm.append(given.done)

@@ -24,7 +24,7 @@ from evgp_rcs.race import (
     StampedEvent,
 )
 import evgp_rcs.record
-from evgp_rcs.record import events, open_read_only, Record, RecordError, sessions
+from evgp_rcs.record import _Remember, events, open_read_only, Record, RecordError, sessions
 from evgp_rcs.timeline import main as print_timeline
 import pytest
 
@@ -138,6 +138,19 @@ def test_an_older_race_does_not_take_the_place_of_a_newer_one(begin: Begin) -> N
     record.remember(RACING, 2.0)
     record.remember(HOME, 1.0)
     assert record.flush(PATIENCE)
+    crash(record)
+    assert begin().left_behind == RACING
+
+
+def test_what_was_last_is_left_behind_although_it_was_so_before_what_came_between(
+    path: pathlib.Path, begin: Begin
+) -> None:
+    record = Record(path)
+    record.remember(RACING, 0.0)
+    record.start(lambda error: pytest.fail(f'the writer failed: {error!r}'))
+    assert record.flush(PATIENCE)
+    record._take(_Remember(HOME, 1.0))  # both before the writer comes to write
+    record._take(_Remember(RACING, 2.0))
     crash(record)
     assert begin().left_behind == RACING
 
