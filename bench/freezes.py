@@ -62,22 +62,28 @@ def worst(values: list[float]) -> str:
     return f'{statistics.median(values) * 1e3:.1f} / {max(values) * 1e3:.1f}'
 
 
+def race(
+    stack: contextlib.ExitStack, folder: pathlib.Path
+) -> tuple[int, RaceControl, Official, list[PunctualKart]]:
+    """Have race control on a domain, an official, and every kart connected."""
+    domain = stack.enter_context(Domain()).number
+    control = stack.enter_context(RaceControl(folder, domain, KARTS, parameters={'pause': 0.5}))
+    official = stack.enter_context(contextlib.closing(Official(domain)))
+    karts = [
+        stack.enter_context(
+            PunctualKart(address_of(number), control.port, Acknowledges.EACH_CHANGE)
+        )
+        for number in KARTS
+    ]
+    official.wait_for_connected(*KARTS)
+    return domain, control, official, karts
+
+
 def freeze_others(folder: pathlib.Path, times: int, what: str) -> None:
     """Freeze a program that race control's ROS half talks to."""
     gaps, stops = [], []
     with contextlib.ExitStack() as stack:
-        domain = stack.enter_context(Domain()).number
-        control = stack.enter_context(
-            RaceControl(folder, domain, KARTS, parameters={'pause': 0.5})
-        )
-        official = stack.enter_context(contextlib.closing(Official(domain)))
-        karts = [
-            stack.enter_context(
-                PunctualKart(address_of(number), control.port, Acknowledges.EACH_CHANGE)
-            )
-            for number in KARTS
-        ]
-        official.wait_for_connected(*KARTS)
+        domain, _, official, karts = race(stack, folder)
         official.command('all_kill')
         if what == 'watch':
             victim = Process('evgp_rcs_console', 'rcs_ctl', domain)
@@ -119,16 +125,7 @@ def freeze_ros_half(folder: pathlib.Path, times: int) -> None:
     """Freeze the ROS half, for less than its limit: no kart may notice."""
     gaps = []
     with contextlib.ExitStack() as stack:
-        domain = stack.enter_context(Domain()).number
-        control = stack.enter_context(RaceControl(folder, domain, KARTS))
-        official = stack.enter_context(contextlib.closing(Official(domain)))
-        karts = [
-            stack.enter_context(
-                PunctualKart(address_of(number), control.port, Acknowledges.EACH_CHANGE)
-            )
-            for number in KARTS
-        ]
-        official.wait_for_connected(*KARTS)
+        _, control, _, karts = race(stack, folder)
         for _ in range(times):
             since = time.monotonic()
             time.sleep(random.uniform(0.0, 0.05))  # noqa: S311 - no secret
@@ -152,16 +149,7 @@ def freeze_ros_half_for_good(folder: pathlib.Path, times: int) -> None:
         with contextlib.ExitStack() as stack:
             own = folder / f'run{number}'
             own.mkdir()
-            domain = stack.enter_context(Domain()).number
-            control = stack.enter_context(RaceControl(own, domain, KARTS))
-            official = stack.enter_context(contextlib.closing(Official(domain)))
-            karts = [
-                stack.enter_context(
-                    PunctualKart(address_of(number), control.port, Acknowledges.EACH_CHANGE)
-                )
-                for number in KARTS
-            ]
-            official.wait_for_connected(*KARTS)
+            _, control, _, karts = race(stack, own)
             since = time.monotonic()
             control.signal(signal.SIGSTOP)
             for kart in karts:
