@@ -221,7 +221,7 @@ def watch(domain: int) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [
             str(pathlib.Path(get_package_prefix(package), 'lib', package, 'rcs_ctl')),
-            *('watch', '--once', '--wait', '12'),
+            *('watch', '--once', '--wait', '40'),  # a busy machine takes its time to discover
         ],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
