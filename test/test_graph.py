@@ -206,7 +206,7 @@ def test_no_stranger_on_the_network_plays_race_control_to_the_consoles(
     with networks.own.inside():
         console = Console(tmp_path, domain, screen)
         parts.callback(console.close)
-        terminal = watch(domain)
+        terminal = watch(domain, seconds=12)
 
     found = break_in(networks, domain, (KARTS, OFFICIALS))
 
@@ -215,13 +215,13 @@ def test_no_stranger_on_the_network_plays_race_control_to_the_consoles(
     assert terminal.returncode == 3, printed
 
 
-def watch(domain: int) -> subprocess.Popen[str]:
+def watch(domain: int, seconds: int) -> subprocess.Popen[str]:
     """Start `rcs_ctl watch --once`: it ends once it has heard race control, or what says so."""
     package = 'evgp_rcs_console'
     return subprocess.Popen(
         [
             str(pathlib.Path(get_package_prefix(package), 'lib', package, 'rcs_ctl')),
-            *('watch', '--once', '--wait', '40'),  # a busy machine takes its time to discover
+            *('watch', '--once', '--wait', str(seconds)),
         ],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
@@ -249,7 +249,7 @@ def test_an_official_on_the_officials_network_gets_in_and_a_stranger_on_the_kart
     assert not {way: each for way, each in found.items() if each.got_in}
     with networks.official.inside():
         monkeypatch.setenv(graph.INTERFACE, OFFICIAL)
-        console = watch(control.domain)
+        console = watch(control.domain, seconds=40)  # a busy machine takes its time
         printed, _ = console.communicate(timeout=60)
     assert (console.returncode, 'Team 1' in printed) == (0, True)
 
