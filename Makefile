@@ -2,6 +2,8 @@
 #
 #   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
 #   ARGS='...'          passed on to what demo, fuzz, soak and test run
+#   WORKERS=4           tests that run at the same time; most of them wait for most of their time
+WORKERS := 4
 
 IN_WORKSPACE := setup/in-workspace
 
@@ -40,7 +42,7 @@ demo:
 	$(IN_WORKSPACE) python demo/run.py $(ARGS)
 
 test:
-	$(IN_WORKSPACE) --console python -m pytest $(ARGS)
+	$(IN_WORKSPACE) --console python -m pytest -n $(WORKERS) --dist worksteal $(ARGS)
 
 soak:
 	$(IN_WORKSPACE) python soak/run.py $(ARGS)
