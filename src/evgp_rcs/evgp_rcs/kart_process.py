@@ -227,6 +227,7 @@ class World:
         self.show = ros_half.show
         self.remember = record.remember
         self.trouble = record.trouble
+        self.note_unrecorded_start = record.note_unrecorded_start
 
     def attach(self, loop: Any) -> None:
         """Call back in this loop."""

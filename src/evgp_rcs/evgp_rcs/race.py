@@ -380,11 +380,13 @@ class RaceMemory:
     :param karts: each kart of the roster, by its number.
     :param known: this is what there was; false if nothing is known, because what was kept of it
         is damaged or missing.
+    :param every_start: no kart has been sent GREEN_GREEN since; false if one may have been.
     """
 
     state: RaceState
     karts: Mapping[int, KartMemory]
     known: bool = True
+    every_start: bool = True
 
     @property
     def home(self) -> bool:
@@ -475,12 +477,12 @@ class Race:
 
         What happened last may not have been remembered, a stop least of all, since a stop waits
         for no memory. So it comes back as after ALL_KILL: the race in RED_RED and every kart
-        held. What was doubtful still is. A kart of a race under way counts as lost in motion, as
-        it may have been told to go on without a record; one of a race in IN_GARAGE may have been
-        sent to the grid. If nothing is known, every kart may be moving. And the track stays closed
-        until an official states in IN_GARAGE that it is safe, or that the MSR was used.
+        held. What was doubtful still is. A kart of the race may have been sent to the grid since.
+        Where a start may be missing from what was remembered, a kart of a race under way counts
+        as lost in motion; if nothing is known, every kart does. And the track stays closed until
+        an official states in IN_GARAGE that it is safe, or that the MSR was used.
         """
-        under_way = memory.state is not IN_GARAGE
+        unsure = memory.state is not IN_GARAGE and not memory.every_start
         gone: list[Kart] = []
         for number, known in memory.karts.items():
             kart = self.karts.get(number)
@@ -493,7 +495,7 @@ class Race:
                 kart.in_race = known.in_race
                 kart.place = known.place
             kart.on_grid = known.on_grid or known.in_race
-            kart.may_be_moving = known.may_be_moving or (under_way and known.in_race)
+            kart.may_be_moving = known.may_be_moving or (unsure and known.in_race)
             kart.held_alone = known.held and known.held_alone
         for kart in self.karts.values():
             kart.may_be_moving = kart.may_be_moving or not memory.known

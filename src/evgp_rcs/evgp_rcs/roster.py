@@ -115,7 +115,7 @@ def _too_large(source: str) -> RosterError:
     )
 
 
-class _Fault(Exception):
+class _FaultError(Exception):
     """A fault at a line, 0 for the whole file; raised where reading cannot go on behind it."""
 
     def __init__(self, line: int, reason: str) -> None:
@@ -129,7 +129,7 @@ class _Parser:
 
     def __init__(self, source: str) -> None:
         self._source = source
-        self._faults: list[_Fault] = []
+        self._faults: list[_FaultError] = []
         self._lines_of_numbers: dict[int, int] = {}
         self._every_number_known = True
 
@@ -138,7 +138,7 @@ class _Parser:
             raise _too_large(self._source)
         try:
             roster = self._read(text)
-        except _Fault as fault:
+        except _FaultError as fault:
             self._faults.append(fault)
         if not self._faults:
             return roster
@@ -148,13 +148,13 @@ class _Parser:
             lines.append(f'{self._source}: {len(self._faults) - MOST_FAULTS} more faults')
         raise RosterError('\n'.join(lines))
 
-    def _in_words(self, fault: _Fault) -> str:
+    def _in_words(self, fault: _FaultError) -> str:
         return f'{self._source}{f":{fault.line}" if fault.line else ""}: {fault.reason}'
 
     def _read(self, text: str) -> Roster:
         root = self._compose(text)
         if root is None:
-            raise _Fault(0, "is empty; list the karts under 'karts:'")
+            raise _FaultError(0, "is empty; list the karts under 'karts:'")
         fields = self._fields(root, ('karts',), 'the roster', optional=('heats',))
         entries: list[RosterEntry] = []
         karts = fields.get('karts')
@@ -393,7 +393,7 @@ class _Parser:
             return None
         try:
             return read(node, *context)
-        except _Fault as fault:
+        except _FaultError as fault:
             self._faults.append(fault)
             return None
 
@@ -409,12 +409,12 @@ def _is_address(text: str) -> bool:
     return True
 
 
-def _fault(where: yaml.Node | yaml.Event, reason: str) -> _Fault:
-    return _Fault(_line(where), reason)
+def _fault(where: yaml.Node | yaml.Event, reason: str) -> _FaultError:
+    return _FaultError(_line(where), reason)
 
 
-def _not_yaml(line: int, reason: object) -> _Fault:
-    return _Fault(line, f'is not YAML ({reason}); compare it with the roster that is shipped')
+def _not_yaml(line: int, reason: object) -> _FaultError:
+    return _FaultError(line, f'is not YAML ({reason}); compare it with the roster that is shipped')
 
 
 def _line(where: yaml.Node | yaml.Event) -> int:

@@ -854,8 +854,15 @@ def _check_alarms(what: str, before: set[tuple[str, int]], after: set[tuple[str,
             raise RuleBrokenError('alarm-cleared', f'{what}: {before} became {after}')
 
 
-def check_recovery(rules: ModuleType, race: Any, view: View, now: float, known: bool) -> None:
-    """Crash here, edit the last kart out of the roster, start again, and look what is known."""
+def check_recovery(
+    rules: ModuleType, race: Any, view: View, now: float, known: bool, every_start: bool
+) -> None:
+    """
+    Crash here, edit the last kart out of the roster, start again, and look what is known.
+
+    :param known: the memory is not lost.
+    :param every_start: no kart was sent GREEN_GREEN since it was written.
+    """
     roster = [kart.number for kart in view.karts][:-1]
     karts = [rules.Kart(number, in_race=True) for number in (*roster, 99)]
     again = rules.Race(karts, race.times, now, race.heats)
@@ -863,7 +870,9 @@ def check_recovery(rules: ModuleType, race: Any, view: View, now: float, known: 
     home = view.state is IN_GARAGE and not any(kart.hold or _in_doubt(kart) for kart in view.karts)
     if memory.home != home:
         raise RuleBrokenError('restart', f'home is {memory.home} in {view}')
-    outcome = again.recover(dataclasses.replace(memory, known=known), now)
+    outcome = again.recover(
+        dataclasses.replace(memory, known=known, every_start=every_start), now
+    )
     after = look(again)
     detail = f'{view} became {after} with {outcome.events}'
     blank = (RED_RED, False, False, False)
@@ -874,9 +883,10 @@ def check_recovery(rules: ModuleType, race: Any, view: View, now: float, known: 
         raise RuleBrokenError('restart', detail)
     found = {kart.number: kart for kart in after.karts}
     of_race = {kart.number for kart in after.karts if kart.in_race or kart.place}
-    if set(after.starters) not in (of_race, set()) or (view.starters and not after.starters):
-        if any(kart.place for kart in after.karts) or view.state in (GREEN_GREEN, RED_FLAG):
-            raise RuleBrokenError('restart', detail)
+    placed = any(kart.place for kart in after.karts)
+    due = view.state in (GREEN_GREEN, RED_FLAG) or (view.state is RED_RED and placed)
+    if set(after.starters) != (of_race if due else set()):
+        raise RuleBrokenError('restart', detail)
     for kart in after.karts:
         if kart.hold is not RED_RED or kart.sent is not RED_RED or not (known or kart.moving):
             raise RuleBrokenError('restart', detail)
@@ -889,7 +899,8 @@ def check_recovery(rules: ModuleType, race: Any, view: View, now: float, known: 
         kart = found.get(old.number)
         if kart is None or (gone and not any(e.kart == old.number for e in outcome.events)):
             raise RuleBrokenError('restart', detail)
-        in_motion = old.moving or (old.in_race and view.state is not IN_GARAGE) or not known
+        started = old.in_race and view.state is not IN_GARAGE and not every_start
+        in_motion = old.moving or started or not known
         expected = old._replace(
             in_race=old.in_race and not gone,
             connected=False,
@@ -1300,7 +1311,8 @@ class Search:
         view = look(race)
         report.by_state[view.state.value] += 1
         check_state(race, view, facts, now)
-        check_recovery(self.rules, race, view, now, bool(report.states % 4))
+        known, every_start = bool(report.states % 4), bool(report.states % 2)
+        check_recovery(self.rules, race, view, now, known, every_start)
         for_green = race.memory_after_green()
         for given, after_time in self._inputs(view, facts, now):
             outcome = give(self.rules, race, given, after_time)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import dataclasses
 import pickle
 
 from evgp_protocol.states import RaceState
@@ -1727,6 +1728,35 @@ def test_a_kart_of_the_race_may_have_been_on_the_grid_when_race_control_crashed(
     assert set(officials.alerts()) == {AlertKind.KART_LOST}
     assert 'kart 1 was lost on the grid' in officials.is_refused('OPEN_TRACK')
     assert 'waiting for kart 1: not connected' in officials.is_refused('IN_GARAGE')
+
+
+@pytest.mark.parametrize('every_start', [True, False])
+def test_karts_on_the_grid_are_lost_in_motion_only_if_their_start_may_be_missing(
+    officials: Officials, every_start: bool
+) -> None:
+    memory = officials.to_ready().race.memory()
+    officials = restarted(dataclasses.replace(memory, every_start=every_start), *TEAMS)
+    assert officials.all_sent() == [RED_RED, RED_RED, RED_RED]
+    assert [kart.on_grid for kart in officials.race.karts.values()] == [True, True, False]
+    moving = [kart.may_be_moving for kart in officials.race.karts.values()]
+    if every_start:
+        assert moving == [False, False, False]
+        assert set(officials.alerts()) == {AlertKind.KART_LOST}
+        assert 'kart 1 (' not in officials.alerts()[AlertKind.KART_LOST]
+    else:
+        assert moving == [True, True, False]
+        assert set(officials.alerts()) == {AlertKind.LOST_IN_MOTION}
+    assert not officials.race.track_access().allowed
+    # And a second restart forgets none of it.
+    again = restarted(officials.race.memory(), *TEAMS)
+    assert [kart.may_be_moving for kart in again.race.karts.values()] == moving
+
+
+def test_karts_that_race_are_lost_in_motion_whatever_the_record_has_of_their_start(
+    officials: Officials,
+) -> None:
+    officials = restarted(officials.to_green().race.memory(), *TEAMS)
+    assert [kart.may_be_moving for kart in officials.race.karts.values()] == [True, True, False]
 
 
 def test_what_was_doubtful_of_a_kart_outside_the_race_still_is_after_a_restart(

@@ -566,8 +566,18 @@ FAULTS = {
         ('restart',),
     ),
     'a restart forgets a stop that was left unanswered': Fault(
-        'kart.may_be_moving = known.may_be_moving or (under_way and known.in_race)',
-        'kart.may_be_moving = under_way and known.in_race',
+        'kart.may_be_moving = known.may_be_moving or (unsure and known.in_race)',
+        'kart.may_be_moving = unsure and known.in_race',
+        ('restart',),
+    ),
+    'a restart takes it that nobody was started without a record': Fault(
+        'kart.may_be_moving = known.may_be_moving or (unsure and known.in_race)',
+        'kart.may_be_moving = known.may_be_moving',
+        ('restart',),
+    ),
+    'a restart takes every kart of a race under way as moving': Fault(
+        'unsure = memory.state is not IN_GARAGE and not memory.every_start',
+        'unsure = memory.state is not IN_GARAGE',
         ('restart',),
     ),
     'a restart forgets who was on the grid': Fault(

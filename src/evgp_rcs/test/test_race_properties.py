@@ -221,15 +221,15 @@ class Races(RuleBasedStateMachine):
 
     # ----- race control itself ------------------------------------------------------------
 
-    @rule(known=st.sampled_from((True, True, False)))
-    def race_control_is_restarted(self, known: bool) -> None:
+    @rule(known=st.sampled_from((True, True, False)), every_start=st.booleans())
+    def race_control_is_restarted(self, known: bool, every_start: bool) -> None:
         """Nothing moves after it, every kart is held, and all that follows is as ever."""
         left = self.race
         before = oracle.look(left)
-        oracle.check_recovery(rules, left, before, self.now, known)
+        oracle.check_recovery(rules, left, before, self.now, known, every_start)
         karts = [rules.Kart(number, in_race=number == 1) for number in left.karts]
         self.race = rules.Race(karts, left.times, self.now, left.heats)
-        memory = dataclasses.replace(left.memory(), known=known)
+        memory = dataclasses.replace(left.memory(), known=known, every_start=every_start)
         outcome = self.race.recover(memory, self.now)
         assert not outcome.orders
         view = oracle.look(self.race)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
+import dataclasses
 import os
 import pathlib
 import queue
@@ -40,6 +41,15 @@ def witnesses(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> pathli
     folder.mkdir()
     monkeypatch.setattr(evgp_rcs.record, 'WITNESSES', folder)
     monkeypatch.setattr(evgp_rcs.record, 'TEMPORARY', folder / 'elsewhere')
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def vouchers(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> pathlib.Path:
+    """Return a folder of this test's own in which runs vouch for their starts."""
+    folder = tmp_path / 'vouchers'
+    folder.mkdir()
+    monkeypatch.setattr(evgp_rcs.record, 'VOUCHERS', folder)
     return folder
 
 
@@ -465,6 +475,133 @@ def test_what_somebody_else_put_in_the_place_of_the_witness_is_doubt_and_stays_u
     assert not left_behind.known
     assert precious.read_text() == 'untouched'
     assert not (witnesses / 'nothing').exists()
+
+
+# ----- whether anybody was started without a record ----------------------------------------
+
+GRID = RaceMemory(RaceState.GRID_ACTIVE, {7: KartMemory(True, False, 0, False, True, False)})
+UNSURE = dataclasses.replace(GRID, every_start=False)
+
+
+def crash_on_the_grid(record: Record) -> None:
+    record.remember(GRID, 0.0)
+    crash(record)
+
+
+def test_after_a_crash_on_the_grid_it_is_known_that_nobody_was_started(begin: Begin) -> None:
+    crash_on_the_grid(begin())
+    assert begin().left_behind == GRID
+
+
+def test_a_start_without_a_record_may_be_missing_from_what_is_left_behind(begin: Begin) -> None:
+    record = begin()
+    assert record.note_unrecorded_start()
+    crash_on_the_grid(record)
+    again = begin()
+    assert again.left_behind == UNSURE
+    # The next run has all that this one took up, and its own starts.
+    crash_on_the_grid(again)
+    assert begin().left_behind == GRID
+
+
+def test_a_start_is_noted_although_the_disk_takes_nothing(small_disk: pathlib.Path) -> None:
+    path = small_disk / 'record.sqlite3'
+    record = started(path)
+    record.remember(GRID, 0.0)
+    assert record.flush(PATIENCE)
+    ballast = small_disk / 'ballast'
+    with pytest.raises(OSError, match='No space left'):
+        ballast.write_bytes(bytes(1 << 20))
+    assert record.note_unrecorded_start()
+    record.end(PATIENCE, in_order=False)
+    ballast.unlink()
+    again = started(path)
+    again.end(PATIENCE)
+    assert again.left_behind == UNSURE
+
+
+@pytest.mark.parametrize('harm', ['the machine was restarted', 'of an earlier run', 'emptied'])
+def test_without_its_own_voucher_a_run_may_have_started_karts(
+    begin: Begin, vouchers: pathlib.Path, harm: str
+) -> None:
+    crash_on_the_grid(begin())
+    (voucher,) = vouchers.iterdir()
+    earlier = voucher.read_bytes()
+    crash_on_the_grid(begin())
+    if harm == 'the machine was restarted':
+        voucher.unlink()
+    else:
+        voucher.write_bytes(earlier if harm == 'of an earlier run' else b'')
+    assert begin().left_behind == UNSURE
+
+
+def test_a_run_that_cannot_vouch_may_have_started_karts(
+    begin: Begin, vouchers: pathlib.Path
+) -> None:
+    vouchers.rmdir()
+    record = begin()
+    assert record.note_unrecorded_start()
+    crash_on_the_grid(record)
+    assert begin().left_behind == UNSURE
+
+
+@pytest.mark.parametrize('kind', ['a pipe', 'a link', 'a folder'])
+def test_what_somebody_else_put_in_the_place_of_the_voucher_is_doubt_and_stays_untouched(
+    begin: Begin, vouchers: pathlib.Path, kind: str
+) -> None:
+    crash_on_the_grid(begin())
+    (voucher,) = vouchers.iterdir()
+    precious = vouchers / 'precious'
+    precious.write_text(voucher.read_text())
+    voucher.unlink()
+    if kind == 'a pipe':
+        os.mkfifo(voucher)
+    elif kind == 'a folder':
+        voucher.mkdir()
+    else:
+        voucher.symlink_to(precious)
+    before = precious.read_text()
+    record = begin()
+    assert record.left_behind == UNSURE
+    assert record.note_unrecorded_start() is (kind != 'a folder')
+    assert precious.read_text() == before
+
+
+def test_a_run_that_began_to_write_late_may_have_started_karts(
+    begin: Begin, path: pathlib.Path
+) -> None:
+    path.mkdir(parents=True)  # nobody can write it, and root neither
+    record = begin()
+    assert record.trouble()
+    path.rmdir()
+    crash_on_the_grid(record)
+    assert begin().left_behind == UNSURE
+
+
+def test_a_start_that_a_record_of_the_garage_does_not_have_means_that_nothing_is_known(
+    begin: Begin, witnesses: pathlib.Path
+) -> None:
+    record = begin()
+    record.remember(HOME, 0.0)
+    assert record.flush(PATIENCE)
+    assert record.note_unrecorded_start()
+    record.end(PATIENCE, in_order=False)  # and the witness could not be changed any more
+    left_behind = begin().left_behind
+    assert left_behind is not None
+    assert not left_behind.known
+
+
+@pytest.mark.parametrize('without_record', [True, False])
+def test_a_run_that_ended_in_order_has_told_every_start(
+    begin: Begin, vouchers: pathlib.Path, without_record: bool
+) -> None:
+    record = begin()
+    if without_record:
+        assert record.note_unrecorded_start()
+    record.remember(GRID, 0.0)
+    record.end(PATIENCE)
+    assert not list(vouchers.iterdir())
+    assert begin().left_behind == GRID
 
 
 def test_a_record_that_is_a_pipe_keeps_nobody_waiting(begin: Begin, path: pathlib.Path) -> None:
