@@ -139,7 +139,8 @@ class Official(RosSide):
         answer = self.call(service, **request)
         until = time.monotonic() + self.patience
         while (
-            'a stop was given just now' in answer.message or 'as you saw' in answer.message
+            'a stop was sent just now' in answer.message
+            or 'changed since you looked' in answer.message
         ) and time.monotonic() < until:
             time.sleep(0.05)  # the pause after a stop passes, or a newer race comes
             answer = self.call(service, **request)

@@ -129,7 +129,7 @@ class RosHalf:
                 return
 
     def expect(self, allowance: float) -> None:
-        """Expect a sign of life from now on; the first may take so long more (s)."""
+        """Expect a sign of life from now on; the first one may take this much longer (s)."""
         self._heard_at = clock.now() + allowance
 
     def silent_since(self) -> float | None:

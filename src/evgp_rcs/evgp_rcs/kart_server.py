@@ -583,7 +583,7 @@ class KartServer:
                 waiting.answered(_ENDING)
                 continue
             if waiting.command.kind in STOPS:
-                self._pause(now + self._settings.pause, 'a stop was given just now')
+                self._pause(now + self._settings.pause, 'a stop was sent just now')
             if not self._waits_for_the_record(waiting, now):
                 self._judge(waiting, now)
 

@@ -298,7 +298,7 @@ class Kart:
     :param acknowledged: it stands by its acknowledgement of the present order.
     :param reported: what it said last on this connection, asked or unasked.
     :param may_be_moving: it was sent GREEN_GREEN, or a red, or was seen to move (it said
-        GREEN_GREEN unasked or took the acknowledgement of a red back), and has since neither
+        GREEN_GREEN unasked or withdrew the acknowledgement of a red), and has since neither
         acknowledged the red it is sent nor been made safe by hand.
     :param lost_since: since when it is missing, if it dropped out of a race under way or while it
         may have been moving; in the latter case until it has acknowledged a red.
@@ -307,7 +307,7 @@ class Kart:
     :param on_grid: it was sent GRID_ACTIVE, and has since neither acknowledged a red, nor been
         made safe by hand, nor been sent IN_GARAGE on the connection it has.
     :param held_alone: an official held this kart alone; until its release.
-    :param withdrawn: it took an acknowledgement of the present order back.
+    :param withdrawn: it withdrew an acknowledgement of the present order.
     """
 
     number: int
@@ -612,8 +612,8 @@ class Race:
         """
         Take what a kart says: an acknowledgement if it is one, else a report (§3.A, §4.C).
 
-        A kart that says another state than the one it acknowledged takes its word back, however
-        old the other one is: perhaps the acknowledgement was just as old.
+        A kart that says another state than the one it acknowledged withdraws its acknowledgement,
+        however old the other state is: perhaps the acknowledgement was just as old.
 
         :param serial: the kart's order that had been sent when the frame began to arrive.
         :raises KeyError: if the roster has no such kart.
@@ -976,10 +976,10 @@ class Race:
         held = [each for each in racing if each.hold is not None]
         if held:
             reasons = [f'{each}: {each.hold_reason}' for each in held]
-            return f'held and to be released first: {_cut(reasons)}'
+            return f'held; release first: {_cut(reasons)}'
         moving = [each for each in racing if each.may_be_moving]
         if moving:
-            return f'may be moving, to be stopped first with RED_RED: {_listed(moving)}'
+            return f'may be moving; stop first with RED_RED: {_listed(moving)}'
         return ''
 
     def _no_green_green(self, kart: Kart | None) -> str:
@@ -987,7 +987,7 @@ class Race:
             return f'the race is in {self.state.value}; GREEN_GREEN follows GRID_ACTIVE'
         if not self.grid_was_last:
             return (
-                'another command was given after GRID_ACTIVE; '
+                'another command was sent after GRID_ACTIVE; '
                 'bring the race to IN_GARAGE and send GRID_ACTIVE again'
             )
         racing = list(self.racing())
@@ -1124,16 +1124,18 @@ class Race:
                 'not held' if hold is None else f'held in {hold.value}'
                 for hold in (kart.hold, command.hold)
             )
-            return f'{kart} is {held}, you saw it {seen}: it is not as you saw it; look again'
+            return (
+                f'{kart} has changed since you looked: it is {held}, you saw it {seen}; look again'
+            )
         concerned = {each.number for each in rule.karts(self, None)}
         if concerned == command.karts:
             return ''
-        phrases = [f'it is for {_numbers(concerned)}, you named {_numbers(command.karts)}']
+        phrases = [f'it is now for {_numbers(concerned)}, you named {_numbers(command.karts)}']
         if concerned - command.karts:
             phrases.append(f'you did not name {_numbers(concerned - command.karts)}')
         if command.karts - concerned:
             phrases.append(f'it is not for {_numbers(command.karts - concerned)}')
-        return f'{"; ".join(phrases)}: the race is not as you saw it; look again'
+        return f'the race has changed since you looked: {"; ".join(phrases)}; look again'
 
     # ----- what the official must state ---------------------------------------------------
 
@@ -1195,6 +1197,8 @@ class Race:
                 'race control was restarted and may not know what it sent last: look at every '
                 'kart, then send IN_GARAGE, or use the MSR and record it'
             )
+        if not any(kart.connected for kart in self.karts.values()):
+            return True, 'no kart is connected: race control knows nothing of the karts'
         return True, 'every connected kart is in IN_GARAGE or has acknowledged its stop'
 
     def _silence(self, kart: Kart) -> str:
@@ -1202,7 +1206,7 @@ class Race:
         if not kart.connected:
             return 'not connected'
         if kart.withdrawn:
-            return f'took its {kart.sent.value} back'
+            return f'withdrew its {kart.sent.value}'
         return f'no {kart.sent.value} yet'
 
     def _waited_for(self) -> list[Kart]:
@@ -1230,7 +1234,7 @@ class Race:
         self._told_all_acknowledged = acknowledged
         if news:
             who = 'connected kart' if self.msr_used else 'kart'
-            following, text = _NEXT[self.state]
+            following, text = self._next()
             obstacle = self._refusal(COMMANDS[following], None) if following else ''
             self._events.append(
                 Event(
@@ -1239,6 +1243,17 @@ class Race:
                     state=self.state,
                 )
             )
+
+    def _next(self) -> tuple[CommandKind | None, str]:
+        """Return what may follow now that every kart has acknowledged, and say what is so."""
+        if self.state is not GREEN_GREEN:
+            return _NEXT[self.state]
+        racing = list(self.racing())
+        standing = [kart for kart in racing if kart.stopped]
+        if len(standing) < len(racing):
+            rest = f', without {_listed(standing)}' if standing else ''
+            return None, f'the race is on{rest}'
+        return CommandKind.RACE_OVER, 'all of them stand, and RACE_OVER may be sent'
 
     def _tell_results(self) -> None:
         """Tell the places of the race, and who did not finish; once for each race."""
@@ -1352,7 +1367,6 @@ class Race:
 
 _NEXT: dict[RaceState, tuple[CommandKind | None, str]] = {
     GRID_ACTIVE: (CommandKind.GREEN_GREEN, 'GREEN_GREEN may be sent'),
-    GREEN_GREEN: (None, 'the race is on'),
     RED_FLAG: (CommandKind.RACE_OVER, 'RACE_OVER may be sent'),
     RED_RED: (CommandKind.IN_GARAGE, 'IN_GARAGE may be sent when the track is safe for humans'),
 }
@@ -1421,7 +1435,7 @@ class Rule:
     loosens: bool = False
 
     def leaves_grid_last(self, race: Race) -> bool:
-        """Return whether GRID_ACTIVE is the last command when this one has been given."""
+        """Return whether GRID_ACTIVE is the last command once this one has been accepted."""
         if self.effect is Race._grid_active:
             return True
         return race.grid_was_last and not self.is_command

@@ -300,7 +300,11 @@ class Record:
         return f'The record {self._path} fails: {reason}; {waiting} events wait{lost}'
 
     def flush(self, timeout: float) -> bool:
-        """Wait until all that was given is written, or for so long (s); return whether it is."""
+        """
+        Wait until all that was given is written; return whether it is.
+
+        :param timeout: wait no longer than this, s.
+        """
         until = clock.now() + timeout
         while True:
             answer: queue.SimpleQueue[bool] = queue.SimpleQueue()
@@ -716,6 +720,21 @@ def open_read_only(path: pathlib.Path) -> sqlite3.Connection:
     if not path.exists():
         raise FileNotFoundError(f'there is no {path}')
     return sqlite3.connect(f'{path.absolute().as_uri()}?mode=ro', uri=True, timeout=1.0)
+
+
+def is_being_written(path: pathlib.Path) -> bool:
+    """
+    Return whether a race control that runs now has this record.
+
+    :raises OSError: if it cannot be read.
+    """
+    with path.open('rb') as file:
+        try:
+            # Given back at once; a race control that starts just now tries for longer than that.
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
 
 
 def sessions(database: sqlite3.Connection) -> list[Session]:

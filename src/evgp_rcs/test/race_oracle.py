@@ -668,7 +668,9 @@ def check_input(
             name = 'availability' if not opinion.allowed else 'as-seen'
             if success and not _heat_exists(before, given):
                 raise RuleBrokenError('heat-halved', f'{given} in {before}: {outcome.answer}')
-            if opinion.allowed and (stated != seen or 'you saw' not in outcome.answer.message):
+            if opinion.allowed and (
+                stated != seen or 'since you looked' not in outcome.answer.message
+            ):
                 name = 'statement' if seen else 'as-seen'
             raise RuleBrokenError(name, f'{given} in {before}: {outcome.answer}')
         if not success:
@@ -870,9 +872,7 @@ def check_recovery(
     home = view.state is IN_GARAGE and not any(kart.hold or _in_doubt(kart) for kart in view.karts)
     if memory.home != home:
         raise RuleBrokenError('restart', f'home is {memory.home} in {view}')
-    outcome = again.recover(
-        dataclasses.replace(memory, known=known, every_start=every_start), now
-    )
+    outcome = again.recover(dataclasses.replace(memory, known=known, every_start=every_start), now)
     after = look(again)
     detail = f'{view} became {after} with {outcome.events}'
     blank = (RED_RED, False, False, False)
@@ -958,7 +958,7 @@ def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any) ->
         named = (given.kart,)
     elif (
         opinion.allowed
-        and 'not as you saw it' in message
+        and 'changed since you looked' in message
         and any(str(number) not in message for number in given.karts ^ set(opinion.karts))
     ):
         raise RuleBrokenError('refusal-silent', f'{message} does not name the difference')
@@ -977,6 +977,9 @@ def check_news(rules: ModuleType, race: Any, outcome: Any) -> None:
             said = f'{name} may be sent' in event.text
             if said and not race.availability(kinds[name]).available:
                 raise RuleBrokenError('false-news', event.text)
+        standing = [kart.acknowledged and kart.sent in REDS for kart in race.racing()]
+        if ('the race is on' in event.text) != (event.state is GREEN_GREEN and not all(standing)):
+            raise RuleBrokenError('false-news', event.text)
 
 
 def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
@@ -1101,7 +1104,7 @@ class Search:
     What is left out of a state's key (``_key``) because the rules do not read it:
 
     - what a kart reported last, texts, the alerts told, since when a kart is missing, whether it
-      took its word back, and whether the race is over: only events and alerts are made of them;
+      withdrew its acknowledgement, and whether the race is over: only events and alerts are made of them;
     - that a kart was told to form the grid, while it may be moving: what ends this ends both;
     - the age of what a kart is sent, but for the time until the race goes over by itself, which
       reads it for a kart of the race that is being sent a red (one that acknowledged it may drop,

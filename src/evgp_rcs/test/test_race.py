@@ -314,7 +314,7 @@ def test_a_stop_is_announced_as_allowed_in_every_state(reach: Reach, officials: 
 
 def test_a_stop_is_in_force_before_the_next_command_is_judged(officials: Officials) -> None:
     officials.to_ready().does('KART_RED_RED', 1)
-    assert 'another command was given after GRID_ACTIVE' in officials.is_refused('GREEN_GREEN')
+    assert 'another command was sent after GRID_ACTIVE' in officials.is_refused('GREEN_GREEN')
 
 
 # ----- GRID_ACTIVE ------------------------------------------------------------------------
@@ -344,8 +344,7 @@ def test_the_grid_does_not_form_without_karts(officials: Officials) -> None:
 def test_the_grid_does_not_form_while_a_kart_of_the_race_is_held(officials: Officials) -> None:
     officials.does('KART_RED_FLAG', 2)
     assert officials.is_refused('GRID_ACTIVE') == (
-        'GRID_ACTIVE refused: held and to be released first: '
-        'kart 2 (Volta): RED_FLAG by an official.'
+        'GRID_ACTIVE refused: held; release first: kart 2 (Volta): RED_FLAG by an official.'
     )
 
 
@@ -394,7 +393,7 @@ def test_green_is_refused_after_another_command_even_to_a_kart_outside(
 ) -> None:
     officials.to_ready().does('KART_RED_FLAG', SPECTATOR)
     assert officials.is_refused('GREEN_GREEN') == (
-        'GREEN_GREEN refused: another command was given after GRID_ACTIVE; '
+        'GREEN_GREEN refused: another command was sent after GRID_ACTIVE; '
         'bring the race to IN_GARAGE and send GRID_ACTIVE again.'
     )
 
@@ -751,7 +750,7 @@ def test_green_is_not_announced_when_another_command_has_come_between(
     officials.acknowledge(1)
     officials.says(2, GRID_ACTIVE)
     (news,) = officials.wait(0.05).events
-    assert 'another command was given after GRID_ACTIVE' in news.text
+    assert 'another command was sent after GRID_ACTIVE' in news.text
     assert 'GREEN_GREEN may be sent' not in news.text
 
 
@@ -993,7 +992,7 @@ def test_a_kart_that_says_another_state_takes_its_acknowledgement_back(
     assert outcome.events[0].text == (
         'Kart 1 (Ohm) says IN_GARAGE: its acknowledgement of GRID_ACTIVE does not count any more'
     )
-    assert 'kart 1 (Ohm): took its GRID_ACTIVE back' in officials.is_refused('GREEN_GREEN')
+    assert 'kart 1 (Ohm): withdrew its GRID_ACTIVE' in officials.is_refused('GREEN_GREEN')
     officials.acknowledge(1)
     officials.does('GREEN_GREEN')
 
@@ -1006,7 +1005,7 @@ def test_a_kart_far_behind_cannot_acknowledge_its_second_grid_with_echoes_of_the
     officials.acknowledge(2)
     for echo in (GRID_ACTIVE, GRID_ACTIVE, IN_GARAGE):
         officials.says(1, echo)
-    assert 'kart 1 (Ohm): took its GRID_ACTIVE back' in officials.is_refused('GREEN_GREEN')
+    assert 'kart 1 (Ohm): withdrew its GRID_ACTIVE' in officials.is_refused('GREEN_GREEN')
     officials.says(1, GRID_ACTIVE)
     officials.does('GREEN_GREEN')
 
@@ -1029,7 +1028,7 @@ def test_a_kart_that_takes_its_stop_back_may_be_moving_again(officials: Official
     assert officials.race.karts[1].may_be_moving
     assert not officials.race.track_access().allowed
     assert set(officials.alerts()) == {AlertKind.RED_UNACKNOWLEDGED}
-    assert 'kart 1 (Ohm): took its RED_RED back' in officials.is_refused('IN_GARAGE')
+    assert 'kart 1 (Ohm): withdrew its RED_RED' in officials.is_refused('IN_GARAGE')
     officials.acknowledge(1)
     officials.does('IN_GARAGE')
 
@@ -1067,7 +1066,7 @@ def test_a_kart_in_the_garage_that_says_green_may_be_moving_until_it_was_stopped
     )
     officials.does('JOIN_RACE', SPECTATOR)
     assert officials.is_refused('GRID_ACTIVE') == (
-        'GRID_ACTIVE refused: may be moving, to be stopped first with RED_RED: kart 3 (Tesla).'
+        'GRID_ACTIVE refused: may be moving; stop first with RED_RED: kart 3 (Tesla).'
     )
     officials.does('KART_RED_RED', SPECTATOR)
     officials.acknowledge(SPECTATOR)
@@ -1143,7 +1142,7 @@ def test_a_lost_kart_keeps_the_next_grid_from_forming_until_it_is_released(
     officials.does('IN_GARAGE')
     officials.connect(1)
     assert officials.is_refused('GRID_ACTIVE') == (
-        'GRID_ACTIVE refused: held and to be released first: '
+        'GRID_ACTIVE refused: held; release first: '
         'kart 1 (Ohm): lost its connection in GREEN_GREEN.'
     )
     officials.acknowledge(1)
@@ -1570,8 +1569,8 @@ def test_the_grid_does_not_form_with_a_kart_the_official_did_not_see(officials: 
     answer = officials.gives(command).answer
     assert answer is not None
     assert answer.message == (
-        'GRID_ACTIVE refused: it is for karts 1, 2, 3, you named karts 1, 2; you did not name '
-        'kart 3: the race is not as you saw it; look again.'
+        'GRID_ACTIVE refused: the race has changed since you looked: it is now for '
+        'karts 1, 2, 3, you named karts 1, 2; you did not name kart 3; look again.'
     )
     assert officials.race.state is IN_GARAGE
 
@@ -1582,8 +1581,8 @@ def test_green_is_not_given_to_fewer_karts_than_the_official_saw(officials: Offi
     answer = officials.gives(command).answer
     assert answer is not None
     assert answer.message == (
-        'GREEN_GREEN refused: it is for kart 1, you named karts 1, 2; it is not for kart 2: '
-        'the race is not as you saw it; look again.'
+        'GREEN_GREEN refused: the race has changed since you looked: it is now for kart 1, '
+        'you named karts 1, 2; it is not for kart 2; look again.'
     )
     assert officials.all_sent() == [GRID_ACTIVE, RED_RED, IN_GARAGE]
 
@@ -1598,7 +1597,7 @@ def test_the_garage_releases_no_kart_that_the_official_did_not_see_released(
     answer = officials.gives(command).answer
     assert answer is not None
     assert not answer.success
-    assert 'you did not name kart 3: the race is not as you saw it' in answer.message
+    assert 'you did not name kart 3; look again' in answer.message
 
 
 def test_a_kart_is_not_released_from_another_hold_than_the_official_saw(
@@ -1610,8 +1609,8 @@ def test_a_kart_is_not_released_from_another_hold_than_the_official_saw(
     answer = officials.gives(command).answer
     assert answer is not None
     assert answer.message == (
-        'KART_IN_GARAGE refused: kart 1 (Ohm) is held in RED_RED, you saw it held in RED_FLAG: '
-        'it is not as you saw it; look again.'
+        'KART_IN_GARAGE refused: kart 1 (Ohm) has changed since you looked: it is held in '
+        'RED_RED, you saw it held in RED_FLAG; look again.'
     )
 
 
@@ -1633,7 +1632,43 @@ def test_a_long_difference_is_cut_but_what_was_not_seen_is_named() -> None:
     answer = race.command(Command(CommandKind.GRID_ACTIVE, None, True, seen), 0.0).answer
     assert answer is not None
     assert '9, 10, 11, 12, and 28 more' in answer.message
-    assert 'you did not name kart 40: the race is not as you saw it' in answer.message
+    assert 'you did not name kart 40; look again' in answer.message
+
+
+def test_the_race_is_not_said_to_be_on_when_every_kart_stands(officials: Officials) -> None:
+    def news() -> list[str]:
+        events = officials.wait(0.0).events
+        return [each.text for each in events if each.kind is EventKind.ALL_ACKNOWLEDGED]
+
+    officials.to_green()
+    assert news() == ['Every kart of the race has acknowledged; the race is on']
+    officials.does('KART_RED_RED', 1)
+    officials.acknowledge(1)
+    officials.wait(0.0)
+    officials.does('KART_FINISH', 2)
+    officials.wait(6.0)
+    officials.acknowledge(2)
+    assert news() == [
+        'Every kart of the race has acknowledged; all of them stand, and RACE_OVER may be sent'
+    ]
+
+
+def test_a_race_that_is_on_names_the_karts_that_stand(officials: Officials) -> None:
+    officials.to_green().does('KART_RED_RED', 1)
+    officials.wait(0.0)
+    officials.acknowledge(1)
+    (event,) = officials.wait(0.0).events
+    assert event.text == (
+        'Every kart of the race has acknowledged; the race is on, without kart 1 (Ohm)'
+    )
+
+
+def test_without_a_connected_kart_humans_are_allowed_because_nothing_is_known_of_the_karts() -> (
+    None
+):
+    access = Officials(connected=False).race.track_access()
+    assert access.allowed
+    assert access.reason == 'no kart is connected: race control knows nothing of the karts'
 
 
 # ----- what is wrong around race control --------------------------------------------------

@@ -284,6 +284,11 @@ FAULTS = {
         "obstacle = ''",
         ('false-news',),
     ),
+    'the race is said to be on when every kart stands': Fault(
+        'standing = [kart for kart in racing if kart.stopped]',
+        'standing: list[Kart] = []',
+        ('false-news',),
+    ),
     'a kart connecting during a race is sent IN_GARAGE': Fault(
         '        state = self._commanded(kart)\n',
         '        state = IN_GARAGE if anew else self._commanded(kart)\n',

@@ -25,7 +25,15 @@ from evgp_rcs.race import (
     StampedEvent,
 )
 import evgp_rcs.record
-from evgp_rcs.record import _Remember, events, open_read_only, Record, RecordError, sessions
+from evgp_rcs.record import (
+    _Remember,
+    events,
+    is_being_written,
+    open_read_only,
+    Record,
+    RecordError,
+    sessions,
+)
 from evgp_rcs.timeline import main as print_timeline
 import pytest
 
@@ -653,8 +661,78 @@ def test_the_list_has_every_run(
     assert 'not ended' not in second
 
 
+def test_a_run_in_progress_is_listed_as_running_until_it_ends(
+    begin: Begin, path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    crash(begin())
+    record = begin()
+    assert print_timeline([str(path), '--list']) == 0
+    first, second = capsys.readouterr().out.splitlines()
+    assert 'not ended in good order' in first
+    assert 'still running' in second
+    record.end(PATIENCE, in_order=False)
+    assert print_timeline([str(path)]) == 0
+    assert 'not ended in good order' in capsys.readouterr().out
+
+
+def test_looking_whether_a_run_is_in_progress_keeps_no_race_control_from_starting(
+    begin: Begin, path: pathlib.Path
+) -> None:
+    begin().end(PATIENCE)
+    assert not is_being_written(path)
+    begin().end(PATIENCE)
+
+
+def test_a_finish_of_an_older_record_is_told_once(
+    begin: Begin, path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = begin()
+    record.put([event(1, 'Kart 7 finished', kart=7), event(2, 'Kart 7 finished', kart=7)])
+    record.put([event(3, 'after')])
+    assert record.flush(PATIENCE)
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.execute("UPDATE event SET kind = 'FINISHED' WHERE sequence = 2")
+        database.commit()
+    assert print_timeline([str(path)]) == 0
+    out = capsys.readouterr().out
+    assert out.count('Kart 7 finished') == 1
+    assert 'missing' not in out
+    assert 'after' in out
+
+
+def test_the_default_record_is_read_and_help_says_where_it_is(
+    begin: Begin,
+    path: pathlib.Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv('ROS_HOME', str(path.parent))
+    default = path.parent / 'evgp_rcs' / 'record.sqlite3'
+    assert print_timeline([]) == 2
+    assert str(default) in capsys.readouterr().err
+    record = begin()
+    record.put([event(1, 'something')])
+    assert record.flush(PATIENCE)
+    default.parent.mkdir()
+    default.symlink_to(path)
+    assert print_timeline([]) == 0
+    assert 'something' in capsys.readouterr().out
+    monkeypatch.setenv('COLUMNS', '500')
+    with pytest.raises(SystemExit):
+        print_timeline(['--help'])
+    assert str(default) in capsys.readouterr().out
+
+
 def test_a_record_that_is_not_there_is_named(
     path: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert print_timeline([str(path)]) == 2
     assert f'there is no {path}' in capsys.readouterr().err
+
+
+def test_a_run_that_a_record_does_not_have_is_refused_with_those_it_has(
+    begin: Begin, path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    begin()
+    assert print_timeline([str(path), '--run', '7']) == 2
+    assert f'{path} has no run 7; it has 1' in capsys.readouterr().err

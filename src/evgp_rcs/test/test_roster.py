@@ -7,6 +7,7 @@ import re
 
 from evgp_rcs.race import Heat
 from evgp_rcs.roster import load_roster, MAX_BYTES, parse_roster, Roster, RosterEntry, RosterError
+from evgp_rcs.roster_check import main as check_roster
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -412,3 +413,35 @@ def test_a_number_that_cannot_be_read_makes_no_kart_of_a_heat_unknown() -> None:
 def test_the_heats_shown_in_the_shipped_roster_are_right_when_they_are_taken_in() -> None:
     text = re.sub('(?m)^# (?=heats:|  Heat|  Final)', '', SHIPPED.read_text(encoding='utf-8'))
     assert len(parse_roster(text, 'karts.yaml').heats) > 1
+
+
+# ----- rcs_roster ---------------------------------------------------------------------------
+
+
+def test_a_right_roster_is_shown_with_its_karts_and_heats(
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'karts.yaml'
+    path.write_text(TWO_KARTS + 'heats:\n  Final: [2, 1]\n')
+    assert check_roster(['check', str(path)]) == 0
+    out = capsys.readouterr().out.splitlines()
+    assert out[1].split() == 'kart 1 Georgia Tech 10.0.0.1 in the first race'.split()
+    assert out[2].split() == 'kart 2 Purdue 10.0.0.2 not in the first race'.split()
+    assert out[3].split() == 'heat "Final": 1, 2'.split()
+
+
+def test_every_fault_of_a_wrong_roster_is_printed_with_its_line(
+    tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'karts.yaml'
+    path.write_text(TWO_KARTS.replace('number: 2', 'number: x').replace('team: Purdue', 'team: 3'))
+    assert check_roster(['check', str(path)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ''
+    first, second = captured.err.splitlines()
+    assert first.startswith(f'{path}:6: ')
+    assert second.startswith(f'{path}:7: ')
+
+
+def test_a_roster_that_is_not_there_is_refused(tmp_path: pathlib.Path) -> None:
+    assert check_roster(['check', str(tmp_path / 'absent.yaml')]) == 2
