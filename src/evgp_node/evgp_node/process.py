@@ -72,7 +72,7 @@ def run_node(
     :param make_node: makes the node; what it is given is called, in any thread, when the node
         cannot go on.
     :param refusals: what `make_node` raises when a setting is wrong.
-    :param obstacles: what it raises when something else is in the way, which may go away by itself.
+    :param obstacles: what it raises when something else is in the way, which may go away.
     :return: 0 after an orderly end, 1 if the node could not go on (a traceback on stderr says
         why), `WRONG_SETTING` or `IN_THE_WAY`.
     """

@@ -20,11 +20,11 @@ hard to lose:
 - whatever cannot be read, or does not fit together, counts as the worst: nothing is known.
 
 What a GREEN_GREEN leaves behind is on the disk before it goes out, unless officials start without
-a record. So that karts on the grid are not taken for lost in motion after every restart, a *voucher*
-says that this run has started nobody without a record. It lies in the machine's memory: taking it
-back before such a start waits for no disk and cannot fail when the disk does. It is written once,
-when the run begins, and only a voucher with the beginning of the very run is believed. Without one
-(older records, a restart of the machine, a folder that cannot be written) the start counts as made.
+a record. So that karts on the grid are not taken for lost in motion after every restart, a
+*voucher* says that this run has started nobody without a record. It is kept in the machine's
+memory: taking it back before such a start waits for no disk, and does not fail with one. It is
+written once, when the run begins, and only a voucher of the very run is believed. Without one
+(older records, a restart of the machine, no such folder) the start counts as made.
 
 The schema (``PRAGMA user_version`` 1):
 

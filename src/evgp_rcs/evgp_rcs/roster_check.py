@@ -1,4 +1,4 @@
-"""What a roster says, or every fault in it, without race control: ``rcs_roster check karts.yaml``."""
+"""What a roster says, or every fault in it: ``rcs_roster check karts.yaml``."""
 
 from __future__ import annotations
 

@@ -20,7 +20,6 @@ from evgp_rcs.record import (
     sessions,
 )
 
-
 FINISHED = 'FINISHED'
 """Kind of an event of older versions, which told each finish a second time."""
 

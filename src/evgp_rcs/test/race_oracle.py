@@ -1104,7 +1104,7 @@ class Search:
     What is left out of a state's key (``_key``) because the rules do not read it:
 
     - what a kart reported last, texts, the alerts told, since when a kart is missing, whether it
-      withdrew its acknowledgement, and whether the race is over: only events and alerts are made of them;
+      withdrew its word, and whether the race is over: only events and alerts are made of them;
     - that a kart was told to form the grid, while it may be moving: what ends this ends both;
     - the age of what a kart is sent, but for the time until the race goes over by itself, which
       reads it for a kart of the race that is being sent a red (one that acknowledged it may drop,
