@@ -336,11 +336,6 @@ FAULTS = {
         '            each.finish_due = None\n            each.place = 0\n        self.over',
         ('effect',),
     ),
-    'the places of the last race stay in the next one': Fault(
-        '            each.place = 0\n        self._go(GRID_ACTIVE, now)\n',
-        '            pass\n        self._go(GRID_ACTIVE, now)\n',
-        ('effect', 'availability'),
-    ),
     'the results of a race that was stopped are never told': Fault(
         '        self._tell_results()  # of a race that was stopped and never declared over\n',
         '',
