@@ -1,13 +1,13 @@
 # The commands of the project. Each sets up first what is not set up yet (.venv, build/, install/).
 #
 #   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
-#   ARGS='...'          passed on to what demo, fuzz, soak and test run
+#   ARGS='...'          passed on to what demo, fuzz, record, soak and test run
 #   WORKERS=4           tests that run at the same time; most of them wait for most of their time
 WORKERS := 4
 
 IN_WORKSPACE := setup/in-workspace
 
-# What `make run` starts race control with; relative to where make was called.
+# What `make run` starts race control with, and `make roster` checks; relative to where make was called.
 ROSTER := src/evgp_rcs/config/karts.yaml
 PARAMS := src/evgp_rcs/config/rcs.yaml
 
@@ -20,7 +20,7 @@ run console: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
 bench demo fuzz screenshots soak test: export EVGP_GRAPH_INTERFACE :=
 bench demo fuzz screenshots soak test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: help setup demo test bench soak fuzz run console screenshots lint format clean
+.PHONY: help setup demo test bench soak fuzz run roster record console screenshots lint format clean
 
 help:
 	@echo 'make demo    set up and show a race: race control, karts and their stacks'
@@ -29,6 +29,8 @@ help:
 	@echo 'make bench   measure speed and cost                 (ARGS="stop --karts 20")'
 	@echo 'make fuzz    fuzz the decoder and the roster loader, guided by coverage'
 	@echo 'make run     start race control for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml OFFICIALS=10.1.0.5)'
+	@echo 'make roster  check a list of karts, without starting anything (ROSTER=karts.yaml)'
+	@echo 'make record  print what happened in the last run     (ARGS="--list", ARGS="--help")'
 	@echo "make console open the officials' window               (OFFICIALS=10.1.0.6)"
 	@echo 'make lint    check style and types'
 	@echo 'make format  put the code into shape, as far as a tool can'
@@ -56,6 +58,12 @@ fuzz:
 run:
 	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_node --ros-args \
 	  --params-file '$(abspath $(PARAMS))' -p 'roster:=$(abspath $(ROSTER))'
+
+roster:
+	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_roster check '$(abspath $(ROSTER))'
+
+record:
+	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_record $(ARGS)
 
 console:
 	$(IN_WORKSPACE) --console install/evgp_rcs_console/lib/evgp_rcs_console/rcs_gui $(ARGS)

@@ -11,9 +11,10 @@ import socket
 import subprocess
 import sys
 import threading
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
+from evgp_node.process import IN_THE_WAY, WRONG_SETTING
 from evgp_node.states import state_of
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
@@ -159,6 +160,26 @@ def test_a_launch_file_stays_on_the_machine_unless_told_otherwise(
     assert used == {INTERFACE: expected[0], 'ROS_DOMAIN_ID': expected[1]}
 
 
+@pytest.mark.parametrize(
+    'path',
+    ['src/evgp_rcs/launch/rcs.launch.py', 'src/evgp_kart_bridge/launch/kart_bridge.launch.py'],
+)
+def test_a_launch_file_starts_a_node_again_unless_a_setting_is_wrong(
+    path: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    put_stand_ins_for_launch(monkeypatch)
+    description = runpy.run_path(str(ROOT / path))['generate_launch_description']()
+    (node,) = (each for each in description.positional[0] if each.kind == 'Node')
+    assert node.named['respawn'] is True
+    on_exit = node.named['on_exit']
+    for code in (0, 1, IN_THE_WAY, -9):
+        assert on_exit(SimpleNamespace(returncode=code, action=node), None) is None
+    (ended,) = on_exit(SimpleNamespace(returncode=WRONG_SETTING, action=node), None)
+    shutdown = ended.named['event']
+    assert (ended.kind, shutdown.kind) == ('EmitEvent', 'ShutdownProcess')
+    assert shutdown.named['process_matcher'].positional == (node,)
+
+
 class StandIn:
     """Stands in for whatever a launch file makes, and keeps what it was given."""
 
@@ -184,6 +205,7 @@ def put_stand_ins_for_launch(monkeypatch: pytest.MonkeyPatch) -> None:
 
     for name in (
         *('launch', 'launch.actions', 'launch.substitutions'),
+        *('launch.events', 'launch.events.process'),
         *('launch_ros', 'launch_ros.actions', 'launch_ros.parameter_descriptions'),
         'launch_ros.substitutions',
     ):

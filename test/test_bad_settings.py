@@ -8,6 +8,7 @@ import os
 import pathlib
 import socket
 
+from evgp_node.process import IN_THE_WAY, WRONG_SETTING
 import pytest
 from race_parts.domains import Domain
 from race_parts.process import Process
@@ -24,7 +25,12 @@ def refusal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Refusal:
     good = tmp_path / 'good.yaml'
     good.write_text(ROSTER, encoding='utf-8')
 
-    def start(*arguments: str, roster_text: str | None = None, **parameters: object) -> str:
+    def start(
+        *arguments: str,
+        roster_text: str | None = None,
+        code: int = WRONG_SETTING,
+        **parameters: object,
+    ) -> str:
         if roster_text is not None:
             good.write_text(roster_text, encoding='utf-8')
         given = {
@@ -37,7 +43,7 @@ def refusal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Refusal:
         control = parts.enter_context(
             Process('evgp_rcs', 'rcs_node', domain.number, given, arguments)
         )
-        assert control.wait() == 2, control.output
+        assert control.wait() == code, control.output
         assert 'Traceback' not in control.output
         return control.output
 
@@ -55,6 +61,12 @@ def test_a_roster_with_a_double_number_names_its_line(refusal: Refusal) -> None:
         '  - {number: 1, team: Two, address: 127.0.1.2, in_race: true}\n'
     )
     assert 'good.yaml:3:' in refusal(roster_text=roster)
+
+
+def test_every_fault_of_a_roster_is_told_at_once(refusal: Refusal) -> None:
+    roster = 'karts:\n  - {number: 0, team: One, address: 1, in_race: true}\nheats: 3\n'
+    said = refusal(roster_text=roster)
+    assert [f'good.yaml:{line}:' in said for line in (1, 2, 3)] == [False, True, True]
 
 
 def test_a_value_outside_its_range_names_the_parameter_and_the_range(refusal: Refusal) -> None:
@@ -100,8 +112,8 @@ def test_a_parameter_file_that_is_no_yaml_is_refused(
     assert str(path) in refusal('--params-file', str(path))
 
 
-def test_a_port_in_use_says_so(refusal: Refusal) -> None:
+def test_a_port_in_use_says_so_and_may_be_free_later(refusal: Refusal) -> None:
     with socket.create_server(('127.0.0.1', 0)) as taken:
-        said = refusal(port=taken.getsockname()[1])
+        said = refusal(port=taken.getsockname()[1], code=IN_THE_WAY)
     assert 'address already in use' in said
     assert 'choose another address or port' in said

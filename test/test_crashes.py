@@ -14,6 +14,7 @@ import time
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.record import events, open_read_only, sessions
+from evgp_rcs_msgs import msg
 import pytest
 from race_parts.domains import Domain
 from race_parts.official import Official
@@ -195,6 +196,26 @@ def crashed_in_green(meeting: Event) -> None:
     # What it would still write is lost with it, as when a machine loses its power.
     os.kill(meeting.control.kart_server_pid, signal.SIGKILL)
     meeting.run.close()
+
+
+def test_karts_that_never_got_green_are_lost_on_the_grid_and_not_in_motion(
+    meeting: Event,
+) -> None:
+    meeting.grid()
+    with contextlib.closing(open_read_only(meeting.record)) as database:
+        until = time.monotonic() + 20.0
+        while database.execute('SELECT state FROM memory').fetchall()[-1] != ('GRID_ACTIVE',):
+            assert time.monotonic() < until
+            time.sleep(0.01)  # a disk has no event to await
+    meeting.kill()
+    meeting.start(connect=())
+    race = meeting.official.wait_for_race(lambda race: True, 'the race')
+    assert state_of(race.state) is RED_RED
+    assert {state_of(kart.hold) for kart in race.karts} == {RED_RED}
+    assert [kart.may_be_moving for kart in race.karts] == [False, False, False]
+    assert {alert.kind for alert in race.alerts} == {msg.Alert.KART_LOST}
+    assert not race.track.allowed
+    assert not meeting.official.call('set_track_open', data=True).success
 
 
 def test_a_crash_is_not_forgotten_when_what_lies_beside_the_record_was_deleted(

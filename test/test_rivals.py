@@ -6,6 +6,7 @@ import contextlib
 import pathlib
 
 from evgp_node import graph
+from evgp_node.process import IN_THE_WAY
 from evgp_protocol.states import RaceState
 from evgp_rcs.rival import look_for_rivals
 from evgp_rcs_msgs import msg
@@ -45,7 +46,7 @@ def test_a_second_race_control_on_this_machine_does_not_start_and_the_first_goes
     kart = connect_kart(control, 1)
 
     with second(tmp_path, control.domain) as rival:
-        assert rival.wait() == 2
+        assert rival.wait() == IN_THE_WAY
 
     (line,) = rival.output.splitlines()
     assert (
@@ -92,7 +93,7 @@ def test_a_second_race_control_on_the_officials_network_does_not_start(
     with machines[1].inside():
         monkeypatch.setenv(graph.INTERFACE, '10.78.0.2')
         rival = parts.enter_context(second(tmp_path, domain, address='127.0.0.1'))
-        assert rival.wait() == 2
+        assert rival.wait() == IN_THE_WAY
 
     (line,) = rival.output.splitlines()
     assert 'another race control publishes /rcs/race' in line

@@ -202,3 +202,25 @@ def pins(lock: str) -> dict[str, str]:
 @pytest.mark.parametrize('lock', ['build.txt', 'tools.txt'])
 def test_the_locks_agree(lock: str) -> None:
     assert pins(lock).items() <= pins('ros.txt').items()
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'runs'),
+    [
+        (('roster', 'ROSTER=/x/karts.yaml'), 'rcs_roster check /x/karts.yaml'),
+        (('record', 'ARGS=--run 3 --kart 7'), 'rcs_record --run 3 --kart 7'),
+        (('record',), 'rcs_record'),
+    ],
+)
+def test_make_has_a_target_for_what_an_official_reads(
+    arguments: tuple[str, ...], runs: str
+) -> None:
+    printed = subprocess.run(
+        ['make', '-s', *arguments, 'IN_WORKSPACE=echo'],
+        cwd=ROOT,
+        env={name: value for name, value in os.environ.items() if name != 'MAKEFLAGS'},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    assert printed.strip() == f'install/evgp_rcs/lib/evgp_rcs/{runs}'

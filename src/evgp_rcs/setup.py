@@ -29,6 +29,7 @@ setup(
         'console_scripts': [
             'rcs_node = evgp_rcs.node:main',
             'rcs_record = evgp_rcs.timeline:main',
+            'rcs_roster = evgp_rcs.roster_check:main',
         ],
     },
 )

@@ -35,6 +35,7 @@ SERVICES = {
     'grid_active': srv.GridActive,
     'in_garage': srv.InGarage,
     'set_in_race': srv.SetInRace,
+    'set_heat': srv.SetHeat,
     'set_track_open': SetBool,
     'kart/red_red': srv.KartCommand,
     'kart/red_flag': srv.KartCommand,
@@ -138,7 +139,8 @@ class Official(RosSide):
         answer = self.call(service, **request)
         until = time.monotonic() + self.patience
         while (
-            'a stop was given just now' in answer.message or 'as you saw' in answer.message
+            'a stop was sent just now' in answer.message
+            or 'changed since you looked' in answer.message
         ) and time.monotonic() < until:
             time.sleep(0.05)  # the pause after a stop passes, or a newer race comes
             answer = self.call(service, **request)

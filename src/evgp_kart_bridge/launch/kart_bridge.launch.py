@@ -1,11 +1,25 @@
 """Start a kart's bridge: ros2 launch evgp_kart_bridge kart_bridge.launch.py host:=10.0.0.1 ."""
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, EmitEvent
+from launch.events import matches_action
+from launch.events.process import ProcessExited, ShutdownProcess
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
+
+WRONG_SETTING = 2
+"""Exit code of a node that a setting keeps from starting (evgp_node.process)."""
+
+
+def give_up_if_a_setting_is_wrong(
+    event: ProcessExited, context: LaunchContext
+) -> list[EmitEvent] | None:
+    """Keep the bridge from being started again if that would end in the same way."""
+    if event.returncode != WRONG_SETTING:
+        return None
+    return [EmitEvent(event=ShutdownProcess(process_matcher=matches_action(event.action)))]
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -52,6 +66,7 @@ def generate_launch_description() -> LaunchDescription:
                 # then the stack stops because the bridge's topics have gone quiet.
                 respawn=True,
                 respawn_delay=1.0,
+                on_exit=give_up_if_a_setting_is_wrong,
             ),
         ]
     )

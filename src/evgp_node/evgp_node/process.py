@@ -28,6 +28,12 @@ because their connections are gone."""
 TEARDOWN_TIMEOUT = 2.0
 """Maximum time for ROS to be taken down after that, seconds. Then the process ends anyway."""
 
+WRONG_SETTING = 2
+"""Exit code of a node that a setting keeps from starting: to start it again changes nothing."""
+
+IN_THE_WAY = 3
+"""Exit code of a node that something else keeps from starting, and that may start later."""
+
 OnFailure = Callable[[BaseException], None]
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
@@ -55,6 +61,7 @@ def run_node(
     make_node: Callable[[OnFailure], ClosableNode],
     refusals: tuple[type[Exception], ...],
     args: list[str] | None = None,
+    obstacles: tuple[type[Exception], ...] = (),
 ) -> int:
     """
     Run a node until a signal of `ENDING`, then `close` it; the process must end then.
@@ -65,8 +72,9 @@ def run_node(
     :param make_node: makes the node; what it is given is called, in any thread, when the node
         cannot go on.
     :param refusals: what `make_node` raises when a setting is wrong.
+    :param obstacles: what it raises when something else is in the way, which may go away.
     :return: 0 after an orderly end, 1 if the node could not go on (a traceback on stderr says
-        why), 2 if a setting is wrong.
+        why), `WRONG_SETTING` or `IN_THE_WAY`.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
     # Any thread may be the one that the kernel interrupts with a signal, and only the main one
@@ -81,7 +89,7 @@ def run_node(
         signal.signal(signal.SIGTSTP, signal.SIG_IGN)
         try:
             with unwaiting_output():
-                code, take_down = _run(name, make_node, refusals, args, ending, end)
+                code, take_down = _run(name, make_node, refusals, args, obstacles, ending, end)
             # All that was printed is out by now: while ROS hangs, no thread could print it.
             end_within(TEARDOWN_TIMEOUT, code)
             take_down()
@@ -95,6 +103,7 @@ def _run(
     make_node: Callable[[OnFailure], ClosableNode],
     refusals: tuple[type[Exception], ...],
     args: list[str] | None,
+    obstacles: tuple[type[Exception], ...],
     ending: socket.socket,
     end: socket.socket,
 ) -> tuple[int, Callable[[], object]]:
@@ -117,10 +126,13 @@ def _run(
         node = make_node(fail)
     except UnknownROSArgsError as error:
         print(f'{name}: unknown ROS arguments: {error}', file=sys.stderr)
-        return 2, rclpy.try_shutdown
+        return WRONG_SETTING, rclpy.try_shutdown
     except (RCLError, GraphError, *refusals) as error:
         print(f'{name}: {error}', file=sys.stderr)
-        return 2, rclpy.try_shutdown
+        return WRONG_SETTING, rclpy.try_shutdown
+    except obstacles as error:
+        print(f'{name}: {error}', file=sys.stderr)
+        return IN_THE_WAY, rclpy.try_shutdown
     except BaseException:
         end_within(CLOSE_TIMEOUT, 1)
         raise

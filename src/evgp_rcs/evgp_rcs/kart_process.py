@@ -129,7 +129,7 @@ class RosHalf:
                 return
 
     def expect(self, allowance: float) -> None:
-        """Expect a sign of life from now on; the first may take so long more (s)."""
+        """Expect a sign of life from now on; the first one may take this much longer (s)."""
         self._heard_at = clock.now() + allowance
 
     def silent_since(self) -> float | None:
@@ -227,6 +227,7 @@ class World:
         self.show = ros_half.show
         self.remember = record.remember
         self.trouble = record.trouble
+        self.note_unrecorded_start = record.note_unrecorded_start
 
     def attach(self, loop: Any) -> None:
         """Call back in this loop."""
@@ -257,6 +258,7 @@ def race_of(begin: Begin, now: float) -> Race:
         ],
         begin.times,
         now=now,
+        heats=begin.roster.heats,
     )
 
 

@@ -163,6 +163,9 @@ class Outside(Protocol):
     def make_sure(self, memory: RaceMemory, at: float, done: Callable[[bool], None]) -> None:
         """Have this on the disk, then call ``done`` in the loop with whether it is there."""
 
+    def note_unrecorded_start(self) -> bool:
+        """Take it down that karts are started without a record; return whether it is."""
+
     def trouble(self) -> str:
         """Return why the record fails, as a sentence for an official; empty: it does not."""
 
@@ -580,7 +583,7 @@ class KartServer:
                 waiting.answered(_ENDING)
                 continue
             if waiting.command.kind in STOPS:
-                self._pause(now + self._settings.pause, 'a stop was given just now')
+                self._pause(now + self._settings.pause, 'a stop was sent just now')
             if not self._waits_for_the_record(waiting, now):
                 self._judge(waiting, now)
 
@@ -619,17 +622,15 @@ class KartServer:
         if command.kind is not CommandKind.GREEN_GREEN or waiting.came < self._paused_until:
             return False
         if self._starting is not None:
-            reason = 'another GREEN_GREEN is still waiting for the record'
-            outcome = self._race.refuse(command, reason)
-            assert outcome.answer is not None
-            waiting.answered(outcome.answer)
-            self._tell(outcome.events)
+            self._refuse(waiting, 'another GREEN_GREEN is still waiting for the record')
             return True
-        accepted = self._race.copy().command(command, now).answer
-        assert accepted is not None
-        # While the record fails the official has stated that the race may start without.
-        if not accepted.success or self._outside.trouble():
+        trouble = self._outside.trouble()
+        self._take_note_of(trouble, now)
+        if not self._is_accepted(command, now):
             return False
+        if trouble:
+            # The official has stated that the race may start without a record.
+            return not self._is_noted(waiting)
         assert self._loop is not None
         self._starting = waiting
         self._outside.make_sure(
@@ -655,8 +656,32 @@ class KartServer:
                 f'The record has not taken GREEN_GREEN for {REMEMBER_TIMEOUT:g} s'
             )
             self._apply(self._race.record_trouble(text, now))
-        self._judge(waiting, now)
+        unrecorded = not on_disk and self._is_accepted(waiting.command, now)
+        if not unrecorded or self._is_noted(waiting):
+            self._judge(waiting, now)
         self._remember(now)
+
+    def _is_accepted(self, command: Command, now: float) -> bool:
+        answer = self._race.copy().command(command, now).answer
+        assert answer is not None
+        return answer.success
+
+    def _is_noted(self, waiting: Waiting) -> bool:
+        """Note that karts are started without a record; refuse the start if that fails."""
+        if self._outside.note_unrecorded_start():
+            return True
+        self._refuse(
+            waiting,
+            'race control cannot note that it starts karts without a record, and would not know '
+            'it after a crash; restart it with another file for the parameter record',
+        )
+        return False
+
+    def _refuse(self, waiting: Waiting, reason: str) -> None:
+        outcome = self._race.refuse(waiting.command, reason)
+        assert outcome.answer is not None
+        waiting.answered(outcome.answer)
+        self._tell(outcome.events)
 
     def _pause(self, until: float, why: str) -> None:
         """
@@ -709,11 +734,13 @@ class KartServer:
     def _copy(self) -> None:
         self._copy_asked = False
         now = self._copied_at = self.now()
-        trouble = self._outside.trouble()
-        if trouble != self._race.record_fails:
-            self._apply(self._race.record_trouble(trouble, now))
+        self._take_note_of(self._outside.trouble(), now)
         self._remember(now)
         self._outside.show(self._race, now)
+
+    def _take_note_of(self, trouble: str, now: float) -> None:
+        if trouble != self._race.record_fails:
+            self._apply(self._race.record_trouble(trouble, now))
 
     def _remember(self, now: float) -> None:
         # What a start that waits has written must be what a crash leaves behind.

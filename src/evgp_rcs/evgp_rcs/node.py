@@ -215,6 +215,7 @@ class RcsNode(StrictNode):
             srv.SetInRace,
             lambda request: CommandKind.JOIN_RACE if request.in_race else CommandKind.LEAVE_RACE,
         )
+        offer(others, '~/set_heat', srv.SetHeat, CommandKind.SET_HEAT)
         offer(
             others,
             '~/set_track_open',
@@ -250,6 +251,7 @@ class RcsNode(StrictNode):
                     statement(request),
                     frozenset(getattr(request, 'karts', ())),
                     state_of(request.hold) if hasattr(request, 'hold') else None,
+                    getattr(request, 'heat', ''),
                 )
             )
             response.success = answer.success
@@ -270,10 +272,10 @@ class RcsNode(StrictNode):
                     # What is not in force by now does not come into force later, unseen.
                     self._server.withdraw(number)
         except KartServerError as error:
-            return Answer(False, f'{command.kind.value} was not given: {error}.')
+            return Answer(False, f'{command.kind.value} was not sent: {error}.')
         return Answer(
             False,
-            f'{command.kind.value} is not answered after {ANSWER_TIMEOUT:g} s'
+            f'{command.kind.value} has not been answered for {ANSWER_TIMEOUT:g} s'
             + ('; use the MSR.' if command.kind in URGENT else '; look at the race.'),
         )
 
@@ -283,10 +285,11 @@ def main(args: list[str] | None = None) -> int:
     Run race control until SIGINT or SIGTERM; every kart is sent RED_RED at the end.
 
     :return: 0 after an orderly end, 1 after a failure (the karts were sent RED_RED, or lost their
-        connection), 2 if a setting is wrong.
+        connection), 2 if a setting is wrong, 3 if another program is in the way: what a race
+        control that crashed has left may be so for a few seconds.
     """
-    refusals = (ParameterError, GraphError, RivalError, RosterError, KartServerError)
-    return run_node('rcs', RcsNode, refusals, args)
+    refusals = (ParameterError, GraphError, RosterError)
+    return run_node('rcs', RcsNode, refusals, args, obstacles=(RivalError, KartServerError))
 
 
 if __name__ == '__main__':

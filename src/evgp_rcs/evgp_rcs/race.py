@@ -56,6 +56,7 @@ class CommandKind(enum.Enum):
     GREEN_GREEN = 'GREEN_GREEN'
     RACE_OVER = 'RACE_OVER'
     IN_GARAGE = 'IN_GARAGE'
+    SET_HEAT = 'SET_HEAT'
     OPEN_TRACK = 'OPEN_TRACK'
     CLOSE_TRACK = 'CLOSE_TRACK'
     RECORD_MSR = 'RECORD_MSR'
@@ -82,8 +83,8 @@ class EventKind(enum.Enum):
     ALERT_RAISED = 'ALERT_RAISED'
     ALERT_CLEARED = 'ALERT_CLEARED'
     ALL_ACKNOWLEDGED = 'ALL_ACKNOWLEDGED'
-    FINISHED = 'FINISHED'
     WITHDRAWN = 'WITHDRAWN'
+    RESULTS = 'RESULTS'
 
 
 class AlertKind(enum.Enum):
@@ -122,6 +123,7 @@ class Command:
     :param karts: for a command that starts or releases: the karts concerned, as the official saw
         them.
     :param hold: for the release of one kart: its hold, as the official saw it; ``None`` for none.
+    :param heat: for SET_HEAT: the name of the heat.
     """
 
     kind: CommandKind
@@ -129,6 +131,15 @@ class Command:
     statement: bool = False
     karts: frozenset[int] = frozenset()
     hold: RaceState | None = None
+    heat: str = ''
+
+
+@dataclass(frozen=True)
+class Heat:
+    """Karts that race together, by a name of the roster; their numbers in ascending order."""
+
+    name: str
+    karts: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -287,16 +298,16 @@ class Kart:
     :param acknowledged: it stands by its acknowledgement of the present order.
     :param reported: what it said last on this connection, asked or unasked.
     :param may_be_moving: it was sent GREEN_GREEN, or a red, or was seen to move (it said
-        GREEN_GREEN unasked or took the acknowledgement of a red back), and has since neither
+        GREEN_GREEN unasked or withdrew the acknowledgement of a red), and has since neither
         acknowledged the red it is sent nor been made safe by hand.
     :param lost_since: since when it is missing, if it dropped out of a race under way or while it
         may have been moving; in the latter case until it has acknowledged a red.
-    :param place: finishing place from 1; 0 while not finished.
+    :param place: finishing place from 1, until the next GRID_ACTIVE; 0 when it has none.
     :param finish_due: when its finish becomes a RED_FLAG; ``None`` if nothing is due.
     :param on_grid: it was sent GRID_ACTIVE, and has since neither acknowledged a red, nor been
         made safe by hand, nor been sent IN_GARAGE on the connection it has.
     :param held_alone: an official held this kart alone; until its release.
-    :param withdrawn: it took an acknowledgement of the present order back.
+    :param withdrawn: it withdrew an acknowledgement of the present order.
     """
 
     number: int
@@ -369,11 +380,13 @@ class RaceMemory:
     :param karts: each kart of the roster, by its number.
     :param known: this is what there was; false if nothing is known, because what was kept of it
         is damaged or missing.
+    :param every_start: no kart has been sent GREEN_GREEN since; false if one may have been.
     """
 
     state: RaceState
     karts: Mapping[int, KartMemory]
     known: bool = True
+    every_start: bool = True
 
     @property
     def home(self) -> bool:
@@ -398,11 +411,16 @@ class Race:
     :param karts: every kart of the roster, each number once.
     :param times: the times of the rules.
     :param now: the time, in seconds.
+    :param heats: the heats of the roster, each of its karts.
     :raises ValueError: if two karts have the same number.
     """
 
     def __init__(
-        self, karts: Iterable[Kart], times: RaceTimes = RaceTimes(), now: float = 0.0
+        self,
+        karts: Iterable[Kart],
+        times: RaceTimes = RaceTimes(),
+        now: float = 0.0,
+        heats: Iterable[Heat] = (),
     ) -> None:
         """Begin in IN_GARAGE, as §3.B has it."""
         self.times = times
@@ -412,10 +430,13 @@ class Race:
                 raise ValueError(f'kart {kart.number} is in the roster twice')
             self.karts[kart.number] = kart
             kart.sent_since = now
+        self.heats = tuple(heats)
         self.state = IN_GARAGE
         self.state_since = now
         self.over = False
         self.places_given = 0
+        self.starters: tuple[int, ...] = ()
+        """Who was sent GREEN_GREEN in the race whose results have not been told yet."""
         self.grid_was_last = False
         self.track_open = False
         self.msr_used = False
@@ -456,12 +477,12 @@ class Race:
 
         What happened last may not have been remembered, a stop least of all, since a stop waits
         for no memory. So it comes back as after ALL_KILL: the race in RED_RED and every kart
-        held. What was doubtful still is. A kart of a race under way counts as lost in motion, as
-        it may have been told to go on without a record; one of a race in IN_GARAGE may have been
-        sent to the grid. If nothing is known, every kart may be moving. And the track stays closed
-        until an official states in IN_GARAGE that it is safe, or that the MSR was used.
+        held. What was doubtful still is. A kart of the race may have been sent to the grid since.
+        Where a start may be missing from what was remembered, a kart of a race under way counts
+        as lost in motion; if nothing is known, every kart does. And the track stays closed until
+        an official states in IN_GARAGE that it is safe, or that the MSR was used.
         """
-        under_way = memory.state is not IN_GARAGE
+        unsure = memory.state is not IN_GARAGE and not memory.every_start
         gone: list[Kart] = []
         for number, known in memory.karts.items():
             kart = self.karts.get(number)
@@ -474,7 +495,7 @@ class Race:
                 kart.in_race = known.in_race
                 kart.place = known.place
             kart.on_grid = known.on_grid or known.in_race
-            kart.may_be_moving = known.may_be_moving or (under_way and known.in_race)
+            kart.may_be_moving = known.may_be_moving or (unsure and known.in_race)
             kart.held_alone = known.held and known.held_alone
         for kart in self.karts.values():
             kart.may_be_moving = kart.may_be_moving or not memory.known
@@ -482,6 +503,13 @@ class Race:
                 kart.lost_since = now
             self._hold(kart, RED_RED, 'race control was restarted', now)
         self.places_given = max((kart.place for kart in self.karts.values()), default=0)
+        # Of a race in RED_RED nobody knows whether its results were told; of one that nobody
+        # finished, not even whether it was started.
+        in_red = memory.state is RED_RED and self.places_given
+        if memory.state in (GREEN_GREEN, RED_FLAG) or in_red:
+            self.starters = tuple(
+                kart.number for kart in self.karts.values() if kart.in_race or kart.place
+            )
         self.restarted = True
         why = ': race control was restarted'
         if not memory.known:
@@ -507,7 +535,7 @@ class Race:
             kart = self.karts.get(command.kart) if command.kart is not None else None
             if kart is None:
                 refusal = self._unknown_kart(command)
-        refusal = refusal or self._refusal(rule, kart)
+        refusal = refusal or self._refusal(rule, kart) or self._unknown_heat(command)
         statement = '' if refusal else rule.statement(self, kart)
         if statement and not command.statement:
             refusal = f'state that {statement}'
@@ -521,7 +549,7 @@ class Race:
             answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
         else:
             self.grid_was_last = rule.leaves_grid_last(self)
-            answer = Answer(True, f'{rule.effect(self, kart, now)}.')
+            answer = Answer(True, f'{rule.effect(self, kart, command, now)}.')
         # The cause stands before its effects.
         self._events.insert(
             0,
@@ -584,8 +612,8 @@ class Race:
         """
         Take what a kart says: an acknowledgement if it is one, else a report (§3.A, §4.C).
 
-        A kart that says another state than the one it acknowledged takes its word back, however
-        old the other one is: perhaps the acknowledgement was just as old.
+        A kart that says another state than the one it acknowledged withdraws its acknowledgement,
+        however old the other state is: perhaps the acknowledgement was just as old.
 
         :param serial: the kart's order that had been sent when the frame began to arrive.
         :raises KeyError: if the roster has no such kart.
@@ -658,6 +686,7 @@ class Race:
         if due is not None and now >= due:
             self.over = True
             self._go(RED_RED, now, ': race over, every kart of the race has finished')
+            self._tell_results()
         self._tell_all_acknowledged()
         self._tell_alerts(now)
         return self._outcome()
@@ -801,47 +830,52 @@ class Race:
 
     # ----- the effects of the commands ----------------------------------------------------
 
-    def _all_kill(self, kart: Kart | None, now: float) -> str:
+    def _all_kill(self, kart: Kart | None, command: Command, now: float) -> str:
         for each in self.karts.values():
             self._hold(each, RED_RED, 'ALL_KILL', now)
         self._go(RED_RED, now)
         return f'RED_RED is sent to all karts ({self._how_many(self.karts.values())})'
 
-    def _red_flag(self, kart: Kart | None, now: float) -> str:
+    def _red_flag(self, kart: Kart | None, command: Command, now: float) -> str:
         self._go(stricter(self.state, RED_FLAG), now)
         if self.state is not RED_FLAG:
             return f'The race is in {self.state.value} already, which is stricter than RED_FLAG'
         return f'RED_FLAG is sent to the karts of the race ({self._how_many(self.racing())})'
 
-    def _grid_active(self, kart: Kart | None, now: float) -> str:
+    def _grid_active(self, kart: Kart | None, command: Command, now: float) -> str:
         self.track_open = False
         self.msr_used = False
+        self.starters = ()
+        self.places_given = 0
+        for each in self.karts.values():
+            each.place = 0
         self._go(GRID_ACTIVE, now)
         return (
             f'GRID_ACTIVE is sent to the karts of the race ({self._how_many(self.racing())}); '
             'the track is closed to humans'
         )
 
-    def _green_green(self, kart: Kart | None, now: float) -> str:
+    def _green_green(self, kart: Kart | None, command: Command, now: float) -> str:
+        self.starters = tuple(each.number for each in self.racing())
         self._go(GREEN_GREEN, now)
         return f'GREEN_GREEN is sent to the karts of the race ({self._how_many(self.racing())})'
 
-    def _race_over(self, kart: Kart | None, now: float) -> str:
+    def _race_over(self, kart: Kart | None, command: Command, now: float) -> str:
         self.over = True
         self._go(RED_RED, now)
+        self._tell_results()
         return f'Race over: RED_RED is sent to the race ({self._how_many(self.racing())})'
 
-    def _race_in_garage(self, kart: Kart | None, now: float) -> str:
+    def _race_in_garage(self, kart: Kart | None, command: Command, now: float) -> str:
         for each in list(self._released_by_garage(None)):
             self._unhold(each)
         kept = [each for each in self.karts.values() if each.hold is not None]
         for each in self.karts.values():
-            each.place = 0
             each.finish_due = None
-        self.places_given = 0
         self.over = False
         self.msr_used = False
         self.restarted = False
+        self._tell_results()  # of a race that was stopped and never declared over
         self._go(IN_GARAGE, now)
         for each in self.karts.values():
             self._redirect(each, now)
@@ -850,41 +884,39 @@ class Race:
             message += f'; still held until released alone: {_listed(kept)}'
         return message
 
-    def _open_track(self, kart: Kart | None, now: float) -> str:
+    def _open_track(self, kart: Kart | None, command: Command, now: float) -> str:
         self.track_open = True
         return f'The track is open to humans: {self._humans_allowed()[1]}'
 
-    def _close_track(self, kart: Kart | None, now: float) -> str:
+    def _close_track(self, kart: Kart | None, command: Command, now: float) -> str:
         self.track_open = False
         return 'The track is closed to humans'
 
-    def _record_msr(self, kart: Kart | None, now: float) -> str:
+    def _record_msr(self, kart: Kart | None, command: Command, now: float) -> str:
         # The MSR's relay may give the power back later: by then every kart must be told to stop.
-        self._all_kill(None, now)
+        self._all_kill(None, command, now)
         self.msr_used = True
         return 'The use of the MSR is recorded, and RED_RED is sent to all karts'
 
-    def _kart_red_red(self, kart: Kart | None, now: float) -> str:
+    def _kart_red_red(self, kart: Kart | None, command: Command, now: float) -> str:
         assert kart is not None
         self._hold_alone(kart, RED_RED, now)
         return f'{_capital(kart)} is held in RED_RED' + self._if_absent(kart)
 
-    def _kart_red_flag(self, kart: Kart | None, now: float) -> str:
+    def _kart_red_flag(self, kart: Kart | None, command: Command, now: float) -> str:
         assert kart is not None
         self._hold_alone(kart, RED_FLAG, now)
         return f'{_capital(kart)} is held in {kart.sent.value}' + self._if_absent(kart)
 
-    def _kart_finish(self, kart: Kart | None, now: float) -> str:
+    def _kart_finish(self, kart: Kart | None, command: Command, now: float) -> str:
         assert kart is not None
         self.places_given += 1
         kart.place = self.places_given
         delay = self.times.finish_delay(kart.place)
         kart.finish_due = now + delay
-        text = f'{_capital(kart)} finished in place {kart.place}; RED_FLAG follows in {delay:g} s'
-        self._events.append(Event(EventKind.FINISHED, text, kart=kart.number))
-        return text
+        return f'{_capital(kart)} finished in place {kart.place}; RED_FLAG follows in {delay:g} s'
 
-    def _release_kart(self, kart: Kart | None, now: float) -> str:
+    def _release_kart(self, kart: Kart | None, command: Command, now: float) -> str:
         assert kart is not None
         self._unhold(kart)
         self._end_doubt(kart)
@@ -896,13 +928,13 @@ class Race:
             ' and is out of the race' if out else ''
         )
 
-    def _join_race(self, kart: Kart | None, now: float) -> str:
+    def _join_race(self, kart: Kart | None, command: Command, now: float) -> str:
         assert kart is not None
         kart.in_race = True
         self._redirect(kart, now)
         return f'{_capital(kart)} is in the race'
 
-    def _leave_race(self, kart: Kart | None, now: float) -> str:
+    def _leave_race(self, kart: Kart | None, command: Command, now: float) -> str:
         assert kart is not None
         held = self.state is not IN_GARAGE
         kart.in_race = False
@@ -911,6 +943,19 @@ class Race:
             return f'{_capital(kart)} is out of the race and held in RED_RED'
         self._redirect(kart, now)
         return f'{_capital(kart)} is out of the race'
+
+    def _set_heat(self, kart: Kart | None, command: Command, now: float) -> str:
+        (heat,) = (each for each in self.heats if each.name == command.heat)
+        for each in self.karts.values():
+            each.in_race = each.number in heat.karts
+            self._redirect(each, now)
+        chosen = list(self.racing())
+        text = f'"{heat.name}" is in the race ({_numbers(heat.karts)}), and no other kart'
+        absent = [each for each in chosen if not each.connected]
+        if absent:
+            text += f'; not connected: {_listed(absent)}'
+        held = [f'{each}: {each.hold_reason}' for each in chosen if each.hold is not None]
+        return text + (f'; still held: {_cut(held)}' if held else '')
 
     # ----- why a command is refused: one phrase, or nothing -------------------------------
 
@@ -931,10 +976,10 @@ class Race:
         held = [each for each in racing if each.hold is not None]
         if held:
             reasons = [f'{each}: {each.hold_reason}' for each in held]
-            return f'held and to be released first: {_cut(reasons)}'
+            return f'held; release first: {_cut(reasons)}'
         moving = [each for each in racing if each.may_be_moving]
         if moving:
-            return f'may be moving, to be stopped first with RED_RED: {_listed(moving)}'
+            return f'may be moving; stop first with RED_RED: {_listed(moving)}'
         return ''
 
     def _no_green_green(self, kart: Kart | None) -> str:
@@ -942,7 +987,7 @@ class Race:
             return f'the race is in {self.state.value}; GREEN_GREEN follows GRID_ACTIVE'
         if not self.grid_was_last:
             return (
-                'another command was given after GRID_ACTIVE; '
+                'another command was sent after GRID_ACTIVE; '
                 'bring the race to IN_GARAGE and send GRID_ACTIVE again'
             )
         racing = list(self.racing())
@@ -999,6 +1044,10 @@ class Race:
             return f'the race is in {self.state.value}; a kart finishes in GREEN_GREEN'
         if kart.place:
             return f'{kart} has finished already, in place {kart.place}'
+        if not kart.connected:
+            return f'{kart} is not connected'
+        if kart.hold is not None:
+            return f'{kart} is held: {kart.hold_reason}'
         return ''
 
     def _no_release(self, kart: Kart | None) -> str:
@@ -1016,6 +1065,21 @@ class Race:
         if self.state is not IN_GARAGE:
             return f'the race is in {self.state.value}; karts join in IN_GARAGE'
         return ''
+
+    def _no_set_heat(self, kart: Kart | None) -> str:
+        if not self.heats:
+            return "the roster has no heats; list them under 'heats:' and restart race control"
+        if self.state is not IN_GARAGE:
+            return f'the race is in {self.state.value}; a heat is put into the race in IN_GARAGE'
+        return ''
+
+    def _unknown_heat(self, command: Command) -> str:
+        if command.kind is not CommandKind.SET_HEAT:
+            return ''
+        if any(heat.name == command.heat for heat in self.heats):
+            return ''
+        names = ', '.join(f'"{heat.name}"' for heat in self.heats)
+        return f'the roster has no heat {command.heat[:40]!r}; it has {names}'
 
     def _no_leave(self, kart: Kart | None) -> str:
         assert kart is not None
@@ -1060,16 +1124,18 @@ class Race:
                 'not held' if hold is None else f'held in {hold.value}'
                 for hold in (kart.hold, command.hold)
             )
-            return f'{kart} is {held}, you saw it {seen}: it is not as you saw it; look again'
+            return (
+                f'{kart} has changed since you looked: it is {held}, you saw it {seen}; look again'
+            )
         concerned = {each.number for each in rule.karts(self, None)}
         if concerned == command.karts:
             return ''
-        phrases = [f'it is for {_numbers(concerned)}, you named {_numbers(command.karts)}']
+        phrases = [f'it is now for {_numbers(concerned)}, you named {_numbers(command.karts)}']
         if concerned - command.karts:
             phrases.append(f'you did not name {_numbers(concerned - command.karts)}')
         if command.karts - concerned:
             phrases.append(f'it is not for {_numbers(command.karts - concerned)}')
-        return f'{"; ".join(phrases)}: the race is not as you saw it; look again'
+        return f'the race has changed since you looked: {"; ".join(phrases)}; look again'
 
     # ----- what the official must state ---------------------------------------------------
 
@@ -1131,6 +1197,8 @@ class Race:
                 'race control was restarted and may not know what it sent last: look at every '
                 'kart, then send IN_GARAGE, or use the MSR and record it'
             )
+        if not any(kart.connected for kart in self.karts.values()):
+            return True, 'no kart is connected: race control knows nothing of the karts'
         return True, 'every connected kart is in IN_GARAGE or has acknowledged its stop'
 
     def _silence(self, kart: Kart) -> str:
@@ -1138,7 +1206,7 @@ class Race:
         if not kart.connected:
             return 'not connected'
         if kart.withdrawn:
-            return f'took its {kart.sent.value} back'
+            return f'withdrew its {kart.sent.value}'
         return f'no {kart.sent.value} yet'
 
     def _waited_for(self) -> list[Kart]:
@@ -1166,7 +1234,7 @@ class Race:
         self._told_all_acknowledged = acknowledged
         if news:
             who = 'connected kart' if self.msr_used else 'kart'
-            following, text = _NEXT[self.state]
+            following, text = self._next()
             obstacle = self._refusal(COMMANDS[following], None) if following else ''
             self._events.append(
                 Event(
@@ -1175,6 +1243,32 @@ class Race:
                     state=self.state,
                 )
             )
+
+    def _next(self) -> tuple[CommandKind | None, str]:
+        """Return what may follow now that every kart has acknowledged, and say what is so."""
+        if self.state is not GREEN_GREEN:
+            return _NEXT[self.state]
+        racing = list(self.racing())
+        standing = [kart for kart in racing if kart.stopped]
+        if len(standing) < len(racing):
+            rest = f', without {_listed(standing)}' if standing else ''
+            return None, f'the race is on{rest}'
+        return CommandKind.RACE_OVER, 'all of them stand, and RACE_OVER may be sent'
+
+    def _tell_results(self) -> None:
+        """Tell the places of the race, and who did not finish; once for each race."""
+        starters = [self.karts[number] for number in self.starters]
+        self.starters = ()
+        if not starters:
+            return
+        finished = sorted((each for each in starters if each.place), key=lambda each: each.place)
+        missing = [str(each) for each in starters if not each.place]
+        text = 'Results: ' + (
+            ', '.join(f'{each.place}. {each}' for each in finished) or 'no kart finished'
+        )
+        if missing:
+            text += f'; did not finish: {", ".join(missing)}'
+        self._events.append(Event(EventKind.RESULTS, text))
 
     def _alert_conditions(self) -> Iterator[tuple[AlertKind, Kart | None, float | None]]:
         """
@@ -1273,7 +1367,6 @@ class Race:
 
 _NEXT: dict[RaceState, tuple[CommandKind | None, str]] = {
     GRID_ACTIVE: (CommandKind.GREEN_GREEN, 'GREEN_GREEN may be sent'),
-    GREEN_GREEN: (None, 'the race is on'),
     RED_FLAG: (CommandKind.RACE_OVER, 'RACE_OVER may be sent'),
     RED_RED: (CommandKind.IN_GARAGE, 'IN_GARAGE may be sent when the track is safe for humans'),
 }
@@ -1333,7 +1426,7 @@ class Rule:
         about what officials see.
     """
 
-    effect: Callable[[Race, Kart | None, float], str]
+    effect: Callable[[Race, Kart | None, Command, float], str]
     refusal: Callable[[Race, Kart | None], str] = Race._never
     statement: Callable[[Race, Kart | None], str] = Race._nothing_to_state
     to_one_kart: bool = False
@@ -1342,7 +1435,7 @@ class Rule:
     loosens: bool = False
 
     def leaves_grid_last(self, race: Race) -> bool:
-        """Return whether GRID_ACTIVE is the last command when this one has been given."""
+        """Return whether GRID_ACTIVE is the last command once this one has been accepted."""
         if self.effect is Race._grid_active:
             return True
         return race.grid_was_last and not self.is_command
@@ -1395,6 +1488,7 @@ COMMANDS: dict[CommandKind, Rule] = {
     CommandKind.LEAVE_RACE: Rule(
         Race._leave_race, Race._no_leave, to_one_kart=True, is_command=False
     ),
+    CommandKind.SET_HEAT: Rule(Race._set_heat, Race._no_set_heat, is_command=False),
     CommandKind.OPEN_TRACK: Rule(
         Race._open_track, Race._no_open_track, is_command=False, loosens=True
     ),

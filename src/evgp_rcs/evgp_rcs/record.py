@@ -19,6 +19,13 @@ hard to lose:
   is not forgotten by the next one, nor is one whose record was deleted;
 - whatever cannot be read, or does not fit together, counts as the worst: nothing is known.
 
+What a GREEN_GREEN leaves behind is on the disk before it goes out, unless officials start without
+a record. So that karts on the grid are not taken for lost in motion after every restart, a
+*voucher* says that this run has started nobody without a record. It is kept in the machine's
+memory: taking it back before such a start waits for no disk, and does not fail with one. It is
+written once, when the run begins, and only a voucher of the very run is believed. Without one
+(older records, a restart of the machine, no such folder) the start counts as made.
+
 The schema (``PRAGMA user_version`` 1):
 
 ======== =================== ======================================================================
@@ -85,8 +92,11 @@ SLOW = 2.0
 WITNESSES = pathlib.Path('/var/tmp')  # noqa: S108 - what others put there makes us careful only
 """Where a run says that it has begun, apart from the record; kept when the machine restarts."""
 
+VOUCHERS = pathlib.Path('/dev/shm')  # noqa: S108 - what others put there makes us careful only
+"""Where a run vouches that it has started nobody without a record; in the machine's memory."""
+
 TEMPORARY = pathlib.Path(tempfile.gettempdir())
-"""A record below this folder is not meant to last, and its witness goes with it."""
+"""A record below this folder is not meant to last, and its witness and voucher go with it."""
 
 UNRECORDED = 'unrecorded'
 """What the witness says of a run that the record does not know of."""
@@ -192,7 +202,8 @@ class Record:
     def __init__(self, path: pathlib.Path) -> None:
         """Claim the file, and find what the last run left."""
         self._path = path
-        self._witness = _Witness(path)
+        self._witness = _Witness(path, WITNESSES)
+        self._voucher = _Witness(path, VOUCHERS, '-starts')
         self._given: queue.SimpleQueue[_Given] = queue.SimpleQueue()
         # Written by whoever hands over.
         self._put = 0
@@ -217,10 +228,14 @@ class Record:
         """What the last run left, unless it ended in good order with nothing under way."""
         try:
             self._claim()
-            said = self._witness.read()
+            said, vouched = self._witness.read(), self._voucher.read()
+            self._voucher.void()
             self._witness.write(UNRECORDED)
-            self.left_behind = self._open(said)
+            self.left_behind = self._open(said, vouched)
+            # By this thread alone, which also takes it back.
+            self._voucher.write(str(self._began_ns))
         except _UNWRITABLE as error:
+            self._voucher.void()
             self._witness.write(UNRECORDED)
             self._error = _in_words(error)
             self.left_behind = NOTHING_KNOWN
@@ -260,6 +275,15 @@ class Record:
         """
         self._given.put(_Remember(memory, at, done))
 
+    def note_unrecorded_start(self) -> bool:
+        """
+        Take it down that karts are started that the record does not have; waits for no disk.
+
+        :return: whether it is taken down. If not, the next run could take karts that drive for
+            karts on the grid.
+        """
+        return self._voucher.void()
+
     def trouble(self) -> str:
         """Return why the record fails, as a sentence for an official; empty: it does not."""
         # Not the clock of the rules: a disk is not slow because the machine was suspended.
@@ -276,7 +300,11 @@ class Record:
         return f'The record {self._path} fails: {reason}; {waiting} events wait{lost}'
 
     def flush(self, timeout: float) -> bool:
-        """Wait until all that was given is written, or for so long (s); return whether it is."""
+        """
+        Wait until all that was given is written; return whether it is.
+
+        :param timeout: wait no longer than this, s.
+        """
         until = clock.now() + timeout
         while True:
             answer: queue.SimpleQueue[bool] = queue.SimpleQueue()
@@ -317,7 +345,7 @@ class Record:
             try:
                 if self._database is None:
                     self._claim()
-                    self._open(None)
+                    self._open(None, '')
                 self._write()
             except (*_UNWRITABLE, RecordError) as error:
                 # What SQLite knows of the file may be wrong by now: the next try opens it anew.
@@ -339,6 +367,7 @@ class Record:
             if self._end is not None:
                 if self._end.in_order:
                     self._witness.remove()
+                    self._voucher.remove()
                 return
 
     def _take_what_was_given(self) -> None:
@@ -407,24 +436,27 @@ class Record:
             self._claimed = claimed
             return
 
-    def _open(self, said: str | None) -> RaceMemory | None:
+    def _open(self, said: str | None, vouched: str) -> RaceMemory | None:
         """
         Open the file, begin a run of its own, and return what the last run left.
 
         :param said: what the witness says of the last run; None: this run has begun already.
+        :param vouched: what the voucher says.
         """
         database = sqlite3.connect(
             self._path, timeout=1.0, isolation_level=None, check_same_thread=False
         )
         try:
-            left_behind = self._prepare(database, said)
+            left_behind = self._prepare(database, said, vouched)
         except BaseException:
             database.close()
             raise
         self._database = database
         return left_behind
 
-    def _prepare(self, database: sqlite3.Connection, said: str | None) -> RaceMemory | None:
+    def _prepare(
+        self, database: sqlite3.Connection, said: str | None, vouched: str
+    ) -> RaceMemory | None:
         (version,) = database.execute('PRAGMA user_version').fetchone()
         tables = database.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]
         if version != SCHEMA_VERSION and (version or tables):
@@ -442,7 +474,7 @@ class Record:
                 for statement in _SCHEMA.split(';'):
                     database.execute(statement)
                 database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
-            left_behind = None if said is None else _left_behind(database, said)
+            left_behind = None if said is None else _left_behind(database, said, vouched)
             if begins:
                 self._began_ns = time.time_ns()
                 cursor = database.execute(
@@ -499,16 +531,22 @@ _UNWRITABLE = (OSError, sqlite3.Error, _NoRecordError)
 
 class _Witness:
     """
-    Says, apart from the record, that a run has begun which has not ended in order.
+    A line about a run, apart from the record.
 
-    Best effort: where it cannot be written, the record alone is the proof.
+    In `WITNESSES` it says that a run has begun which has not ended in order. Best effort: where it
+    cannot be written, the record alone is the proof. In `VOUCHERS` it says that this run has
+    started nobody without a record.
+
+    :param place: the folder it is kept in.
+    :param what: the end of its name.
     """
 
-    def __init__(self, record: pathlib.Path) -> None:
+    def __init__(self, record: pathlib.Path, place: pathlib.Path, what: str = '') -> None:
         """Find its place."""
         name = hashlib.sha256(str(record.absolute()).encode()).hexdigest()[:16]
         lasts = TEMPORARY not in record.absolute().parents
-        self._path = (WITNESSES if lasts else record.parent) / f'evgp_rcs-{os.getuid()}-{name}'
+        folder = place if lasts else record.parent
+        self._path = folder / f'evgp_rcs-{os.getuid()}-{name}{what}'
 
     def read(self) -> str:
         """Return what it says: `UNRECORDED`, when the run began (ns), or nothing."""
@@ -531,6 +569,23 @@ class _Witness:
                 os.fsync(file.fileno())
         except OSError:
             pass  # the record alone has to prove it
+
+    def void(self) -> bool:
+        """Have it say nothing that is believed, now; return whether that is so."""
+        try:
+            with self._opened(os.O_WRONLY) as file:
+                file.truncate(0)
+        except FileNotFoundError:
+            return True
+        except OSError:
+            pass  # it may still be removed
+        else:
+            return True
+        try:
+            self._path.unlink(missing_ok=True)
+        except OSError:
+            return False
+        return True
 
     def _opened(self, flags: int) -> IO[bytes]:
         """
@@ -596,11 +651,12 @@ def _row(session: int, stamped: StampedEvent) -> tuple[object, ...]:
     )
 
 
-def _left_behind(database: sqlite3.Connection, said: str) -> RaceMemory | None:
+def _left_behind(database: sqlite3.Connection, said: str, vouched: str) -> RaceMemory | None:
     """
     Return what the last run left, if the next one must take it up.
 
     :param said: what the witness says of the last run.
+    :param vouched: what the voucher says.
     """
     last = database.execute(
         'SELECT id, began_ns, ended_ns FROM session ORDER BY id DESC LIMIT 1'
@@ -625,9 +681,14 @@ def _left_behind(database: sqlite3.Connection, said: str) -> RaceMemory | None:
                 int(number): KartMemory(**kart) if isinstance(kart, dict) else KartMemory(*kart)
                 for number, kart in json.loads(karts).items()
             },
+            # A run that ended in order wrote with its end what there was at the end.
+            every_start=ended_ns is not None or vouched == str(began_ns),
         )
     except (ValueError, KeyError, TypeError, AttributeError):
         return NOTHING_KNOWN  # damaged, or written by a later version
+    unlike = ended_ns is not None or memory.state is RaceState.IN_GARAGE
+    if vouched == UNRECORDED and unlike:
+        return NOTHING_KNOWN  # karts were started later than this
     return None if ended_ns is not None and memory.home else memory
 
 
@@ -659,6 +720,21 @@ def open_read_only(path: pathlib.Path) -> sqlite3.Connection:
     if not path.exists():
         raise FileNotFoundError(f'there is no {path}')
     return sqlite3.connect(f'{path.absolute().as_uri()}?mode=ro', uri=True, timeout=1.0)
+
+
+def is_being_written(path: pathlib.Path) -> bool:
+    """
+    Return whether a race control that runs now has this record.
+
+    :raises OSError: if it cannot be read.
+    """
+    with path.open('rb') as file:
+        try:
+            # Given back at once; a race control that starts just now tries for longer than that.
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
 
 
 def sessions(database: sqlite3.Connection) -> list[Session]:

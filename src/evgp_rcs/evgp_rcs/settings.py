@@ -22,7 +22,7 @@ def read_settings(parameters: Parameters) -> Begin:
     declare = parameters.declare
 
     def seconds(name: str, default: float, meaning: str) -> float:
-        return declare(name, default, f'{meaning} for so long, s.', (0.1, 3600))
+        return declare(name, default, f'{meaning}, s.', (0.1, 3600))
 
     path = declare('roster', '', 'The file that lists the karts, see config/karts.yaml.')
     record = declare(
@@ -41,13 +41,13 @@ def read_settings(parameters: Parameters) -> Begin:
         send_timeout=declare(
             'send_timeout',
             1.0,
-            'A kart that leaves bytes unanswered so long is lost, s.',
+            'Time after which a kart that leaves bytes unanswered is lost, s.',
             (0.2, 10),
         ),
         pause=declare(
             'pause',
             1.0,
-            'So long after a stop nothing is taken that loosens or starts anything, s.',
+            'After a stop, commands that loosen or start anything are refused for this long, s.',
             (0.5, 10),
         ),
     )
@@ -59,14 +59,24 @@ def read_settings(parameters: Parameters) -> Begin:
                 'From FINISH to RED_FLAG for place 1, 2, …; the last for all further, s, 0-60.',
             )
         ),
-        finish_stop=seconds('finish_stop', 15.0, 'A finished kart may not acknowledge RED_FLAG'),
+        finish_stop=seconds(
+            'finish_stop', 15.0, 'Time that a finished kart has to acknowledge its RED_FLAG'
+        ),
         auto_race_over=declare(
             'auto_race_over', True, 'Once every kart has finished, the race goes over by itself.'
         ),
-        ready_alert=seconds('ready_alert', 120.0, 'Alert: GRID_ACTIVE is not acknowledged'),
-        green_alert=seconds('green_alert', 30.0, 'Alert: GREEN_GREEN is not acknowledged'),
-        flag_alert=seconds('flag_alert', 15.0, 'Alert: RED_FLAG is not acknowledged'),
-        red_alert=seconds('red_alert', 5.0, 'Alert: RED_RED is not acknowledged'),
+        ready_alert=seconds(
+            'ready_alert', 120.0, 'Time until the alert that GRID_ACTIVE is not acknowledged'
+        ),
+        green_alert=seconds(
+            'green_alert', 30.0, 'Time until the alert that GREEN_GREEN is not acknowledged'
+        ),
+        flag_alert=seconds(
+            'flag_alert', 15.0, 'Time until the alert that RED_FLAG is not acknowledged'
+        ),
+        red_alert=seconds(
+            'red_alert', 5.0, 'Time until the alert that RED_RED is not acknowledged'
+        ),
     )
     parameters.refuse_unknown()
     check_address('address', settings.host)

@@ -1,11 +1,25 @@
 """Start race control: ros2 launch evgp_rcs rcs.launch.py roster:=karts.yaml ."""
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, EmitEvent
+from launch.events import matches_action
+from launch.events.process import ProcessExited, ShutdownProcess
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
+
+WRONG_SETTING = 2
+"""Exit code of a node that a setting keeps from starting (evgp_node.process)."""
+
+
+def give_up_if_a_setting_is_wrong(
+    event: ProcessExited, context: LaunchContext
+) -> list[EmitEvent] | None:
+    """Keep race control from being started again if that would end in the same way."""
+    if event.returncode != WRONG_SETTING:
+        return None
+    return [EmitEvent(event=ShutdownProcess(process_matcher=matches_action(event.action)))]
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -55,6 +69,7 @@ def generate_launch_description() -> LaunchDescription:
                 # A race control that died comes back, and its karts stay stopped until then.
                 respawn=True,
                 respawn_delay=1.0,
+                on_exit=give_up_if_a_setting_is_wrong,
             ),
         ]
     )

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import dataclasses
 import pickle
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.race import (
     AlertKind,
+    Answer,
     Command,
     CommandKind,
     COMMANDS,
     EventKind,
+    Heat,
     Kart,
     KartMemory,
     Outcome,
@@ -31,6 +34,7 @@ RED_RED = RaceState.RED_RED
 
 TEAMS = {1: 'Ohm', 2: 'Volta', 3: 'Tesla'}
 SPECTATOR = 3
+HEATS = (Heat('Heat 1', (1, 2)), Heat('Final', (2, 3)))
 
 
 class Officials:
@@ -39,7 +43,7 @@ class Officials:
     def __init__(self, times: RaceTimes | None = None, connected: bool = True) -> None:
         self.now = 1000.0
         karts = [Kart(number, team, number != SPECTATOR) for number, team in TEAMS.items()]
-        self.race = Race(karts, times or RaceTimes(), self.now)
+        self.race = Race(karts, times or RaceTimes(), self.now, HEATS)
         for number in TEAMS if connected else ():
             self.connect(number)
 
@@ -55,7 +59,7 @@ class Officials:
             hold = self.race.karts[known].hold if known else None
             return Command(CommandKind[kind], kart, stating, hold=hold)
         karts = frozenset(self.race.availability(CommandKind[kind]).karts)
-        return Command(CommandKind[kind], kart, stating, karts)
+        return Command(CommandKind[kind], kart, stating, karts, heat=HEATS[0].name)
 
     def gives(self, command: Command) -> Outcome:
         outcome = self.race.command(command, self.now)
@@ -111,6 +115,12 @@ class Officials:
     def to_grid(self) -> Officials:
         self.does('GRID_ACTIVE')
         return self
+
+    def puts_in(self, heat: str) -> Outcome:
+        return self.gives(Command(CommandKind.SET_HEAT, heat=heat))
+
+    def in_race(self) -> list[int]:
+        return [kart.number for kart in self.race.racing()]
 
     def to_ready(self) -> Officials:
         self.to_grid().acknowledge(1, 2)
@@ -304,7 +314,7 @@ def test_a_stop_is_announced_as_allowed_in_every_state(reach: Reach, officials: 
 
 def test_a_stop_is_in_force_before_the_next_command_is_judged(officials: Officials) -> None:
     officials.to_ready().does('KART_RED_RED', 1)
-    assert 'another command was given after GRID_ACTIVE' in officials.is_refused('GREEN_GREEN')
+    assert 'another command was sent after GRID_ACTIVE' in officials.is_refused('GREEN_GREEN')
 
 
 # ----- GRID_ACTIVE ------------------------------------------------------------------------
@@ -334,8 +344,7 @@ def test_the_grid_does_not_form_without_karts(officials: Officials) -> None:
 def test_the_grid_does_not_form_while_a_kart_of_the_race_is_held(officials: Officials) -> None:
     officials.does('KART_RED_FLAG', 2)
     assert officials.is_refused('GRID_ACTIVE') == (
-        'GRID_ACTIVE refused: held and to be released first: '
-        'kart 2 (Volta): RED_FLAG by an official.'
+        'GRID_ACTIVE refused: held; release first: kart 2 (Volta): RED_FLAG by an official.'
     )
 
 
@@ -384,7 +393,7 @@ def test_green_is_refused_after_another_command_even_to_a_kart_outside(
 ) -> None:
     officials.to_ready().does('KART_RED_FLAG', SPECTATOR)
     assert officials.is_refused('GREEN_GREEN') == (
-        'GREEN_GREEN refused: another command was given after GRID_ACTIVE; '
+        'GREEN_GREEN refused: another command was sent after GRID_ACTIVE; '
         'bring the race to IN_GARAGE and send GRID_ACTIVE again.'
     )
 
@@ -416,7 +425,175 @@ def test_a_long_refusal_names_three_karts_and_counts_the_others() -> None:
     )
 
 
+# ----- heats -------------------------------------------------------------------------------
+
+
+def test_a_heat_puts_just_its_karts_into_the_race_as_one_event(officials: Officials) -> None:
+    outcome = officials.puts_in('Final')
+    assert officials.in_race() == [2, 3]
+    assert not outcome.orders
+    (event,) = outcome.events
+    assert (event.kind, event.command) == (EventKind.COMMAND, CommandKind.SET_HEAT)
+    assert event.success
+    assert event.text == '"Final" is in the race (karts 2, 3), and no other kart.'
+    officials.puts_in('Heat 1')
+    assert officials.in_race() == [1, 2]
+
+
+def test_a_heat_that_the_roster_does_not_have_is_refused_with_those_it_has(
+    officials: Officials,
+) -> None:
+    outcome = officials.puts_in('Heat 3')
+    assert outcome.answer == Answer(
+        False, 'SET_HEAT refused: the roster has no heat \'Heat 3\'; it has "Heat 1", "Final".'
+    )
+    assert officials.in_race() == [1, 2]
+
+
+@pytest.mark.parametrize('state', [name for name in STATES if name != 'IN_GARAGE'])
+def test_a_heat_is_put_into_the_race_in_the_garage_only(state: str, officials: Officials) -> None:
+    STATES[state](officials)
+    assert not officials.race.availability(CommandKind.SET_HEAT).available
+    answer = officials.puts_in('Final').answer
+    assert answer is not None
+    assert not answer.success
+    assert officials.in_race() == [1, 2]
+
+
+def test_without_heats_in_the_roster_the_command_is_unavailable_with_a_reason() -> None:
+    availability = Race([Kart(1)]).availability(CommandKind.SET_HEAT)
+    assert not availability.available
+    assert availability.reason == (
+        "the roster has no heats; list them under 'heats:' and restart race control"
+    )
+
+
+def test_a_heat_releases_no_kart_and_names_those_held_or_not_connected(
+    officials: Officials,
+) -> None:
+    officials.does('KART_RED_RED', 2)
+    officials.drop(3)
+    answer = officials.puts_in('Final').answer
+    assert answer is not None
+    assert 'not connected: kart 3 (Tesla)' in answer.message
+    assert 'still held: kart 2 (Volta)' in answer.message
+    assert officials.sent(2) is RED_RED
+    assert 'kart 2' in officials.is_refused('GRID_ACTIVE')
+
+
+def test_a_kart_that_was_lost_in_motion_stays_so_when_a_heat_takes_it_out(
+    officials: Officials,
+) -> None:
+    officials.says(1, GREEN_GREEN)
+    officials.drop(1)
+    before = officials.race.track_access()
+    assert not before.allowed
+    officials.puts_in('Final')
+    assert AlertKind.LOST_IN_MOTION in officials.alerts()
+    assert officials.race.track_access() == before
+    assert officials.race.karts[1].may_be_moving
+
+
 # ----- FINISH and the end of the race -----------------------------------------------------
+
+
+def results(outcome: Outcome) -> list[str]:
+    """Return the results that an outcome tells."""
+    return [event.text for event in outcome.events if event.kind is EventKind.RESULTS]
+
+
+def test_the_results_are_told_once_when_the_race_is_over(officials: Officials) -> None:
+    officials.to_green().does('KART_FINISH', 2)
+    told = officials.does('RACE_OVER')
+    assert results(told) == ['Results: 1. kart 2 (Volta); did not finish: kart 1 (Ohm)']
+    officials.acknowledge(1, 2)
+    assert not results(officials.does('RACE_OVER'))
+    assert not results(officials.does('IN_GARAGE'))
+
+
+def test_the_results_are_told_when_the_race_goes_over_by_itself(officials: Officials) -> None:
+    officials.to_green().does('KART_FINISH', 2)
+    officials.does('KART_FINISH', 1)
+    officials.wait(6.0)
+    officials.acknowledge(1, 2)
+    assert results(officials.wait(0.0)) == ['Results: 1. kart 2 (Volta), 2. kart 1 (Ohm)']
+
+
+def test_the_results_of_a_race_that_was_stopped_are_told_with_in_garage(
+    officials: Officials,
+) -> None:
+    assert not results(officials.to_green().does('ALL_KILL'))
+    officials.acknowledge(1, 2, 3)
+    assert results(officials.does('IN_GARAGE')) == [
+        'Results: no kart finished; did not finish: kart 1 (Ohm), kart 2 (Volta)'
+    ]
+
+
+def test_a_kart_that_was_released_from_the_race_did_not_finish(officials: Officials) -> None:
+    officials.to_green().does('KART_RED_RED', 1)
+    officials.does('KART_IN_GARAGE', 1)
+    assert results(officials.does('RACE_OVER')) == [
+        'Results: no kart finished; did not finish: kart 1 (Ohm), kart 2 (Volta)'
+    ]
+
+
+def test_a_race_that_was_never_started_has_no_results(officials: Officials) -> None:
+    officials.to_ready()
+    assert not results(officials.does('RACE_OVER'))
+    officials.acknowledge(1, 2)
+    assert not results(officials.does('IN_GARAGE'))
+
+
+def test_the_places_stay_in_the_garage_until_the_next_grid(officials: Officials) -> None:
+    officials.to_green().does('KART_FINISH', 2)
+    officials.does('RACE_OVER')
+    officials.acknowledge(1, 2)
+    officials.does('IN_GARAGE')
+    officials.does('LEAVE_RACE', 2)
+    assert officials.race.karts[2].place == 1
+    assert officials.race.memory().karts[2].place == 1
+    again = Race([Kart(number) for number in TEAMS])
+    again.recover(officials.race.memory(), 0.0)
+    assert again.karts[2].place == 1
+    officials.does('GRID_ACTIVE')
+    assert officials.race.karts[2].place == 0
+
+
+def test_a_race_that_race_control_left_under_way_has_its_results_told_by_the_next_run(
+    officials: Officials,
+) -> None:
+    officials.to_green().does('KART_FINISH', 2)
+    again = Race([Kart(number, team) for number, team in TEAMS.items()])
+    again.recover(officials.race.memory(), 0.0)
+    told = again.command(Command(CommandKind.RACE_OVER), 0.0)
+    assert results(told) == ['Results: 1. kart 2 (Volta); did not finish: kart 1 (Ohm)']
+
+
+def test_a_finish_is_told_once(officials: Officials) -> None:
+    outcome = officials.to_green().does('KART_FINISH', 2)
+    assert [event.kind for event in outcome.events] == [EventKind.COMMAND]
+
+
+@pytest.mark.parametrize(
+    ('what', 'reason'),
+    [
+        ('held', 'kart 1 (Ohm) is held: RED_RED by an official'),
+        ('lost', 'kart 1 (Ohm) is not connected'),
+        ('back', 'kart 1 (Ohm) is held: lost its connection in GREEN_GREEN'),
+    ],
+)
+def test_a_kart_that_is_held_or_lost_does_not_finish(
+    what: str, reason: str, officials: Officials
+) -> None:
+    officials.to_green()
+    if what == 'held':
+        officials.does('KART_RED_RED', 1)
+    else:
+        officials.drop(1)
+    if what == 'back':
+        officials.connect(1)
+    assert officials.race.availability(CommandKind.KART_FINISH, 1).reason == reason
+    assert officials.is_refused('KART_FINISH', 1) == f'KART_FINISH refused: {reason}.'
 
 
 def test_a_kart_that_finishes_drives_on_and_is_flagged_later(officials: Officials) -> None:
@@ -573,7 +750,7 @@ def test_green_is_not_announced_when_another_command_has_come_between(
     officials.acknowledge(1)
     officials.says(2, GRID_ACTIVE)
     (news,) = officials.wait(0.05).events
-    assert 'another command was given after GRID_ACTIVE' in news.text
+    assert 'another command was sent after GRID_ACTIVE' in news.text
     assert 'GREEN_GREEN may be sent' not in news.text
 
 
@@ -815,7 +992,7 @@ def test_a_kart_that_says_another_state_takes_its_acknowledgement_back(
     assert outcome.events[0].text == (
         'Kart 1 (Ohm) says IN_GARAGE: its acknowledgement of GRID_ACTIVE does not count any more'
     )
-    assert 'kart 1 (Ohm): took its GRID_ACTIVE back' in officials.is_refused('GREEN_GREEN')
+    assert 'kart 1 (Ohm): withdrew its GRID_ACTIVE' in officials.is_refused('GREEN_GREEN')
     officials.acknowledge(1)
     officials.does('GREEN_GREEN')
 
@@ -828,7 +1005,7 @@ def test_a_kart_far_behind_cannot_acknowledge_its_second_grid_with_echoes_of_the
     officials.acknowledge(2)
     for echo in (GRID_ACTIVE, GRID_ACTIVE, IN_GARAGE):
         officials.says(1, echo)
-    assert 'kart 1 (Ohm): took its GRID_ACTIVE back' in officials.is_refused('GREEN_GREEN')
+    assert 'kart 1 (Ohm): withdrew its GRID_ACTIVE' in officials.is_refused('GREEN_GREEN')
     officials.says(1, GRID_ACTIVE)
     officials.does('GREEN_GREEN')
 
@@ -851,7 +1028,7 @@ def test_a_kart_that_takes_its_stop_back_may_be_moving_again(officials: Official
     assert officials.race.karts[1].may_be_moving
     assert not officials.race.track_access().allowed
     assert set(officials.alerts()) == {AlertKind.RED_UNACKNOWLEDGED}
-    assert 'kart 1 (Ohm): took its RED_RED back' in officials.is_refused('IN_GARAGE')
+    assert 'kart 1 (Ohm): withdrew its RED_RED' in officials.is_refused('IN_GARAGE')
     officials.acknowledge(1)
     officials.does('IN_GARAGE')
 
@@ -889,7 +1066,7 @@ def test_a_kart_in_the_garage_that_says_green_may_be_moving_until_it_was_stopped
     )
     officials.does('JOIN_RACE', SPECTATOR)
     assert officials.is_refused('GRID_ACTIVE') == (
-        'GRID_ACTIVE refused: may be moving, to be stopped first with RED_RED: kart 3 (Tesla).'
+        'GRID_ACTIVE refused: may be moving; stop first with RED_RED: kart 3 (Tesla).'
     )
     officials.does('KART_RED_RED', SPECTATOR)
     officials.acknowledge(SPECTATOR)
@@ -965,7 +1142,7 @@ def test_a_lost_kart_keeps_the_next_grid_from_forming_until_it_is_released(
     officials.does('IN_GARAGE')
     officials.connect(1)
     assert officials.is_refused('GRID_ACTIVE') == (
-        'GRID_ACTIVE refused: held and to be released first: '
+        'GRID_ACTIVE refused: held; release first: '
         'kart 1 (Ohm): lost its connection in GREEN_GREEN.'
     )
     officials.acknowledge(1)
@@ -1392,8 +1569,8 @@ def test_the_grid_does_not_form_with_a_kart_the_official_did_not_see(officials: 
     answer = officials.gives(command).answer
     assert answer is not None
     assert answer.message == (
-        'GRID_ACTIVE refused: it is for karts 1, 2, 3, you named karts 1, 2; you did not name '
-        'kart 3: the race is not as you saw it; look again.'
+        'GRID_ACTIVE refused: the race has changed since you looked: it is now for '
+        'karts 1, 2, 3, you named karts 1, 2; you did not name kart 3; look again.'
     )
     assert officials.race.state is IN_GARAGE
 
@@ -1404,8 +1581,8 @@ def test_green_is_not_given_to_fewer_karts_than_the_official_saw(officials: Offi
     answer = officials.gives(command).answer
     assert answer is not None
     assert answer.message == (
-        'GREEN_GREEN refused: it is for kart 1, you named karts 1, 2; it is not for kart 2: '
-        'the race is not as you saw it; look again.'
+        'GREEN_GREEN refused: the race has changed since you looked: it is now for kart 1, '
+        'you named karts 1, 2; it is not for kart 2; look again.'
     )
     assert officials.all_sent() == [GRID_ACTIVE, RED_RED, IN_GARAGE]
 
@@ -1420,7 +1597,7 @@ def test_the_garage_releases_no_kart_that_the_official_did_not_see_released(
     answer = officials.gives(command).answer
     assert answer is not None
     assert not answer.success
-    assert 'you did not name kart 3: the race is not as you saw it' in answer.message
+    assert 'you did not name kart 3; look again' in answer.message
 
 
 def test_a_kart_is_not_released_from_another_hold_than_the_official_saw(
@@ -1432,8 +1609,8 @@ def test_a_kart_is_not_released_from_another_hold_than_the_official_saw(
     answer = officials.gives(command).answer
     assert answer is not None
     assert answer.message == (
-        'KART_IN_GARAGE refused: kart 1 (Ohm) is held in RED_RED, you saw it held in RED_FLAG: '
-        'it is not as you saw it; look again.'
+        'KART_IN_GARAGE refused: kart 1 (Ohm) has changed since you looked: it is held in '
+        'RED_RED, you saw it held in RED_FLAG; look again.'
     )
 
 
@@ -1455,7 +1632,43 @@ def test_a_long_difference_is_cut_but_what_was_not_seen_is_named() -> None:
     answer = race.command(Command(CommandKind.GRID_ACTIVE, None, True, seen), 0.0).answer
     assert answer is not None
     assert '9, 10, 11, 12, and 28 more' in answer.message
-    assert 'you did not name kart 40: the race is not as you saw it' in answer.message
+    assert 'you did not name kart 40; look again' in answer.message
+
+
+def test_the_race_is_not_said_to_be_on_when_every_kart_stands(officials: Officials) -> None:
+    def news() -> list[str]:
+        events = officials.wait(0.0).events
+        return [each.text for each in events if each.kind is EventKind.ALL_ACKNOWLEDGED]
+
+    officials.to_green()
+    assert news() == ['Every kart of the race has acknowledged; the race is on']
+    officials.does('KART_RED_RED', 1)
+    officials.acknowledge(1)
+    officials.wait(0.0)
+    officials.does('KART_FINISH', 2)
+    officials.wait(6.0)
+    officials.acknowledge(2)
+    assert news() == [
+        'Every kart of the race has acknowledged; all of them stand, and RACE_OVER may be sent'
+    ]
+
+
+def test_a_race_that_is_on_names_the_karts_that_stand(officials: Officials) -> None:
+    officials.to_green().does('KART_RED_RED', 1)
+    officials.wait(0.0)
+    officials.acknowledge(1)
+    (event,) = officials.wait(0.0).events
+    assert event.text == (
+        'Every kart of the race has acknowledged; the race is on, without kart 1 (Ohm)'
+    )
+
+
+def test_without_a_connected_kart_humans_are_allowed_because_nothing_is_known_of_the_karts() -> (
+    None
+):
+    access = Officials(connected=False).race.track_access()
+    assert access.allowed
+    assert access.reason == 'no kart is connected: race control knows nothing of the karts'
 
 
 # ----- what is wrong around race control --------------------------------------------------
@@ -1550,6 +1763,35 @@ def test_a_kart_of_the_race_may_have_been_on_the_grid_when_race_control_crashed(
     assert set(officials.alerts()) == {AlertKind.KART_LOST}
     assert 'kart 1 was lost on the grid' in officials.is_refused('OPEN_TRACK')
     assert 'waiting for kart 1: not connected' in officials.is_refused('IN_GARAGE')
+
+
+@pytest.mark.parametrize('every_start', [True, False])
+def test_karts_on_the_grid_are_lost_in_motion_only_if_their_start_may_be_missing(
+    officials: Officials, every_start: bool
+) -> None:
+    memory = officials.to_ready().race.memory()
+    officials = restarted(dataclasses.replace(memory, every_start=every_start), *TEAMS)
+    assert officials.all_sent() == [RED_RED, RED_RED, RED_RED]
+    assert [kart.on_grid for kart in officials.race.karts.values()] == [True, True, False]
+    moving = [kart.may_be_moving for kart in officials.race.karts.values()]
+    if every_start:
+        assert moving == [False, False, False]
+        assert set(officials.alerts()) == {AlertKind.KART_LOST}
+        assert 'kart 1 (' not in officials.alerts()[AlertKind.KART_LOST]
+    else:
+        assert moving == [True, True, False]
+        assert set(officials.alerts()) == {AlertKind.LOST_IN_MOTION}
+    assert not officials.race.track_access().allowed
+    # And a second restart forgets none of it.
+    again = restarted(officials.race.memory(), *TEAMS)
+    assert [kart.may_be_moving for kart in again.race.karts.values()] == moving
+
+
+def test_karts_that_race_are_lost_in_motion_whatever_the_record_has_of_their_start(
+    officials: Officials,
+) -> None:
+    officials = restarted(officials.to_green().race.memory(), *TEAMS)
+    assert [kart.may_be_moving for kart in officials.race.karts.values()] == [True, True, False]
 
 
 def test_what_was_doubtful_of_a_kart_outside_the_race_still_is_after_a_restart(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
+import dataclasses
 import os
 import pathlib
 import queue
@@ -24,7 +25,15 @@ from evgp_rcs.race import (
     StampedEvent,
 )
 import evgp_rcs.record
-from evgp_rcs.record import _Remember, events, open_read_only, Record, RecordError, sessions
+from evgp_rcs.record import (
+    _Remember,
+    events,
+    is_being_written,
+    open_read_only,
+    Record,
+    RecordError,
+    sessions,
+)
 from evgp_rcs.timeline import main as print_timeline
 import pytest
 
@@ -40,6 +49,15 @@ def witnesses(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> pathli
     folder.mkdir()
     monkeypatch.setattr(evgp_rcs.record, 'WITNESSES', folder)
     monkeypatch.setattr(evgp_rcs.record, 'TEMPORARY', folder / 'elsewhere')
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def vouchers(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> pathlib.Path:
+    """Return a folder of this test's own in which runs vouch for their starts."""
+    folder = tmp_path / 'vouchers'
+    folder.mkdir()
+    monkeypatch.setattr(evgp_rcs.record, 'VOUCHERS', folder)
     return folder
 
 
@@ -467,6 +485,133 @@ def test_what_somebody_else_put_in_the_place_of_the_witness_is_doubt_and_stays_u
     assert not (witnesses / 'nothing').exists()
 
 
+# ----- whether anybody was started without a record ----------------------------------------
+
+GRID = RaceMemory(RaceState.GRID_ACTIVE, {7: KartMemory(True, False, 0, False, True, False)})
+UNSURE = dataclasses.replace(GRID, every_start=False)
+
+
+def crash_on_the_grid(record: Record) -> None:
+    record.remember(GRID, 0.0)
+    crash(record)
+
+
+def test_after_a_crash_on_the_grid_it_is_known_that_nobody_was_started(begin: Begin) -> None:
+    crash_on_the_grid(begin())
+    assert begin().left_behind == GRID
+
+
+def test_a_start_without_a_record_may_be_missing_from_what_is_left_behind(begin: Begin) -> None:
+    record = begin()
+    assert record.note_unrecorded_start()
+    crash_on_the_grid(record)
+    again = begin()
+    assert again.left_behind == UNSURE
+    # The next run has all that this one took up, and its own starts.
+    crash_on_the_grid(again)
+    assert begin().left_behind == GRID
+
+
+def test_a_start_is_noted_although_the_disk_takes_nothing(small_disk: pathlib.Path) -> None:
+    path = small_disk / 'record.sqlite3'
+    record = started(path)
+    record.remember(GRID, 0.0)
+    assert record.flush(PATIENCE)
+    ballast = small_disk / 'ballast'
+    with pytest.raises(OSError, match='No space left'):
+        ballast.write_bytes(bytes(1 << 20))
+    assert record.note_unrecorded_start()
+    record.end(PATIENCE, in_order=False)
+    ballast.unlink()
+    again = started(path)
+    again.end(PATIENCE)
+    assert again.left_behind == UNSURE
+
+
+@pytest.mark.parametrize('harm', ['the machine was restarted', 'of an earlier run', 'emptied'])
+def test_without_its_own_voucher_a_run_may_have_started_karts(
+    begin: Begin, vouchers: pathlib.Path, harm: str
+) -> None:
+    crash_on_the_grid(begin())
+    (voucher,) = vouchers.iterdir()
+    earlier = voucher.read_bytes()
+    crash_on_the_grid(begin())
+    if harm == 'the machine was restarted':
+        voucher.unlink()
+    else:
+        voucher.write_bytes(earlier if harm == 'of an earlier run' else b'')
+    assert begin().left_behind == UNSURE
+
+
+def test_a_run_that_cannot_vouch_may_have_started_karts(
+    begin: Begin, vouchers: pathlib.Path
+) -> None:
+    vouchers.rmdir()
+    record = begin()
+    assert record.note_unrecorded_start()
+    crash_on_the_grid(record)
+    assert begin().left_behind == UNSURE
+
+
+@pytest.mark.parametrize('kind', ['a pipe', 'a link', 'a folder'])
+def test_what_somebody_else_put_in_the_place_of_the_voucher_is_doubt_and_stays_untouched(
+    begin: Begin, vouchers: pathlib.Path, kind: str
+) -> None:
+    crash_on_the_grid(begin())
+    (voucher,) = vouchers.iterdir()
+    precious = vouchers / 'precious'
+    precious.write_text(voucher.read_text())
+    voucher.unlink()
+    if kind == 'a pipe':
+        os.mkfifo(voucher)
+    elif kind == 'a folder':
+        voucher.mkdir()
+    else:
+        voucher.symlink_to(precious)
+    before = precious.read_text()
+    record = begin()
+    assert record.left_behind == UNSURE
+    assert record.note_unrecorded_start() is (kind != 'a folder')
+    assert precious.read_text() == before
+
+
+def test_a_run_that_began_to_write_late_may_have_started_karts(
+    begin: Begin, path: pathlib.Path
+) -> None:
+    path.mkdir(parents=True)  # nobody can write it, and root neither
+    record = begin()
+    assert record.trouble()
+    path.rmdir()
+    crash_on_the_grid(record)
+    assert begin().left_behind == UNSURE
+
+
+def test_a_start_that_a_record_of_the_garage_does_not_have_means_that_nothing_is_known(
+    begin: Begin, witnesses: pathlib.Path
+) -> None:
+    record = begin()
+    record.remember(HOME, 0.0)
+    assert record.flush(PATIENCE)
+    assert record.note_unrecorded_start()
+    record.end(PATIENCE, in_order=False)  # and the witness could not be changed any more
+    left_behind = begin().left_behind
+    assert left_behind is not None
+    assert not left_behind.known
+
+
+@pytest.mark.parametrize('without_record', [True, False])
+def test_a_run_that_ended_in_order_has_told_every_start(
+    begin: Begin, vouchers: pathlib.Path, without_record: bool
+) -> None:
+    record = begin()
+    if without_record:
+        assert record.note_unrecorded_start()
+    record.remember(GRID, 0.0)
+    record.end(PATIENCE)
+    assert not list(vouchers.iterdir())
+    assert begin().left_behind == GRID
+
+
 def test_a_record_that_is_a_pipe_keeps_nobody_waiting(begin: Begin, path: pathlib.Path) -> None:
     path.parent.mkdir()
     os.mkfifo(path)
@@ -516,8 +661,78 @@ def test_the_list_has_every_run(
     assert 'not ended' not in second
 
 
+def test_a_run_in_progress_is_listed_as_running_until_it_ends(
+    begin: Begin, path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    crash(begin())
+    record = begin()
+    assert print_timeline([str(path), '--list']) == 0
+    first, second = capsys.readouterr().out.splitlines()
+    assert 'not ended in good order' in first
+    assert 'still running' in second
+    record.end(PATIENCE, in_order=False)
+    assert print_timeline([str(path)]) == 0
+    assert 'not ended in good order' in capsys.readouterr().out
+
+
+def test_looking_whether_a_run_is_in_progress_keeps_no_race_control_from_starting(
+    begin: Begin, path: pathlib.Path
+) -> None:
+    begin().end(PATIENCE)
+    assert not is_being_written(path)
+    begin().end(PATIENCE)
+
+
+def test_a_finish_of_an_older_record_is_told_once(
+    begin: Begin, path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = begin()
+    record.put([event(1, 'Kart 7 finished', kart=7), event(2, 'Kart 7 finished', kart=7)])
+    record.put([event(3, 'after')])
+    assert record.flush(PATIENCE)
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.execute("UPDATE event SET kind = 'FINISHED' WHERE sequence = 2")
+        database.commit()
+    assert print_timeline([str(path)]) == 0
+    out = capsys.readouterr().out
+    assert out.count('Kart 7 finished') == 1
+    assert 'missing' not in out
+    assert 'after' in out
+
+
+def test_the_default_record_is_read_and_help_says_where_it_is(
+    begin: Begin,
+    path: pathlib.Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv('ROS_HOME', str(path.parent))
+    default = path.parent / 'evgp_rcs' / 'record.sqlite3'
+    assert print_timeline([]) == 2
+    assert str(default) in capsys.readouterr().err
+    record = begin()
+    record.put([event(1, 'something')])
+    assert record.flush(PATIENCE)
+    default.parent.mkdir()
+    default.symlink_to(path)
+    assert print_timeline([]) == 0
+    assert 'something' in capsys.readouterr().out
+    monkeypatch.setenv('COLUMNS', '500')
+    with pytest.raises(SystemExit):
+        print_timeline(['--help'])
+    assert str(default) in capsys.readouterr().out
+
+
 def test_a_record_that_is_not_there_is_named(
     path: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert print_timeline([str(path)]) == 2
     assert f'there is no {path}' in capsys.readouterr().err
+
+
+def test_a_run_that_a_record_does_not_have_is_refused_with_those_it_has(
+    begin: Begin, path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    begin()
+    assert print_timeline([str(path), '--run', '7']) == 2
+    assert f'{path} has no run 7; it has 1' in capsys.readouterr().err
