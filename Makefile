@@ -51,8 +51,9 @@ bench:
 fuzz:
 	$(IN_WORKSPACE) python fuzz/run.py $(ARGS)
 
+# Race control that dies is started again; a wrong setting or Ctrl-C ends it (evgp_node.restarting).
 run:
-	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_node --ros-args \
+	$(IN_WORKSPACE) python -m evgp_node.restarting install/evgp_rcs/lib/evgp_rcs/rcs_node --ros-args \
 	  --params-file '$(abspath $(PARAMS))' -p 'roster:=$(abspath $(ROSTER))'
 
 console:
