@@ -68,7 +68,7 @@ def check_decoder(data: bytes) -> None:
 
 def check_roster(data: bytes) -> None:
     """
-    Load the bytes as a roster: one that is right in all, or one sentence that says why not.
+    Load the bytes as a roster: one that is right in all, or sentences that say why not.
 
     :raises AssertionError: if a promise of ``load_roster`` is broken; what else it raises is a
         finding too.
@@ -76,15 +76,16 @@ def check_roster(data: bytes) -> None:
     try:
         loaded = _load(data)
     except roster.RosterError as error:
-        sentence = str(error)
-        assert re.match(r'roster(:[1-9]\d*)?: ', sentence), sentence
-        assert sentence.isprintable(), f'no single printable line: {sentence!r}'
-        assert len(sentence) < 1000, f'too long to read: {sentence}'
-        line = re.match(r'roster:(\d+):', sentence)
-        if line:
-            # YAML ends a line at any of these; a fault may be told behind the last one.
-            lines = len(re.split('\r\n|[\r\n\x85\u2028\u2029]', data.decode(errors='replace')))
-            assert int(line[1]) <= lines + 1, sentence
+        # YAML ends a line at any of these; a fault may be told behind the last one.
+        lines = len(re.split('\r\n|[\r\n\x85\u2028\u2029]', data.decode(errors='replace')))
+        sentences = str(error).split('\n')
+        assert len(sentences) <= roster.MOST_FAULTS + 1, f'too many to read: {len(sentences)}'
+        for sentence in sentences:
+            assert re.match(r'roster(:[1-9]\d*)?: ', sentence), sentence
+            assert sentence.isprintable(), f'no single printable line: {sentence!r}'
+            assert len(sentence) < 1000, f'too long to read: {sentence}'
+            line = re.match(r'roster:(\d+):', sentence)
+            assert line is None or int(line[1]) <= lines + 1, sentence
         return
     entries = loaded.entries
     assert entries, 'a roster without a kart'
@@ -106,7 +107,17 @@ def check_roster(data: bytes) -> None:
         assert plain['team'].strip() == entry.team, entry
         assert plain['address'] == entry.address, entry
         assert plain['in_race'] is entry.in_race, entry
-    again = yaml.safe_dump({'karts': [vars(entry) for entry in entries]}, allow_unicode=True)
+    numbers = {entry.number for entry in entries}
+    assert len({heat.name for heat in loaded.heats}) == len(loaded.heats), 'a heat is in it twice'
+    for heat in loaded.heats:
+        assert heat.karts, heat
+        assert list(heat.karts) == sorted(set(heat.karts) & numbers), heat
+        assert heat.name.isprintable(), heat
+        assert 1 <= len(heat.name.strip()) == len(heat.name) <= roster.MAX_HEAT_LENGTH, heat
+    plain_roster: dict[str, object] = {'karts': [vars(entry) for entry in entries]}
+    if loaded.heats:
+        plain_roster['heats'] = {heat.name: list(heat.karts) for heat in loaded.heats}
+    again = yaml.safe_dump(plain_roster, allow_unicode=True, sort_keys=False)
     assert _load(again.encode()) == loaded, 'a roster written anew is another one'
 
 
@@ -162,4 +173,4 @@ def _load(data: bytes) -> roster.Roster:
         try:
             return roster.load_roster(path)
         except roster.RosterError as error:
-            raise roster.RosterError(str(error).removeprefix(f'{folder}/')) from error
+            raise roster.RosterError(str(error).replace(f'{folder}/', '')) from error

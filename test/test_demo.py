@@ -105,6 +105,8 @@ def test_a_signal_in_mid_race_ends_every_process(
 
 # ----- the checks, on doctored records ----------------------------------------------------
 
+KART_FINISH = msg.CommandAvailability.KART_FINISH
+
 
 class Author:
     """Writes the record of a race of karts 7 and 5, with 64 outside; all times are small."""
@@ -170,9 +172,9 @@ def race() -> RaceRecord:
     author.order(GRID_ACTIVE, 7, 5)
     author.order(GREEN_GREEN, 7, 5)
     author.now = 110.0
-    author.event(msg.RaceEvent.FINISHED, kart=7)
+    author.event(msg.RaceEvent.COMMAND, kart=7, command=KART_FINISH)
     author.now = 110.5
-    author.event(msg.RaceEvent.FINISHED, kart=5)
+    author.event(msg.RaceEvent.COMMAND, kart=5, command=KART_FINISH)
     author.now = 111.5
     author.order(RED_FLAG, 5)
     author.now = 112.0
@@ -237,7 +239,7 @@ def set_kart_final(record: RaceRecord, state: RaceState) -> None:
 
 def finish_later(record: RaceRecord) -> None:
     """Let the winner's finish come half a second later: its RED_FLAG then came too soon."""
-    finish = next(event for event in record.events if event.kind == msg.RaceEvent.FINISHED)
+    finish = next(event for event in record.events if event.command == KART_FINISH)
     finish.monotonic.nanosec = 500_000_000
 
 

@@ -57,6 +57,50 @@ def test_a_race_goes_from_the_garage_over_the_finish_back_to_the_garage(
     assert [state for _, state in karts[2].changes] == [IN_GARAGE]
 
 
+def test_a_heat_is_in_the_race_with_one_command_and_places_stay_until_the_next_grid(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(
+        in_race=(1,), others=(2, 3), heats={'Heat 1': (1, 2), 'Final': (2, 3)}
+    )
+    official = join_official(control)
+    for number in (1, 2, 3):
+        connect_kart(control, number, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1, 2, 3)
+    race = official.wait_for_race(lambda race: True, 'a look at the race')
+    assert [(heat.name, list(heat.karts)) for heat in race.heats] == [
+        ('Heat 1', [1, 2]),
+        ('Final', [2, 3]),
+    ]
+    assert not official.call('set_heat', heat='Heat 7').success
+    official.command('set_heat', heat='Heat 1')
+    race = official.wait_for_race(
+        lambda race: [kart.in_race for kart in race.karts] == [True, True, False], 'the heat'
+    )
+    official.command('grid_active', track_clear=True)
+    official.wait_for_acks(GRID_ACTIVE, 1, 2)
+    assert not official.call('set_heat', heat='Final').success
+    official.command('green_green')
+    official.wait_for_acks(GREEN_GREEN, 1, 2)
+    official.command('kart/finish', kart=2)
+    official.command('race_over')
+    official.wait_for_acks(RED_RED, 1, 2)
+    official.command('in_garage', track_safe=True)
+    race = official.wait_for_race(lambda race: state_of(race.state) is IN_GARAGE, 'IN_GARAGE')
+    assert [kart.place for kart in race.karts] == [0, 1, 0]
+    official.command('set_heat', heat='Final')
+    race = official.wait_for_race(
+        lambda race: [kart.in_race for kart in race.karts] == [False, True, True], 'the heat'
+    )
+    assert [kart.place for kart in race.karts] == [0, 1, 0]
+    told = [event.kind for event in official.events]
+    assert told.count(msg.RaceEvent.RESULTS) == 1
+    official.command('grid_active', track_clear=True)
+    official.wait_for_race(
+        lambda race: not any(kart.place for kart in race.karts), 'no places of the last race'
+    )
+
+
 def test_all_kill_reaches_every_kart_of_the_roster(
     start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
 ) -> None:

@@ -148,7 +148,13 @@ def _refused(record: RaceRecord) -> Finding:
 
 
 def _stagger(record: RaceRecord) -> Finding:
-    finished = [event for event in record.events if event.kind == msg.RaceEvent.FINISHED]
+    finished = [
+        event
+        for event in record.events
+        if event.kind == msg.RaceEvent.COMMAND
+        and event.command == msg.CommandAvailability.KART_FINISH
+        and event.success
+    ]
     racing = [entrant for entrant in record.entrants if entrant.in_race]
     if sorted(event.kart for event in finished) != sorted(entrant.number for entrant in racing):
         return Finding(False, f'{len(finished)} of {len(racing)} karts finished')

@@ -39,7 +39,6 @@ _NOT_TOLD_LIVE = (
     msg.RaceEvent.KART_STATE,
     msg.RaceEvent.ACKNOWLEDGED,
     msg.RaceEvent.REPORTED,
-    msg.RaceEvent.FINISHED,
 )
 
 

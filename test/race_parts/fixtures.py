@@ -6,7 +6,7 @@ Each fixture starts parts and ends them after the test, in reverse order, also w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 import contextlib
 import pathlib
 
@@ -36,12 +36,15 @@ def start_race_control(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> S
     """Return a function that starts a race control on a ROS domain of its own."""
 
     def start(
-        in_race: Iterable[int] = (1, 2), others: Iterable[int] = (), **parameters: object
+        in_race: Iterable[int] = (1, 2),
+        others: Iterable[int] = (),
+        heats: Mapping[str, Iterable[int]] | None = None,
+        **parameters: object,
     ) -> RaceControl:
         domain = parts.enter_context(Domain())
         folder = tmp_path / f'domain_{domain.number}'
         folder.mkdir()
-        control = RaceControl(folder, domain.number, in_race, others, parameters)
+        control = RaceControl(folder, domain.number, in_race, others, parameters, heats=heats)
         parts.callback(control.close)
         return control
 

@@ -35,6 +35,7 @@ SERVICES = {
     'grid_active': srv.GridActive,
     'in_garage': srv.InGarage,
     'set_in_race': srv.SetInRace,
+    'set_heat': srv.SetHeat,
     'set_track_open': SetBool,
     'kart/red_red': srv.KartCommand,
     'kart/red_flag': srv.KartCommand,

@@ -27,6 +27,7 @@ class RaceControl(Process):
     :param parameters: more ROS parameters of the node.
     :param teams: the names of teams, by the numbers of their karts.
     :param arguments: more ROS arguments of the node.
+    :param heats: the heats of the roster, each of its karts.
     """
 
     def __init__(
@@ -38,6 +39,7 @@ class RaceControl(Process):
         parameters: Mapping[str, object] | None = None,
         teams: Mapping[int, str] | None = None,
         arguments: tuple[str, ...] = (),
+        heats: Mapping[str, Iterable[int]] | None = None,
     ) -> None:
         """Start race control and wait until karts can connect."""
         racing = set(in_race)
@@ -51,7 +53,10 @@ class RaceControl(Process):
             for number in sorted(racing | set(others))
         ]
         roster = folder / 'karts.yaml'
-        roster.write_text(yaml.safe_dump({'karts': karts}), encoding='utf-8')
+        content: dict[str, object] = {'karts': karts}
+        if heats:
+            content['heats'] = {name: list(chosen) for name, chosen in heats.items()}
+        roster.write_text(yaml.safe_dump(content, sort_keys=False), encoding='utf-8')
         self.domain = domain
         super().__init__(
             'evgp_rcs',

@@ -257,6 +257,7 @@ def race_of(begin: Begin, now: float) -> Race:
         ],
         begin.times,
         now=now,
+        heats=begin.roster.heats,
     )
 
 

@@ -105,6 +105,7 @@ def race_message(
             )
             for alert in race.alerts(now)
         ],
+        heats=[msg.Heat(name=heat.name, karts=heat.karts) for heat in race.heats],
     )
 
 

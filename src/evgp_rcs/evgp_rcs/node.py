@@ -215,6 +215,7 @@ class RcsNode(StrictNode):
             srv.SetInRace,
             lambda request: CommandKind.JOIN_RACE if request.in_race else CommandKind.LEAVE_RACE,
         )
+        offer(others, '~/set_heat', srv.SetHeat, CommandKind.SET_HEAT)
         offer(
             others,
             '~/set_track_open',
@@ -250,6 +251,7 @@ class RcsNode(StrictNode):
                     statement(request),
                     frozenset(getattr(request, 'karts', ())),
                     state_of(request.hold) if hasattr(request, 'hold') else None,
+                    getattr(request, 'heat', ''),
                 )
             )
             response.success = answer.success

@@ -56,6 +56,7 @@ class CommandKind(enum.Enum):
     GREEN_GREEN = 'GREEN_GREEN'
     RACE_OVER = 'RACE_OVER'
     IN_GARAGE = 'IN_GARAGE'
+    SET_HEAT = 'SET_HEAT'
     OPEN_TRACK = 'OPEN_TRACK'
     CLOSE_TRACK = 'CLOSE_TRACK'
     RECORD_MSR = 'RECORD_MSR'
@@ -82,8 +83,8 @@ class EventKind(enum.Enum):
     ALERT_RAISED = 'ALERT_RAISED'
     ALERT_CLEARED = 'ALERT_CLEARED'
     ALL_ACKNOWLEDGED = 'ALL_ACKNOWLEDGED'
-    FINISHED = 'FINISHED'
     WITHDRAWN = 'WITHDRAWN'
+    RESULTS = 'RESULTS'
 
 
 class AlertKind(enum.Enum):
@@ -122,6 +123,7 @@ class Command:
     :param karts: for a command that starts or releases: the karts concerned, as the official saw
         them.
     :param hold: for the release of one kart: its hold, as the official saw it; ``None`` for none.
+    :param heat: for SET_HEAT: the name of the heat.
     """
 
     kind: CommandKind
@@ -129,6 +131,15 @@ class Command:
     statement: bool = False
     karts: frozenset[int] = frozenset()
     hold: RaceState | None = None
+    heat: str = ''
+
+
+@dataclass(frozen=True)
+class Heat:
+    """Karts that race together, by a name of the roster; their numbers in ascending order."""
+
+    name: str
+    karts: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -291,7 +302,7 @@ class Kart:
         acknowledged the red it is sent nor been made safe by hand.
     :param lost_since: since when it is missing, if it dropped out of a race under way or while it
         may have been moving; in the latter case until it has acknowledged a red.
-    :param place: finishing place from 1; 0 while not finished.
+    :param place: finishing place from 1, until the next GRID_ACTIVE; 0 when it has none.
     :param finish_due: when its finish becomes a RED_FLAG; ``None`` if nothing is due.
     :param on_grid: it was sent GRID_ACTIVE, and has since neither acknowledged a red, nor been
         made safe by hand, nor been sent IN_GARAGE on the connection it has.
@@ -398,11 +409,16 @@ class Race:
     :param karts: every kart of the roster, each number once.
     :param times: the times of the rules.
     :param now: the time, in seconds.
+    :param heats: the heats of the roster, each of its karts.
     :raises ValueError: if two karts have the same number.
     """
 
     def __init__(
-        self, karts: Iterable[Kart], times: RaceTimes = RaceTimes(), now: float = 0.0
+        self,
+        karts: Iterable[Kart],
+        times: RaceTimes = RaceTimes(),
+        now: float = 0.0,
+        heats: Iterable[Heat] = (),
     ) -> None:
         """Begin in IN_GARAGE, as §3.B has it."""
         self.times = times
@@ -412,10 +428,13 @@ class Race:
                 raise ValueError(f'kart {kart.number} is in the roster twice')
             self.karts[kart.number] = kart
             kart.sent_since = now
+        self.heats = tuple(heats)
         self.state = IN_GARAGE
         self.state_since = now
         self.over = False
         self.places_given = 0
+        self.starters: tuple[int, ...] = ()
+        """Who was sent GREEN_GREEN in the race whose results have not been told yet."""
         self.grid_was_last = False
         self.track_open = False
         self.msr_used = False
@@ -482,6 +501,13 @@ class Race:
                 kart.lost_since = now
             self._hold(kart, RED_RED, 'race control was restarted', now)
         self.places_given = max((kart.place for kart in self.karts.values()), default=0)
+        # Of a race in RED_RED nobody knows whether its results were told; of one that nobody
+        # finished, not even whether it was started.
+        in_red = memory.state is RED_RED and self.places_given
+        if memory.state in (GREEN_GREEN, RED_FLAG) or in_red:
+            self.starters = tuple(
+                kart.number for kart in self.karts.values() if kart.in_race or kart.place
+            )
         self.restarted = True
         why = ': race control was restarted'
         if not memory.known:
@@ -507,7 +533,7 @@ class Race:
             kart = self.karts.get(command.kart) if command.kart is not None else None
             if kart is None:
                 refusal = self._unknown_kart(command)
-        refusal = refusal or self._refusal(rule, kart)
+        refusal = refusal or self._refusal(rule, kart) or self._unknown_heat(command)
         statement = '' if refusal else rule.statement(self, kart)
         if statement and not command.statement:
             refusal = f'state that {statement}'
@@ -521,7 +547,7 @@ class Race:
             answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
         else:
             self.grid_was_last = rule.leaves_grid_last(self)
-            answer = Answer(True, f'{rule.effect(self, kart, now)}.')
+            answer = Answer(True, f'{rule.effect(self, kart, command, now)}.')
         # The cause stands before its effects.
         self._events.insert(
             0,
@@ -658,6 +684,7 @@ class Race:
         if due is not None and now >= due:
             self.over = True
             self._go(RED_RED, now, ': race over, every kart of the race has finished')
+            self._tell_results()
         self._tell_all_acknowledged()
         self._tell_alerts(now)
         return self._outcome()
@@ -801,47 +828,52 @@ class Race:
 
     # ----- the effects of the commands ----------------------------------------------------
 
-    def _all_kill(self, kart: Kart | None, now: float) -> str:
+    def _all_kill(self, kart: Kart | None, command: Command, now: float) -> str:
         for each in self.karts.values():
             self._hold(each, RED_RED, 'ALL_KILL', now)
         self._go(RED_RED, now)
         return f'RED_RED is sent to all karts ({self._how_many(self.karts.values())})'
 
-    def _red_flag(self, kart: Kart | None, now: float) -> str:
+    def _red_flag(self, kart: Kart | None, command: Command, now: float) -> str:
         self._go(stricter(self.state, RED_FLAG), now)
         if self.state is not RED_FLAG:
             return f'The race is in {self.state.value} already, which is stricter than RED_FLAG'
         return f'RED_FLAG is sent to the karts of the race ({self._how_many(self.racing())})'
 
-    def _grid_active(self, kart: Kart | None, now: float) -> str:
+    def _grid_active(self, kart: Kart | None, command: Command, now: float) -> str:
         self.track_open = False
         self.msr_used = False
+        self.starters = ()
+        self.places_given = 0
+        for each in self.karts.values():
+            each.place = 0
         self._go(GRID_ACTIVE, now)
         return (
             f'GRID_ACTIVE is sent to the karts of the race ({self._how_many(self.racing())}); '
             'the track is closed to humans'
         )
 
-    def _green_green(self, kart: Kart | None, now: float) -> str:
+    def _green_green(self, kart: Kart | None, command: Command, now: float) -> str:
+        self.starters = tuple(each.number for each in self.racing())
         self._go(GREEN_GREEN, now)
         return f'GREEN_GREEN is sent to the karts of the race ({self._how_many(self.racing())})'
 
-    def _race_over(self, kart: Kart | None, now: float) -> str:
+    def _race_over(self, kart: Kart | None, command: Command, now: float) -> str:
         self.over = True
         self._go(RED_RED, now)
+        self._tell_results()
         return f'Race over: RED_RED is sent to the race ({self._how_many(self.racing())})'
 
-    def _race_in_garage(self, kart: Kart | None, now: float) -> str:
+    def _race_in_garage(self, kart: Kart | None, command: Command, now: float) -> str:
         for each in list(self._released_by_garage(None)):
             self._unhold(each)
         kept = [each for each in self.karts.values() if each.hold is not None]
         for each in self.karts.values():
-            each.place = 0
             each.finish_due = None
-        self.places_given = 0
         self.over = False
         self.msr_used = False
         self.restarted = False
+        self._tell_results()  # of a race that was stopped and never declared over
         self._go(IN_GARAGE, now)
         for each in self.karts.values():
             self._redirect(each, now)
@@ -850,41 +882,39 @@ class Race:
             message += f'; still held until released alone: {_listed(kept)}'
         return message
 
-    def _open_track(self, kart: Kart | None, now: float) -> str:
+    def _open_track(self, kart: Kart | None, command: Command, now: float) -> str:
         self.track_open = True
         return f'The track is open to humans: {self._humans_allowed()[1]}'
 
-    def _close_track(self, kart: Kart | None, now: float) -> str:
+    def _close_track(self, kart: Kart | None, command: Command, now: float) -> str:
         self.track_open = False
         return 'The track is closed to humans'
 
-    def _record_msr(self, kart: Kart | None, now: float) -> str:
+    def _record_msr(self, kart: Kart | None, command: Command, now: float) -> str:
         # The MSR's relay may give the power back later: by then every kart must be told to stop.
-        self._all_kill(None, now)
+        self._all_kill(None, command, now)
         self.msr_used = True
         return 'The use of the MSR is recorded, and RED_RED is sent to all karts'
 
-    def _kart_red_red(self, kart: Kart | None, now: float) -> str:
+    def _kart_red_red(self, kart: Kart | None, command: Command, now: float) -> str:
         assert kart is not None
         self._hold_alone(kart, RED_RED, now)
         return f'{_capital(kart)} is held in RED_RED' + self._if_absent(kart)
 
-    def _kart_red_flag(self, kart: Kart | None, now: float) -> str:
+    def _kart_red_flag(self, kart: Kart | None, command: Command, now: float) -> str:
         assert kart is not None
         self._hold_alone(kart, RED_FLAG, now)
         return f'{_capital(kart)} is held in {kart.sent.value}' + self._if_absent(kart)
 
-    def _kart_finish(self, kart: Kart | None, now: float) -> str:
+    def _kart_finish(self, kart: Kart | None, command: Command, now: float) -> str:
         assert kart is not None
         self.places_given += 1
         kart.place = self.places_given
         delay = self.times.finish_delay(kart.place)
         kart.finish_due = now + delay
-        text = f'{_capital(kart)} finished in place {kart.place}; RED_FLAG follows in {delay:g} s'
-        self._events.append(Event(EventKind.FINISHED, text, kart=kart.number))
-        return text
+        return f'{_capital(kart)} finished in place {kart.place}; RED_FLAG follows in {delay:g} s'
 
-    def _release_kart(self, kart: Kart | None, now: float) -> str:
+    def _release_kart(self, kart: Kart | None, command: Command, now: float) -> str:
         assert kart is not None
         self._unhold(kart)
         self._end_doubt(kart)
@@ -896,13 +926,13 @@ class Race:
             ' and is out of the race' if out else ''
         )
 
-    def _join_race(self, kart: Kart | None, now: float) -> str:
+    def _join_race(self, kart: Kart | None, command: Command, now: float) -> str:
         assert kart is not None
         kart.in_race = True
         self._redirect(kart, now)
         return f'{_capital(kart)} is in the race'
 
-    def _leave_race(self, kart: Kart | None, now: float) -> str:
+    def _leave_race(self, kart: Kart | None, command: Command, now: float) -> str:
         assert kart is not None
         held = self.state is not IN_GARAGE
         kart.in_race = False
@@ -911,6 +941,19 @@ class Race:
             return f'{_capital(kart)} is out of the race and held in RED_RED'
         self._redirect(kart, now)
         return f'{_capital(kart)} is out of the race'
+
+    def _set_heat(self, kart: Kart | None, command: Command, now: float) -> str:
+        (heat,) = (each for each in self.heats if each.name == command.heat)
+        for each in self.karts.values():
+            each.in_race = each.number in heat.karts
+            self._redirect(each, now)
+        chosen = list(self.racing())
+        text = f'"{heat.name}" is in the race ({_numbers(heat.karts)}), and no other kart'
+        absent = [each for each in chosen if not each.connected]
+        if absent:
+            text += f'; not connected: {_listed(absent)}'
+        held = [f'{each}: {each.hold_reason}' for each in chosen if each.hold is not None]
+        return text + (f'; still held: {_cut(held)}' if held else '')
 
     # ----- why a command is refused: one phrase, or nothing -------------------------------
 
@@ -999,6 +1042,10 @@ class Race:
             return f'the race is in {self.state.value}; a kart finishes in GREEN_GREEN'
         if kart.place:
             return f'{kart} has finished already, in place {kart.place}'
+        if not kart.connected:
+            return f'{kart} is not connected'
+        if kart.hold is not None:
+            return f'{kart} is held: {kart.hold_reason}'
         return ''
 
     def _no_release(self, kart: Kart | None) -> str:
@@ -1016,6 +1063,21 @@ class Race:
         if self.state is not IN_GARAGE:
             return f'the race is in {self.state.value}; karts join in IN_GARAGE'
         return ''
+
+    def _no_set_heat(self, kart: Kart | None) -> str:
+        if not self.heats:
+            return "the roster has no heats; list them under 'heats:' and restart race control"
+        if self.state is not IN_GARAGE:
+            return f'the race is in {self.state.value}; a heat is put into the race in IN_GARAGE'
+        return ''
+
+    def _unknown_heat(self, command: Command) -> str:
+        if command.kind is not CommandKind.SET_HEAT:
+            return ''
+        if any(heat.name == command.heat for heat in self.heats):
+            return ''
+        names = ', '.join(f'"{heat.name}"' for heat in self.heats)
+        return f'the roster has no heat {command.heat[:40]!r}; it has {names}'
 
     def _no_leave(self, kart: Kart | None) -> str:
         assert kart is not None
@@ -1176,6 +1238,21 @@ class Race:
                 )
             )
 
+    def _tell_results(self) -> None:
+        """Tell the places of the race, and who did not finish; once for each race."""
+        starters = [self.karts[number] for number in self.starters]
+        self.starters = ()
+        if not starters:
+            return
+        finished = sorted((each for each in starters if each.place), key=lambda each: each.place)
+        missing = [str(each) for each in starters if not each.place]
+        text = 'Results: ' + (
+            ', '.join(f'{each.place}. {each}' for each in finished) or 'no kart finished'
+        )
+        if missing:
+            text += f'; did not finish: {", ".join(missing)}'
+        self._events.append(Event(EventKind.RESULTS, text))
+
     def _alert_conditions(self) -> Iterator[tuple[AlertKind, Kart | None, float | None]]:
         """
         Yield each alert that holds or will hold if nothing changes, and from when.
@@ -1333,7 +1410,7 @@ class Rule:
         about what officials see.
     """
 
-    effect: Callable[[Race, Kart | None, float], str]
+    effect: Callable[[Race, Kart | None, Command, float], str]
     refusal: Callable[[Race, Kart | None], str] = Race._never
     statement: Callable[[Race, Kart | None], str] = Race._nothing_to_state
     to_one_kart: bool = False
@@ -1395,6 +1472,7 @@ COMMANDS: dict[CommandKind, Rule] = {
     CommandKind.LEAVE_RACE: Rule(
         Race._leave_race, Race._no_leave, to_one_kart=True, is_command=False
     ),
+    CommandKind.SET_HEAT: Rule(Race._set_heat, Race._no_set_heat, is_command=False),
     CommandKind.OPEN_TRACK: Rule(
         Race._open_track, Race._no_open_track, is_command=False, loosens=True
     ),

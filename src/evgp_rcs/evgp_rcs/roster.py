@@ -1,20 +1,22 @@
 """
-The roster: which karts there are, and who of them is in the first race (§3.F, §4.A).
+The roster: which karts there are, who of them is in the first race, and the heats (§3.F, §4.A).
 
 Parsing only: text in, a ``Roster`` or one ``RosterError`` out. An official edits this file by
-hand, minutes before a race, so that every fault is told with its line and with what would be
+hand, minutes before a race, so every fault is told at once, with its line and with what would be
 right. The YAML is read as a tree of nodes that know their lines, and never turned into objects:
-whatever YAML could mean beyond the four fields is refused.
+whatever YAML could mean beyond these fields is refused.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 import dataclasses
 import ipaddress
 import pathlib
 import re
+from typing import TypeVar
 
+from evgp_rcs.race import Heat
 import yaml
 
 # A roster of 1000 karts fits.
@@ -22,6 +24,9 @@ MAX_BYTES = 200_000
 MAX_NUMBER = 9999
 # What still fits beside the buttons of a GUI.
 MAX_TEAM_LENGTH = 64
+MAX_HEAT_LENGTH = 32
+# Who has more gave another file.
+MOST_FAULTS = 100
 
 _FIELDS = ('number', 'team', 'address', 'in_race')
 
@@ -29,13 +34,16 @@ _INT = 'tag:yaml.org,2002:int'
 _BOOL = 'tag:yaml.org,2002:bool'
 _STR = 'tag:yaml.org,2002:str'
 
+_Read = TypeVar('_Read')
+
 
 class RosterError(ValueError):
     """
-    A roster that cannot be used; its text is one sentence for the official who wrote it.
+    A roster that cannot be used; its text is for the official who wrote it.
 
-    The sentence names the file and, where the fault stands in a line, the line: `karts.yaml:7:
-    kart 3: address 10.0.0.3 is already kart 1's (line 4); give every kart its own address`.
+    One line for each fault, in the order of the file. Each names the file and, where the fault
+    is in a line, the line: `karts.yaml:7: kart 3: address 10.0.0.3 is already kart 1's (line 4);
+    give every kart its own address`.
     """
 
 
@@ -51,9 +59,14 @@ class RosterEntry:
 
 @dataclasses.dataclass(frozen=True)
 class Roster:
-    """The karts of the event, at least one, in the order of the file; nothing is in it twice."""
+    """
+    The karts of the event, at least one, and its heats, in the order of the file.
+
+    No number, address or name of a heat is in it twice; a heat has only karts of the roster.
+    """
 
     entries: tuple[RosterEntry, ...]
+    heats: tuple[Heat, ...] = ()
 
 
 def load_roster(path: pathlib.Path) -> Roster:
@@ -102,25 +115,58 @@ def _too_large(source: str) -> RosterError:
     )
 
 
+class _Fault(Exception):
+    """A fault at a line, 0 for the whole file; raised where reading cannot go on behind it."""
+
+    def __init__(self, line: int, reason: str) -> None:
+        super().__init__(line, reason)
+        self.line = line
+        self.reason = reason
+
+
 class _Parser:
-    """The parsing of one text; it only holds the name that messages begin with."""
+    """The parsing of one text: it gathers the faults, so that all can be told at once."""
 
     def __init__(self, source: str) -> None:
         self._source = source
+        self._faults: list[_Fault] = []
+        self._lines_of_numbers: dict[int, int] = {}
+        self._every_number_known = True
 
     def parse(self, text: str) -> Roster:
         if len(text) > MAX_BYTES:
             raise _too_large(self._source)
+        try:
+            roster = self._read(text)
+        except _Fault as fault:
+            self._faults.append(fault)
+        if not self._faults:
+            return roster
+        self._faults.sort(key=lambda fault: fault.line)
+        lines = [self._in_words(fault) for fault in self._faults[:MOST_FAULTS]]
+        if len(self._faults) > MOST_FAULTS:
+            lines.append(f'{self._source}: {len(self._faults) - MOST_FAULTS} more faults')
+        raise RosterError('\n'.join(lines))
+
+    def _in_words(self, fault: _Fault) -> str:
+        return f'{self._source}{f":{fault.line}" if fault.line else ""}: {fault.reason}'
+
+    def _read(self, text: str) -> Roster:
         root = self._compose(text)
         if root is None:
-            raise RosterError(f"{self._source}: is empty; list the karts under 'karts:'")
-        fields = self._fields(root, ('karts',), 'the roster')
-        karts = fields['karts']
-        if not isinstance(karts, yaml.SequenceNode):
-            raise self._error(karts, "'karts' is not a list; begin each kart with '- number: ...'")
-        if not karts.value:
-            raise self._error(karts, "'karts' is empty; list at least one kart")
-        return Roster(tuple(self._entries(karts.value)))
+            raise _Fault(0, "is empty; list the karts under 'karts:'")
+        fields = self._fields(root, ('karts',), 'the roster', optional=('heats',))
+        entries: list[RosterEntry] = []
+        karts = fields.get('karts')
+        if karts is not None:
+            if not isinstance(karts, yaml.SequenceNode):
+                self._note(karts, "'karts' is not a list; begin each kart with '- number: ...'")
+            elif not karts.value:
+                self._note(karts, "'karts' is empty; list at least one kart")
+            else:
+                entries = list(self._entries(karts.value))
+        heats = fields.get('heats')
+        return Roster(tuple(entries), tuple(self._heats(heats)) if heats is not None else ())
 
     def _compose(self, text: str) -> yaml.Node | None:
         """
@@ -133,97 +179,164 @@ class _Parser:
         try:
             for event in yaml.parse(text, Loader=yaml.SafeLoader):
                 if isinstance(event, yaml.NodeEvent) and event.anchor is not None:
-                    raise self._error(event, 'anchors (&, *) are not used here; write it out')
+                    raise _fault(event, 'anchors (&, *) are not used here; write it out')
                 if getattr(event, 'tag', None) is not None:
-                    raise self._error(event, 'tags (!) are not used here; leave it out')
+                    raise _fault(event, 'tags (!) are not used here; leave it out')
                 if isinstance(event, yaml.CollectionStartEvent):
                     depth += 1
                 elif isinstance(event, yaml.CollectionEndEvent):
                     depth -= 1
                 # A list of karts in a mapping is three deep; composing recurses.
                 if depth > 10:
-                    raise self._error(event, "is nested too deep; list the karts under 'karts:'")
+                    raise _fault(event, "is nested too deep; list the karts under 'karts:'")
             return yaml.compose(text, Loader=yaml.SafeLoader)
-        except RosterError:
-            raise
         except yaml.MarkedYAMLError as error:
             mark = error.problem_mark or error.context_mark
-            at = '' if mark is None else f':{mark.line + 1}'
-            raise self._not_yaml(at, error.problem or error.context) from error
+            line = 0 if mark is None else mark.line + 1
+            raise _not_yaml(line, error.problem or error.context) from error
         except yaml.reader.ReaderError as error:  # a character that YAML forbids
-            at = f':{text.count(chr(10), 0, error.position) + 1}'
+            line = text.count('\n', 0, error.position) + 1
             reason = f'the character #x{error.character:04x} is not allowed'
-            raise self._not_yaml(at, reason) from error
+            raise _not_yaml(line, reason) from error
         except (ValueError, OverflowError) as error:
             # PyYAML lets these out where an escape or a directive has a number it cannot take.
-            raise self._not_yaml('', error) from error
-
-    def _not_yaml(self, at: str, reason: object) -> RosterError:
-        return RosterError(
-            f'{self._source}{at}: is not YAML ({reason}); '
-            'compare it with the roster that is shipped'
-        )
+            raise _not_yaml(0, error) from error
 
     def _entries(self, nodes: list[yaml.Node]) -> Iterator[RosterEntry]:
         """Yield the karts of the list, each checked by itself and against those before it."""
-        lines_of_numbers: dict[int, int] = {}
-        owners: dict[str, tuple[int, int]] = {}
+        lines_of_numbers = self._lines_of_numbers
+        owners: dict[str, tuple[str, int]] = {}
         for position, node in enumerate(nodes, start=1):
-            fields = self._fields(node, _FIELDS, f'kart entry {position}')
-            number = self._number(fields['number'], f'kart entry {position}')
-            if number in lines_of_numbers:
-                raise self._error(
-                    fields['number'],
-                    f'kart {number}: number {number} is already taken '
-                    f'(line {lines_of_numbers[number]}); give every kart its own number',
-                )
-            lines_of_numbers[number] = _line(fields['number'])
-
-            kart = f'kart {number}'
-            entry = RosterEntry(
-                number,
-                self._team(fields['team'], kart),
-                self._address(fields['address'], kart),
-                self._in_race(fields['in_race'], kart),
-            )
-            if entry.address in owners:
-                owner, line = owners[entry.address]
-                raise self._error(
+            kart = f'kart entry {position}'
+            fields = self._tried(self._fields, node, _FIELDS, kart)
+            fields = fields or {}
+            number = self._tried(self._number, fields.get('number'), kart)
+            if number is None:
+                self._every_number_known = False
+            else:
+                if number in lines_of_numbers:
+                    self._note(
+                        fields['number'],
+                        f'kart {number}: number {number} is already taken '
+                        f'(line {lines_of_numbers[number]}); give every kart its own number',
+                    )
+                lines_of_numbers.setdefault(number, _line(fields['number']))
+                kart = f'kart {number}'
+            team = self._tried(self._team, fields.get('team'), kart)
+            address = self._tried(self._address, fields.get('address'), kart)
+            if address in owners:
+                owner, line = owners[address]
+                self._note(
                     fields['address'],
-                    f"{kart}: address {entry.address} is already kart {owner}'s (line {line}); "
+                    f"{kart}: address {address} is already {owner}'s (line {line}); "
                     'give every kart its own address',
                 )
-            owners[entry.address] = number, _line(fields['address'])
-            yield entry
+            elif address is not None:
+                owners[address] = kart, _line(fields['address'])
+            in_race = self._tried(self._in_race, fields.get('in_race'), kart)
+            if (
+                number is not None
+                and team is not None
+                and address is not None
+                and in_race is not None
+            ):
+                yield RosterEntry(number, team, address, in_race)
 
-    def _fields(self, node: yaml.Node, names: tuple[str, ...], what: str) -> dict[str, yaml.Node]:
+    def _heats(self, node: yaml.Node) -> Iterator[Heat]:
+        """Yield the heats of the mapping, each checked by itself and against the karts."""
+        right = "write each as '  Heat 1: [1, 2, 3]'"
+        if not isinstance(node, yaml.MappingNode):
+            self._note(node, f"'heats' is not a mapping of names to lists of numbers; {right}")
+            return
+        if not node.value:
+            self._note(node, f"'heats' is empty; {right}, or leave 'heats:' out")
+        lines: dict[str, int] = {}
+        for key, value in node.value:
+            name = self._tried(self._heat_name, key)
+            if name is not None:
+                if name in lines:
+                    self._note(
+                        key,
+                        f'heat {name!r} is already there (line {lines[name]}); '
+                        'give every heat its own name',
+                    )
+                lines.setdefault(name, _line(key))
+            heat = f'heat {name!r}' if name is not None else 'this heat'
+            karts = self._heat_karts(value, heat)
+            if name is not None and karts:
+                yield Heat(name, tuple(sorted(karts)))
+
+    def _heat_name(self, node: yaml.Node) -> str:
+        if isinstance(node, yaml.ScalarNode):
+            name = str(node.value).strip()
+            if name and name.isprintable() and len(name) <= MAX_HEAT_LENGTH:
+                return name
+        raise _fault(
+            node,
+            f'heat {_shown(node)} has no name that can be shown; '
+            f'give it 1 to {MAX_HEAT_LENGTH} printable characters',
+        )
+
+    def _heat_karts(self, node: yaml.Node, heat: str) -> set[int]:
+        karts: set[int] = set()
+        if not isinstance(node, yaml.SequenceNode):
+            self._note(
+                node, f'{heat} is not a list of karts; give their numbers, such as [1, 2, 3]'
+            )
+            return karts
+        if not node.value:
+            self._note(node, f'{heat} is empty; give the numbers of its karts, or leave it out')
+        for each in node.value:
+            number = self._tried(self._number, each, heat)
+            if number is None:
+                continue
+            if number in karts:
+                self._note(each, f'{heat} has kart {number} already; give it once')
+            elif self._every_number_known and number not in self._lines_of_numbers:
+                self._note(
+                    each,
+                    f"{heat}: the roster has no kart {number}; give a number from 'karts:'",
+                )
+            karts.add(number)
+        return karts
+
+    def _fields(
+        self,
+        node: yaml.Node,
+        names: tuple[str, ...],
+        what: str,
+        optional: tuple[str, ...] = (),
+    ) -> dict[str, yaml.Node]:
         """Return the fields of a mapping, which must have each of the names once and no other."""
         wanted = _quoted(names)
         if not isinstance(node, yaml.MappingNode):
-            raise self._error(node, f'{what} is not a mapping; give it {wanted}')
+            raise _fault(node, f'{what} is not a mapping; give it {wanted}')
         fields: dict[str, yaml.Node] = {}
         lines: dict[str, int] = {}
         for key, value in node.value:
             name = key.value if isinstance(key, yaml.ScalarNode) else None
-            if name not in names:
+            if name not in (*names, *optional):
                 shown = 'a list or mapping' if name is None else repr(name)
-                raise self._error(key, f'{what} has the unknown field {shown}; it has {wanted}')
-            if name in fields:
-                raise self._error(
-                    key, f"{what} has '{name}' already (line {lines[name]}); give it once"
+                self._note(
+                    key,
+                    f'{what} has the unknown field {shown}; it has {_quoted((*names, *optional))}',
                 )
+                continue
+            if name in fields:
+                self._note(key, f"{what} has '{name}' already (line {lines[name]}); give it once")
+                continue
             fields[name] = value
             lines[name] = _line(key)
         missing = [name for name in names if name not in fields]
         if missing:
-            raise self._error(node, f'{what} has no {_quoted(missing)}; give it {wanted}')
+            self._note(node, f'{what} has no {_quoted(missing)}; give it {wanted}')
         return fields
 
     def _number(self, node: yaml.Node, what: str) -> int:
         # Decimal only: YAML would read 010 as eight and 1:30 as ninety.
         if node.tag == _INT and re.fullmatch('[1-9][0-9]{0,3}', node.value):
             return int(node.value)
-        raise self._error(
+        raise _fault(
             node,
             f'{what}: number {_shown(node)} is not one; '
             f'give a whole number from 1 to {MAX_NUMBER}, without quotes',
@@ -234,7 +347,7 @@ class _Parser:
             team = str(node.value).strip()
             if team and team.isprintable() and len(team) <= MAX_TEAM_LENGTH:
                 return team
-        raise self._error(
+        raise _fault(
             node,
             f'{kart}: team {_shown(node)} is no name; give 1 to {MAX_TEAM_LENGTH} printable '
             'characters, in quotes if they look like a number or a yes or no',
@@ -242,31 +355,66 @@ class _Parser:
 
     def _address(self, node: yaml.Node, kart: str) -> str:
         right = "give the kart's own IPv4 address, such as 192.168.1.101"
+        text = str(node.value)
         try:
-            address = ipaddress.IPv4Address(str(node.value))
+            address = ipaddress.IPv4Address(text)
         except ValueError as error:
-            raise self._error(
+            plain = re.sub(r'\b0+(?=[0-9])', '', text)
+            if plain != text and _is_address(plain):
+                raise _fault(
+                    node,
+                    f'{kart}: address {text} has a number with a leading zero; write {plain}',
+                ) from error
+            raise _fault(
                 node, f'{kart}: address {_shown(node)} is no IPv4 address; {right}'
             ) from error
         # Nothing connects from these, so that the kart would wait for ever.
         if address.packed[0] == 0 or address.is_multicast or address.is_reserved:
             kind = 'a multicast' if address.is_multicast else 'an unspecified or broadcast'
-            raise self._error(
+            raise _fault(
                 node, f'{kart}: address {address} is {kind} address and no kart has it; {right}'
             )
         return str(address)
 
     def _in_race(self, node: yaml.Node, kart: str) -> bool:
         if node.tag != _BOOL:
-            raise self._error(
+            raise _fault(
                 node,
                 f'{kart}: in_race {_shown(node)} is neither true nor false; '
                 'give one of the two, without quotes',
             )
         return str(node.value).lower() in ('true', 'yes', 'on')
 
-    def _error(self, where: yaml.Node | yaml.Event, reason: str) -> RosterError:
-        return RosterError(f'{self._source}:{_line(where)}: {reason}')
+    def _tried(
+        self, read: Callable[..., _Read], node: yaml.Node | None, *context: object
+    ) -> _Read | None:
+        """Read a node; note its fault and return ``None`` if it has one, or is missing."""
+        if node is None:
+            return None
+        try:
+            return read(node, *context)
+        except _Fault as fault:
+            self._faults.append(fault)
+            return None
+
+    def _note(self, where: yaml.Node, reason: str) -> None:
+        self._faults.append(_fault(where, reason))
+
+
+def _is_address(text: str) -> bool:
+    try:
+        ipaddress.IPv4Address(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _fault(where: yaml.Node | yaml.Event, reason: str) -> _Fault:
+    return _Fault(_line(where), reason)
+
+
+def _not_yaml(line: int, reason: object) -> _Fault:
+    return _Fault(line, f'is not YAML ({reason}); compare it with the roster that is shipped')
 
 
 def _line(where: yaml.Node | yaml.Event) -> int:

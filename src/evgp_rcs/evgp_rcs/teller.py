@@ -170,7 +170,7 @@ class Teller:
             log.warning(event.text)
         elif event.kind is EventKind.ACKNOWLEDGED:
             log.debug(event.text)  # that all have, or that one is late, is told for itself
-        elif event.kind not in (EventKind.KART_STATE, EventKind.FINISHED):  # the command says it
+        elif event.kind is not EventKind.KART_STATE:  # the command says it
             log.info(event.text)
         self._events.publish(event_message(stamped))
         self._sequence = stamped.sequence

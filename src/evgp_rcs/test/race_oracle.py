@@ -16,6 +16,7 @@ from collections.abc import Container
 import dataclasses
 from dataclasses import dataclass, field
 import gc
+import itertools
 import math
 import operator
 from types import ModuleType
@@ -47,12 +48,13 @@ RACE_COMMANDS = (
     'GREEN_GREEN',
     'RACE_OVER',
     'IN_GARAGE',
+    'SET_HEAT',
     'OPEN_TRACK',
     'CLOSE_TRACK',
 )
 KART_COMMANDS = (*KART_STOPS, 'KART_FINISH', 'KART_IN_GARAGE', 'JOIN_RACE', 'LEAVE_RACE')
 # Bookkeeping that is no command to karts: §4.B's "last button pressed" does not mean these.
-NO_BUTTON = ('JOIN_RACE', 'LEAVE_RACE', 'OPEN_TRACK', 'CLOSE_TRACK')
+NO_BUTTON = ('JOIN_RACE', 'LEAVE_RACE', 'SET_HEAT', 'OPEN_TRACK', 'CLOSE_TRACK')
 # What starts karts, releases them or lets humans near, and what of it names the karts concerned.
 LOOSENING = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE', 'KART_IN_GARAGE', 'OPEN_TRACK')
 NAMING = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE')
@@ -68,7 +70,9 @@ PROPERTIES = {
     'green-needs-acks': 'S: GREEN_GREEN only if every kart acknowledged this GRID_ACTIVE',
     'red-loosened': 'S: only the two IN_GARAGE commands loosen a red',
     'red-to-green': 'S: no way from red to GREEN_GREEN but by IN_GARAGE and a new GRID_ACTIVE',
-    'membership-loosens': 'S: joining and leaving never loosen a held kart',
+    'membership-loosens': 'S: joining, leaving and heats never change what a red kart is sent',
+    'heat-halved': 'a heat is put into the race whole, and nothing else is changed by it',
+    'results': 'the results of a race are told once, when it is over or goes to IN_GARAGE',
     'ack-old': 'S: only the present state under the present serial is an acknowledgement',
     'ack-from-nothing': 'S: nothing but the kart itself sets its acknowledgement',
     'ack-survives': 'S: an acknowledgement falls with a new order and with the connection',
@@ -142,6 +146,8 @@ class View(NamedTuple):
     restarted: bool
     rival: bool
     trouble: str
+    heats: tuple[Any, ...]
+    starters: tuple[int, ...]
     karts: tuple[KartView, ...]
 
 
@@ -176,6 +182,7 @@ class Input(NamedTuple):
     :param statement: what is stated; of a rival that it is there, of the record that it fails.
     :param karts: which karts a start or release is for, as the official saw it.
     :param hold: how a kart to be released was held, as the official saw it.
+    :param heat: the name of the heat, of a command to put one into the race.
     """
 
     what: str
@@ -186,6 +193,7 @@ class Input(NamedTuple):
     state: RaceState | None = None
     karts: frozenset[int] = frozenset()
     hold: RaceState | None = None
+    heat: str = ''
 
 
 class Judgement(NamedTuple):
@@ -226,6 +234,8 @@ _RACE = operator.attrgetter(
     'restarted',
     'has_rival',
     'record_fails',
+    'heats',
+    'starters',
 )
 
 
@@ -328,9 +338,12 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
         return Judgement(allowed, False, tuple(unsafe))
     if kind == 'CLOSE_TRACK':
         return Judgement(True)
+    if kind == 'SET_HEAT':
+        return Judgement(state is IN_GARAGE and bool(view.heats))
     kart = next(kart for kart in view.karts if kart.number == number)
     if kind == 'KART_FINISH':
-        return Judgement(kart.in_race and state is GREEN_GREEN and not kart.place)
+        drives = kart.in_race and kart.connected and kart.hold is None
+        return Judgement(drives and state is GREEN_GREEN and not kart.place)
     if kind == 'KART_IN_GARAGE':
         return Judgement(_red(kart), not (kart.connected and kart.acked), (), (number,))
     if kind == 'JOIN_RACE':
@@ -359,6 +372,10 @@ def as_seen(view: View, given: Input) -> Input:
         holds = [kart.hold for kart in view.karts if kart.number == given.kart]
         return given._replace(hold=holds[0])
     return given
+
+
+def _heat_exists(view: View, given: Input) -> bool:
+    return given.kind != 'SET_HEAT' or given.heat in [heat.name for heat in view.heats]
 
 
 def _is_as_seen(view: View, given: Input) -> bool:
@@ -394,7 +411,8 @@ def _hear(kart: dict[str, Any], given: Input) -> None:
 
 def expect(view: View, given: Input, now: float, times: Any) -> View:
     """Return the race after an input that is accepted, as design §3 has it; serials apart."""
-    state, track_open, msr_used, over, places, restarted, rival, trouble, karts = view
+    state, track_open, msr_used, over, places, restarted, rival, trouble = view[:8]
+    heats, starters, karts = view[8:]
     what, kind, number = given.what, given.kind, given.kart
     after = [kart._asdict() for kart in karts]
     mine = [kart for kart in after if kart['number'] == number]
@@ -430,7 +448,7 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
                 hold([each], RED_FLAG)
         _settle(state, after, 0, now)
         if _race_is_over(state, after, now, times):
-            state, over = RED_RED, True
+            state, over, starters = RED_RED, True, ()
     elif kind in ('ALL_KILL', 'RECORD_MSR'):
         state, msr_used = RED_RED, msr_used or kind == 'RECORD_MSR'
         hold(after, RED_RED)
@@ -443,15 +461,18 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
         hold(mine, RED_FLAG)
         mine[0]['alone'] = True
     elif kind == 'GRID_ACTIVE':
-        state, track_open, msr_used = GRID_ACTIVE, False, False
+        state, track_open, msr_used, places, starters = GRID_ACTIVE, False, False, 0, ()
+        for each in after:
+            each['place'] = 0
     elif kind == 'GREEN_GREEN':
         state = GREEN_GREEN
+        starters = tuple(kart.number for kart in karts if kart.in_race)
     elif kind == 'RACE_OVER':
-        state, over = RED_RED, True
+        state, over, starters = RED_RED, True, ()
     elif kind == 'IN_GARAGE':
-        state, over, msr_used, places, restarted = IN_GARAGE, False, False, 0, False
+        state, over, msr_used, restarted, starters = IN_GARAGE, False, False, False, ()
         for each in after:
-            each['place'], each['finish_at'] = 0, None
+            each['finish_at'] = None
             kept = each['alone'] and not each['in_race']
             if each['acked'] and each['sent'] in REDS and not kept:
                 each['hold'], each['alone'] = None, False
@@ -470,6 +491,10 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
         mine[0]['in_race'] = False
         if state is GRID_ACTIVE:
             hold(mine, RED_RED)
+    elif kind == 'SET_HEAT':
+        (chosen,) = (heat.karts for heat in heats if heat.name == given.heat)
+        for each in after:
+            each['in_race'] = each['number'] in chosen
     elif kind == 'OPEN_TRACK':
         track_open = True
     else:
@@ -477,7 +502,8 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
         track_open = False
     _settle(state, after, anew, now)
     seen = tuple([KartView._make(each.values()) for each in after])
-    return View(state, track_open, msr_used, over, places, restarted, rival, trouble, seen)
+    race = (state, track_open, msr_used, over, places, restarted, rival, trouble, heats, starters)
+    return View(*race, seen)
 
 
 def _settle(state: RaceState, karts: list[dict[str, Any]], anew: int, now: float) -> None:
@@ -590,7 +616,12 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
     if given.what == 'command':
         kart = given.kart or None
         command = rules.Command(
-            rules.CommandKind[given.kind], kart, given.statement, given.karts, given.hold
+            rules.CommandKind[given.kind],
+            kart,
+            given.statement,
+            given.karts,
+            given.hold,
+            given.heat,
         )
         return race.command(command, now)
     if given.what == 'connected':
@@ -633,8 +664,10 @@ def check_input(
             raise RuleBrokenError('stop-refused', f'{given} in {before}: {outcome.answer.message}')
         seen = _is_as_seen(before, given)
         stated = given.statement or not opinion.needs_statement
-        if success != (opinion.allowed and seen and stated):
+        if success != (opinion.allowed and seen and stated and _heat_exists(before, given)):
             name = 'availability' if not opinion.allowed else 'as-seen'
+            if success and not _heat_exists(before, given):
+                raise RuleBrokenError('heat-halved', f'{given} in {before}: {outcome.answer}')
             if opinion.allowed and (stated != seen or 'you saw' not in outcome.answer.message):
                 name = 'statement' if seen else 'as-seen'
             raise RuleBrokenError(name, f'{given} in {before}: {outcome.answer}')
@@ -654,6 +687,9 @@ def check_input(
             {(alert.kind.name, alert.kart) for alert in race.alerts(now)},
         )
     _check_memory(after, memory)
+    _check_results(race, before, given, outcome, after)
+    if kind == 'SET_HEAT':
+        _check_heat(before, given, outcome, after)
     expected = expect(before, given, now, race.times)
     for kart, wanted in zip(after.karts, expected.karts, strict=True):
         if kart.sent is not wanted.sent:
@@ -692,7 +728,7 @@ def _check_safety(before: View, facts: Facts, given: Input, outcome: Any, after:
         if looser and kind in STOPS:
             raise RuleBrokenError('stop-loosens', f'{given}: {old} became {kart}')
         if looser and (was is RED_FLAG or was is RED_RED):
-            if kind in ('JOIN_RACE', 'LEAVE_RACE'):
+            if kind in ('JOIN_RACE', 'LEAVE_RACE', 'SET_HEAT'):
                 raise RuleBrokenError('membership-loosens', f'{given}: {old} became {kart}')
             if not (kind == 'IN_GARAGE' or (kind == 'KART_IN_GARAGE' and this)):
                 raise RuleBrokenError('red-loosened', f'{given}: {old} became {kart}')
@@ -752,6 +788,38 @@ def _check_safety(before: View, facts: Facts, given: Input, outcome: Any, after:
             raise RuleBrokenError('alerts', 'an alert without a text')
 
 
+def _check_heat(before: View, given: Input, outcome: Any, after: View) -> None:
+    """Check that a heat is in the race as a whole, as one event, and that nothing else changed."""
+    (chosen,) = (heat.karts for heat in before.heats if heat.name == given.heat)
+    members = tuple(kart.number for kart in after.karts if kart.in_race)
+    as_before = after._replace(
+        karts=tuple(
+            kart._replace(in_race=old.in_race)
+            for old, kart in zip(before.karts, after.karts, strict=True)
+        )
+    )
+    if members != chosen or as_before != before or len(outcome.events) != 1:
+        raise RuleBrokenError('heat-halved', f'{given}: {before} became {after}')
+
+
+def _check_results(race: Any, before: View, given: Input, outcome: Any, after: View) -> None:
+    """Check that the results come when they must, once, and name every kart that started."""
+    told = [event.text for event in outcome.events if event.kind.name == 'RESULTS']
+    ends = given.kind in ('RACE_OVER', 'IN_GARAGE') or (after.over and not before.over)
+    due = bool(before.starters) and ends
+    if len(told) != due or (due and after.starters):
+        raise RuleBrokenError('results', f'{given} in {before}: {told}, then {after}')
+    for text in told:
+        finished, _, missing = text.partition('did not finish')
+        for kart in before.karts:
+            name = f'kart {kart.number}'
+            part = f'{kart.place}. {name}' if kart.place else name
+            if kart.number in before.starters and part not in (
+                finished if kart.place else missing
+            ):
+                raise RuleBrokenError('results', f'{text} in {before}')
+
+
 def _check_doubt(old: KartView, given: Input, order: Any, kart: KartView) -> None:
     """Check that whatever makes a kart doubtful is noticed, and what ends that is enough."""
     heard = given.what == 'heard' and given.kart == kart.number and old.connected
@@ -790,7 +858,7 @@ def check_recovery(rules: ModuleType, race: Any, view: View, now: float, known: 
     """Crash here, edit the last kart out of the roster, start again, and look what is known."""
     roster = [kart.number for kart in view.karts][:-1]
     karts = [rules.Kart(number, in_race=True) for number in (*roster, 99)]
-    again = rules.Race(karts, race.times, now)
+    again = rules.Race(karts, race.times, now, race.heats)
     memory = race.memory()
     home = view.state is IN_GARAGE and not any(kart.hold or _in_doubt(kart) for kart in view.karts)
     if memory.home != home:
@@ -805,6 +873,10 @@ def check_recovery(rules: ModuleType, race: Any, view: View, now: float, known: 
     if allowed or again.availability(rules.CommandKind.OPEN_TRACK).available:
         raise RuleBrokenError('restart', detail)
     found = {kart.number: kart for kart in after.karts}
+    of_race = {kart.number for kart in after.karts if kart.in_race or kart.place}
+    if set(after.starters) not in (of_race, set()) or (view.starters and not after.starters):
+        if any(kart.place for kart in after.karts) or view.state in (GREEN_GREEN, RED_FLAG):
+            raise RuleBrokenError('restart', detail)
     for kart in after.karts:
         if kart.hold is not RED_RED or kart.sent is not RED_RED or not (known or kart.moving):
             raise RuleBrokenError('restart', detail)
@@ -866,6 +938,9 @@ def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any) ->
     if not message.startswith(f'{given.kind} refused: ') or message.endswith('refused: .'):
         raise RuleBrokenError('refusal-silent', message)
     named = opinion.culprits[:3]
+    heats = race.heats if given.kind == 'SET_HEAT' and opinion.allowed else ()
+    if any(heat.name not in message for heat in heats):
+        raise RuleBrokenError('refusal-silent', f'{message} does not name the heats')
     if 'another race control is running' in message:
         return
     if given.kind in KART_COMMANDS and 'the race is in' not in message:
@@ -1025,9 +1100,10 @@ class Search:
     - the number of a place: only whether a kart of the race has one (in GREEN_GREEN and
       RED_FLAG: it is read nowhere else), and how many are given, up to the last delay that
       differs (in GREEN_GREEN: FINISH is refused elsewhere);
+    - who started the race whose results are not told yet: only the telling reads it;
     - whether the track is open, if ``track`` is false;
     - which kart is which: no rule knows a number, so states are taken for one if they differ by
-      a permutation of the karts.
+      a permutation of the karts. (A heat does know numbers: so here every set of karts is one.)
 
     That this is right is itself checked (``abstraction``): of the states that have one key, some
     are tried under every input, and must lead to the same keys.
@@ -1075,7 +1151,13 @@ class Search:
             rules.Kart(number, in_race=number <= racing)
             for number in range(1, racing + outside + 1)
         ]
-        self.race = rules.Race(karts, self.times)
+        numbers = [kart.number for kart in karts]
+        heats = [
+            rules.Heat(f'heat {chosen}', chosen)
+            for size in range(1, len(numbers) + 1)
+            for chosen in itertools.combinations(numbers, size)
+        ]
+        self.race = rules.Race(karts, self.times, heats=heats)
         self.begin = begin
         self.commands = [(kind, 0) for kind in RACE_COMMANDS]
         for kind in KART_COMMANDS:
@@ -1258,6 +1340,11 @@ class Search:
         """Yield every input with its time; the rules are in the state of ``view`` meanwhile."""
         for kind, number in self.commands:
             opinion = check_announced(self.rules, self.race, view, facts, kind, number)
+            if kind == 'SET_HEAT':
+                for heat in view.heats if opinion.allowed else view.heats[:1]:
+                    yield Input('command', kind, heat=heat.name), now
+                yield Input('command', kind, heat='no such heat'), now
+                continue
             right = as_seen(view, Input('command', kind, number, True))
             if opinion.allowed and opinion.needs_statement:
                 yield right._replace(statement=False), now

@@ -8,10 +8,12 @@ import pickle
 from evgp_protocol.states import RaceState
 from evgp_rcs.race import (
     AlertKind,
+    Answer,
     Command,
     CommandKind,
     COMMANDS,
     EventKind,
+    Heat,
     Kart,
     KartMemory,
     Outcome,
@@ -31,6 +33,7 @@ RED_RED = RaceState.RED_RED
 
 TEAMS = {1: 'Ohm', 2: 'Volta', 3: 'Tesla'}
 SPECTATOR = 3
+HEATS = (Heat('Heat 1', (1, 2)), Heat('Final', (2, 3)))
 
 
 class Officials:
@@ -39,7 +42,7 @@ class Officials:
     def __init__(self, times: RaceTimes | None = None, connected: bool = True) -> None:
         self.now = 1000.0
         karts = [Kart(number, team, number != SPECTATOR) for number, team in TEAMS.items()]
-        self.race = Race(karts, times or RaceTimes(), self.now)
+        self.race = Race(karts, times or RaceTimes(), self.now, HEATS)
         for number in TEAMS if connected else ():
             self.connect(number)
 
@@ -55,7 +58,7 @@ class Officials:
             hold = self.race.karts[known].hold if known else None
             return Command(CommandKind[kind], kart, stating, hold=hold)
         karts = frozenset(self.race.availability(CommandKind[kind]).karts)
-        return Command(CommandKind[kind], kart, stating, karts)
+        return Command(CommandKind[kind], kart, stating, karts, heat=HEATS[0].name)
 
     def gives(self, command: Command) -> Outcome:
         outcome = self.race.command(command, self.now)
@@ -111,6 +114,12 @@ class Officials:
     def to_grid(self) -> Officials:
         self.does('GRID_ACTIVE')
         return self
+
+    def puts_in(self, heat: str) -> Outcome:
+        return self.gives(Command(CommandKind.SET_HEAT, heat=heat))
+
+    def in_race(self) -> list[int]:
+        return [kart.number for kart in self.race.racing()]
 
     def to_ready(self) -> Officials:
         self.to_grid().acknowledge(1, 2)
@@ -416,7 +425,175 @@ def test_a_long_refusal_names_three_karts_and_counts_the_others() -> None:
     )
 
 
+# ----- heats -------------------------------------------------------------------------------
+
+
+def test_a_heat_puts_just_its_karts_into_the_race_as_one_event(officials: Officials) -> None:
+    outcome = officials.puts_in('Final')
+    assert officials.in_race() == [2, 3]
+    assert not outcome.orders
+    (event,) = outcome.events
+    assert (event.kind, event.command) == (EventKind.COMMAND, CommandKind.SET_HEAT)
+    assert event.success
+    assert event.text == '"Final" is in the race (karts 2, 3), and no other kart.'
+    officials.puts_in('Heat 1')
+    assert officials.in_race() == [1, 2]
+
+
+def test_a_heat_that_the_roster_does_not_have_is_refused_with_those_it_has(
+    officials: Officials,
+) -> None:
+    outcome = officials.puts_in('Heat 3')
+    assert outcome.answer == Answer(
+        False, 'SET_HEAT refused: the roster has no heat \'Heat 3\'; it has "Heat 1", "Final".'
+    )
+    assert officials.in_race() == [1, 2]
+
+
+@pytest.mark.parametrize('state', [name for name in STATES if name != 'IN_GARAGE'])
+def test_a_heat_is_put_into_the_race_in_the_garage_only(state: str, officials: Officials) -> None:
+    STATES[state](officials)
+    assert not officials.race.availability(CommandKind.SET_HEAT).available
+    answer = officials.puts_in('Final').answer
+    assert answer is not None
+    assert not answer.success
+    assert officials.in_race() == [1, 2]
+
+
+def test_without_heats_in_the_roster_the_command_is_unavailable_with_a_reason() -> None:
+    availability = Race([Kart(1)]).availability(CommandKind.SET_HEAT)
+    assert not availability.available
+    assert availability.reason == (
+        "the roster has no heats; list them under 'heats:' and restart race control"
+    )
+
+
+def test_a_heat_releases_no_kart_and_names_those_held_or_not_connected(
+    officials: Officials,
+) -> None:
+    officials.does('KART_RED_RED', 2)
+    officials.drop(3)
+    answer = officials.puts_in('Final').answer
+    assert answer is not None
+    assert 'not connected: kart 3 (Tesla)' in answer.message
+    assert 'still held: kart 2 (Volta)' in answer.message
+    assert officials.sent(2) is RED_RED
+    assert 'kart 2' in officials.is_refused('GRID_ACTIVE')
+
+
+def test_a_kart_that_was_lost_in_motion_stays_so_when_a_heat_takes_it_out(
+    officials: Officials,
+) -> None:
+    officials.says(1, GREEN_GREEN)
+    officials.drop(1)
+    before = officials.race.track_access()
+    assert not before.allowed
+    officials.puts_in('Final')
+    assert AlertKind.LOST_IN_MOTION in officials.alerts()
+    assert officials.race.track_access() == before
+    assert officials.race.karts[1].may_be_moving
+
+
 # ----- FINISH and the end of the race -----------------------------------------------------
+
+
+def results(outcome: Outcome) -> list[str]:
+    """Return the results that an outcome tells."""
+    return [event.text for event in outcome.events if event.kind is EventKind.RESULTS]
+
+
+def test_the_results_are_told_once_when_the_race_is_over(officials: Officials) -> None:
+    officials.to_green().does('KART_FINISH', 2)
+    told = officials.does('RACE_OVER')
+    assert results(told) == ['Results: 1. kart 2 (Volta); did not finish: kart 1 (Ohm)']
+    officials.acknowledge(1, 2)
+    assert not results(officials.does('RACE_OVER'))
+    assert not results(officials.does('IN_GARAGE'))
+
+
+def test_the_results_are_told_when_the_race_goes_over_by_itself(officials: Officials) -> None:
+    officials.to_green().does('KART_FINISH', 2)
+    officials.does('KART_FINISH', 1)
+    officials.wait(6.0)
+    officials.acknowledge(1, 2)
+    assert results(officials.wait(0.0)) == ['Results: 1. kart 2 (Volta), 2. kart 1 (Ohm)']
+
+
+def test_the_results_of_a_race_that_was_stopped_are_told_with_in_garage(
+    officials: Officials,
+) -> None:
+    assert not results(officials.to_green().does('ALL_KILL'))
+    officials.acknowledge(1, 2, 3)
+    assert results(officials.does('IN_GARAGE')) == [
+        'Results: no kart finished; did not finish: kart 1 (Ohm), kart 2 (Volta)'
+    ]
+
+
+def test_a_kart_that_was_released_from_the_race_did_not_finish(officials: Officials) -> None:
+    officials.to_green().does('KART_RED_RED', 1)
+    officials.does('KART_IN_GARAGE', 1)
+    assert results(officials.does('RACE_OVER')) == [
+        'Results: no kart finished; did not finish: kart 1 (Ohm), kart 2 (Volta)'
+    ]
+
+
+def test_a_race_that_was_never_started_has_no_results(officials: Officials) -> None:
+    officials.to_ready()
+    assert not results(officials.does('RACE_OVER'))
+    officials.acknowledge(1, 2)
+    assert not results(officials.does('IN_GARAGE'))
+
+
+def test_the_places_stay_in_the_garage_until_the_next_grid(officials: Officials) -> None:
+    officials.to_green().does('KART_FINISH', 2)
+    officials.does('RACE_OVER')
+    officials.acknowledge(1, 2)
+    officials.does('IN_GARAGE')
+    officials.does('LEAVE_RACE', 2)
+    assert officials.race.karts[2].place == 1
+    assert officials.race.memory().karts[2].place == 1
+    again = Race([Kart(number) for number in TEAMS])
+    again.recover(officials.race.memory(), 0.0)
+    assert again.karts[2].place == 1
+    officials.does('GRID_ACTIVE')
+    assert officials.race.karts[2].place == 0
+
+
+def test_a_race_that_race_control_left_under_way_has_its_results_told_by_the_next_run(
+    officials: Officials,
+) -> None:
+    officials.to_green().does('KART_FINISH', 2)
+    again = Race([Kart(number, team) for number, team in TEAMS.items()])
+    again.recover(officials.race.memory(), 0.0)
+    told = again.command(Command(CommandKind.RACE_OVER), 0.0)
+    assert results(told) == ['Results: 1. kart 2 (Volta); did not finish: kart 1 (Ohm)']
+
+
+def test_a_finish_is_told_once(officials: Officials) -> None:
+    outcome = officials.to_green().does('KART_FINISH', 2)
+    assert [event.kind for event in outcome.events] == [EventKind.COMMAND]
+
+
+@pytest.mark.parametrize(
+    ('what', 'reason'),
+    [
+        ('held', 'kart 1 (Ohm) is held: RED_RED by an official'),
+        ('lost', 'kart 1 (Ohm) is not connected'),
+        ('back', 'kart 1 (Ohm) is held: lost its connection in GREEN_GREEN'),
+    ],
+)
+def test_a_kart_that_is_held_or_lost_does_not_finish(
+    what: str, reason: str, officials: Officials
+) -> None:
+    officials.to_green()
+    if what == 'held':
+        officials.does('KART_RED_RED', 1)
+    else:
+        officials.drop(1)
+    if what == 'back':
+        officials.connect(1)
+    assert officials.race.availability(CommandKind.KART_FINISH, 1).reason == reason
+    assert officials.is_refused('KART_FINISH', 1) == f'KART_FINISH refused: {reason}.'
 
 
 def test_a_kart_that_finishes_drives_on_and_is_flagged_later(officials: Officials) -> None:

@@ -63,8 +63,8 @@ FAULTS = {
         ('order-wrong', 'restart'),
     ),
     'a stop is announced as allowed, and refused': Fault(
-        '        refusal = refusal or self._refusal(rule, kart)\n',
-        '        refusal = refusal or self._refusal(rule, kart)\n'
+        '        refusal = refusal or self._refusal(rule, kart) or self._unknown_heat(command)\n',
+        '        refusal = refusal or self._refusal(rule, kart) or self._unknown_heat(command)\n'
         '        if command.kind is CommandKind.ALL_KILL and self.state is IN_GARAGE:\n'
         "            refusal = 'nothing is under way'\n",
         ('stop-refused',),
@@ -232,8 +232,8 @@ FAULTS = {
         ('track-access', 'availability'),
     ),
     'the track stays open when the grid forms': Fault(
-        '        self.track_open = False\n        self.msr_used = False\n        self._go(GRID',
-        '        self.msr_used = False\n        self._go(GRID',
+        '        self.track_open = False\n        self.msr_used = False\n        self.starters',
+        '        self.msr_used = False\n        self.starters',
         ('track-open-in-motion', 'effect'),
     ),
     'a kart lost in motion lets humans on the track': Fault(
@@ -288,6 +288,80 @@ FAULTS = {
         '        state = self._commanded(kart)\n',
         '        state = IN_GARAGE if anew else self._commanded(kart)\n',
         ('sent-wrong', 'red-loosened', 'order-wrong', 'ack-deaf'),
+    ),
+    # ----- heats, places and results ---------------------------------------------------------
+    'a heat leaves the others in the race': Fault(
+        '            each.in_race = each.number in heat.karts\n',
+        '            each.in_race = each.in_race or each.number in heat.karts\n',
+        ('heat-halved',),
+    ),
+    'a heat releases the karts that it puts into the race': Fault(
+        '            each.in_race = each.number in heat.karts\n',
+        '            each.in_race = each.number in heat.karts\n'
+        '            if each.in_race:\n'
+        '                self._unhold(each)\n',
+        ('membership-loosens', 'hold-forgotten'),
+    ),
+    'a heat that takes a kart out forgets that it may be moving': Fault(
+        '            each.in_race = each.number in heat.karts\n',
+        '            each.in_race = each.number in heat.karts\n'
+        '            each.may_be_moving = each.may_be_moving and each.in_race\n',
+        ('doubt-forgotten',),
+    ),
+    'a heat is put into a race that is under way': Fault(
+        "            return f'the race is in {self.state.value}; a heat is put into the "
+        "race in IN_GARAGE'\n",
+        '            pass\n',
+        ('availability',),
+    ),
+    'a heat that the roster does not have empties the race': Fault(
+        '        if any(heat.name == command.heat for heat in self.heats):\n',
+        "        if command.heat == 'no such heat':\n"
+        "            self.heats += (Heat('no such heat', ()),)\n"
+        '        if any(heat.name == command.heat for heat in self.heats):\n',
+        ('availability', 'heat-halved', 'effect'),
+    ),
+    'a heat that is not in the roster is refused without those that are': Fault(
+        "        names = ', '.join(f'\"{heat.name}\"' for heat in self.heats)\n",
+        "        names = 'others'\n",
+        ('refusal-silent',),
+    ),
+    'the places are gone with IN_GARAGE': Fault(
+        '            each.finish_due = None\n        self.over',
+        '            each.finish_due = None\n            each.place = 0\n        self.over',
+        ('effect',),
+    ),
+    'the places of the last race stay in the next one': Fault(
+        '            each.place = 0\n        self._go(GRID_ACTIVE, now)\n',
+        '            pass\n        self._go(GRID_ACTIVE, now)\n',
+        ('effect', 'availability'),
+    ),
+    'the results of a race that was stopped are never told': Fault(
+        '        self._tell_results()  # of a race that was stopped and never declared over\n',
+        '',
+        ('results',),
+    ),
+    'the results are told again with every RACE_OVER': Fault(
+        '        starters = [self.karts[number] for number in self.starters]\n'
+        '        self.starters = ()\n',
+        '        starters = [self.karts[number] for number in self.starters]\n',
+        ('results',),
+    ),
+    'the results leave out who did not finish': Fault(
+        'missing = [str(each) for each in starters if not each.place]',
+        'missing = [str(each) for each in starters if not each.place and each.in_race]',
+        ('results',),
+    ),
+    'a restart forgets that the results were never told': Fault(
+        '        if memory.state in (GREEN_GREEN, RED_FLAG) or in_red:\n',
+        '        if memory.state is RED_FLAG or in_red:\n',
+        ('restart',),
+    ),
+    'a kart that is held is given a place': Fault(
+        '        if kart.hold is not None:\n'
+        "            return f'{kart} is held: {kart.hold_reason}'\n",
+        '',
+        ('availability',),
     ),
     # ----- doubt ---------------------------------------------------------------------------
     'an unanswered stop leaves no doubt': Fault(
@@ -522,8 +596,8 @@ FAULTS = {
         ('restart',),
     ),
     'the statement that the track is safe leaves the doubt of a restart': Fault(
-        '        self.restarted = False\n        self._go(IN_GARAGE, now)\n',
-        '        self._go(IN_GARAGE, now)\n',
+        '        self.restarted = False\n        self._tell_results()',
+        '        self._tell_results()',
         ('effect', 'stuck'),
     ),
 }

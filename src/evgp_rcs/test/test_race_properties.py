@@ -18,6 +18,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 oracle = importlib.import_module('race_oracle')
 
 MOST_KARTS = 8
+MOST_HEATS = 3
 
 # Steps of time that fall before, on and after what is due, and some that fall anywhere.
 STEPS = st.one_of(
@@ -25,6 +26,7 @@ STEPS = st.one_of(
     st.floats(0.0, 200.0, allow_nan=False),
 )
 KARTS = st.integers(1, MOST_KARTS)
+HEATS = st.integers(1, MOST_HEATS).map('heat {}'.format)
 TIMES = st.builds(
     rules.RaceTimes,
     finish_delays=st.lists(st.floats(0.0, 10.0), min_size=1, max_size=4).map(tuple),
@@ -45,12 +47,26 @@ class Races(RuleBasedStateMachine):
         times=st.one_of(st.just(rules.RaceTimes()), TIMES),
         now=st.floats(0.0, 1e6),
         linked=st.booleans(),
+        heats=st.lists(st.frozensets(KARTS, min_size=1), max_size=MOST_HEATS),
     )
     def line_up(
-        self, racing: list[bool], times: rules.RaceTimes, now: float, linked: bool
+        self,
+        racing: list[bool],
+        times: rules.RaceTimes,
+        now: float,
+        linked: bool,
+        heats: list[frozenset[int]],
     ) -> None:
         karts = [rules.Kart(number, in_race=each) for number, each in enumerate(racing, 1)]
-        self.race = rules.Race(karts, times, now)
+        self.race = rules.Race(
+            karts,
+            times,
+            now,
+            [
+                rules.Heat(f'heat {name}', tuple(sorted({1 + n % len(karts) for n in chosen})))
+                for name, chosen in enumerate(heats, 1)
+            ],
+        )
         self.now = now
         self.facts = oracle.remember(oracle.look(self.race))
         for number in self.race.karts if linked else ():
@@ -84,9 +100,9 @@ class Races(RuleBasedStateMachine):
 
     # ----- officials ----------------------------------------------------------------------
 
-    @rule(kind=st.sampled_from(oracle.RACE_COMMANDS), statement=st.booleans())
-    def command_race(self, kind: str, statement: bool) -> None:
-        self.give(oracle.Input('command', kind, statement=statement))
+    @rule(kind=st.sampled_from(oracle.RACE_COMMANDS), statement=st.booleans(), heat=HEATS)
+    def command_race(self, kind: str, statement: bool, heat: str) -> None:
+        self.give(oracle.Input('command', kind, statement=statement, heat=heat))
 
     @rule(kind=st.sampled_from(oracle.KART_COMMANDS), kart=KARTS, statement=st.booleans())
     def command_kart(self, kind: str, kart: int, statement: bool) -> None:
@@ -122,7 +138,8 @@ class Races(RuleBasedStateMachine):
             if oracle.judge(view, self.facts, kind, number).allowed
         ]
         kind, number = data.draw(st.sampled_from(allowed))
-        self.give(oracle.Input('command', kind, number, True))
+        heat = data.draw(HEATS)
+        self.give(oracle.Input('command', kind, number, True, heat=heat))
 
     @rule(kart=st.integers(MOST_KARTS + 1, 300), kind=st.sampled_from(oracle.KART_COMMANDS))
     def command_a_kart_that_is_not_in_the_roster(self, kart: int, kind: str) -> None:
@@ -211,7 +228,7 @@ class Races(RuleBasedStateMachine):
         before = oracle.look(left)
         oracle.check_recovery(rules, left, before, self.now, known)
         karts = [rules.Kart(number, in_race=number == 1) for number in left.karts]
-        self.race = rules.Race(karts, left.times, self.now)
+        self.race = rules.Race(karts, left.times, self.now, left.heats)
         memory = dataclasses.replace(left.memory(), known=known)
         outcome = self.race.recover(memory, self.now)
         assert not outcome.orders

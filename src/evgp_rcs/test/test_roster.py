@@ -5,6 +5,7 @@ from __future__ import annotations
 import pathlib
 import re
 
+from evgp_rcs.race import Heat
 from evgp_rcs.roster import load_roster, MAX_BYTES, parse_roster, Roster, RosterEntry, RosterError
 from hypothesis import given
 from hypothesis import strategies as st
@@ -100,12 +101,27 @@ def test_a_team_may_be_any_printable_name(team: str) -> None:
 
 @pytest.mark.parametrize(
     'address',
-    ['kart2.local', '10.0.0', '10.0.0.256', '10.0.0.02', '10.0.0.2/24', '10.0.0.2:12017', '10.2'],
+    [
+        'kart2.local',
+        '10.0.0',
+        '10.0.0.256',
+        '010.0.0.256',
+        '10.0.0.2/24',
+        '10.0.0.2:12017',
+        '10.2',
+    ],
 )
 def test_an_address_that_is_none_is_refused(address: str) -> None:
     assert fault_of_two_karts_with('10.0.0.2', address) == (
         f'karts.yaml:8: kart 2: address {address} is no IPv4 address; '
         "give the kart's own IPv4 address, such as 192.168.1.101"
+    )
+
+
+@pytest.mark.parametrize('address', ['10.0.0.02', '10.00.0.002', '010.0.0.2'])
+def test_an_address_with_a_leading_zero_is_told_with_what_to_write(address: str) -> None:
+    assert fault_of_two_karts_with('10.0.0.2', address) == (
+        f'karts.yaml:8: kart 2: address {address} has a number with a leading zero; write 10.0.0.2'
     )
 
 
@@ -143,8 +159,8 @@ def test_every_way_to_say_false_in_yaml_keeps_a_kart_out_of_the_race(word: str) 
 
 
 def test_an_unknown_field_is_refused_with_those_there_are() -> None:
-    assert fault_of_two_karts_with('team: Purdue', 'name: Purdue') == (
-        "karts.yaml:7: kart entry 2 has the unknown field 'name'; "
+    assert fault_of_two_karts_with('    in_race', '    colour: red\n    in_race') == (
+        "karts.yaml:5: kart entry 1 has the unknown field 'colour'; "
         "it has 'number', 'team', 'address', 'in_race'"
     )
 
@@ -164,7 +180,7 @@ def test_a_field_given_twice_is_refused() -> None:
 
 def test_an_unknown_field_of_the_file_is_refused() -> None:
     assert fault_of(TWO_KARTS + 'port: 12017\n') == (
-        "karts.yaml:10: the roster has the unknown field 'port'; it has 'karts'"
+        "karts.yaml:10: the roster has the unknown field 'port'; it has 'karts', 'heats'"
     )
 
 
@@ -287,5 +303,112 @@ ROSTERS_WITH_A_STRETCH_REPLACED = st.builds(
 
 
 @given(st.one_of(st.text(), TEXTS_YAML_GIVES_A_MEANING_TO, ROSTERS_WITH_A_STRETCH_REPLACED))
-def test_any_text_is_a_roster_or_refused_in_one_line(text: str) -> None:
-    assert ONE_LINE.fullmatch(refusal_of_anything(text))
+def test_any_text_is_a_roster_or_refused_in_lines_that_name_the_file(text: str) -> None:
+    for line in refusal_of_anything(text).split('\n'):
+        assert ONE_LINE.fullmatch(line)
+
+
+# ----- every fault at once -----------------------------------------------------------------
+
+
+def test_every_fault_is_told_at_once_in_the_order_of_the_file() -> None:
+    text = """\
+karts:
+  - number: 0
+    team: ''
+    address: 10.0.0.1
+    in_race: maybe
+  - number: 2
+    name: Purdue
+    address: 10.0.0.1
+    in_race: true
+  - 3
+  - number: 2
+    team: Ohm
+    address: 127.0.2.004
+    in_race: true
+port: 1
+heats:
+  A: []
+"""
+    lines = [line.split(' ', 1)[0] for line in fault_of(text).split('\n')]
+    assert lines == [f'karts.yaml:{line}:' for line in (2, 3, 5, 6, 7, 8, 10, 11, 13, 15, 17)]
+
+
+def test_a_file_with_more_faults_than_anybody_reads_is_told_with_their_number() -> None:
+    lines = fault_of('karts:\n' + '  - 1\n' * 150).split('\n')
+    assert len(lines) == 101
+    assert lines[-1] == 'karts.yaml: 50 more faults'
+
+
+# ----- heats -------------------------------------------------------------------------------
+
+
+def fault_of_heats(heats: str) -> str:
+    """Return what the refusal says of TWO_KARTS with these heats, which begin in line 11."""
+    return fault_of(f'{TWO_KARTS}heats:\n{heats}')
+
+
+def test_heats_are_read_in_the_order_of_the_file_with_their_karts_ascending() -> None:
+    text = TWO_KARTS + 'heats:\n  Heat 2: [2, 1]\n  1: [1]\n  "yes":\n    - 2\n'
+    assert parse_roster(text, 'karts.yaml').heats == (
+        Heat('Heat 2', (1, 2)),
+        Heat('1', (1,)),
+        Heat('yes', (2,)),
+    )
+
+
+def test_a_roster_without_heats_has_none() -> None:
+    assert parse_roster(TWO_KARTS, 'karts.yaml').heats == ()
+
+
+@pytest.mark.parametrize(
+    ('heats', 'fault'),
+    [
+        ('  A: [1, 7]\n', "11: heat 'A': the roster has no kart 7; give a number from 'karts:'"),
+        ('  A: [1, 2, 1]\n', "11: heat 'A' has kart 1 already; give it once"),
+        ('  A: []\n', "11: heat 'A' is empty; give the numbers of its karts, or leave it out"),
+        (
+            '  A: [1]\n  A: [2]\n',
+            "12: heat 'A' is already there (line 11); give every heat its own name",
+        ),
+        ('  A: 1\n', "11: heat 'A' is not a list of karts; give their numbers, such as [1, 2, 3]"),
+        (
+            '  A: [one]\n',
+            "11: heat 'A': number one is not one; "
+            'give a whole number from 1 to 9999, without quotes',
+        ),
+        (
+            f'  {"x" * 33}: [1]\n',
+            f'11: heat {"x" * 33} has no name that can be shown; give it 1 to 32 printable '
+            'characters',
+        ),
+        (
+            '  "a\\tb": [1]\n',
+            "11: heat 'a\\tb' has no name that can be shown; give it 1 to 32 printable characters",
+        ),
+        (
+            '  - A\n',
+            "11: 'heats' is not a mapping of names to lists of numbers; "
+            "write each as '  Heat 1: [1, 2, 3]'",
+        ),
+        (
+            '  {}\n',
+            "11: 'heats' is empty; write each as '  Heat 1: [1, 2, 3]', or leave 'heats:' out",
+        ),
+    ],
+)
+def test_a_wrong_heat_is_refused_with_its_line_and_what_would_be_right(
+    heats: str, fault: str
+) -> None:
+    assert fault_of_heats(heats) == f'karts.yaml:{fault}'
+
+
+def test_a_number_that_cannot_be_read_makes_no_kart_of_a_heat_unknown() -> None:
+    text = TWO_KARTS.replace('number: 2', 'number: two') + 'heats:\n  A: [1, 2]\n'
+    assert fault_of(text).split('\n')[1:] == []
+
+
+def test_the_heats_shown_in_the_shipped_roster_are_right_when_they_are_taken_in() -> None:
+    text = re.sub('(?m)^# (?=heats:|  Heat|  Final)', '', SHIPPED.read_text(encoding='utf-8'))
+    assert len(parse_roster(text, 'karts.yaml').heats) > 1
