@@ -527,7 +527,6 @@ class Question(Sheet):
         set_text(self._consequence, button.consequence)
         warning = words.ASK_WARNING.format(warning=button.warning) if button.warning else ''
         set_text(self._warning, warning)
-        self._warning.setVisible(bool(warning))
 
     @property
     def settled(self) -> bool:
@@ -536,6 +535,10 @@ class Question(Sheet):
 
     def _show_problem(self) -> None:
         problem = self._problem_text
+        # What it said before is not so any more.
+        self._consequence.setVisible(not problem)
+        self._statement.setVisible(not problem)
+        self._warning.setVisible(not problem and bool(self._warning.text()))
         self._problem.show_cell(Cell(problem, Tone.BAD if problem else Tone.PLAIN))
         self._problem.setVisible(bool(problem))
         self.yes.setEnabled(not problem)
