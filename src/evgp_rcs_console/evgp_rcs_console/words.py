@@ -240,12 +240,12 @@ def condition(command: Command, kart: Kart | None, race: Race, statement: str) -
     if statement:
         return statement
     if command is Command.RECORD_MSR:
-        return 'I used the Master Safety Remote'
+        return 'the Master Safety Remote was used'
     if command is Command.OPEN_TRACK:
-        return 'teams may go onto the track'
+        return 'teams are cleared for the track'
     if command is Command.KART_IN_GARAGE and kart is not None:
         return f'{kart_name(kart)} stands still and may go to its team'
-    return f'I mean {LABELS[command]}'
+    return f'{LABELS[command]} is what I want'
 
 
 def warning(command: Command, race: Race, nobody_heard: bool) -> str:
