@@ -24,10 +24,12 @@ from evgp_rcs.race import (
     RaceTimes,
 )
 from evgp_rcs_console.commands import FORMS
-from evgp_rcs_console.effects import effects, Effects
+from evgp_rcs_console.effects import Effects, effects
 from evgp_rcs_console.reading import read_race
-from evgp_rcs_console.snapshot import Available, Kart as ShownKart, Race as ShownRace
-from evgp_rcs_console.snapshot import Command as Shown, State
+from evgp_rcs_console.snapshot import Available, State
+from evgp_rcs_console.snapshot import Command as Shown
+from evgp_rcs_console.snapshot import Kart as ShownKart
+from evgp_rcs_console.snapshot import Race as ShownRace
 from evgp_rcs_console.view import Button, show
 
 WALKS = 60
@@ -192,9 +194,7 @@ def check(button: Button, said: Effects, walk: Walk) -> None:
         assert f'{number}' in button.consequence or button.kart or not now | later
 
 
-def test_a_question_says_which_kart_is_sent_what_which_gets_it_later_and_which_stays_as_it_is() -> (
-    None
-):
+def test_a_question_says_which_karts_are_sent_what_and_which_stay_as_they_are() -> None:
     asked: dict[Shown, int] = dict.fromkeys(ASKING, 0)
     for walk in walks():
         for button, said, _ in walk.questions():

@@ -206,8 +206,8 @@ def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
     raise GraphError(
         f'karts connect at {karts}, and the ROS graph can be reached at {at}: whoever is on the '
         "karts' network could start them. Set the parameter address (make run ADDRESS=...) to "
-        "this machine's address on the karts' network, and officials (OFFICIALS=...) to the one on "
-        "the officials' network, or leave officials out; docs/security.md has the other ways"
+        "this machine's address on the karts' network, and officials (OFFICIALS=...) to the one "
+        "on the officials' network, or leave officials out; docs/security.md has the other ways"
     )
 
 

@@ -138,7 +138,7 @@ def _become(command: Sequence[str], parent: int) -> NoReturn:
         if os.getppid() == parent:
             signal.signal(signal.SIGTSTP, signal.SIG_DFL)
             signal.pthread_sigmask(signal.SIG_UNBLOCK, _AWAITED)
-            os.execvp(command[0], command)
+            os.execvp(command[0], list(command))  # noqa: S606 - the program that is asked for
     except OSError as error:
         _say(f'{command[0]} cannot be started: {error.strerror}')
     finally:

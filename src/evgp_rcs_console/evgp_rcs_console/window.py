@@ -334,10 +334,7 @@ class ConsoleWindow(QtWidgets.QWidget):
             set_property(self._status, 'tone', 'wait')
             return
         now = clock.now()
-        waiting = [
-            (now - order.at, words.order_name(order))
-            for order in self._orders.values()
-        ]
+        waiting = [(now - order.at, words.order_name(order)) for order in self._orders.values()]
         if waiting and max(waiting)[0] > 0.3:
             late, name = max(waiting)
             text = words.PENDING.format(command=name, age=words.short_age(late))

@@ -225,9 +225,7 @@ def test_that_humans_are_allowed_is_no_good_news_while_no_kart_is_connected(
 ) -> None:
     track = Track(is_open=False, allowed=allowed, reason='so it is', msr_used=msr)
 
-    screen = show(
-        replace(RACE, karts=(replace(KART, connected=connected),), track=track), 0.0, {}
-    )
+    screen = show(replace(RACE, karts=(replace(KART, connected=connected),), track=track), 0.0, {})
 
     assert (screen.humans.text, screen.humans.tone) == (text, tone)
     assert (screen.humans_reason == 'so it is') is (text != words.HUMANS_UNKNOWN)
