@@ -312,8 +312,8 @@ def test_make_tells_race_control_and_both_consoles_the_officials_address_alike(
     target: str, given: list[str], told: str
 ) -> None:
     printed = subprocess.run(
-        # In place of the program, which becomes a comment of the shell.
-        ['make', target, 'IN_WORKSPACE=env #', *given],
+        # In place of the program, which becomes the argument of a command that does nothing.
+        ['make', target, 'IN_WORKSPACE=env; :', *given],
         cwd=ROOT,
         env={name: value for name, value in os.environ.items() if name not in NOT_SET},
         capture_output=True,
