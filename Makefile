@@ -1,7 +1,7 @@
 # The commands of the project. Each sets up first what is not set up yet (.venv, build/, install/).
 #
 #   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
-#   ARGS='...'          passed on to what demo, fuzz, record, soak and test run
+#   ARGS='...'          passed on to what console, ctl, demo, fuzz, record, soak and test run
 #   WORKERS=4           tests that run at the same time; most of them wait for most of their time
 WORKERS := 4
 
@@ -11,16 +11,20 @@ IN_WORKSPACE := setup/in-workspace
 ROSTER := src/evgp_rcs/config/karts.yaml
 PARAMS := src/evgp_rcs/config/rcs.yaml
 
-# The address, on this machine, of the interface that officials on other machines use; empty: there
-# are none. Our programs stay on the machine otherwise, whatever ROS is told: docs/security.md.
+# This machine's own address on the officials' network; empty: the officials are at this machine
+# only. Our programs stay on the machine otherwise, whatever ROS is told: docs/security.md.
 OFFICIALS := $(EVGP_GRAPH_INTERFACE)
-run console: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
+run console ctl: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
+
+# This machine's own address on the karts' network; empty: what PARAMS says. With OFFICIALS, race
+# control must know it, so that karts never reach the officials' network.
+ADDRESS :=
 
 # A test must not command a real kart: neither our programs, nor nodes with ROS's own settings.
 bench demo fuzz screenshots soak test: export EVGP_GRAPH_INTERFACE :=
 bench demo fuzz screenshots soak test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: help setup demo test bench soak fuzz run roster record console screenshots lint format clean
+.PHONY: help setup demo test bench soak fuzz run roster record console ctl screenshots lint format clean
 
 help:
 	@echo 'make demo    set up and show a race: race control, karts and their stacks'
@@ -28,10 +32,11 @@ help:
 	@echo 'make soak    race control under random faults and commands (ARGS="--seconds 60")'
 	@echo 'make bench   measure speed and cost                 (ARGS="stop --karts 20")'
 	@echo 'make fuzz    fuzz the decoder and the roster loader, guided by coverage'
-	@echo 'make run     start race control for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml OFFICIALS=10.1.0.5)'
+	@echo 'make run     start race control for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml OFFICIALS=10.1.0.5 ADDRESS=10.0.0.1)'
 	@echo 'make roster  check a list of karts, without starting anything (ROSTER=karts.yaml)'
 	@echo 'make record  print what happened in the last run     (ARGS="--list", ARGS="--help")'
 	@echo "make console open the officials' window               (OFFICIALS=10.1.0.6)"
+	@echo 'make ctl     the same in the terminal                (ARGS="watch" OFFICIALS=10.1.0.6)'
 	@echo 'make lint    check style and types'
 	@echo 'make format  put the code into shape, as far as a tool can'
 	@echo 'make setup   set up only'
@@ -55,9 +60,12 @@ bench:
 fuzz:
 	$(IN_WORKSPACE) python fuzz/run.py $(ARGS)
 
+# Race control that dies is started again; a wrong setting or Ctrl-C ends it (evgp_node.restarting).
 run:
-	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_node --ros-args \
-	  --params-file '$(abspath $(PARAMS))' -p 'roster:=$(abspath $(ROSTER))'
+	$(IN_WORKSPACE) python -m evgp_node.restarting \
+	  install/evgp_rcs/lib/evgp_rcs/rcs_node --ros-args \
+	  --params-file '$(abspath $(PARAMS))' -p 'roster:=$(abspath $(ROSTER))' \
+	  $(if $(ADDRESS),-p 'address:=$(ADDRESS)')
 
 roster:
 	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_roster check '$(abspath $(ROSTER))'
@@ -67,6 +75,9 @@ record:
 
 console:
 	$(IN_WORKSPACE) --console install/evgp_rcs_console/lib/evgp_rcs_console/rcs_gui $(ARGS)
+
+ctl:
+	@$(IN_WORKSPACE) install/evgp_rcs_console/lib/evgp_rcs_console/rcs_ctl $(or $(ARGS),--help)
 
 # The pictures of docs/, made by the test that looks at every state of the window.
 screenshots:

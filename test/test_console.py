@@ -394,7 +394,7 @@ def test_a_race_control_that_was_killed_and_started_again_is_shown_as_it_is_now(
 
     console.wait_for('danger', visible=False)
     console.wait_for('state', text='RED RED')
-    console.wait_for('log', text='started anew')
+    console.wait_for('log', text='started again')
     console.wait_for('kart_1', text='held: race control was re')
     # It still commands: the race is brought home.
     connect_kart(again, 1, EACH_CHANGE)
@@ -966,6 +966,149 @@ def test_that_a_kart_was_made_safe_by_hand_is_stated_only_if_that_was_confirmed(
 
     console.wait_for('question_problem', text='has changed')
     console.wait_for('yes', enabled=False)
+
+
+def test_a_question_tells_the_karts_it_reaches_now_from_those_without_a_link(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    console = open_console(control := start_race_control(in_race=(1, 2), others=(3,)))
+    connect_kart(control, 1, EACH_CHANGE)
+    see_karts(console, 1)
+
+    console.ask('F2')
+
+    said = console.wait_for('question_consequence')['text'].splitlines()
+    assert [line[-7:] for line in said] == ['kart 1.', 'kart 2.', 'kart 3.']
+    console.wait_for('question_warning', visible=False)
+
+
+def test_a_question_that_lets_humans_near_says_in_red_what_the_screen_says_against_it(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    open_console: OpenConsole,
+    connect_kart: ConnectKart,
+) -> None:
+    control = start_race_control(in_race=(1, 2), others=(4,))
+    official = join_official(control)
+    console = open_console(control)
+    karts = {number: connect_kart(control, number, EACH_CHANGE) for number in (1, 2, 4)}
+    see_karts(console, 1, 2, 4)
+    karts[4].say(GREEN_GREEN)
+    official.wait_for_kart(4, lambda kart: kart.may_be_moving, 'in motion')
+    karts[4].close()
+    official.wait_for_kart(4, lambda kart: not kart.connected, 'lost')
+    official.command('grid_active', track_clear=True)
+    official.command('race_over')
+    official.wait_for_acks(RED_RED, 1, 2)
+    console.wait_for('humans', text='NO HUMANS')
+
+    console.ask('F6')
+
+    console.wait_for('question_warning', text='kart 4 .*lost in motion', tone='bad')
+    console.wait_for('question_consequence', text='now to 2 karts: 1, 2')
+    console.wait_for('question_consequence', text='Stays held: kart 4 ')
+    # What is no longer so is not said any more.
+    karts[2].close()
+    console.wait_for('question_problem', text='begin again')
+    console.wait_for('question_consequence', visible=False)
+    console.wait_for('question_statement', visible=False)
+
+
+def test_the_bottom_line_does_not_say_what_another_official_has_changed_since(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    open_console: OpenConsole,
+    connect_kart: ConnectKart,
+) -> None:
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
+    console = open_console(control)
+    connect_kart(control, 1, EACH_CHANGE)
+    see_karts(console, 1)
+    console.start_race()
+    console.wait_for('status', text='GREEN_GREEN')
+
+    official.command('red_flag')
+
+    console.wait_for('state', text='RED FLAG')
+    assert 'GREEN' not in console.wait_for('status', text='RED FLAG')['text']
+
+
+def test_the_places_stay_in_sight_until_the_next_grid(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,), finish_delays='[0.1]')
+    console = open_console(control)
+    connect_kart(control, 1, EACH_CHANGE)
+    see_karts(console, 1)
+    console.start_race()
+    console.click('kart_finish_1', barred='false')
+    console.wait_for('state', text='RED RED')
+    console.wait_for('in_garage', barred='false')
+    confirm(console, 'F6', 'track is safe for humans', 'IN_GARAGE is sent')
+    console.wait_for('state', text='IN GARAGE')
+
+    assert 'P1' in console.wait_for('kart_1')['text']
+    confirm(console, 'F2', 'Clears the places', 'GRID_ACTIVE is sent')
+    console.wait_for('state', text='GRID ACTIVE')
+    assert 'P1' not in console.wait_for('kart_1')['text']
+
+
+# ----- heats ------------------------------------------------------------------------------
+
+
+def test_a_heat_is_put_into_the_race_by_clicks_and_by_keys(
+    start_race_control: StartRaceControl, open_console: OpenConsole
+) -> None:
+    control = start_race_control(
+        in_race=(1,), others=(2, 3), heats={'Heat A': (1, 2), 'Final': (2, 3)}
+    )
+    console = open_console(control)
+
+    console.click('set_heat', barred='false')
+    console.click('heat_2', barred='false', text='Final: 2, 3')
+    console.wait_for('heats', visible=False)
+    for there in ('join_race_1', 'leave_race_2', 'leave_race_3'):
+        console.wait_for(there)
+    console.key('ctrl+h')
+    console.wait_for('heat_2', text='in the race')
+    console.wait_for('heat_1', focus=True)
+    console.key('Return')
+    for there in ('leave_race_1', 'leave_race_2', 'join_race_3'):
+        console.wait_for(there)
+    console.key('ctrl+h')
+    console.wait_for('heats')
+    console.key('Escape')
+    console.wait_for('heats', visible=False)
+
+
+def test_a_heat_is_not_offered_outside_the_garage_and_the_window_says_why(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,), others=(2,), heats={'Heat A': (1, 2)})
+    console = open_console(control)
+    kart = connect_kart(control, 1)
+    see_karts(console, 1)
+    console.key('ctrl+h')
+    console.wait_for('heats')
+
+    console.key('space')
+
+    kart.wait_for_state(RED_RED)  # no sheet keeps a stop
+    console.click('heat_1', barred='true', tip='the race is in RED_RED')
+    console.wait_for('status', text='the race is in RED_RED')
+    console.click('set_heat', barred='true')
+    console.wait_for('status', text='the race is in RED_RED')
+    console.wait_for('heats', visible=False)
+
+
+def test_without_heats_in_the_roster_the_window_has_no_control_for_them(
+    start_race_control: StartRaceControl, open_console: OpenConsole
+) -> None:
+    console = open_console(start_race_control(in_race=(1,)))
+    console.wait_for('kart_1')
+
+    console.wait_for('set_heat', visible=False)
 
 
 # ----- what is shown of a race control that fails -----------------------------------------

@@ -7,6 +7,7 @@ import functools
 import os
 import pathlib
 import re
+import signal
 import subprocess
 from xml.etree import ElementTree
 
@@ -39,6 +40,9 @@ NEIGHBOURS = {
     'on its own machine only': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'},
     'nothing': {},
 }
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+NOT_SET = (graph.INTERFACE, 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'MAKEFLAGS', 'MAKELEVEL', 'ARGS')
 
 why_no_networks = functools.cache(why_not)
 
@@ -252,6 +256,72 @@ def test_an_official_on_the_officials_network_gets_in_and_a_stranger_on_the_kart
         console = watch(control.domain, seconds=40)  # a busy machine takes its time
         printed, _ = console.communicate(timeout=60)
     assert (console.returncode, 'Team 1' in printed) == (0, True)
+
+
+def make(domain: int, *words: str) -> subprocess.Popen[str]:
+    """Start make as an official does, who has set the ROS domain and nothing else."""
+    environment = {name: value for name, value in os.environ.items() if name not in NOT_SET}
+    return subprocess.Popen(
+        # If this process is killed: what make has started must not live on.
+        ['setpriv', '--pdeathsig', 'TERM', 'make', *words],
+        cwd=ROOT,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+        env={**environment, 'ROS_DOMAIN_ID': str(domain)},
+    )
+
+
+def test_a_second_official_sees_and_stops_the_race_from_another_machine_by_the_lines_of_the_docs(
+    networks: TwoNetworks, parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    roster, parameters = tmp_path / 'karts.yaml', tmp_path / 'rcs.yaml'
+    roster.write_text('karts:\n- {number: 1, team: A, address: 10.77.0.101, in_race: true}\n')
+    record = tmp_path / 'record.sqlite3'
+    parameters.write_text(f'/**:\n  ros__parameters:\n    record: {record}\n')
+    # Its own addresses on each machine, as docs/console.md has it.
+    files = f'ROSTER={roster}', f'PARAMS={parameters}'
+    with networks.own.inside():
+        control = make(domain, 'run', *files, f'OFFICIALS={OFFICIALS}', f'ADDRESS={KARTS}')
+    parts.enter_context(control)
+    parts.callback(os.killpg, control.pid, signal.SIGTERM)
+
+    def official(arguments: str, *words: str) -> tuple[int, str]:
+        with networks.official.inside():
+            asked = make(domain, 'ctl', f'ARGS={arguments}', *words)
+        printed, _ = asked.communicate(timeout=60)
+        return asked.returncode, printed
+
+    seen = official('watch --once --wait 30', f'OFFICIALS={OFFICIAL}')
+    stopped = official('all-kill --wait 30', f'OFFICIALS={OFFICIAL}')
+    elsewhere = official('watch --once --wait 3')
+    wrong = official('watch --once --wait 3', f'OFFICIALS={OFFICIALS}')
+
+    assert (seen[0], 'IN GARAGE' in seen[1]) == (0, True), seen[1]
+    assert (stopped[0], 'RED_RED' in stopped[1]) == (0, True), stopped[1]
+    assert (elsewhere[0], 'USE THE MSR' in elsewhere[1]) == (2, True), elsewhere[1]  # make's own 2
+    assert (wrong[0], f'Name one of: {OFFICIAL}' in wrong[1]) == (2, True), wrong[1]
+
+
+@pytest.mark.parametrize('target', ['run', 'console', 'ctl'])
+@pytest.mark.parametrize(('given', 'told'), [([f'OFFICIALS={OFFICIAL}'], OFFICIAL), ([], '')])
+def test_make_tells_race_control_and_both_consoles_the_officials_address_alike(
+    target: str, given: list[str], told: str
+) -> None:
+    printed = subprocess.run(
+        # In place of the program, which becomes the argument of a command that does nothing.
+        ['make', target, 'IN_WORKSPACE=env; :', *given],
+        cwd=ROOT,
+        env={name: value for name, value in os.environ.items() if name not in NOT_SET},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+
+    assert f'EVGP_GRAPH_INTERFACE={told}' in printed.splitlines()
 
 
 @pytest.mark.parametrize('environment', NEIGHBOURS.values(), ids=NEIGHBOURS)

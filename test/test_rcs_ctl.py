@@ -150,7 +150,8 @@ def test_without_kart_numbers_a_start_says_which_karts_it_would_start_and_sends_
     not_now = run(control.domain, 'green-green', '--wait', str(PATIENCE))
 
     assert done.returncode == USAGE
-    assert 'It would go to kart 1 (Team 1), kart 2 (Team 2)' in done.stderr
+    assert 'It is for kart 1 (Team 1), kart 2 (Team 2)' in done.stderr
+    assert 'GRID ACTIVE now to 2 karts: 1, 2' in done.stderr
     assert 'rcs_ctl grid-active 1 2 --track-is-clear' in done.stderr
     assert not_now.returncode == USAGE
     assert 'GREEN_GREEN follows GRID_ACTIVE' in not_now.stderr
@@ -320,7 +321,7 @@ def test_wrong_usage_sends_nothing_and_says_what_is_wrong(
 @pytest.mark.parametrize(
     ('words', 'said'),
     [
-        (('green-green', '1'), 'GREEN GREEN was not given: race control is not there'),
+        (('green-green', '1'), 'GREEN GREEN was not sent: race control is not there'),
         (('red-flag',), 'USE THE MSR'),
         (('kart-red-red', '7'), 'USE THE MSR'),
         (('all-kill',), 'USE THE MSR'),
@@ -357,6 +358,80 @@ def test_watch_shows_the_race_and_what_happens(
     assert events.returncode == ACCEPTED
     assert 'Kart 1 (Team 1) acknowledged RED_RED' in events.stdout
     assert 'Kart 2' not in events.stdout
+
+
+def test_a_heat_is_put_into_the_race_by_its_name_and_watch_lists_the_heats(
+    start_race_control: StartRaceControl, join_official: JoinOfficial
+) -> None:
+    control = start_race_control(
+        in_race=(1,), others=(2, 3), heats={'Heat A': (1, 2), 'Final': (2, 3)}
+    )
+    official = join_official(control)
+
+    said = accepted(control, 'heat', 'Final')
+    race = official.wait_for_race(lambda race: race.karts[2].in_race, 'the heat')
+    shown = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE))
+    unknown = run(control.domain, 'heat', 'B', '--wait', str(PATIENCE))
+
+    assert 'Final' in said
+    assert [kart.in_race for kart in race.karts] == [False, True, True]
+    assert 'Heat A: 1, 2\n' in shown.stdout
+    assert 'Final: 2, 3  (in the race)' in shown.stdout
+    assert (unknown.returncode, 'Heat A' in unknown.stderr) == (REFUSED, True)
+
+
+def test_watch_shows_the_places_until_the_next_grid(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 2), finish_delays='[0.1]')
+    official = join_official(control)
+    for number in (1, 2):
+        connect_kart(control, number, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1, 2)
+    official.command('grid_active', track_clear=True)
+    official.wait_for_acks(RaceState.GRID_ACTIVE, 1, 2)
+    official.command('green_green')
+    official.wait_for_acks(RaceState.GREEN_GREEN, 1, 2)
+    official.command('kart/finish', kart=2)
+    official.command('kart/finish', kart=1)
+    official.wait_for_acks(RaceState.RED_RED, 1, 2)
+    official.command('in_garage', track_safe=True)
+    places = '1. kart 2 (Team 2), 2. kart 1 (Team 1)'
+
+    in_garage = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE))
+    official.command('grid_active', track_clear=True)
+    on_grid = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE))
+
+    assert 'Race: ⌂ IN GARAGE' in in_garage.stdout
+    assert places in in_garage.stdout
+    assert 'Race: ▦ GRID ACTIVE' in on_grid.stdout
+    assert places not in on_grid.stdout
+
+
+def test_a_program_that_may_not_command_says_so_in_a_sentence() -> None:
+    """A stand-in for SROS2, which the wheels' DDS does not have."""
+    code = (
+        'import sys\n'
+        'from rclpy._rclpy_pybind11 import RCLError\n'
+        'from rclpy.node import Node\n'
+        'def refuse(*_, **__):\n'
+        "    raise RCLError('no permission')\n"
+        'Node.create_client = refuse\n'
+        'from evgp_rcs_console.ctl import main\n'
+        'sys.exit(main(sys.argv[1:]))\n'
+    )
+    with Domain() as domain:
+        done = subprocess.run(
+            [sys.executable, '-c', code, 'red-flag'],
+            env={**os.environ, 'ROS_DOMAIN_ID': str(domain.number)},
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+        )
+
+    assert done.returncode == USAGE
+    assert '/officials' in done.stderr
+    assert done.stderr.count('\n') == 1
 
 
 def test_watch_goes_on_and_says_when_race_control_is_gone(

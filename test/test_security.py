@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+import os
 import pathlib
+import signal
+import subprocess
 from xml.etree import ElementTree
 
+from ament_index_python.packages import get_package_prefix
 import pytest
 from race_parts.domains import Domain
 from race_parts.fixtures import JoinOfficial, StartRaceControl
@@ -13,6 +17,7 @@ from race_parts.official import SERVICES
 from race_parts.process import Process
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
+PACKAGE = 'evgp_rcs_console'
 POLICY = ROOT / 'security' / 'rcs.policy.xml'
 
 # What every node of rclpy has beside its own.
@@ -65,6 +70,40 @@ def test_watchers_may_command_nothing() -> None:
     assert {'/rcs/race', '/rcs/events'} <= allowed('/watchers', 'topics', 'subscribe')
     assert allowed('/watchers', 'topics', 'publish') == OF_RCLPY
     assert allowed('/watchers', 'services', 'request') == set()
+
+
+def test_watching_takes_no_more_than_watchers_are_allowed(
+    start_race_control: StartRaceControl, join_official: JoinOfficial
+) -> None:
+    official = join_official(start_race_control(in_race=(1,)))
+    node = official.node
+    watch = subprocess.Popen(
+        [get_package_prefix(PACKAGE) + f'/lib/{PACKAGE}/rcs_ctl', 'watch'],
+        stdout=subprocess.DEVNULL,
+        env={**os.environ, 'ROS_DOMAIN_ID': str(node.context.get_domain_id())},
+    )
+    with watch:
+        try:
+            heard = ('rcs_ctl', '/')
+            official.wait_for_race(
+                lambda _: (
+                    heard in node.get_node_names_and_namespaces()
+                    and any(
+                        name == '/rcs/events'
+                        for name, _ in node.get_subscriber_names_and_types_by_node(*heard)
+                    )
+                ),
+                'the watcher in the graph',
+            )
+            asked = {name for name, _ in node.get_client_names_and_types_by_node(*heard)}
+            published = {name for name, _ in node.get_publisher_names_and_types_by_node(*heard)}
+            subscribed = {name for name, _ in node.get_subscriber_names_and_types_by_node(*heard)}
+        finally:
+            watch.send_signal(signal.SIGINT)
+
+    assert asked == allowed('/watchers', 'services', 'request') == set()
+    assert published <= allowed('/watchers', 'topics', 'publish')
+    assert subscribed <= allowed('/watchers', 'topics', 'subscribe')
 
 
 @pytest.fixture

@@ -23,6 +23,7 @@ class Process:
 
     :param parameters: ROS parameters, as ``-p name:=value``.
     :param arguments: further arguments behind ``--ros-args``.
+    :param under: a command that runs it, with its own arguments.
     """
 
     def __init__(
@@ -32,11 +33,13 @@ class Process:
         domain: int,
         parameters: Mapping[str, object] | None = None,
         arguments: tuple[str, ...] = (),
+        under: tuple[str, ...] = (),
     ) -> None:
         """Start the process."""
         path = pathlib.Path(get_package_prefix(package), 'lib', package, executable)
         # Whoever started it may be killed; it must not live on, on a domain that others then take.
-        command = ['setpriv', '--pdeathsig', 'KILL', str(path), '--ros-args', *arguments]
+        command = ['setpriv', '--pdeathsig', 'TERM' if under else 'KILL', *under, str(path)]
+        command += ['--ros-args', *arguments]
         for name, value in (parameters or {}).items():
             text = str(value).lower() if isinstance(value, bool) else str(value)
             command += ['-p', f'{name}:={text}']

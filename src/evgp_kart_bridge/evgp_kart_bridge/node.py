@@ -17,6 +17,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_kart_bridge.arbiter import Arbiter, Settings, StopSource, Verdict
 from evgp_kart_bridge.link import Link, LinkClosedError, LinkSettings, LinkStatus, REPEAT
 from evgp_kart_bridge.watch import race_state_qos
+from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.stamps import stamp
@@ -43,14 +44,6 @@ LAST_WORD = 0.5
 
 ANSWER_TIMEOUT = 1.0
 """How long a call of the team waits for the link before it says so, seconds."""
-
-DIAGNOSTICS_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=10,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
-"""Of ``/diagnostics``, as diagnostic aggregators expect it."""
 
 TSR_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,

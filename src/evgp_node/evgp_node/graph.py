@@ -205,9 +205,9 @@ def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
     karts = 'every address' if kart_address == EVERY else kart_address
     raise GraphError(
         f'karts connect at {karts}, and the ROS graph can be reached at {at}: whoever is on the '
-        "karts' network could start them. Set the parameter address to that of the karts' "
-        'interface, and officials to another one, or leave officials out; docs/security.md has '
-        'the other ways'
+        "karts' network could start them. Set the parameter address (make run ADDRESS=...) to "
+        "this machine's address on the karts' network, and officials (OFFICIALS=...) to the one "
+        "on the officials' network, or leave officials out; docs/security.md has the other ways"
     )
 
 

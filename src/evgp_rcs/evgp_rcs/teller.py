@@ -15,6 +15,7 @@ import threading
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
 from evgp_rcs.messages import event_message, failure_alert, race_message
@@ -40,14 +41,6 @@ EVENTS_QOS = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 """Of ``~/events``: a late subscriber gets the last 200 events."""
-
-DIAGNOSTICS_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=10,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
-"""Of ``/diagnostics``, as diagnostic aggregators expect it."""
 
 TURN = 0.05
 """Maximum time spent publishing events before a newer race is published, in seconds."""

@@ -12,7 +12,7 @@ Whoever listens is called in these threads, and must hand over to its own at onc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 import queue
 import threading
 from typing import Any, Protocol
@@ -48,6 +48,7 @@ KINDS: dict[str, Any] = {
     'InGarage': srv.InGarage,
     'KartCommand': srv.KartCommand,
     'KartInGarage': srv.KartInGarage,
+    'SetHeat': srv.SetHeat,
     'SetInRace': srv.SetInRace,
 }
 
@@ -92,17 +93,25 @@ class Client:
     A client of race control.
 
     :param context: the ROS context; the process's own if it is None.
+    :param commands: what it may be asked to give. For each of them it needs a permission where
+        SROS2 is in force; to hear the race it needs none of them.
+    :raises RCLError: if ROS does not let it be that client.
     """
 
     def __init__(
-        self, name: str, listener: Listener, context: Context | None = None, **node_options: Any
+        self,
+        name: str,
+        listener: Listener,
+        context: Context | None = None,
+        commands: Iterable[Command] = tuple(FORMS),
+        **node_options: Any,
     ) -> None:
         """Join the domain and begin to hear."""
         self.node = Node(name, context=context, **node_options)
         fence_graph()
         self._listener = listener
         self._services: dict[str, Any] = {}
-        for form in FORMS.values():
+        for form in map(FORMS.__getitem__, commands):
             if form.service not in self._services:
                 self._services[form.service] = self.node.create_client(
                     KINDS[form.kind], f'rcs/{form.service}'
@@ -175,7 +184,7 @@ class Client:
         if self._services[FORMS[order.command].service].service_is_ready():
             self._request(order)
             return
-        name = words.command_name(order.command, order.kart)
+        name = words.order_name(order)
         self._listener.on_answer(order, Answer(False, words.NOT_THERE.format(command=name)))
 
     def _request(self, order: Order) -> None:
@@ -203,7 +212,7 @@ class Client:
         for future, order in late.items():
             self._services[FORMS[order.command].service].remove_pending_request(future)
             if not FORMS[order.command].stop:
-                name = words.command_name(order.command, order.kart)
+                name = words.order_name(order)
                 text = words.GAVE_UP.format(command=name, age=words.age(GIVE_UP))
                 self._listener.on_answer(order, Answer(False, text))
 

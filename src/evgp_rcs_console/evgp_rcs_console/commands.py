@@ -24,6 +24,7 @@ class Order:
     :param stated: the official made the statement that race control asked for.
     :param karts: for a command that starts or releases karts: which, as the official saw it.
     :param hold: for the release of one kart: its hold, as the official saw it.
+    :param heat: for putting a heat into the race: its name.
     :param at: when it was given, by the clock that counts a suspend, in seconds.
     """
 
@@ -32,6 +33,7 @@ class Order:
     stated: bool = False
     karts: tuple[int, ...] = ()
     hold: State = State.UNKNOWN
+    heat: str = ''
     at: float = field(default_factory=now)
 
 
@@ -47,6 +49,7 @@ class Form:
     :param fixed: further fields of the request.
     :param names_karts: the request names the karts that the official saw.
     :param names_hold: the request names the hold that the official saw.
+    :param names_heat: the request names a heat.
     :param confirmed: it loosens something, so the official confirms it.
     :param stop: it stops karts.
     """
@@ -58,12 +61,13 @@ class Form:
     fixed: Mapping[str, bool] = field(default_factory=dict)
     names_karts: bool = False
     names_hold: bool = False
+    names_heat: bool = False
     confirmed: bool = False
     stop: bool = False
 
-    def request(self, order: Order) -> dict[str, int | bool | list[int] | State]:
+    def request(self, order: Order) -> dict[str, int | bool | str | list[int] | State]:
         """Return the fields of a request."""
-        fields: dict[str, int | bool | list[int] | State] = dict(self.fixed)
+        fields: dict[str, int | bool | str | list[int] | State] = dict(self.fixed)
         if self.to_one_kart:
             fields['kart'] = order.kart
         if self.statement:
@@ -72,6 +76,8 @@ class Form:
             fields['karts'] = list(order.karts)
         if self.names_hold:
             fields['hold'] = order.hold
+        if self.names_heat:
+            fields['heat'] = order.heat
         return fields
 
 
@@ -106,5 +112,6 @@ FORMS: dict[Command, Form] = {
     Command.LEAVE_RACE: Form(
         'set_in_race', 'SetInRace', to_one_kart=True, fixed={'in_race': False}
     ),
+    Command.SET_HEAT: Form('set_heat', 'SetHeat', names_heat=True),
 }
 """Every command of an official."""

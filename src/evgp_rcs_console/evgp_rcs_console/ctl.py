@@ -43,6 +43,7 @@ COMMANDS: dict[str, tuple[Command, str]] = {
     'record-msr': (Command.RECORD_MSR, 'record that you used the MSR; also RED_RED to every kart'),
     'join': (Command.JOIN_RACE, 'put a kart into the race'),
     'leave': (Command.LEAVE_RACE, 'take a kart out of the race'),
+    'heat': (Command.SET_HEAT, 'put a heat of the roster into the race, and all others out'),
     'grid-active': (Command.GRID_ACTIVE, 'GRID_ACTIVE to the race'),
     'green-green': (Command.GREEN_GREEN, 'GREEN_GREEN to the race'),
     'kart-finish': (Command.KART_FINISH, 'a kart has crossed the line'),
@@ -163,6 +164,8 @@ def parser() -> argparse.ArgumentParser:
         each = commands.add_parser(name, help=meaning, description=meaning, parents=[waiting])
         if FORMS[command].to_one_kart:
             each.add_argument('kart', type=_kart_number, help='its number in the roster')
+        if FORMS[command].names_heat:
+            each.add_argument('heat', help='its name in the roster')
         if FORMS[command].names_karts:
             each.add_argument(
                 'karts',

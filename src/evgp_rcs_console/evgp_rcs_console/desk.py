@@ -14,13 +14,14 @@ from evgp_rcs_console.apart import Report
 from evgp_rcs_console.client import Client, domain_of, join_graph
 from evgp_rcs_console.commands import FORMS, Order
 from evgp_rcs_console.ctl import COMMANDS, no_answer, STATEMENTS
+from evgp_rcs_console.effects import effects, nobody_is_heard
 from evgp_rcs_console.exits import Exit
-from evgp_rcs_console.snapshot import Answer, Event, Kart, Race, State
+from evgp_rcs_console.snapshot import Answer, Available, Command, Event, Kart, Race, State
 from evgp_rcs_console.standing import Standing
 from evgp_rcs_console.terminal import table
 from evgp_rcs_console.view import danger, is_gone, show, silence
 import rclpy
-from rclpy._rclpy_pybind11 import UnknownROSArgsError
+from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 
 SETTLED = 1.0
 """Time without a further event after which the past ones have all come, in seconds."""
@@ -92,7 +93,13 @@ def attend(
         report(code=Exit.USAGE, error=f'rcs_ctl: {error}')
         return
     desk = Desk()
-    client = Client('rcs_ctl', desk)
+    # To watch takes no permission to command: a spectators' screen has none.
+    commands = () if wanted.command == 'watch' else (COMMANDS[wanted.command][0],)
+    try:
+        client = Client('rcs_ctl', desk, commands=commands)
+    except RCLError as error:
+        report(code=Exit.USAGE, error=f'rcs_ctl: {words.NOT_ALLOWED.format(error=error)}')
+        return
     until = min(now() + float(wanted.wait), latest)
     try:
         if wanted.command == 'watch':
@@ -109,8 +116,8 @@ def _give(client: Client, desk: Desk, wanted: argparse.Namespace, until: float) 
     form = FORMS[command]
     where = f'{client.topic}, ROS domain {domain_of()}'
     if not form.stop and not client.wait_for(command, until - now()):
-        label = words.LABELS[command]
-        error = f'{label} was not given: race control is not there ({where}).'
+        said = words.NOT_THERE.format(command=words.LABELS[command])
+        error = f'{said} ({where})'
         return {'code': Exit.NOT_THERE, 'error': error}
     karts = tuple(sorted(set(getattr(wanted, 'karts', ()))))
     hold = State.UNKNOWN
@@ -121,16 +128,18 @@ def _give(client: Client, desk: Desk, wanted: argparse.Namespace, until: float) 
         assert desk.race is not None
         if form.names_karts:
             return _name_them(wanted, desk.race)
-        kart = next((each for each in desk.race.karts if each.number == wanted.kart), None)
+        kart = desk.race.kart(wanted.kart)
         if kart is not None:
             hold = kart.hold
-            released = words.consequence(command, (), kart)
+            offered = kart.commands.get(command, Available(False))
+            released = '\n'.join(said_of(command, desk.race, offered, kart))
     order = Order(
         command,
         getattr(wanted, 'kart', 0),
         getattr(wanted, 'stated', False),
         karts,
         hold,
+        getattr(wanted, 'heat', ''),
     )
     client.give(order)
     desk.wait_for(lambda: desk.answer is not None, until)
@@ -176,9 +185,21 @@ def _name_them(wanted: argparse.Namespace, race: Race) -> Told:
     flags = [f' {STATEMENTS[command][0]}'] if wanted.stated else []
     return {
         'code': Exit.USAGE,
-        'error': f'{label}: nothing was sent. It would go to {names}. '
-        f'To send it, name them: {again}{"".join(flags)}',
+        'error': '\n'.join(
+            [
+                f'{label}: nothing was sent. It is for {names}.',
+                *said_of(command, race, offered, None),
+                f'To send it, name them: {again}{"".join(flags)}',
+            ]
+        ),
     }
+
+
+def said_of(command: Command, race: Race, offered: Available, kart: Kart | None) -> list[str]:
+    """Return what a command would do, and what speaks against it, as sentences."""
+    said = words.consequences(command, effects(command, race, offered, kart), race, kart)
+    warning = words.warning(command, race, nobody_is_heard(race))
+    return [*said, words.ASK_WARNING.format(warning=warning)] if warning else said
 
 
 def _name(karts: tuple[Kart, ...], number: int) -> str:

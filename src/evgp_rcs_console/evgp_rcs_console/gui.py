@@ -14,7 +14,7 @@ from evgp_node.graph import GraphError
 from evgp_rcs_console import words
 from evgp_rcs_console.client import Client, domain_of, join_graph
 import rclpy
-from rclpy._rclpy_pybind11 import UnknownROSArgsError
+from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 from rclpy.utilities import remove_ros_args
 
 END_TIMEOUT = 5.0
@@ -54,7 +54,11 @@ def main(
     application = QtWidgets.QApplication(remove_ros_args(given))
     application.setStyle('Fusion')
     inbox = Inbox()
-    client = Client('rcs_gui', inbox)
+    try:
+        client = Client('rcs_gui', inbox)
+    except RCLError as error:
+        print(f'rcs_gui: {words.NOT_ALLOWED.format(error=error)}', file=sys.stderr)
+        return 2
     window = ConsoleWindow(inbox, client.give, client.topic, domain_of())
     # Python runs these when the window's timer gives it the chance. To quit at once would be in
     # vain before the loop runs.

@@ -12,6 +12,7 @@ from evgp_rcs_console.snapshot import (
     Available,
     Command,
     Event,
+    Heat,
     Kart,
     Race,
     State,
@@ -53,6 +54,7 @@ def read_race(race: msg.Race) -> Race:
             )
             for alert in race.alerts
         ),
+        heats=tuple(Heat(heat.name, tuple(heat.karts)) for heat in race.heats),
     )
 
 

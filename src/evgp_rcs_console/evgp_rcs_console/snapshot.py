@@ -41,6 +41,7 @@ class Command(enum.Enum):
     KART_IN_GARAGE = 'KART_IN_GARAGE'
     JOIN_RACE = 'JOIN_RACE'
     LEAVE_RACE = 'LEAVE_RACE'
+    SET_HEAT = 'SET_HEAT'
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,14 @@ class Alert:
 
 
 @dataclass(frozen=True)
+class Heat:
+    """Karts that race together, as the roster names them."""
+
+    name: str
+    karts: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class Race:
     """One consistent snapshot of the race."""
 
@@ -111,6 +120,11 @@ class Race:
     commands: Availability
     track: Track
     alerts: tuple[Alert, ...]
+    heats: tuple[Heat, ...] = ()
+
+    def kart(self, number: int) -> Kart | None:
+        """Return the kart with this number, if the roster has it."""
+        return next((kart for kart in self.karts if kart.number == number), None)
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
         f'Race: {screen.state.text}  ({screen.since})',
         f'{screen.humans.text}: {screen.humans_reason}.  {screen.track}.',
         *(f'! {alert.text}' for alert in alerts),
+        *([f'{words.RESULTS}: {screen.places}'] if screen.places else []),
         '',
     ]
     columns = [
@@ -41,6 +42,8 @@ def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
         lines.append(f'{line}  {note}'.rstrip())
     lines.append('')
     lines += [_line(button) for button in screen.race]
+    if screen.heat_button is not None:
+        lines += [_line(screen.heat_button), *(f'  {button.label}' for button in screen.heats)]
     return lines
 
 

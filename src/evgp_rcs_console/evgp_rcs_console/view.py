@@ -9,13 +9,14 @@ terminal client shows the same.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import enum
 import string
 
 from evgp_rcs_console import words
 from evgp_rcs_console.commands import FORMS, Order
-from evgp_rcs_console.snapshot import Available, Command, Kart, Race, State, Track
+from evgp_rcs_console.effects import effects, nobody_is_heard
+from evgp_rcs_console.snapshot import Available, Command, Heat, Kart, Race, State, Track
 
 GONE_AFTER = 0.9
 """
@@ -90,9 +91,12 @@ class Button:
     :param enabled: pressing it sends the command, or asks for its confirmation.
     :param reason: why it is not enabled, with how long that has been so; empty if it is.
     :param condition: what the official confirms; empty if the command asks for nothing.
+    :param consequence: what it would do to which kart, and to which it would do nothing.
     :param statement: what race control asks the official to state; empty if nothing.
     :param karts: the karts that it would start or release, as race control says.
     :param hold: the hold that it would end; UNKNOWN for none.
+    :param warning: what speaks against it, as the screen shows it; empty if nothing is known.
+    :param heat: the heat that it puts into the race, by its name.
     :param key: the key that presses it; empty if none does.
     """
 
@@ -106,6 +110,8 @@ class Button:
     statement: str = ''
     karts: tuple[int, ...] = ()
     hold: State = State.UNKNOWN
+    warning: str = ''
+    heat: str = ''
     key: str = ''
 
     def order(self) -> Order:
@@ -120,13 +126,15 @@ class Button:
             stated=bool(self.statement),
             karts=self.karts,
             hold=self.hold,
+            heat=self.heat,
         )
 
     def asks_the_same(self, other: Button) -> bool:
         """Return whether who confirms this button confirms what the other one would do."""
 
         def seen(button: Button) -> tuple[object, ...]:
-            return button.condition, button.statement, button.karts, button.hold
+            said = button.condition, button.consequence, button.warning
+            return *said, button.statement, button.karts, button.hold
 
         return seen(self) == seen(other)
 
@@ -174,10 +182,19 @@ class Danger:
 
 @dataclass(frozen=True)
 class Screen:
-    """All that a screen shows of the race itself."""
+    """
+    All that a screen shows of the race itself.
+
+    :param heat_button: offers the choice of a heat; None if the roster names none.
+    :param heats: one button for each heat of the roster.
+    :param places: the places of the race, or of the last one; empty if there are none.
+    """
 
     state: Cell
     since: str
+    heat_button: Button | None
+    heats: tuple[Button, ...]
+    places: str
     humans: Cell
     humans_reason: str
     track: str
@@ -190,8 +207,7 @@ class Screen:
     def button(self, command: Command, kart: int = 0) -> Button | None:
         """Return the button of a command, if this screen has it."""
         buttons = [*self.race, *self.all_karts]
-        if self.track_button:
-            buttons.append(self.track_button)
+        buttons += filter(None, [self.track_button, self.heat_button])
         for row in self.rows:
             if row.number == kart:
                 buttons += row.buttons
@@ -209,6 +225,7 @@ KEYS = {
     Command.OPEN_TRACK: 'F7',
     Command.CLOSE_TRACK: 'F8',
     Command.RECORD_MSR: 'F9',
+    Command.SET_HEAT: 'Ctrl+H',
 }
 """The keys of the commands that concern no single kart; ALL KILL's are everywhere."""
 
@@ -290,13 +307,15 @@ def show(race: Race, age: float, pending: Pending, danger: Danger | None = None)
     buttons = _Buttons(race, age, pending, barred=danger.barred if danger else '')
     since = words.STATE_SINCE.format(age=words.age(race.state_for + age))
     track = race.track
+    humans, reason = _humans(race)
     return Screen(
         state=_state_cell(race.state),
         since=f'{since}, {words.OVER}' if race.over else since,
-        humans=Cell(words.HUMANS_ALLOWED, Tone.GOOD)
-        if track.allowed
-        else Cell(words.HUMANS_NOT_ALLOWED, Tone.BAD),
-        humans_reason=track.reason,
+        heat_button=buttons.race(Command.SET_HEAT) if race.heats else None,
+        heats=tuple(buttons.heat(heat) for heat in race.heats),
+        places=_places(race),
+        humans=humans,
+        humans_reason=reason,
         track=words.TRACK_OPEN if track.is_open else words.TRACK_CLOSED,
         race=tuple(buttons.race(command) for command in RACE_COMMANDS),
         all_karts=(buttons.race(Command.RECORD_MSR),),
@@ -304,6 +323,21 @@ def show(race: Race, age: float, pending: Pending, danger: Danger | None = None)
         rows=tuple(_row(kart, place, age, buttons) for place, kart in enumerate(race.karts)),
         danger=danger,
     )
+
+
+def _humans(race: Race) -> tuple[Cell, str]:
+    """Return whether humans are allowed on the track, and why or why not."""
+    if nobody_is_heard(race):
+        return Cell(words.HUMANS_UNKNOWN), words.HUMANS_UNKNOWN_REASON
+    if race.track.allowed:
+        return Cell(words.HUMANS_ALLOWED, Tone.GOOD), race.track.reason
+    return Cell(words.HUMANS_NOT_ALLOWED, Tone.BAD), race.track.reason
+
+
+def _places(race: Race) -> str:
+    """Return the places, the first one first."""
+    finished = sorted((kart for kart in race.karts if kart.place), key=lambda kart: kart.place)
+    return ', '.join(f'{kart.place}. {words.kart_name(kart)}' for kart in finished)
 
 
 def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
@@ -368,6 +402,12 @@ class _Buttons:
         offered = kart.commands.get(command, Available(False))
         return self._button(command, kart, offered, None, key)
 
+    def heat(self, heat: Heat) -> Button:
+        """Return the button that puts a heat into the race."""
+        racing = tuple(kart.number for kart in self.snapshot.karts if kart.in_race)
+        label = words.heat(heat, in_race=heat.karts == racing)
+        return replace(self.race(Command.SET_HEAT), label=label, heat=heat.name, key='')
+
     def _button(
         self,
         command: Command,
@@ -386,10 +426,13 @@ class _Buttons:
             reason = self.barred
         elif not form.stop and waits is not None:
             reason = words.PENDING_REASON.format(age=words.short_age(waits))
-        condition = consequence = ''
+        condition = consequence = warning = ''
         if form.confirmed or (offered.statement and not form.stop):
-            condition = words.condition(command, kart, self.snapshot.track, offered.statement)
-            consequence = words.consequence(command, offered.karts, kart)
+            race = self.snapshot
+            does = effects(command, race, offered, kart)
+            condition = words.condition(command, kart, race, offered.statement)
+            consequence = '\n'.join(words.consequences(command, does, race, kart))
+            warning = words.warning(command, race, nobody_is_heard(race))
         return Button(
             command=command,
             kart=kart.number if kart else 0,
@@ -401,5 +444,6 @@ class _Buttons:
             statement=offered.statement,
             karts=offered.karts,
             hold=kart.hold if kart and form.names_hold else State.UNKNOWN,
+            warning=warning,
             key=key,
         )

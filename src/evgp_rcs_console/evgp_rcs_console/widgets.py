@@ -459,8 +459,9 @@ class Question(Sheet):
         self._title = Label('question_title', sheet_title='true')
         self._consequence = Label('question_consequence', sheet_text='true')
         self._statement = Label('question_statement', sheet_text='true')
+        self._warning = Label('question_warning', sheet_text='true', tone='bad')
         self._problem = Label('question_problem', sheet_text='true')
-        for label in (self._consequence, self._statement, self._problem):
+        for label in (self._consequence, self._warning, self._statement, self._problem):
             label.setWordWrap(True)
         self.yes = QtWidgets.QPushButton()
         self.yes.setObjectName('yes')
@@ -472,6 +473,7 @@ class Question(Sheet):
             self,
             self._title,
             self._consequence,
+            self._warning,
             self._statement,
             self._problem,
             self.no,
@@ -491,7 +493,7 @@ class Question(Sheet):
             self._title,
             words.ASK_TITLE.format(command=words.command_name(button.command, button.kart)),
         )
-        set_text(self._consequence, button.consequence)
+        self._show_texts(button)
         condition = button.condition[:1].upper() + button.condition[1:]
         set_text(self._statement, words.ASK_STATE.format(condition=button.condition))
         set_text(self.yes, words.ASK_YES.format(condition=condition))
@@ -509,6 +511,8 @@ class Question(Sheet):
         assert self.button is not None
         if FORMS[self.button.command].stop:
             self._problem_text = ''
+            if button is not None:
+                self._show_texts(button)
         elif button is not None and button.reason:
             self._spoilt = True
             self._problem_text = words.ASK_AGAIN.format(reason=button.reason)
@@ -519,6 +523,11 @@ class Question(Sheet):
             self._problem_text = ''
         self._show_problem()
 
+    def _show_texts(self, button: Button) -> None:
+        set_text(self._consequence, button.consequence)
+        warning = words.ASK_WARNING.format(warning=button.warning) if button.warning else ''
+        set_text(self._warning, warning)
+
     @property
     def settled(self) -> bool:
         """Return whether it has been there long enough for a click on YES to be meant."""
@@ -526,10 +535,56 @@ class Question(Sheet):
 
     def _show_problem(self) -> None:
         problem = self._problem_text
+        # What it said before is not so any more.
+        self._consequence.setVisible(not problem)
+        self._statement.setVisible(not problem)
+        self._warning.setVisible(not problem and bool(self._warning.text()))
         self._problem.show_cell(Cell(problem, Tone.BAD if problem else Tone.PLAIN))
         self._problem.setVisible(bool(problem))
         self.yes.setEnabled(not problem)
         set_property(self.yes, 'barred', 'true' if problem or not self.settled else 'false')
+
+
+class Heats(Sheet):
+    """Offers the heats of the roster."""
+
+    def __init__(self, parent: QtWidgets.QWidget, pressed: Pressed) -> None:
+        """Have none yet."""
+        super().__init__(parent, 'heats')
+        self._pressed = pressed
+        self._heats: list[CommandButton] = []
+        title = Label(sheet_title='true')
+        title.setText(words.HEATS_TITLE)
+        does = Label(sheet_text='true')
+        does.setText(words.HEATS_CONSEQUENCE)
+        close = QtWidgets.QPushButton(words.HEATS_CLOSE)
+        close.setObjectName('close_heats')
+        close.clicked.connect(self.close_sheet)
+        self._column = column(self, title, does, close)
+        self._column.setContentsMargins(24, 16, 24, 20)
+        self._column.setSpacing(12)
+
+    def show_heats(self, buttons: Sequence[Button]) -> None:
+        """Show one button for each heat."""
+        for place in range(len(self._heats), len(buttons)):
+            button = CommandButton(self._choose, large=True)
+            self._heats.append(button)
+            self._column.insertWidget(2 + place, button)
+        for place, (widget, heat) in enumerate(zip(self._heats, buttons, strict=False)):
+            widget.show_button(heat)
+            widget.setObjectName(f'heat_{place + 1}')
+        for place, widget in enumerate(self._heats):
+            widget.setVisible(place < len(buttons))
+
+    def open_sheet(self) -> None:
+        """Be there; the keyboard is on the first heat."""
+        self.show()
+        self.raise_()
+        self._heats[0].setFocus()
+
+    def _choose(self, button: Button) -> None:
+        self.close_sheet()
+        self._pressed(button)
 
 
 class Help(Sheet):

@@ -16,6 +16,7 @@ from evgp_rcs_console.commands import FORMS, Order
 from evgp_rcs_console.freshness import Beat, InputClock, Repeats, STALE
 from evgp_rcs_console.keys import Act
 from evgp_rcs_console.notices import AlertBook, concerns, EventLog
+from evgp_rcs_console.outcome import Outcome
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.snapshot import Answer, Command, Event, Race
 from evgp_rcs_console.sound import Sound
@@ -39,6 +40,7 @@ from evgp_rcs_console.widgets import (
     DangerPanel,
     Elided,
     Heading,
+    Heats,
     Help,
     KartRow,
     Label,
@@ -132,6 +134,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._chosen = 0
         self._typed = keys.Typed()
         self._message = Cell(words.READY)
+        self._outcome: Outcome | None = None
         self._pointed: CommandButton | None = None
         self._sound = Sound()
         self._muted = False
@@ -163,6 +166,9 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._two = two
         if self._book.update(race.alerts, two):
             self._sounded = 0.0
+        if self._outcome is not None and not self._outcome.stands(race, at):
+            what = words.now_so(self._outcome.order, race)
+            self._say(words.NOW.format(clock=_clock(), what=what))
         self._refresh()
 
     def _take_event(self, event: Event) -> None:
@@ -175,7 +181,10 @@ class ConsoleWindow(QtWidgets.QWidget):
             del self._orders[order.command, order.kart]
         mark = words.DONE if answer.success else words.REFUSED
         tone = Tone.GOOD if answer.success else Tone.BAD
-        self._say(f'{time.strftime("%H:%M:%S")}  {mark}{answer.message}', tone)
+        said = words.ANSWERED.format(clock=_clock(), mark=mark, answer=answer.message)
+        self._say(said, tone)
+        if answer.success:
+            self._outcome = Outcome(order, clock.now())
         self._refresh()
 
     def _take_pressing(self, stops: tuple[Standing, ...]) -> None:
@@ -239,6 +248,10 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._msr_button.show_button(screen.all_karts[0])
         if screen.track_button is not None:
             self._track_button.show_button(screen.track_button)
+        self._heat_button.setVisible(screen.heat_button is not None)
+        if screen.heat_button is not None:
+            self._heat_button.show_button(screen.heat_button)
+        self._heats.show_heats(screen.heats)
         self._show_rows(screen, stale)
         self._show_alerts()
         if self._question.isVisible() and self._question.button is not None:
@@ -321,10 +334,7 @@ class ConsoleWindow(QtWidgets.QWidget):
             set_property(self._status, 'tone', 'wait')
             return
         now = clock.now()
-        waiting = [
-            (now - order.at, words.command_name(order.command, order.kart))
-            for order in self._orders.values()
-        ]
+        waiting = [(now - order.at, words.order_name(order)) for order in self._orders.values()]
         if waiting and max(waiting)[0] > 0.3:
             late, name = max(waiting)
             text = words.PENDING.format(command=name, age=words.short_age(late))
@@ -350,6 +360,7 @@ class ConsoleWindow(QtWidgets.QWidget):
 
     def _say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
         self._message = Cell(text, tone)
+        self._outcome = None
         self._pointed = None
         self._show_status()
 
@@ -362,8 +373,13 @@ class ConsoleWindow(QtWidgets.QWidget):
         """Give the command of a button, ask for its confirmation, or say why it is not allowed."""
         if not button.enabled:
             self._say(button.explanation, Tone.WAIT)
+        elif button.command is Command.SET_HEAT and not button.heat:
+            self._help.close_sheet()
+            self._heats.open_sheet()
+            self._place_sheets()
         elif button.condition:
             self._help.close_sheet()
+            self._heats.close_sheet()
             self._question.ask(button)
             self._place_sheets()
         else:
@@ -374,8 +390,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._give(order)
         if not FORMS[order.command].stop:  # of the stops the client tells what waits
             self._orders[order.command, order.kart] = order
-        name = words.command_name(button.command, button.kart)
-        self._say(words.GIVEN.format(command=name))
+        self._say(words.GIVEN.format(clock=_clock(), command=words.order_name(order)))
         self._refresh()
 
     def _answer_question(self, yes: bool) -> None:
@@ -615,6 +630,7 @@ class ConsoleWindow(QtWidgets.QWidget):
                 focused.showPopup()
         elif act is Act.CANCEL:
             self._help.close_sheet()
+            self._heats.close_sheet()
             self.setFocus()
         return True
 
@@ -657,6 +673,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._question = Question(self)
         self._question.answered.connect(self._answer_question)
         self._help = Help(self)
+        self._heats = Heats(self, self._pressed)
 
     def _build_now(self) -> QtWidgets.QWidget:
         self._state = Label('state')
@@ -740,7 +757,12 @@ class ConsoleWindow(QtWidgets.QWidget):
         layout = QtWidgets.QVBoxLayout(side)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.setSpacing(2)
-        layout.addWidget(in_race)
+        heading = QtWidgets.QHBoxLayout()
+        heading.addWidget(in_race, 1)
+        self._heat_button = CommandButton(self._pressed)
+        self._heat_button.hide()
+        heading.addWidget(self._heat_button)
+        layout.addLayout(heading)
         for button, lines in zip(self._race_buttons, REASON_LINES, strict=True):
             layout.addWidget(button, 10 * lines)
         layout.addWidget(all_karts)
@@ -793,6 +815,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._status.setFixedHeight(round(28 * by))
         self._quiet_alerts.setFixedHeight(round(26 * by))
         self._track_button.setFixedHeight(round(36 * by))
+        self._heat_button.setFixedHeight(round(26 * by))
         self._heading.fit(by)
         self._overview.fit(by)
         for button in [*self._race_buttons, self._msr_button]:
@@ -801,7 +824,7 @@ class ConsoleWindow(QtWidgets.QWidget):
             row.fit(by)
 
     def _place_sheets(self) -> None:
-        for sheet in (self._question, self._help):
+        for sheet in (self._question, self._help, self._heats):
             if sheet.isVisible():
                 # Over the karts, clear of ALL KILL above and of the stops at the side.
                 room = self._scroll.width()
@@ -819,6 +842,11 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._timer.stop()
         self._sound.close()
         super().closeEvent(event)
+
+
+def _clock() -> str:
+    """Return the wall time, as an official reads it."""
+    return time.strftime('%H:%M:%S')
 
 
 def _chooses(widget: QtWidgets.QWidget | None) -> bool:

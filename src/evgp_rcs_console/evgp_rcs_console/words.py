@@ -6,7 +6,9 @@ Sentences of race control (reasons, answers, alerts, events) are shown as they c
 
 from __future__ import annotations
 
-from evgp_rcs_console.snapshot import Command, Kart, State, Track
+from evgp_rcs_console.commands import Order
+from evgp_rcs_console.effects import Effects
+from evgp_rcs_console.snapshot import Command, Heat, Kart, Race, State
 
 TITLE = 'EVGP race control'
 
@@ -45,6 +47,7 @@ LABELS = {
     Command.KART_IN_GARAGE: 'GARAGE',
     Command.JOIN_RACE: 'JOIN',
     Command.LEAVE_RACE: 'LEAVE',
+    Command.SET_HEAT: 'HEAT',
 }
 
 IN_RACE = 'IN RACE'
@@ -72,6 +75,8 @@ OVER = 'race over'
 
 HUMANS_ALLOWED = '✓ HUMANS ALLOWED'
 HUMANS_NOT_ALLOWED = '✗ NO HUMANS ON TRACK'
+HUMANS_UNKNOWN = '? NO KART CONNECTED'
+HUMANS_UNKNOWN_REASON = 'race control hears no kart: look where each one is'
 TRACK_OPEN = 'Track is OPEN'
 TRACK_CLOSED = 'Track is closed'
 
@@ -93,7 +98,7 @@ SOUND_OFF = '✗ SOUND OFF'
 LOG = 'Events'
 EVERY_KART = 'all karts'
 ONE_KART = 'kart {number} {team}'
-NEW_RUN = '— race control was started anew —'
+NEW_RUN = '— race control was started again —'
 DONE = '✓ '
 REFUSED = '✗ '
 
@@ -107,7 +112,7 @@ FAILED = 'RACE CONTROL HAS FAILED'
 TWO = 'TWO RACE CONTROLS'
 TWO_ADVICE = 'ALL KILL, THEN END ONE'
 TWO_DETAIL = 'Two race controls are running in this ROS domain.'
-TWO_WHAT_TO_DO = 'Stops go to both. Nothing else can be given.'
+TWO_WHAT_TO_DO = 'Stops go to both. No other command can be sent.'
 TWO_REASON = 'there are two race controls: end one'
 STATE_SINCE = 'for {age}'
 KILL_HINT = 'SPACE BAR or F12'
@@ -117,28 +122,41 @@ STOP_PRESSING = '{command}: pressed {count} times in {age}, {why}. USE THE MSR.'
 NO_ANSWER = 'no answer'
 KEYS_OFF = 'KEYS OFF: click this window'
 
-GIVEN = '{command} is given.'
+GIVEN = '{clock}  {command} sent'
+ANSWERED = '{clock}  {mark}{answer}'
+NOW = '{clock}  Now: {what}'
 READY = 'Ready.  F1 shows the keys.'
 PENDING = '{command}: no answer yet, {age}'
 PENDING_REASON = 'no answer yet, {age}'
 GAVE_UP = '{command}: no answer within {age}. Check the race to see whether it took effect.'
-NOT_THERE = '{command} was not given: race control is not there.'
+NOT_THERE = '{command} was not sent: race control is not there.'
+NOT_ALLOWED = (
+    'ROS does not let this program command race control. With SROS2, that needs the enclave '
+    '/officials; with /watchers there is rcs_ctl watch. ({error})'
+)
 TOO_OLD = '{name}: pressed {age} ago, while the window hung. Nothing was sent: press it again.'
 TOO_EARLY = '{name}: pressed before the question was there. Read it and answer now.'
 ANSWER_FIRST = 'Answer the question first: Y or N'
 CLICK = 'Mouse button'
 BARRED = '{command}: {reason}'
 WITH_AGE = '{reason}, {age}'
-STATED = '{command}: not any more: {reason}'
 
 ASK_TITLE = '{command}?'
 ASK_STATE = 'I state: {condition}.'
 ASK_YES = 'YES: {condition}   (Y)'
 ASK_NO = 'NO   (N or Esc)'
+ASK_WARNING = 'But: {warning}.'
 ASK_CHANGED = 'What you are asked to confirm has changed. Press NO and begin again.'
 ASK_AGAIN = '{reason}. Press NO and begin again.'
 
 KART_CHOSEN = 'Kart {number} ({team}) is chosen.  Ctrl+R RED RED, Ctrl+F RED FLAG, Ctrl+G garage'
+HEATS_TITLE = 'Which heat?'
+HEATS_CONSEQUENCE = 'Puts its karts into the race, and takes all others out.'
+HEATS_CLOSE = 'NONE   (Esc)'
+HEAT = '{name}: {karts}'
+IN_RACE_NOW = '{text}  (in the race)'
+HEATS = 'Heats'
+RESULTS = 'Places'
 CHOOSE_FIRST = 'Choose a kart first: type its number'
 NO_SUCH_KART = 'There is no kart {number} in the roster'
 
@@ -160,6 +178,7 @@ KEY_HELP = (
     ('Ctrl+R, Ctrl+F', 'RED RED, RED FLAG to the chosen kart'),
     ('Ctrl+G', 'the chosen kart to the garage'),
     ('Ctrl+J', 'the chosen kart joins or leaves the race'),
+    ('Ctrl+H', 'put a heat into the race'),
     ('Ctrl+L', 'events of the chosen kart only, of all'),
     ('Tab, Enter', 'go to the next button, press it'),
     ('Y, N', 'answer a question'),
@@ -197,51 +216,119 @@ def command_name(command: Command, kart: int = 0) -> str:
     return f'{LABELS[command]} kart {kart}' if kart else LABELS[command]
 
 
-def condition(command: Command, kart: Kart | None, track: Track, statement: str) -> str:
+def order_name(order: Order) -> str:
+    """Return what an official's command is called when it is talked about."""
+    name = command_name(order.command, order.kart)
+    return f'{name} {order.heat}' if order.heat else name
+
+
+def heat(each: Heat, in_race: bool = False) -> str:
+    """Return a heat with its karts."""
+    text = HEAT.format(name=each.name, karts=', '.join(map(str, each.karts)))
+    return IN_RACE_NOW.format(text=text) if in_race else text
+
+
+def condition(command: Command, kart: Kart | None, race: Race, statement: str) -> str:
     """
     Return what an official confirms.
 
     :param statement: what race control asks the official to state; empty if nothing.
     """
     if command is Command.GREEN_GREEN:
-        start = 'the race may start, the track is clear of humans'
-        return f'{start}, {statement}' if statement else start
+        start = 'the race may start, and the track is clear of humans'
+        return f'{start}; {statement}' if statement else start
     if statement:
         return statement
     if command is Command.RECORD_MSR:
         return 'the Master Safety Remote was used'
     if command is Command.OPEN_TRACK:
-        return f'teams are cleared for the track: {track.reason}'
+        return 'teams are cleared for the track'
     if command is Command.KART_IN_GARAGE and kart is not None:
         return f'{kart_name(kart)} stands still and may go to its team'
-    return f'{LABELS[command]} is meant'
+    return f'{LABELS[command]} is what I want'
 
 
-def kart_list(karts: tuple[int, ...]) -> str:
+def warning(command: Command, race: Race, nobody_heard: bool) -> str:
+    """
+    Return what speaks against confirming a command; empty if nothing is known.
+
+    :param nobody_heard: humans are allowed on the track only because no kart is connected.
+    """
+    track = race.track
+    if command in (Command.IN_GARAGE, Command.KART_IN_GARAGE, Command.OPEN_TRACK):
+        if not track.allowed:
+            return f'no humans may be on the track now: {track.reason}'
+        return f'no kart is connected; {HUMANS_UNKNOWN_REASON}' if nobody_heard else ''
+    if command in (Command.GRID_ACTIVE, Command.GREEN_GREEN) and track.is_open:
+        return 'the track is open to humans now'
+    return ''
+
+
+def kart_list(karts: tuple[Kart, ...]) -> str:
     """Return karts by their numbers."""
     if not karts:
         return 'no kart'
-    numbers = ', '.join(map(str, karts))
+    numbers = ', '.join(str(kart.number) for kart in karts)
     return f'kart {numbers}' if len(karts) == 1 else f'{len(karts)} karts: {numbers}'
 
 
-def consequence(command: Command, karts: tuple[int, ...], kart: Kart | None) -> str:
+def consequences(command: Command, does: Effects, race: Race, kart: Kart | None) -> list[str]:
     """
-    Return what a confirmed command does, in a sentence.
+    Return what a command does, as sentences.
 
-    :param karts: the karts that it would start or release, as race control says.
+    :param kart: the kart it is for, if it is for one.
     """
+    said = []
+    if command is Command.RECORD_MSR:
+        said.append('Records that you used the MSR. It does not trigger the MSR.')
+    if kart is not None and kart.hold is not State.UNKNOWN:
+        said.append(f'Ends the hold of {held(kart)}.')
+    if does.state is not State.UNKNOWN:
+        end = _THEN.get(command, '') if does.now else ''
+        said.append(f'Sends {STATES[does.state]} now to {kart_list(does.now)}.{end}')
+    if does.later:
+        gets = 'gets' if len(does.later) == 1 else 'get'
+        said.append(f'Not connected, {gets} it on connecting: {kart_list(does.later)}.')
     if kart is not None:
-        if kart.hold is State.UNKNOWN:
-            return f'Sends IN GARAGE to {kart_name(kart)}.'
-        return f'Ends the hold of {kart_name(kart)}: {STATES[kart.hold]}, {kart.hold_reason}.'
-    return {
-        Command.GRID_ACTIVE: f'Sends GRID ACTIVE to {kart_list(karts)}.',
-        Command.GREEN_GREEN: f'Sends GREEN GREEN to {kart_list(karts)}. They drive off.',
-        Command.IN_GARAGE: f'Sends IN GARAGE to {kart_list(karts)}. Teams have their karts back.',
-        Command.OPEN_TRACK: 'Opens the track to humans.',
-        Command.RECORD_MSR: (
-            'Records that you used the MSR, and sends RED RED to all karts. '
-            'It does not trigger the MSR.'
-        ),
-    }.get(command, '')
+        if kart.in_race and race.state is not State.IN_GARAGE:
+            said.append('Takes it out of the race.')
+        return said
+    if does.held:
+        stays = 'Stays' if len(does.held) == 1 else 'Stay'
+        few = does.held if len(does.held) <= FEW else ()
+        who = '; '.join(map(held, few)) or kart_list(does.held)
+        said.append(f'{stays} held: {who}.')
+    if does.rest and does.state is not State.UNKNOWN:
+        stays = 'Stays as it is' if len(does.rest) == 1 else 'Stay as they are'
+        said.append(f'{stays}: {kart_list(does.rest)}.')
+    if command is Command.GRID_ACTIVE and any(each.place for each in race.karts):
+        said.append('Clears the places of the last race.')
+    if command is Command.OPEN_TRACK:
+        said.append('Opens the track to humans. Sends nothing to the karts.')
+    return said
+
+
+FEW = 4
+"""Maximum number of held karts whose reasons are given; of more, only the numbers."""
+
+_THEN = {
+    Command.GREEN_GREEN: ' They drive off.',
+    Command.IN_GARAGE: ' Teams have their karts back.',
+}
+
+
+def held(kart: Kart) -> str:
+    """Return a kart that is held, with its hold and why."""
+    return f'{kart_name(kart)}: {STATES[kart.hold]}, {kart.hold_reason}'
+
+
+def now_so(order: Order, race: Race) -> str:
+    """Return what is so of that with which a command dealt, instead of what it brought about."""
+    if order.command in (Command.OPEN_TRACK, Command.CLOSE_TRACK):
+        return 'the track is open' if race.track.is_open else 'the track is closed'
+    kart = race.kart(order.kart)
+    if kart is None:
+        return f'the race is in {STATES[race.state]}'
+    sent = f'{kart_name(kart)} is sent {STATES[kart.sent]}'
+    sent += f', held: {kart.hold_reason}' if kart.hold is not State.UNKNOWN else ''
+    return f'{sent}, in the race' if kart.in_race else f'{sent}, not in the race'

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from evgp_rcs_console import words
 from evgp_rcs_console.commands import FORMS
-from evgp_rcs_console.snapshot import Alert, Available, Command, Kart, Race, State, Track
+from evgp_rcs_console.snapshot import Alert, Available, Command, Heat, Kart, Race, State, Track
 from evgp_rcs_console.terminal import table
 from evgp_rcs_console.view import (
     Button,
@@ -106,7 +106,8 @@ def button_of(command: Command, offered: Available, **changes: object) -> Button
     """Return the button of a command that race control offers so, to a race or a kart so."""
     commands = {**EVERYTHING, command: offered}
     kart = replace(KART, commands=commands, **changes)  # type: ignore[arg-type]
-    race = replace(RACE, commands=commands, karts=(kart,))
+    others = tuple(replace(KART, number=number) for number in (1, 2, 3))
+    race = replace(RACE, commands=commands, karts=(*others, kart))
     button = show(race, 0.0, {}).button(command, 7 if FORMS[command].to_one_kart else 0)
     assert button is not None
     return button
@@ -118,7 +119,7 @@ def test_a_start_or_release_says_and_sends_the_karts_that_race_control_named(
 ) -> None:
     button = button_of(command, Available(True, karts=(1, 2)))
 
-    assert 'to 2 karts: 1, 2.' in button.consequence
+    assert 'now to 2 karts: 1, 2.' in button.consequence
     assert FORMS[command].request(button.order())['karts'] == [1, 2]
 
 
@@ -126,7 +127,7 @@ def test_a_release_says_and_sends_the_hold_that_it_ends() -> None:
     offered = Available(True, karts=(7,))
     button = button_of(Command.KART_IN_GARAGE, offered, hold=State.RED_RED, hold_reason='ALL_KILL')
 
-    assert button.consequence == 'Ends the hold of kart 7 (Purdue): RED RED, ALL_KILL.'
+    assert 'Ends the hold of kart 7 (Purdue): RED RED, ALL_KILL.' in button.consequence
     assert FORMS[button.command].request(button.order())['hold'] is State.RED_RED
 
 
@@ -167,6 +168,114 @@ def test_a_question_about_other_karts_or_another_statement_is_another_question(
 
     assert not asked.asks_the_same(button_of(Command.GREEN_GREEN, offered))
     assert asked.asks_the_same(replace(asked, reason='not now', label='other'))
+
+
+def offering(command: Command, karts: tuple[Kart, ...], track: Track = RACE.track) -> Button:
+    """Return the button of a command to the race which race control offers for kart 7."""
+    commands = {**EVERYTHING, command: Available(True, karts=(7,))}
+    button = show(replace(RACE, commands=commands, karts=karts, track=track), 0.0, {}).button(
+        command
+    )
+    assert button is not None
+    return button
+
+
+def test_a_question_tells_a_kart_that_is_not_connected_from_one_that_is() -> None:
+    there = offering(Command.GRID_ACTIVE, (KART,))
+    away = offering(Command.GRID_ACTIVE, (replace(KART, connected=False),))
+
+    assert 'now to kart 7.' in there.consequence
+    assert 'now to no kart.' in away.consequence
+    assert 'Not connected, gets it on connecting: kart 7.' in away.consequence
+    assert not there.asks_the_same(away)
+
+
+def test_a_question_names_the_karts_that_stay_held_and_why() -> None:
+    held = replace(KART, number=4, hold=State.RED_RED, hold_reason='lost its connection')
+
+    button = offering(Command.IN_GARAGE, (held, KART))
+
+    assert 'now to kart 7.' in button.consequence
+    assert 'Stays held: kart 4 (Purdue): RED RED, lost its connection.' in button.consequence
+
+
+def test_what_speaks_against_a_command_is_said_and_makes_it_another_question() -> None:
+    fine = replace(RACE.track, allowed=True, reason='all stand')
+    bad = replace(RACE.track, allowed=False, reason='kart 4 was lost in motion: use the MSR')
+
+    before = offering(Command.IN_GARAGE, (KART,), fine)
+    after = offering(Command.IN_GARAGE, (KART,), bad)
+
+    assert (before.warning, bad.reason in after.warning) == ('', True)
+    assert not before.asks_the_same(after)
+
+
+@pytest.mark.parametrize(
+    ('connected', 'allowed', 'msr', 'text', 'tone'),
+    [
+        (True, True, False, words.HUMANS_ALLOWED, Tone.GOOD),
+        (True, False, False, words.HUMANS_NOT_ALLOWED, Tone.BAD),
+        (False, False, False, words.HUMANS_NOT_ALLOWED, Tone.BAD),
+        (False, True, False, words.HUMANS_UNKNOWN, Tone.PLAIN),
+        (False, True, True, words.HUMANS_ALLOWED, Tone.GOOD),
+    ],
+)
+def test_that_humans_are_allowed_is_no_good_news_while_no_kart_is_connected(
+    connected: bool, allowed: bool, msr: bool, text: str, tone: Tone
+) -> None:
+    track = Track(is_open=False, allowed=allowed, reason='so it is', msr_used=msr)
+
+    screen = show(replace(RACE, karts=(replace(KART, connected=connected),), track=track), 0.0, {})
+
+    assert (screen.humans.text, screen.humans.tone) == (text, tone)
+    assert (screen.humans_reason == 'so it is') is (text != words.HUMANS_UNKNOWN)
+
+
+# ----- heats and places ---------------------------------------------------------------------
+
+
+def with_heats() -> Race:
+    """Return a race of kart 7, with a heat of it and another one."""
+    karts = (replace(KART, number=3, in_race=False), KART)
+    return replace(RACE, karts=karts, heats=(Heat('Heat A', (3,)), Heat('Final', (7,))))
+
+
+def test_each_heat_of_the_roster_is_a_button_that_names_it() -> None:
+    screen = show(with_heats(), 0.0, {})
+
+    assert [button.label for button in screen.heats] == ['Heat A: 3', 'Final: 7  (in the race)']
+    assert [FORMS[Command.SET_HEAT].request(button.order()) for button in screen.heats] == [
+        {'heat': 'Heat A'},
+        {'heat': 'Final'},
+    ]
+    assert screen.button(Command.SET_HEAT) == screen.heat_button
+    assert not any(button.condition for button in screen.heats)
+
+
+def test_without_heats_in_the_roster_none_is_offered() -> None:
+    screen = show(RACE, 0.0, {})
+
+    assert (screen.heat_button, screen.heats) == (None, ())
+
+
+def test_a_heat_that_is_not_possible_says_why() -> None:
+    commands = {**EVERYTHING, Command.SET_HEAT: Available(False, 'the race is in RED_RED')}
+
+    screen = show(replace(with_heats(), commands=commands), 0.0, {})
+
+    assert screen.heat_button is not None
+    for button in (screen.heat_button, *screen.heats):
+        assert not button.enabled
+        assert 'the race is in RED_RED' in button.explanation
+
+
+def test_the_places_are_told_from_the_first_on_whatever_the_state_of_the_race() -> None:
+    karts = tuple(replace(KART, number=number, place=place) for number, place in ((1, 2), (2, 1)))
+
+    for state in State:
+        screen = show(replace(RACE, karts=karts, state=state), 0.0, {})
+        assert screen.places == '1. kart 2 (Purdue), 2. kart 1 (Purdue)'
+        assert screen.places in '\n'.join(table(screen, ()))
 
 
 def test_the_release_of_another_hold_is_another_question() -> None:

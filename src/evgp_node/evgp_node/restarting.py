@@ -1,0 +1,210 @@
+"""
+Keeps a program running: starts it again when it dies, as ``ros2 launch`` does with ``respawn``.
+
+Use: ``python -m evgp_node.restarting program argument ...``
+
+It is the program's only parent, in the same terminal and process group, and has no ROS, no thread
+and no socket: nothing in it can hang with the program. These ends are final, and the program's
+exit code is passed on:
+
+- exit code 0: it ended in good order;
+- exit code 2: a setting is wrong, and will be wrong the next time;
+- any end after this process was told to end (`ENDING`). It passes the signal on and waits.
+
+After any other end the program is started again: at once the first time, later the longer it keeps
+failing. Before that, every process that the program has left behind must have ended. Such an
+orphan gets `LEFT_BEHIND` to do what it must, such as a last RED_RED, and is killed then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import ctypes
+import os
+import select
+import signal
+import sys
+import time
+from typing import NoReturn
+
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+"""What ends the program and this process, such as Ctrl-C. A terminal that is closed does, too."""
+
+DELAYS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0)
+"""Time before the first, second, ... restart in a row, in seconds; the last serves all further."""
+
+SETTLED = 30.0
+"""Time after which a program that runs counts as healthy again, in seconds."""
+
+LEFT_BEHIND = 5.0
+"""Maximum time that processes of the program may outlive it, in seconds; then they are killed."""
+
+END_TIMEOUT = 15.0
+"""Maximum time the program may take to end when it was told to, in seconds; then it is killed.
+A node of ours takes 10 s at most."""
+
+LOOK = 1.0
+"""Time between two looks whether the terminal is still there, in seconds. The kernel tells only
+the first process of a terminal when it is closed, and that one may be make, which tells nobody."""
+
+REFUSED = 2
+"""The exit code of a program that says that a setting is wrong."""
+
+_PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36  # of linux/prctl.h
+_LIBC = ctypes.CDLL(None)
+_AWAITED = (*ENDING, signal.SIGCHLD)
+_terminal = select.poll()
+
+
+def delay_before(failures: int) -> float:
+    """Return how long to wait before a restart, in seconds, after so many failures in a row."""
+    return DELAYS[min(failures, len(DELAYS)) - 1]
+
+
+def is_final(code: int) -> bool:
+    """Return whether a program that ended so is not started again (negative: a signal)."""
+    return code in (0, REFUSED)
+
+
+def keep_running(command: Sequence[str]) -> int:
+    """
+    Run a program until it ends for good.
+
+    :param command: the program and its arguments.
+    :return: its exit code; 128 and the signal's number if a signal ended it.
+    """
+    # What a program leaves behind when it dies becomes a child of this process.
+    _LIBC.prctl(_PR_SET_CHILD_SUBREAPER, 1)
+    # From now on a signal waits until it is taken by `_wait`: none comes at a wrong moment.
+    signal.pthread_sigmask(signal.SIG_BLOCK, _AWAITED)
+    # A shell that puts a job into the background has it ignore SIGINT.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if os.isatty(0):
+        _terminal.register(0, 0)
+    signal.signal(signal.SIGTSTP, signal.SIG_IGN)  # Ctrl-Z: the program ignores it too
+    failures = 0
+    while True:
+        began = time.monotonic()
+        code, told = _run(command)
+        if told or is_final(code):
+            return code if code >= 0 else 128 - code
+        failures = 1 if time.monotonic() - began >= SETTLED else failures + 1
+        _say(_what_happened(command[0], code, failures))
+        if _wait(delay_before(failures), ENDING) is not None:
+            return 0
+
+
+def _run(command: Sequence[str]) -> tuple[int, bool]:
+    """Run the program once; return how it ended, and whether this process was told to end."""
+    program = _start(command)
+    code: int | None = None
+    told = False
+    ends: float | None = None
+    while True:
+        left = None if ends is None else max(0.0, ends - time.monotonic())
+        came = _wait(left, _AWAITED)
+        if came in ENDING:
+            told = True
+            if code is None:
+                _send(program, signal.Signals(came))
+                ends = ends or time.monotonic() + END_TIMEOUT
+        ended, orphans = _reap(program)
+        if ended is not None:
+            code = ended
+            # Counted from the end of the program: time for what it has left behind.
+            ends = time.monotonic() + LEFT_BEHIND
+        if code is not None and not orphans:
+            return code, told
+        if came is None:
+            for each in [program] if code is None else _children():
+                _send(each, signal.SIGKILL)
+            ends = None
+
+
+def _start(command: Sequence[str]) -> int:
+    """Start the program and return its process number."""
+    parent = os.getpid()
+    program = os.fork()
+    if program == 0:
+        _become(command, parent)
+    return program
+
+
+def _become(command: Sequence[str], parent: int) -> NoReturn:
+    """Turn this forked process into the program."""
+    try:
+        # Without this process nobody would start it again, and Ctrl-C would not reach it.
+        _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+        if os.getppid() == parent:
+            signal.signal(signal.SIGTSTP, signal.SIG_DFL)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, _AWAITED)
+            os.execvp(command[0], list(command))  # noqa: S606 - the program that is asked for
+    except OSError as error:
+        _say(f'{command[0]} cannot be started: {error.strerror}')
+    finally:
+        os._exit(REFUSED)
+
+
+def _wait(seconds: float | None, awaited: Sequence[int]) -> int | None:
+    """Return the signal that came, None after so many seconds without one (None: for ever)."""
+    until = None if seconds is None else time.monotonic() + seconds
+    while True:
+        left = LOOK if until is None else max(0.0, min(LOOK, until - time.monotonic()))
+        came = signal.sigtimedwait(awaited, left)
+        if came is not None:
+            return came.si_signo
+        if _terminal.poll(0):
+            _terminal.unregister(0)
+            return signal.SIGHUP
+        if until is not None and time.monotonic() >= until:
+            return None
+
+
+def _reap(program: int) -> tuple[int | None, bool]:
+    """Return how the program ended, if it has since, and whether there are other processes."""
+    code = None
+    while True:
+        try:
+            ended, status = os.waitpid(-1, os.WNOHANG)
+        except ChildProcessError:
+            return code, False
+        if ended == 0:
+            return code, True
+        if ended == program:
+            code = os.waitstatus_to_exitcode(status)
+
+
+def _children() -> list[int]:
+    with open(f'/proc/self/task/{os.getpid()}/children', encoding='ascii') as file:  # noqa: PTH123
+        return [int(each) for each in file.read().split()]
+
+
+def _send(process: int, number: signal.Signals) -> None:
+    """Send a signal to a child; until it is reaped, its number is nobody else's."""
+    os.kill(process, number)
+    if number is not signal.SIGKILL:
+        os.kill(process, signal.SIGCONT)  # a frozen one could not end
+
+
+def _what_happened(program: str, code: int, failures: int) -> str:
+    name = os.path.basename(program)  # noqa: PTH119
+    how = f'was killed ({signal.Signals(-code).name})' if code < 0 else f'ended with code {code}'
+    delay = delay_before(failures)
+    when = f'in {delay:g} s' if delay else 'now'
+    again = f', {failures} times in a row' if failures > 1 else ''
+    return f'{name} {how}{again}. It is started again {when}.'
+
+
+def _say(text: str) -> None:
+    """Print a line on stderr, unless nobody takes it: a terminal after Ctrl-S holds up nothing."""
+    try:
+        if select.select([], [2], [], 0)[1]:
+            os.write(2, f'{text}\n'.encode())
+    except OSError:
+        pass  # a terminal that was closed
+
+
+if __name__ == '__main__':
+    if len(sys.argv) < 2:
+        sys.exit('use: python -m evgp_node.restarting program argument ...')
+    sys.exit(keep_running(sys.argv[1:]))

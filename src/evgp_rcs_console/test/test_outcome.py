@@ -1,0 +1,129 @@
+"""How long the answer to a command still describes what is so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from evgp_rcs_console.commands import FORMS, Order
+from evgp_rcs_console.outcome import Outcome, SETTLED
+from evgp_rcs_console.snapshot import Command, Heat, Kart, Race, State, Track
+import pytest
+
+KART = Kart(
+    number=7,
+    team='Purdue',
+    in_race=True,
+    connected=True,
+    sent=State.GRID_ACTIVE,
+    sent_for=40.0,
+    acknowledged=True,
+    reported=State.GRID_ACTIVE,
+    hold=State.UNKNOWN,
+    hold_reason='',
+    may_be_moving=False,
+    place=0,
+    commands={},
+)
+GRID = Race(
+    state=State.GRID_ACTIVE,
+    state_for=40.0,
+    over=False,
+    karts=(replace(KART, number=3, in_race=False), KART),
+    commands={},
+    track=Track(is_open=False, allowed=False, reason='', msr_used=False),
+    alerts=(),
+    heats=(Heat('A', (7,)), Heat('B', (3, 7))),
+)
+GREEN = replace(GRID, state=State.GREEN_GREEN)
+FLAG = replace(GRID, state=State.RED_FLAG)
+
+
+def with_kart(**changes: object) -> Race:
+    """Return a race whose kart 7 is different."""
+    return replace(GRID, karts=(GRID.karts[0], replace(KART, **changes)))  # type: ignore[arg-type]
+
+
+def test_it_stands_while_the_race_is_in_the_state_that_it_brought_about() -> None:
+    green = Outcome(Order(Command.GREEN_GREEN), at=10.0)
+
+    assert [green.stands(GREEN, at) for at in (10.1, 20.0, 500.0)] == [True, True, True]
+
+
+def test_it_does_not_stand_any_more_once_somebody_else_has_changed_the_race() -> None:
+    green = Outcome(Order(Command.GREEN_GREEN), at=10.0)
+    green.stands(GREEN, 10.1)
+
+    assert not green.stands(FLAG, 10.2)
+
+
+def test_a_snapshot_from_before_the_answer_does_not_end_it() -> None:
+    green = Outcome(Order(Command.GREEN_GREEN), at=10.0)
+
+    assert green.stands(GRID, 10.05)
+    assert green.stands(GREEN, 10.1)
+
+
+def test_what_it_brought_about_may_be_gone_before_any_snapshot_shows_it() -> None:
+    green = Outcome(Order(Command.GREEN_GREEN), at=10.0)
+
+    assert green.stands(FLAG, 10.05)  # it could be older
+    assert not green.stands(FLAG, 10.0 + SETTLED)
+
+
+def test_a_stop_that_found_the_race_stricter_ends_when_it_becomes_stricter_still() -> None:
+    flag = Outcome(Order(Command.RED_FLAG), at=10.0)
+    flag.stands(FLAG, 10.1)
+
+    assert not flag.stands(replace(GRID, state=State.RED_RED), 10.2)
+
+
+@pytest.mark.parametrize(
+    ('command', 'done', 'undone'),
+    [
+        (Command.KART_RED_RED, {'hold': State.RED_RED, 'sent': State.RED_RED}, {}),
+        (Command.KART_RED_FLAG, {'hold': State.RED_FLAG, 'sent': State.RED_FLAG}, {}),
+        (Command.KART_IN_GARAGE, {'sent': State.IN_GARAGE}, {'hold': State.RED_RED}),
+        (Command.KART_FINISH, {'place': 1}, {'place': 1, 'sent': State.RED_FLAG}),
+        (Command.JOIN_RACE, {'in_race': True}, {'in_race': False}),
+        (Command.LEAVE_RACE, {'in_race': False}, {'in_race': True}),
+    ],
+)
+def test_an_answer_about_a_kart_stands_until_that_kart_is_told_otherwise(
+    command: Command, done: dict[str, object], undone: dict[str, object]
+) -> None:
+    outcome = Outcome(Order(command, 7), at=10.0)
+
+    assert outcome.stands(with_kart(**done), 10.1)
+    assert outcome.stands(replace(with_kart(**done), state=State.GREEN_GREEN), 10.2)
+    assert not outcome.stands(with_kart(**undone), 10.3)
+
+
+def test_an_answer_about_the_track_stands_until_the_track_is_otherwise() -> None:
+    opened = Outcome(Order(Command.OPEN_TRACK), at=10.0)
+    track = replace(GRID.track, is_open=True)
+
+    assert opened.stands(replace(GRID, track=track), 10.1)
+    assert not opened.stands(GRID, 10.2)
+
+
+def test_an_answer_about_a_heat_stands_until_other_karts_are_in_the_race() -> None:
+    heat = Outcome(Order(Command.SET_HEAT, heat='A'), at=10.0)
+
+    assert heat.stands(GRID, 10.1)
+    assert not heat.stands(with_kart(in_race=False), 10.2)
+
+
+@pytest.mark.parametrize('command', Command)
+def test_no_answer_stands_for_ever_in_a_race_that_shows_nothing_of_it(command: Command) -> None:
+    """Every command is known here: none is taken for another one."""
+    other = replace(
+        with_kart(hold=State.RED_FLAG, in_race=command is Command.LEAVE_RACE, place=0),
+        state=State.UNKNOWN,
+        track=replace(GRID.track, is_open=command is Command.CLOSE_TRACK),
+    )
+    if command is Command.KART_RED_FLAG:
+        other = with_kart()
+    outcome = Outcome(Order(command, 7 if FORMS[command].to_one_kart else 0, heat='B'), at=10.0)
+
+    assert outcome.stands(other, 10.1)
+    assert not outcome.stands(other, 10.0 + SETTLED)

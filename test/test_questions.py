@@ -1,0 +1,231 @@
+"""
+What the console's questions say a command does, held against what the rules then do.
+
+The race goes at random through the real rules; before each command that asks, the console reads
+the race as it is published.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import random
+import time
+
+from evgp_protocol.states import RaceState
+from evgp_rcs.messages import race_message
+from evgp_rcs.race import (
+    Command,
+    CommandKind,
+    COMMANDS,
+    Kart,
+    KartMemory,
+    Race,
+    RaceMemory,
+    RaceTimes,
+)
+from evgp_rcs_console.commands import FORMS
+from evgp_rcs_console.effects import Effects, effects
+from evgp_rcs_console.reading import read_race
+from evgp_rcs_console.snapshot import Available, State
+from evgp_rcs_console.snapshot import Command as Shown
+from evgp_rcs_console.snapshot import Kart as ShownKart
+from evgp_rcs_console.snapshot import Race as ShownRace
+from evgp_rcs_console.view import Button, show
+
+WALKS = 60
+STEPS = 40
+NUMBERS = (1, 2, 3, 4, 7)
+
+NEXT = {
+    RaceState.IN_GARAGE: CommandKind.GRID_ACTIVE,
+    RaceState.GRID_ACTIVE: CommandKind.GREEN_GREEN,
+    RaceState.GREEN_GREEN: CommandKind.KART_FINISH,
+    RaceState.RED_FLAG: CommandKind.RACE_OVER,
+    RaceState.RED_RED: CommandKind.IN_GARAGE,
+}
+"""What an official does next in a race."""
+
+ASKING = [command for command, form in FORMS.items() if form.confirmed]
+
+
+def published(race: Race, now: float) -> ShownRace:
+    """Return the race as a console reads it."""
+    return read_race(race_message(race, now, round(now * 1e9), {}))
+
+
+def given(button: Button) -> Command:
+    """Return the command of a button as race control gets it."""
+    order = button.order()
+    return Command(
+        CommandKind(order.command.value),
+        order.kart or None,
+        order.stated,
+        frozenset(order.karts),
+        None if order.hold is State.UNKNOWN else RaceState(order.hold.value),
+    )
+
+
+class Walk:
+    """A race that goes where the dice lead it."""
+
+    def __init__(self, dice: random.Random) -> None:
+        """Begin in the garage, some karts in the race."""
+        self.dice = dice
+        self.now = 1.0
+        karts = [Kart(number, f'T{number}', in_race=dice.random() < 0.6) for number in NUMBERS]
+        self.race = Race(karts, RaceTimes(finish_delays=(0.5,)), now=self.now)
+        if dice.random() < 0.3:
+            self.race.recover(self._left_behind(), self.now)
+        for number in NUMBERS:
+            if dice.random() < 0.8:
+                self.race.connected(number, self.now)
+
+    def _left_behind(self) -> RaceMemory:
+        """Return what a race control that was killed may have left."""
+
+        def perhaps() -> bool:
+            return self.dice.random() < 0.5
+
+        karts = {
+            number: KartMemory(perhaps(), perhaps(), 0, perhaps(), perhaps(), perhaps())
+            for number in NUMBERS
+        }
+        return RaceMemory(self.dice.choice(list(RaceState)), karts, known=perhaps())
+
+    def step(self) -> None:
+        """Do one thing, most often what a race is made of."""
+        dice, race = self.dice, self.race
+        self.now += dice.choice((0.1, 0.1, 1.0, 20.0))
+        number = dice.choice(NUMBERS)
+        kart = race.karts[number]
+        what = dice.random()
+        if what < 0.2:
+            race.connected(number, self.now)
+        elif what < 0.27:
+            race.disconnected(number, 'it went', self.now)
+        elif what < 0.55:
+            for each in race.karts.values():
+                if dice.random() < 0.9:
+                    race.heard(each.number, each.serial, each.sent, self.now)
+        elif what < 0.6:
+            race.heard(number, kart.serial, dice.choice(list(RaceState)), self.now)
+        elif what < 0.65:
+            race.tick(self.now)
+        else:
+            self.command(
+                NEXT[race.state] if dice.random() < 0.5 else dice.choice(list(CommandKind)), number
+            )
+
+    def command(self, kind: CommandKind, number: int) -> None:
+        """Give a command as one does who saw the race and states whatever is asked."""
+        one = COMMANDS[kind].to_one_kart
+        offered = self.race.availability(kind, number)
+        self.race.command(
+            Command(
+                kind,
+                number if one else None,
+                True,
+                frozenset(offered.karts),
+                self.race.karts[number].hold,
+            ),
+            self.now,
+        )
+
+    def questions(self) -> Iterator[tuple[Button, Effects, ShownRace]]:
+        """Yield every command that asks and can be given now, with what it says that it does."""
+        shown = published(self.race, self.now)
+        screen = show(shown, 0.0, {})
+        for command in ASKING:
+            karts: tuple[ShownKart | None, ...] = (
+                shown.karts if FORMS[command].to_one_kart else (None,)
+            )
+            for kart in karts:
+                button = screen.button(command, kart.number if kart else 0)
+                if button is None or not button.enabled:
+                    continue
+                commands = kart.commands if kart else shown.commands
+                offered = commands.get(command, Available(False))
+                yield button, effects(command, shown, offered, kart), shown
+
+
+def numbers(karts: tuple[ShownKart, ...]) -> set[int]:
+    """Return the numbers of karts."""
+    return {kart.number for kart in karts}
+
+
+def walks() -> Iterator[Walk]:
+    """Yield races, each at every step of its way."""
+    seed = time.time_ns()
+    print(f'seed {seed}')
+    for at in range(WALKS):
+        walk = Walk(random.Random(seed + at))
+        for _ in range(STEPS):
+            walk.step()
+            yield walk
+
+
+def check(button: Button, said: Effects, walk: Walk) -> None:
+    """Give the command and compare what it does to each kart with what the question said."""
+    race = walk.race.copy()
+    before = {kart.number: (kart.sent, kart.hold) for kart in race.karts.values()}
+
+    outcome = race.command(given(button), walk.now)
+
+    assert outcome.answer is not None
+    assert outcome.answer.success, outcome.answer.message
+    after = {kart.number: (kart.sent, kart.hold) for kart in race.karts.values()}
+    now, later, held, rest = map(numbers, (said.now, said.later, said.held, said.rest))
+    assert sorted([*now, *later, *held, *rest]) == sorted(NUMBERS), 'each is named once'
+    changed = {number for number in NUMBERS if before[number] != after[number]}
+    sent = {order.kart for order in outcome.orders}
+    if button.command is Shown.RECORD_MSR:
+        assert changed <= now | later  # who was stopped already is sent the same again
+        assert sent <= now
+    else:
+        assert changed == now | later
+        assert sent == now
+    for number in now | later:
+        assert after[number][0].value == said.state.value
+    assert all(race.karts[number].connected for number in now)
+    assert not any(race.karts[number].connected for number in later)
+    assert all(after[number][1] is not None for number in held)
+    assert all(after[number][1] is None for number in rest - changed)
+    for number in NUMBERS:
+        assert f'{number}' in button.consequence or button.kart or not now | later
+
+
+def test_a_question_says_which_karts_are_sent_what_and_which_stay_as_they_are() -> None:
+    asked: dict[Shown, int] = dict.fromkeys(ASKING, 0)
+    for walk in walks():
+        for button, said, _ in walk.questions():
+            asked[button.command] += 1
+            check(button, said, walk)
+    print(asked)
+    assert all(asked.values()), asked
+
+
+def test_a_question_that_lets_humans_near_says_what_the_screen_says_against_it() -> None:
+    against = 0
+    for walk in walks():
+        for button, _, shown in walk.questions():
+            if button.command not in (Shown.IN_GARAGE, Shown.KART_IN_GARAGE, Shown.OPEN_TRACK):
+                continue
+            if not shown.track.allowed:
+                against += 1
+                assert shown.track.reason in button.warning
+                assert shown.track.reason not in button.condition
+            elif any(kart.connected for kart in shown.karts) or shown.track.msr_used:
+                assert not button.warning
+            else:
+                assert button.warning
+    assert against
+
+
+def test_a_start_under_an_open_track_says_so() -> None:
+    opened = 0
+    for walk in walks():
+        for button, _, shown in walk.questions():
+            if button.command in (Shown.GRID_ACTIVE, Shown.GREEN_GREEN):
+                opened += shown.track.is_open
+                assert bool(button.warning) is shown.track.is_open
+    assert opened

@@ -1,0 +1,335 @@
+"""Race control under `make run`: what ends it for good, and what it comes back after."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import contextlib
+import os
+import pathlib
+import pty
+import select
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+from evgp_node.restarting import delay_before, DELAYS, is_final
+from evgp_protocol.states import RaceState
+import pytest
+from race_parts.domains import Domain
+from race_parts.process import PATIENCE, Process
+from race_parts.race_control import address_of
+from race_parts.usage import family
+from race_parts.wire_kart import Acknowledges, WireKart
+import yaml
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+KEPT = (sys.executable, '-m', 'evgp_node.restarting')
+RED_RED = RaceState.RED_RED
+IN_GARAGE = RaceState.IN_GARAGE
+
+
+def free_port() -> int:
+    """Return a TCP port that nobody listens at."""
+    with socket.socket() as any_socket:
+        any_socket.bind(('127.0.0.1', 0))
+        return int(any_socket.getsockname()[1])
+
+
+class Kept(Process):
+    """A race control that is kept running."""
+
+    def __init__(self, folder: pathlib.Path, domain: int, **parameters: object) -> None:
+        """Start it, and wait until karts can connect."""
+        self.port = free_port()
+        roster = folder / 'karts.yaml'
+        karts = [{'number': 1, 'team': 'A', 'address': address_of(1), 'in_race': True}]
+        roster.write_text(yaml.safe_dump({'karts': karts}), encoding='utf-8')
+        super().__init__(
+            'evgp_rcs',
+            'rcs_node',
+            domain,
+            {
+                'roster': roster,
+                'record': folder / 'record.sqlite3',
+                'address': '127.0.0.1',
+                'port': self.port,
+                **parameters,
+            },
+            under=KEPT,
+        )
+
+    @property
+    def halves(self) -> tuple[int, int]:
+        """Return the process numbers of the ROS half and of the kart server, once both run."""
+        ends = time.monotonic() + PATIENCE
+        while time.monotonic() < ends:
+            # Either may just have ended.
+            with contextlib.suppress(FileNotFoundError, ProcessLookupError):
+                _, *running = family(self.pid)
+                if len(running) == 2:
+                    return running[0], running[1]
+            time.sleep(0.01)
+        raise AssertionError(f'race control does not run:\n{self.output}')
+
+    def connect(self) -> WireKart:
+        """Connect the kart, as soon as race control takes it."""
+        ends = time.monotonic() + PATIENCE
+        while True:
+            try:
+                return WireKart(address_of(1), self.port, Acknowledges.EACH_CHANGE)
+            except ConnectionRefusedError:
+                assert time.monotonic() < ends, self.output
+                time.sleep(0.002)
+
+
+@pytest.fixture
+def start_kept(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Callable[..., Kept]:
+    """Return a function that starts a race control that is kept running."""
+
+    def start(**parameters: object) -> Kept:
+        kept = Kept(tmp_path, parts.enter_context(Domain()).number, **parameters)
+        parts.callback(kept.close)
+        return kept
+
+    return start
+
+
+def end_of(pid: int) -> None:
+    """Return once a process has ended, whoever its parent is."""
+    with contextlib.suppress(ProcessLookupError):
+        descriptor = os.pidfd_open(pid)
+        with open(descriptor):  # noqa: PTH123 - to close it
+            assert select.select([descriptor], [], [], PATIENCE)[0], f'{pid} still runs'
+
+
+def is_there(pid: int) -> bool:
+    """Return whether a process runs."""
+    with contextlib.suppress(FileNotFoundError):
+        return ') Z ' not in pathlib.Path(f'/proc/{pid}/stat').read_text(encoding='ascii')
+    return False
+
+
+@pytest.mark.parametrize('half', [0, 1], ids=['the ROS half', 'the kart server'])
+def test_race_control_that_was_killed_comes_back_in_red_red(
+    half: int,
+    start_kept: Callable[..., Kept],
+    record_property: Callable[[str, object], None],
+) -> None:
+    kept = start_kept()
+    before = kept.connect()
+    before.wait_for_state(IN_GARAGE)
+    halves = kept.halves
+    killed_at = time.monotonic()
+
+    os.kill(halves[half], signal.SIGKILL)
+
+    before.wait_for_end()
+    with contextlib.closing(kept.connect()) as kart:
+        back_at = kart.wait_for_state(RED_RED)
+        assert [state for _, state in kart.changes] == [RED_RED]
+    took = f'{back_at - killed_at:.2f} s'
+    print(f'back in RED_RED after {took}')
+    record_property('back', took)
+    assert not {*halves} & {*kept.halves}
+    assert len([line for line in kept.lines if 'started again' in line]) == 1
+    before.close()
+
+
+def test_a_kart_server_that_hangs_does_not_keep_race_control_from_coming_back(
+    start_kept: Callable[..., Kept],
+) -> None:
+    kept = start_kept()
+    kept.wait_for_line('listens for')
+    ros_half, kart_server = kept.halves
+    os.kill(kart_server, signal.SIGSTOP)
+
+    os.kill(ros_half, signal.SIGKILL)
+
+    end_of(kart_server)
+    with contextlib.closing(kept.connect()) as kart:
+        kart.wait_for_state(RED_RED)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
+def test_a_signal_to_the_one_that_keeps_it_running_ends_race_control_in_order_and_for_good(
+    number: signal.Signals, start_kept: Callable[..., Kept]
+) -> None:
+    kept = start_kept()
+    halves = kept.halves
+    kart = kept.connect()
+    kart.wait_for_state(IN_GARAGE)
+
+    kept.signal(number)
+
+    assert kept.wait() == 0
+    kart.wait_for_end()
+    assert kart.state is RED_RED
+    assert not any(map(is_there, halves))
+    kart.close()
+
+
+def test_a_race_control_that_was_ended_in_order_by_itself_is_not_started_again(
+    start_kept: Callable[..., Kept],
+) -> None:
+    kept = start_kept()
+    kept.wait_for_line('listens for')
+
+    os.kill(kept.halves[0], signal.SIGTERM)
+
+    assert kept.wait() == 0
+    assert 'started again' not in kept.output
+
+
+def test_a_wrong_setting_is_refused_once(start_kept: Callable[..., Kept]) -> None:
+    kept = start_kept(beat_rate=1.0)
+
+    assert kept.wait() == 2
+
+    (line,) = kept.output.splitlines()
+    assert 'beat_rate' in line
+
+
+def test_race_control_ends_when_the_one_that_keeps_it_running_is_killed(
+    start_kept: Callable[..., Kept],
+) -> None:
+    kept = start_kept()
+    halves = kept.halves
+    kart = kept.connect()
+    kart.wait_for_state(IN_GARAGE)
+
+    kept.kill()
+
+    for pid in halves:
+        end_of(pid)
+    kart.wait_for_end()
+    assert kart.state is RED_RED
+    kart.close()
+
+
+# ----- as an official starts it -------------------------------------------------------------
+
+
+class Terminal:
+    """`make run` in a terminal of its own."""
+
+    def __init__(self, folder: pathlib.Path, domain: int) -> None:
+        """Start it."""
+        self.port = free_port()
+        roster, parameters = folder / 'karts.yaml', folder / 'rcs.yaml'
+        karts = [{'number': 1, 'team': 'A', 'address': address_of(1), 'in_race': True}]
+        roster.write_text(yaml.safe_dump({'karts': karts}), encoding='utf-8')
+        own = {'record': str(folder / 'record.sqlite3'), 'port': self.port, 'address': '127.0.0.1'}
+        parameters.write_text(yaml.safe_dump({'/**': {'ros__parameters': own}}), encoding='utf-8')
+        self.screen, inside = pty.openpty()
+        self.process = subprocess.Popen(
+            # It is the terminal's, and in its foreground, as from a shell.
+            ['setsid', '--ctty', 'make', 'run', f'ROSTER={roster}', f'PARAMS={parameters}'],
+            stdin=inside,
+            stdout=inside,
+            stderr=inside,
+            cwd=ROOT,
+            env={**os.environ, 'ROS_DOMAIN_ID': str(domain), 'MAKEFLAGS': ''},
+        )
+        os.close(inside)
+        self.shown = ''
+        self.inside: set[int] = set()
+
+    def wait_for(self, text: str) -> None:
+        """Return once the terminal shows a text."""
+        ends = time.monotonic() + PATIENCE
+        while text not in self.shown:
+            left = ends - time.monotonic()
+            ready = left > 0 and select.select([self.screen], [], [], left)[0]
+            assert ready, f'{text!r} is not shown:\n{self.shown}'
+            self.shown += os.read(self.screen, 65536).decode(errors='replace')
+        self.inside |= {*family(self.process.pid)}
+
+    def close(self) -> None:
+        """Close the terminal, as by its window."""
+        with contextlib.suppress(OSError):
+            os.close(self.screen)
+        for pid in self.inside:
+            end_of(pid)
+        self.process.wait(PATIENCE)
+
+
+@pytest.fixture
+def terminal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Iterator[Terminal]:
+    """Return a terminal with `make run`."""
+    opened = Terminal(tmp_path, parts.enter_context(Domain()).number)
+    yield opened
+    opened.close()
+
+
+def test_under_make_run_race_control_comes_back_and_ctrl_c_ends_all(terminal: Terminal) -> None:
+    terminal.wait_for('listens for 1 kart')
+    ros_half = next(
+        pid
+        for pid in sorted(terminal.inside, reverse=True)
+        if 'rcs_node' in pathlib.Path(f'/proc/{pid}/cmdline').read_text().split('\0')[1]
+    )
+
+    os.kill(ros_half, signal.SIGKILL)
+    terminal.wait_for('started again')
+    terminal.shown = ''
+    terminal.wait_for('listens for 1 kart')
+    os.write(terminal.screen, b'\x03')
+
+    for pid in terminal.inside:
+        end_of(pid)
+
+
+def test_closing_the_terminal_ends_all(terminal: Terminal) -> None:
+    terminal.wait_for('listens for 1 kart')
+
+    terminal.close()
+
+    assert not any(map(is_there, terminal.inside))
+
+
+# ----- when, and how soon -------------------------------------------------------------------
+
+
+def test_the_first_restart_waits_for_nothing_and_the_further_ones_ever_longer() -> None:
+    delays = [delay_before(failures) for failures in range(1, 20)]
+
+    assert delays[0] == 0.0
+    assert delays == sorted(delays)
+    assert delays[-1] == DELAYS[-1]
+
+
+def test_only_an_orderly_end_and_a_wrong_setting_are_final() -> None:
+    assert [code for code in range(-20, 20) if is_final(code)] == [0, 2]
+
+
+PROGRAM = """
+import os, signal, sys
+with open(sys.argv[1], 'a') as log:
+    print('run', file=log)
+os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def test_a_program_that_dies_again_and_again_is_tried_again_and_ends_with_ctrl_c_between(
+    tmp_path: pathlib.Path,
+) -> None:
+    log = tmp_path / 'log'
+    with subprocess.Popen(
+        [*KEPT, sys.executable, '-c', PROGRAM, str(log)], stderr=subprocess.PIPE, text=True
+    ) as kept:
+        assert kept.stderr is not None
+        told = [kept.stderr.readline() for _ in range(3)]
+        kept.send_signal(signal.SIGINT)
+
+        assert kept.wait(PATIENCE) == 0
+
+    assert log.read_text().splitlines() == ['run'] * 3
+    assert all('SIGKILL' in line and 'started again' in line for line in told)
+
+
+def test_a_program_that_is_not_there_is_refused() -> None:
+    done = subprocess.run([*KEPT, '/nowhere'], capture_output=True, text=True, timeout=PATIENCE)
+
+    assert (done.returncode, done.stderr.count('\n')) == (2, 1)
