@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import socket
 import threading
 import time
@@ -19,11 +20,14 @@ class BareRaceControl:
     A socket that sends one state again and again to the kart that connected last.
 
     ``said`` is what the kart said last on its present connection.
+
+    :param heard: called in another thread with each state that the kart says, as it comes.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, heard: Callable[[RaceState], object] = lambda state: None) -> None:
         """Listen and beat; IN_GARAGE until told otherwise."""
         self.said: RaceState | None = None
+        self._heard = heard
         self._state = RaceState.IN_GARAGE
         self._beating = True
         self._kart: socket.socket | None = None
@@ -116,6 +120,8 @@ class BareRaceControl:
                 if not data:
                     return
                 heard = [each for each in decoder.feed(data) if isinstance(each, StateFrame)]
+                for each in heard:
+                    self._heard(each.state)
                 with self._news:
                     if heard and kart is self._kart:
                         self.said = heard[-1].state
