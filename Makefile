@@ -18,7 +18,12 @@ run console: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
 bench demo fuzz screenshots soak test: export EVGP_GRAPH_INTERFACE :=
 bench demo fuzz screenshots soak test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: help setup demo test bench soak fuzz run console screenshots lint format clean
+# The kart's bridge: race control's address, the topic of the kart's odometry, and what follows
+# --ros-args in ARGS, such as '-p auto_acknowledge_stop:=true'.
+HOST :=
+ODOM := ~/odom
+
+.PHONY: help setup demo test bench soak fuzz run console bridge screenshots lint format clean
 
 help:
 	@echo 'make demo    set up and show a race: race control, karts and their stacks'
@@ -27,6 +32,7 @@ help:
 	@echo 'make bench   measure speed and cost                 (ARGS="stop --karts 20")'
 	@echo 'make fuzz    fuzz the decoder and the roster loader, guided by coverage'
 	@echo 'make run     start race control for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml OFFICIALS=10.1.0.5)'
+	@echo "make bridge  on a kart: start its bridge              (HOST=10.0.0.1 ODOM=/odom ARGS='-p ...')"
 	@echo "make console open the officials' window               (OFFICIALS=10.1.0.6)"
 	@echo 'make lint    check style and types'
 	@echo 'make format  put the code into shape, as far as a tool can'
@@ -57,6 +63,19 @@ run:
 
 console:
 	$(IN_WORKSPACE) --console install/evgp_rcs_console/lib/evgp_rcs_console/rcs_gui $(ARGS)
+
+# A bridge that has failed (1) or was killed (above 128) comes back, in RED_RED. One that ended in
+# order (0), or that a wrong setting keeps from starting (2), does not.
+bridge:
+	@if [ -z '$(HOST)' ]; then echo 'Name the address of race control: make bridge HOST=10.0.0.1' >&2; exit 2; fi; \
+	while :; do \
+	  $(IN_WORKSPACE) install/evgp_kart_bridge/lib/evgp_kart_bridge/kart_bridge_node --ros-args \
+	    -p 'host:=$(HOST)' -r '~/odom:=$(ODOM)' $(ARGS); \
+	  code=$$?; \
+	  [ $$code = 1 ] || [ $$code -gt 128 ] || exit $$code; \
+	  echo "The bridge ended with code $$code; it starts again in 1 s." >&2; \
+	  sleep 1 || exit; \
+	done
 
 # The pictures of docs/, made by the test that looks at every state of the window.
 screenshots:

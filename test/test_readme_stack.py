@@ -39,7 +39,9 @@ class Kart:
     ``moved`` says how many of the stops were commanded while it moved.
     """
 
-    def __init__(self, parts: contextlib.ExitStack, number: int, stack: str, bridge: tuple[str, ...]):
+    def __init__(
+        self, parts: contextlib.ExitStack, number: int, stack: str, bridge: tuple[str, ...]
+    ) -> None:
         domain = parts.enter_context(Domain()).number
         # Accelerated: it gets to its full speed, and from there to a standstill, in 0.3 s.
         self.base = SimulatedBase(domain, acceleration=20.0, braking=20.0)

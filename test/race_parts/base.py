@@ -28,7 +28,7 @@ class SimulatedBase(RosSide):
 
     def __init__(self, domain: int, acceleration: float = 3.0, braking: float = 8.0) -> None:
         """Join the kart's domain and stand."""
-        super().__init__('base', domain)
+        super().__init__(f'base_{domain}', domain)
         self._acceleration, self._braking = acceleration, braking
         self._moving = threading.Lock()
         self._speed = self._wanted = 0.0

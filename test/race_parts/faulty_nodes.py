@@ -56,6 +56,8 @@ class StackThatAnswersTheLatest(Stack):
     are compared in a timer of their own.
     """
 
+    beside = ()
+
     def __init__(self, on_failure: object) -> None:
         super().__init__()
         self.reached = False
@@ -67,11 +69,10 @@ class StackThatAnswersTheLatest(Stack):
 
     def answer(self) -> None:
         told = self.watch.message
-        if told is not None and self.reached and not told.acknowledged:
-            if state_of(told.commanded) is self.watch.state:
-                self.bridge.call_async(
-                    Acknowledge.Request(order=told.order, reached=told.commanded)
-                )
+        if told is None or not self.reached or told.acknowledged:
+            return
+        if state_of(told.commanded) is self.watch.state:
+            self.bridge.call_async(Acknowledge.Request(order=told.order, reached=told.commanded))
 
     def close(self) -> None:
         """End; the base brakes by itself."""

@@ -94,7 +94,9 @@ class ExampleStack(StrictNode):
     def _acknowledge(self, order: Order) -> None:
         """Say GRID_ACTIVE once ready, GREEN_GREEN once driving, a red once standing (§3.A)."""
         moves = self._speed > 0.0
-        if order.state is not RaceState.IN_GARAGE and moves is (order.state is RaceState.GREEN_GREEN):
+        if order.state is not RaceState.IN_GARAGE and moves is (
+            order.state is RaceState.GREEN_GREEN
+        ):
             self._watch.acknowledge(order)
 
 

@@ -350,7 +350,10 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
         'local_address', '', "The IPv4 address of the kart's end; empty: the system's choice."
     )
     frame_timeout = declare(
-        'frame_timeout', 1.0, 'Time without a frame after which the link is lost, s (§3.E).', (0.2, 1.0)
+        'frame_timeout',
+        1.0,
+        'Time without a frame after which the link is lost, s (§3.E).',
+        (0.2, 1.0),
     )
     lease = declare(
         'liveliness_lease',
@@ -377,7 +380,10 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
             'standstill_speed', 0.05, 'Maximum speed of a kart that stands still, m/s.', (0.0, 0.5)
         ),
         standstill_time=declare(
-            'standstill_time', 0.5, 'Time at standstill after which the kart has stopped, s.', (0.1, 10.0)
+            'standstill_time',
+            0.5,
+            'Time at standstill after which the kart has stopped, s.',
+            (0.1, 10.0),
         ),
         red_flag_drive_time=declare(
             'red_flag_drive_time',

@@ -432,9 +432,9 @@ FAULTS = {
     ),
     'acknowledged outlives the connection': (
         '        self._order = 0\n        self._acknowledged = False\n'
-        '        self._armed = False\n        self._not_armed = _NEVER_ARMED\n        self._slowing_since = None\n',
+        '        self._armed = False\n        self._not_armed = _NEVER_ARMED\n',
         '        self._order = 0\n        self._armed = False\n'
-        '        self._not_armed = _NEVER_ARMED\n        self._slowing_since = None\n',
+        '        self._not_armed = _NEVER_ARMED\n',
     ),
     'acknowledged outlives the command': (
         '        self._acknowledged = False\n        self._still_since = None\n        slows',
