@@ -23,7 +23,7 @@ from race_parts.process import Process
 from race_parts.race_control import address_of
 
 ROOT = pathlib.Path(__file__).parents[1]
-STOPS = int(os.environ.get('EVGP_STOPS', '45'))
+STOPS = int(os.environ.get('EVGP_STOPS', '36'))
 """How many stops are tried, over all karts."""
 
 KARTS = 3

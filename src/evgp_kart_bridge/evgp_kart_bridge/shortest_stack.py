@@ -17,6 +17,7 @@ class Stack(Node):
         """Watch the race state and odometry, and begin to drive."""
         super().__init__('stack')
         self.watch = RaceStateWatch(self)
+        self.speed = 0.0  # m/s
         self.still = 0  # how many odometry messages in a row have shown a standstill
         self.motors = self.create_publisher(Twist, 'cmd_vel', 1)
         self.create_subscription(Odometry, 'odom', self.hear_odometry, 10)
@@ -36,11 +37,14 @@ class Stack(Node):
             command.linear.x = 6.0
             self.still = 0  # what odometry has shown until now says nothing about a later stop
         self.motors.publish(command)
-        return state is RaceState.GREEN_GREEN or self.still >= 10  # 0.2 s of odometry
+        if state is RaceState.GREEN_GREEN:
+            return self.speed > 0.1
+        return self.still >= 10  # 0.2 s of odometry at 50 Hz
 
     def hear_odometry(self, odometry: Odometry) -> None:
-        """Count how long the kart has been standing."""
-        self.still = self.still + 1 if abs(odometry.twist.twist.linear.x) < 0.05 else 0
+        """Take the speed; count how long the kart has been standing."""
+        self.speed = abs(odometry.twist.twist.linear.x)
+        self.still = self.still + 1 if self.speed < 0.05 else 0
 
 
 def main() -> None:

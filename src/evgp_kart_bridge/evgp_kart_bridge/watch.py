@@ -280,12 +280,13 @@ class RaceStateWatch:
         # last one does not say that: it may belong to the same turn of the executor. And the
         # stamp would say it only if the clocks of bridge and stack agree.)
         with self._ordering:
+            # A doubt, and what came in between, end the order before, even if it comes back.
+            self._order = self.order
             self._heard_at = self._passed_before
             now = clock.now()
             for each in heard:
                 self.message = each
                 self._follow(state_of(each.state), now)
-                # What came in between ends the order before it, even if the same state returns.
                 self._order = self.order
         self._look()
 
