@@ -164,8 +164,9 @@ class Oracle:
         """Whether one number, which no command had before, stands for the present command."""
         if self._run is None:
             return not self.history or self.history[-1].order == 0
-        earlier = {item.order for item in self.history[: self._run]}
-        present = {item.order for item in self.history[self._run :]}
+        run = self._run
+        earlier = {item.order for item in self._from(0, run)}
+        present = {item.order for item in self._from(run)}
         return len(present) == 1 and not present & {0, *earlier}
 
     @property
@@ -431,10 +432,9 @@ FAULTS = {
         '        self._absence = absence',
     ),
     'acknowledged outlives the connection': (
-        '        self._order = 0\n        self._acknowledged = False\n'
-        '        self._armed = False\n        self._not_armed = _NEVER_ARMED\n',
-        '        self._order = 0\n        self._armed = False\n'
-        '        self._not_armed = _NEVER_ARMED\n',
+        '        self._commanded = None\n        self._order = 0\n'
+        '        self._acknowledged = False\n',
+        '        self._commanded = None\n        self._order = 0\n',
     ),
     'acknowledged outlives the command': (
         '        self._acknowledged = False\n        self._still_since = None\n        slows',
