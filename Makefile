@@ -24,7 +24,13 @@ ADDRESS :=
 bench demo fuzz screenshots soak test: export EVGP_GRAPH_INTERFACE :=
 bench demo fuzz screenshots soak test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-.PHONY: help setup demo test bench soak fuzz run roster record console ctl screenshots lint format clean
+# The kart's bridge: race control's address, the topic of the kart's odometry, and what follows
+# --ros-args in ARGS, such as '-p auto_acknowledge_stop:=true'.
+HOST :=
+ODOM := ~/odom
+
+.PHONY: help setup demo test bench soak fuzz run roster record console ctl bridge screenshots lint \
+  format clean
 
 help:
 	@echo 'make demo    set up and show a race: race control, karts and their stacks'
@@ -35,6 +41,7 @@ help:
 	@echo 'make run     start race control for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml OFFICIALS=10.1.0.5 ADDRESS=10.0.0.1)'
 	@echo 'make roster  check a list of karts, without starting anything (ROSTER=karts.yaml)'
 	@echo 'make record  print what happened in the last run     (ARGS="--list", ARGS="--help")'
+	@echo "make bridge  on a kart: start its bridge              (HOST=10.0.0.1 ODOM=/odom ARGS='-p ...')"
 	@echo "make console open the officials' window               (OFFICIALS=10.1.0.6)"
 	@echo 'make ctl     the same in the terminal                (ARGS="watch" OFFICIALS=10.1.0.6)'
 	@echo 'make lint    check style and types'
@@ -78,6 +85,13 @@ console:
 
 ctl:
 	@$(IN_WORKSPACE) install/evgp_rcs_console/lib/evgp_rcs_console/rcs_ctl $(or $(ARGS),--help)
+
+# It comes back after a failure or a crash, in RED_RED; not where a setting is wrong.
+bridge:
+	@if [ -z '$(HOST)' ]; then echo 'Name the address of race control: make bridge HOST=10.0.0.1' >&2; exit 2; fi
+	$(IN_WORKSPACE) python -m evgp_node.restarting \
+	  install/evgp_kart_bridge/lib/evgp_kart_bridge/kart_bridge_node --ros-args \
+	  -p 'host:=$(HOST)' -r '~/odom:=$(ODOM)' $(ARGS)
 
 # The pictures of docs/, made by the test that looks at every state of the window.
 screenshots:

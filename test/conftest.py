@@ -13,6 +13,7 @@ from race_parts.fixtures import (  # noqa: F401 - pytest finds fixtures by name
     join_official,
     join_team,
     parts,
+    start_base,
     start_bridge,
     start_race_control,
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
+import itertools
 import pathlib
 import signal
 import socket
@@ -158,8 +159,9 @@ def test_a_race_control_that_dies_stops_the_kart(start_race: StartRace) -> None:
     race = start_race()
     race.green()
     race.control.kill()
-    told = race.team.wait_for_state(RED_RED)
-    assert not told.connected
+    # The kart server may have sent RED_RED first, as it ends with race control.
+    told = race.team.wait_for(lambda state: not state.connected, 'a lost connection')
+    assert state_of(told.state) is RED_RED
     race.team.wait_for_stop(True)
 
 
@@ -182,6 +184,53 @@ def test_a_state_that_is_not_commanded_cannot_be_acknowledged(start_race: StartR
     answer = start_race().team.acknowledge(GREEN_GREEN)
     assert not answer.success
     assert answer.message == 'race control commands IN_GARAGE, not GREEN_GREEN'
+
+
+def test_an_order_that_was_followed_by_the_same_state_cannot_be_acknowledged(
+    start_race: StartRace,
+) -> None:
+    race = start_race()
+    race.official.command('all_kill')
+    first = race.team.wait_for_state(RED_RED).order
+    assert race.team.acknowledge(RED_RED).success
+    race.official.wait_for_acks(RED_RED, 1)
+    race.official.command('in_garage', track_safe=True)
+    race.team.wait_for_state(IN_GARAGE)
+    race.official.command('all_kill')
+    second = race.team.wait_for_state(RED_RED).order
+    assert second not in (0, first)
+    assert not race.team.acknowledge(RED_RED, first).success
+    answer = race.team.acknowledge(RED_RED, 0)
+    assert not answer.success
+    assert 'fill in' in answer.message
+    assert state_of(race.team.wait_for_state(RED_RED).commanded) is RED_RED
+    assert race.team.state is not None
+    assert not race.team.state.acknowledged
+    assert race.team.acknowledge(RED_RED, second).success
+
+
+def test_no_number_of_a_bridge_before_fits_an_order_of_the_next(
+    start_race: StartRace, parts: contextlib.ExitStack
+) -> None:
+    race = start_race()
+    race.official.command('all_kill')
+    numbers = []
+    for _ in range(3):
+        order = race.team.wait_for(
+            lambda told: told.connected and state_of(told.commanded) is RED_RED,
+            'commanded RED_RED',
+        ).order
+        numbers.append(order)
+        race.bridge.kill()
+        race.bridge = Bridge(race.bridge.domain, race.control.port, address_of(1))
+        parts.callback(race.bridge.close)
+        race.team.wait_for(
+            lambda told, order=order: told.order not in (0, order), 'an order of the next bridge'
+        )
+        assert not race.team.acknowledge(RED_RED, order).success
+    # They do not just begin to count again, not even near.
+    gaps = [abs(after - before) for before, after in itertools.pairwise(numbers)]
+    assert min(gaps) > 1_000_000
 
 
 def test_what_is_no_race_state_cannot_be_acknowledged(start_race: StartRace) -> None:

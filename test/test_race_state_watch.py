@@ -13,6 +13,7 @@ from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
 from evgp_rcs_msgs.msg import RaceState as RaceStateMessage
+from evgp_rcs_msgs.srv import Acknowledge
 import pytest
 from race_parts.domains import Domain
 from race_parts.ros_side import RosSide
@@ -68,7 +69,12 @@ class Stack(RosSide):
 
 
 class BareBridge(RosSide):
-    """A publisher in the bridge's place, which says one state again and again."""
+    """
+    A publisher in the bridge's place, which says one state again and again.
+
+    ``asked`` are the numbers and states that it was asked to acknowledge; it accepts them if
+    ``accepts``.
+    """
 
     def __init__(self, domain: int, name: str, says: RaceState, keeps: int = 1) -> None:
         super().__init__(name, domain)
@@ -77,10 +83,31 @@ class BareBridge(RosSide):
         qos.depth = keeps
         self._publisher = self.node.create_publisher(KartRaceState, '/kart_bridge/race_state', qos)
         self._timer = self.node.create_timer(0.05, self._say)
+        self.asked: list[tuple[int, RaceState | None]] = []
+        self.accepts = True
         self.spin()
 
     def say(self, state: RaceState) -> None:
         self.message = KartRaceState(state=state_message(state))
+
+    def command(self, state: RaceState, order: int, obeyed: RaceState | None = None) -> None:
+        """Say that race control commands a state, and that this or another is to be obeyed."""
+        self.message = KartRaceState(
+            state=state_message(obeyed or state), commanded=state_message(state), order=order
+        )
+        self._publisher.publish(self.message)
+
+    def answer(self) -> None:
+        """Offer the service, from now on."""
+        self.node.create_service(Acknowledge, '/kart_bridge/acknowledge', self._answer)
+
+    def _answer(
+        self, request: Acknowledge.Request, response: Acknowledge.Response
+    ) -> Acknowledge.Response:
+        self.asked.append((request.order, state_of(request.reached)))
+        response.success = self.accepts
+        response.message = 'the test says so'
+        return response
 
     def fall_silent(self) -> None:
         self._timer.cancel()
@@ -343,3 +370,161 @@ def test_a_grid_active_of_a_second_bridge_starts_no_kart(
     second.close()
     stack.wait_for_reason('no GRID_ACTIVE was heard before GREEN_GREEN')
     assert GREEN_GREEN not in stack.told
+
+
+# ----- orders and their acknowledgement ----------------------------------------------------
+
+
+def wait_for_order(stack: Stack, number: int) -> watch.Order:
+    def found() -> watch.Order | None:
+        order = stack.watch.order
+        return order if order.number == number else None
+
+    return stack.wait_until(found, lambda: f'order {number}; it is {stack.watch.order}')
+
+
+def acknowledge_until(stack: Stack, order: watch.Order, done: Callable[[], object]) -> None:
+    """Acknowledge an order step by step, as a stack does."""
+
+    def step() -> object:
+        stack.watch.acknowledge(order)
+        return done()
+
+    stack.wait_until_polled(step, f'acknowledged {order}')
+
+
+def acknowledge_in_vain(stack: Stack, bridge: BareBridge, *orders: watch.Order) -> None:
+    """Acknowledge what must not be, then what may be: had the first been sent, it came first."""
+    asked = len(bridge.asked)
+    for order in orders:
+        stack.watch.acknowledge(order)
+    bridge.command(RaceState.IN_GARAGE, 99)
+    present = wait_for_order(stack, 99)
+    acknowledge_until(stack, present, lambda: len(bridge.asked) > asked)
+    assert bridge.asked[asked] == (99, RaceState.IN_GARAGE)
+
+
+@pytest.fixture
+def bridge(start_bare: StartBare) -> BareBridge:
+    """Return a bare bridge that answers, and commands nothing yet."""
+    bare = start_bare(says=RED_RED)
+    bare.answer()
+    return bare
+
+
+def test_a_stack_acknowledges_the_order_that_it_was_given(
+    stack: Stack, bridge: BareBridge
+) -> None:
+    bridge.command(RED_RED, 7)
+    order = wait_for_order(stack, 7)
+    assert order.state is RED_RED
+    assert stack.watch.order is order
+    acknowledge_until(stack, order, lambda: bridge.asked)
+    assert bridge.asked[0] == (7, RED_RED)
+
+
+def test_an_order_that_is_over_is_not_acknowledged_even_if_the_same_state_is_commanded_again(
+    stack: Stack, bridge: BareBridge
+) -> None:
+    bridge.command(RED_RED, 7)
+    first = wait_for_order(stack, 7)
+    bridge.command(GRID_ACTIVE, 8)
+    grid = wait_for_order(stack, 8)
+    bridge.command(RED_RED, 9)
+    assert wait_for_order(stack, 9) is not first
+    acknowledge_in_vain(stack, bridge, first, grid)
+
+
+def test_an_order_that_was_over_while_the_stack_was_busy_is_not_acknowledged(
+    stack: Stack, idle_stack: Stack, bridge: BareBridge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(watch, 'FORGIVEN', 60.0)  # however slow this machine is
+    stack.busy_at = GRID_ACTIVE
+    with stack.busy:
+        bridge.command(GRID_ACTIVE, 7)
+        before = wait_for_order(stack, 7)
+        stack.wait_for_state(GRID_ACTIVE)  # and from now on its executor is busy
+        wait_for_order(idle_stack, 7)
+        bridge.command(GRID_ACTIVE, 7, obeyed=RED_RED)  # a team stop
+        idle_stack.wait_for_state(RED_RED)
+        bridge.command(GRID_ACTIVE, 7)
+        idle_stack.wait_for_state(GRID_ACTIVE)
+    stack.busy_at = None
+    stack.wait_until(lambda: stack.watch.order is not before, lambda: 'another order')
+    acknowledge_in_vain(stack, bridge, before)
+
+
+def test_nothing_is_acknowledged_while_the_kart_must_obey_something_stricter(
+    stack: Stack, bridge: BareBridge
+) -> None:
+    bridge.command(RaceState.RED_FLAG, 7)
+    flag = wait_for_order(stack, 7)
+    bridge.command(RaceState.RED_FLAG, 7, obeyed=RED_RED)  # a team stop
+    stack.wait_for_state(RED_RED)
+    stop = stack.watch.order
+    assert stop.number == 0
+    acknowledge_in_vain(stack, bridge, flag, stop)
+
+
+def test_a_green_that_is_not_armed_is_not_acknowledged(stack: Stack, bridge: BareBridge) -> None:
+    bridge.command(GREEN_GREEN, 7)
+    stack.wait_for_reason('no GRID_ACTIVE was heard before GREEN_GREEN')
+    order = stack.watch.order
+    assert (order.state, order.number) == (RED_RED, 0)
+    acknowledge_in_vain(stack, bridge, order)
+
+
+def test_nothing_is_acknowledged_while_the_bridge_is_silent(
+    stack: Stack, bridge: BareBridge
+) -> None:
+    bridge.command(RED_RED, 7)
+    order = wait_for_order(stack, 7)
+    bridge.fall_silent()
+    stack.wait_for_reason('the bridge is silent, or this node was too busy to hear it')
+    doubt = stack.watch.order
+    assert (doubt.state, doubt.number) == (RED_RED, 0)
+    stack.watch.acknowledge(order)
+    stack.watch.acknowledge(doubt)
+    bridge.go_on()
+    acknowledge_in_vain(stack, bridge, order, doubt)
+
+
+def test_an_acknowledgement_that_is_lost_or_refused_is_sent_again(
+    stack: Stack, start_bare: StartBare
+) -> None:
+    bridge = start_bare(says=RED_RED)
+    bridge.command(RED_RED, 7)
+    order = wait_for_order(stack, 7)
+    stack.watch.acknowledge(order)  # to nobody
+    bridge.accepts = False
+    bridge.answer()
+    acknowledge_until(stack, order, lambda: len(bridge.asked) >= 3)
+    assert set(bridge.asked) == {(7, RED_RED)}
+
+
+def test_what_is_acknowledged_is_not_sent_again(stack: Stack, bridge: BareBridge) -> None:
+    bridge.command(RED_RED, 7)
+    order = wait_for_order(stack, 7)
+    acknowledge_until(stack, order, lambda: bridge.asked)
+    bridge.message.acknowledged = True
+    stack.wait_until(
+        lambda: stack.watch.message is not None and stack.watch.message.acknowledged,
+        lambda: 'an acknowledged order',
+    )
+    assert stack.watch.order is order
+    acknowledge_in_vain(stack, bridge, order)
+
+
+def test_an_order_of_a_bridge_that_is_gone_is_not_acknowledged_to_the_next(
+    stack: Stack, start_bare: StartBare
+) -> None:
+    first = start_bare(says=RED_RED)
+    first.command(RED_RED, 7)
+    order = wait_for_order(stack, 7)
+    first.close()
+    stack.wait_until(lambda: stack.watch.order is not order, lambda: 'that it is gone')
+    second = start_bare('second', says=RED_RED)
+    second.answer()
+    second.command(RED_RED, 7)  # the worst case: by chance it has the same number
+    wait_for_order(stack, 7)
+    acknowledge_in_vain(stack, second, order)

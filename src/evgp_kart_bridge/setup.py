@@ -29,6 +29,7 @@ setup(
         'console_scripts': [
             'kart_bridge_node = evgp_kart_bridge.node:main',
             'example_stack = evgp_kart_bridge.example_stack:main',
+            'shortest_stack = evgp_kart_bridge.shortest_stack:main',
         ],
     },
 )

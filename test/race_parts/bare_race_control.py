@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import socket
 import threading
 import time
@@ -19,17 +20,26 @@ class BareRaceControl:
     A socket that sends one state again and again to the kart that connected last.
 
     ``said`` is what the kart said last on its present connection.
+
+    :param listening: where karts connect; None: at a port of 127.0.0.1 that the system chooses.
+    :param heard: called in another thread with each state that the kart says, as it comes.
     """
 
-    def __init__(self) -> None:
+    def __init__(
+        self,
+        heard: Callable[[RaceState], object] = lambda state: None,
+        listening: socket.socket | None = None,
+    ) -> None:
         """Listen and beat; IN_GARAGE until told otherwise."""
         self.said: RaceState | None = None
+        self._heard = heard
         self._state = RaceState.IN_GARAGE
         self._beating = True
         self._kart: socket.socket | None = None
         self._news = threading.Condition()
         self._ending = threading.Event()
-        self._listening = socket.create_server(('127.0.0.1', 0))
+        self._connections = 0
+        self._listening = listening or socket.create_server(('127.0.0.1', 0))
         self.port: int = self._listening.getsockname()[1]
         self._threads = [
             threading.Thread(target=target, daemon=True) for target in (self._accept, self._beat)
@@ -37,13 +47,17 @@ class BareRaceControl:
         for thread in self._threads:
             thread.start()
 
-    def say(self, state: RaceState) -> float:
-        """Send this state from now on; return the monotonic time of its first frame, s."""
+    def say(self, *states: RaceState) -> float:
+        """
+        Send these states at once, and the last of them from now on.
+
+        :return: the monotonic time of the first frame, s.
+        """
         with self._news:
-            self._state = state
+            self._state = states[-1]
             self._beating = True
             self.said = None
-            self._send()
+            self._send(*states)
         return time.monotonic()
 
     def fall_silent(self) -> float:
@@ -61,6 +75,16 @@ class BareRaceControl:
         with self._news:
             self._news.wait_for(lambda: self.said is state, PATIENCE)
             assert self.said is state, f'the kart said {self.said}'
+
+    def wait_for_connections(self, count: int) -> None:
+        """
+        Return once so many connections have been made in all.
+
+        :raises AssertionError: if they are not in time.
+        """
+        with self._news:
+            self._news.wait_for(lambda: self._connections >= count, PATIENCE)
+            assert self._connections >= count
 
     def close(self) -> None:
         """Disconnect."""
@@ -81,19 +105,21 @@ class BareRaceControl:
             with self._news:
                 self._drop()
                 self._kart = kart
+                self._connections += 1
                 self.said = None
+                self._news.notify_all()
             threading.Thread(target=self._read, args=(kart,), daemon=True).start()
 
     def _beat(self) -> None:
         while not self._ending.wait(BEAT):
             with self._news:
                 if self._beating:
-                    self._send()
+                    self._send(self._state)
 
-    def _send(self) -> None:
+    def _send(self, *states: RaceState) -> None:
         if self._kart is not None:
             try:
-                self._kart.sendall(encode(self._state))
+                self._kart.sendall(b''.join(map(encode, states)))
             except OSError:
                 self._drop()
 
@@ -116,6 +142,8 @@ class BareRaceControl:
                 if not data:
                     return
                 heard = [each for each in decoder.feed(data) if isinstance(each, StateFrame)]
+                for each in heard:
+                    self._heard(each.state)
                 with self._news:
                     if heard and kart is self._kart:
                         self.said = heard[-1].state

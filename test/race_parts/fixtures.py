@@ -11,6 +11,7 @@ import contextlib
 import pathlib
 
 import pytest
+from race_parts.base import SimulatedBase
 from race_parts.domains import Domain
 from race_parts.kart import Bridge, Team
 from race_parts.official import Official
@@ -22,6 +23,7 @@ JoinOfficial = Callable[[RaceControl], Official]
 ConnectKart = Callable[..., WireKart]
 StartBridge = Callable[..., Bridge]
 JoinTeam = Callable[[Bridge], Team]
+StartBase = Callable[..., SimulatedBase]
 
 
 @pytest.fixture
@@ -80,12 +82,28 @@ def start_bridge(parts: contextlib.ExitStack) -> StartBridge:
     """Return a function that starts a kart's bridge on a ROS domain of its own."""
 
     def start(
-        port: int, number: int = 1, program: str = 'kart_bridge_node', **parameters: object
+        port: int,
+        number: int = 1,
+        program: str = 'kart_bridge_node',
+        arguments: tuple[str, ...] = (),
+        **parameters: object,
     ) -> Bridge:
         domain = parts.enter_context(Domain())
-        bridge = Bridge(domain.number, port, address_of(number), parameters, program)
+        bridge = Bridge(domain.number, port, address_of(number), parameters, program, arguments)
         parts.callback(bridge.close)
         return bridge
+
+    return start
+
+
+@pytest.fixture
+def start_base(parts: contextlib.ExitStack) -> StartBase:
+    """Return a function that puts a simulated base on the domain of its bridge."""
+
+    def start(bridge: Bridge, acceleration: float = 3.0, braking: float = 8.0) -> SimulatedBase:
+        base = SimulatedBase(bridge.domain, acceleration, braking)
+        parts.callback(base.close)
+        return base
 
     return start
 

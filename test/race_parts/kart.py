@@ -30,6 +30,7 @@ class Bridge(Process):
     :param local_address: the kart's own address.
     :param parameters: more ROS parameters of the node.
     :param program: what is run: an executable of the package, or the path of another.
+    :param arguments: more ROS arguments of the node, such as ``('-r', '~/odom:=/odom')``.
     """
 
     def __init__(
@@ -39,6 +40,7 @@ class Bridge(Process):
         local_address: str,
         parameters: Mapping[str, object] | None = None,
         program: str = 'kart_bridge_node',
+        arguments: tuple[str, ...] = (),
     ) -> None:
         """Start the bridge; it need not find race control."""
         self.domain = domain
@@ -52,6 +54,7 @@ class Bridge(Process):
                 'local_address': local_address,
                 **(parameters or {}),
             },
+            arguments,
         )
 
 
@@ -113,13 +116,17 @@ class Team(RosSide):
         with self.news:
             return [state for _, state in self.changes]
 
-    def acknowledge(self, state: RaceState | None) -> Answer:
+    def acknowledge(self, state: RaceState | None, order: int | None = None) -> Answer:
         """
         Tell the bridge which state the kart has reached, and return its answer.
 
+        :param order: the number of the command that it carried out; None: of the newest
+            race state.
         :raises AssertionError: if the bridge does not answer in time.
         """
-        request = srv.Acknowledge.Request(reached=state_message(state))
+        if order is None:
+            order = self.wait_for(lambda heard: True, 'a race state').order
+        request = srv.Acknowledge.Request(order=order, reached=state_message(state))
         response: Any = self.request(self._acknowledge, request)
         return Answer(response.success, response.message)
 

@@ -14,6 +14,9 @@ verdict follows from a few facts:
 
 * *commanded*: the last frame on the present connection; none while there is no connection, or
   no frame on it yet. A connection on which ``frame_timeout`` passes without a frame is lost.
+* *order*: the number of what is commanded. Every new command has one that no earlier command had,
+  on this connection or another, also when it asks for the same state again. A stack acknowledges
+  by this number, so what it reached for an earlier command never acknowledges a later one.
 * *team stop*: the service, the remote's topic, the remote's silence (``tsr_timeout``), two nodes
   where there must be one, or a bridge that would not hear its team's stop (``team_timeout``).
 * *armed*: GREEN_GREEN would be obeyed. This table is all that makes it so or ends it:
@@ -44,7 +47,7 @@ import math
 from evgp_protocol.states import RaceState, stricter
 
 ODOMETRY_FRESH = 0.5
-"""How long a speed says something about the kart, in seconds."""
+"""Time for which a speed says something about the kart, in seconds."""
 
 _NOT_YET = 'not connected to race control yet'
 _NOTHING_SAID = 'race control has said nothing on this connection yet'
@@ -71,15 +74,17 @@ class Settings:
     """
     The parameters of the rules. Times are in seconds, speeds in m/s.
 
-    :ivar frame_timeout: so long without a frame is a lost connection; above 0.
-    :ivar tsr_timeout: so long without a message of the team's safety remote is a team stop;
-        0: no remote is required.
-    :ivar team_timeout: so long without a sign that the bridge hears its team is a team stop;
-        0: no sign is required.
+    :ivar frame_timeout: time without a frame after which the connection is lost; above 0.
+    :ivar tsr_timeout: time without a message of the team's safety remote after which it is a team
+        stop; 0: no remote is required.
+    :ivar team_timeout: time without a sign that the bridge hears its team after which it is a team
+        stop; 0: no sign is required.
     :ivar auto_acknowledge_stop: acknowledge the red states when odometry shows a standstill.
-    :ivar standstill_speed: no faster than this is standing still; from 0.
-    :ivar standstill_time: for so long, without a gap, to be taken for stopped; from 0.
-    :ivar red_flag_drive_time: so long a RED_FLAG lets a kart that was driving go on; from 0.
+    :ivar standstill_speed: maximum speed of a kart that stands still; from 0.
+    :ivar standstill_time: time at standstill, without a gap, after which the kart has stopped;
+        from 0.
+    :ivar red_flag_drive_time: time for which a RED_FLAG lets a kart that was driving go on;
+        from 0.
     :ivar drive_in_garage: the kart may drive in IN_GARAGE, where its team has it (§3.A).
     :raises ValueError: a value is outside its range, or no finite number.
     """
@@ -110,16 +115,18 @@ class Verdict:
 
     :ivar state: the state to obey.
     :ivar commanded: what race control commands on the present connection; None: nothing.
+    :ivar order: the number of that command; 0 while there is none.
     :ivar connected: race control is being heard.
     :ivar team_stop: the team's own stop is on (§2.C).
     :ivar acknowledged: what is commanded was acknowledged. A team stop takes it back from a
-        GRID_ACTIVE, which must then be acknowledged anew.
+        GRID_ACTIVE, which must then be acknowledged again.
     :ivar reason: why `state` and `commanded` differ, a sentence; empty when they do not.
     :ivar may_drive: the kart may move. Steering and braking are always the stack's.
     """
 
     state: RaceState
     commanded: RaceState | None
+    order: int
     connected: bool
     team_stop: bool
     acknowledged: bool
@@ -163,16 +170,24 @@ class Arbiter:
 
     A time before an earlier one is doubt: the connection is lost and the remote unheard. Every
     input raises ValueError when its time is no finite number.
+
+    :param first_order: the number of the first command, from 1; the next commands have the numbers
+        after it. Take one that no earlier arbiter of this kart came near to: an acknowledgement
+        may be on its way while the bridge starts again.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: Settings, first_order: int) -> None:
+        if first_order < 1:
+            raise ValueError(f'first_order must be 1 or more, not {first_order}')
         self._settings = settings
+        self._next_order = first_order
         self._now = -math.inf
         # The connection.
         self._open = False
         self._absence = _NOT_YET
         self._heard_at = 0.0  # the last frame, or the connection if there was none yet
         self._commanded: RaceState | None = None
+        self._order = 0
         self._acknowledged = False
         self._armed = False
         self._not_armed = _NEVER_ARMED
@@ -205,6 +220,7 @@ class Arbiter:
         return Verdict(
             state=state,
             commanded=commanded,
+            order=self._order,
             connected=commanded is not None,
             team_stop=self._team_stop,
             acknowledged=self._acknowledged,
@@ -274,16 +290,18 @@ class Arbiter:
             self._team_heard_at = now
         return self._outcome(give_up)
 
-    def acknowledge(self, state: RaceState, now: float) -> Outcome:
+    def acknowledge(self, state: RaceState, order: int, now: float) -> Outcome:
         """
-        Judge the stack's word that it has reached `state` (§4.C).
+        Judge the stack's word that it has carried out a command (§4.C).
 
         An acknowledgement that was accepted before is accepted, and sent, again.
 
+        :param state: the state that it has reached.
+        :param order: the number of the command, as a verdict had it.
         :return: with `answer`, and with `send` if it is accepted.
         """
         give_up = self._pass(now)
-        refusal = self._refusal(state)
+        refusal = self._refusal(state, order)
         if refusal is not None:
             return self._outcome(give_up, answer=Answer(False, refusal))
         self._acknowledge()
@@ -355,6 +373,7 @@ class Arbiter:
         self._open = False
         self._absence = absence
         self._commanded = None
+        self._order = 0
         self._acknowledged = False
         self._armed = False
         self._not_armed = _NEVER_ARMED
@@ -366,6 +385,7 @@ class Arbiter:
         was_driving = self.verdict.may_drive
         to_race = self._commanded is RaceState.GRID_ACTIVE and state is RaceState.GREEN_GREEN
         self._commanded = state
+        self._order, self._next_order = self._next_order, self._next_order + 1
         self._acknowledged = False
         self._still_since = None
         slows = was_driving and state is RaceState.RED_FLAG
@@ -383,11 +403,21 @@ class Arbiter:
         if self._commanded is RaceState.GRID_ACTIVE:
             self._armed = True
 
-    def _refusal(self, state: RaceState) -> str | None:
-        """Return why an acknowledgement of `state` is refused now; None: it is not."""
+    def _refusal(self, state: RaceState, order: int) -> str | None:
+        """Return why this acknowledgement is refused now; None: it is not."""
         verdict = self.verdict
         if verdict.commanded is None:
             return f'{state.value} is not commanded: {self._absence}'
+        if order == 0:
+            return (
+                'order is missing: fill in the number that ~/race_state had as `order` with the '
+                'command that the kart has carried out'
+            )
+        if order != verdict.order:
+            return (
+                f'order {order} is out of date: race control has commanded '
+                f'{verdict.commanded.value} since, as order {verdict.order}'
+            )
         if state is not verdict.commanded:
             return f'race control commands {verdict.commanded.value}, not {state.value}'
         if state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN) and verdict.state is not state:
@@ -427,7 +457,7 @@ class Arbiter:
         if self._engaged[StopSource.TOPIC]:
             reasons.append('the safety remote says stop')
         if self._engaged[StopSource.UNRELIABLE]:
-            reasons.append("the safety remote's publisher is not RELIABLE; start the bridge anew")
+            reasons.append("the safety remote's publisher is not RELIABLE; start the bridge again")
         if self._engaged[StopSource.TWO_REMOTES]:
             reasons.append('more than one publisher of the safety remote')
         if self._engaged[StopSource.TWO_BRIDGES]:

@@ -16,20 +16,16 @@ import threading
 import time
 from typing import Any
 
-from evgp_kart_bridge.watch import RaceStateWatch
+from evgp_kart_bridge.watch import Order, RaceStateWatch
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.stamps import stamp
-from evgp_node.states import state_message, state_of
-from evgp_protocol import clock
 from evgp_protocol.states import RaceState
-from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 
 STEP = 0.02  # s
-ASK_AGAIN = 0.2  # s
 
 # To which speed (m/s), and how fast (m/s²), in each state.
 DRIVING = {
@@ -53,10 +49,7 @@ class ExampleStack(StrictNode):
         self._speed = 0.0
         self._published = True
         self._obeyed = ''
-        self._asking: Any = None
-        self._asked, self._ask_again_at = None, 0.0
         self._watch = RaceStateWatch(self)
-        self._bridge = self.create_client(Acknowledge, 'kart_bridge/acknowledge')
         self._odometry = self.create_publisher(Odometry, 'kart_bridge/odom', 10)
         self.create_timer(STEP, self._drive, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -72,13 +65,13 @@ class ExampleStack(StrictNode):
         with self._driving:
             if self._ended:
                 return
-            state = self._watch.state
-            self._move(state)
-        obeyed = f'{state.value} {self._watch.reason}'
+            order = self._watch.order
+            self._move(order.state)
+        obeyed = f'{order.state.value} {self._watch.reason}'
         if obeyed != self._obeyed:
             self._obeyed = obeyed
             self.get_logger().info(obeyed)
-        self._acknowledge(state)
+        self._acknowledge(order)
 
     def _move(self, state: RaceState) -> None:
         """Drive one step, then say how fast: what cannot be said must not keep it from braking."""
@@ -98,27 +91,13 @@ class ExampleStack(StrictNode):
                 self.get_logger().error(f'Odometry cannot be published: {error}')
         self._published = published
 
-    def _acknowledge(self, state: RaceState) -> None:
+    def _acknowledge(self, order: Order) -> None:
         """Say GRID_ACTIVE once ready, GREEN_GREEN once driving, a red once standing (§3.A)."""
-        told = self._watch.message
-        commanded = state_of(told.commanded) if told is not None else None
         moves = self._speed > 0.0
-        reached = {
-            RaceState.GRID_ACTIVE: state is RaceState.GRID_ACTIVE,
-            RaceState.GREEN_GREEN: state is RaceState.GREEN_GREEN and moves,
-            RaceState.RED_FLAG: not moves,
-            RaceState.RED_RED: not moves,
-        }.get(commanded, False)
-        if not reached or told.acknowledged:
-            return
-        if commanded is self._asked and clock.now() < self._ask_again_at:
-            return
-        if self._asking is not None:
-            self._bridge.remove_pending_request(self._asking)  # the bridge may have died over it
-        self._asking = self._bridge.call_async(
-            Acknowledge.Request(reached=state_message(commanded))
-        )
-        self._asked, self._ask_again_at = commanded, clock.now() + ASK_AGAIN
+        if order.state is not RaceState.IN_GARAGE and moves is (
+            order.state is RaceState.GREEN_GREEN
+        ):
+            self._watch.acknowledge(order)
 
 
 def main(args: list[str] | None = None) -> int:

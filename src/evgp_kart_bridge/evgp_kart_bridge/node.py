@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import concurrent.futures
 import math
+import random
 import sys
 from typing import Any
 
@@ -75,9 +76,13 @@ ODOMETRY_QOS = QoSProfile(
 )
 """Of ``~/odom``: only the newest counts, from whatever publisher."""
 
+MOST_FIRST_ORDER = 2**52
+"""Maximum number of a bridge's first order. JSON and JavaScript keep whole numbers below 2**53."""
+
 _ENDED = Verdict(
     state=RaceState.RED_RED,
     commanded=None,
+    order=0,
     connected=False,
     team_stop=False,
     acknowledged=False,
@@ -132,7 +137,11 @@ class KartBridge(StrictNode):
         if not hasattr(self, 'count_services'):  # ROS 2 Humble cannot tell
             self._one_server = {}
         self._seen_double: set[StopSource] = set()
-        self._link = Link(Arbiter(settings), link_settings, self._tell, on_failure)
+        # At random, so that a number of the bridge before this one fits no order of this one. The
+        # time would not do: a kart's computer without a battery starts at the same one each time.
+        first_order = random.SystemRandom().randint(1, MOST_FIRST_ORDER)
+        arbiter = Arbiter(settings, first_order)
+        self._link = Link(arbiter, link_settings, self._tell, on_failure)
         self.create_service(Acknowledge, '~/acknowledge', self._acknowledge)
         self.create_service(SetBool, '~/team_stop', self._team_stop)
         self.create_subscription(
@@ -175,7 +184,8 @@ class KartBridge(StrictNode):
                 f'{request.reached.state} is no race state: see evgp_rcs_msgs/msg/RaceState'
             )
             return response
-        given = self._link.give(lambda arbiter, now: arbiter.acknowledge(state, now))
+        order = request.order
+        given = self._link.give(lambda arbiter, now: arbiter.acknowledge(state, order, now))
         try:
             answer = given.result(ANSWER_TIMEOUT).answer
             response.success, response.message = answer.accepted, answer.message
@@ -259,6 +269,7 @@ class KartBridge(StrictNode):
             stamp=stamp(self.get_clock()),
             state=state_message(verdict.state),
             commanded=state_message(verdict.commanded),
+            order=verdict.order,
             connected=verdict.connected,
             team_stop=verdict.team_stop,
             acknowledged=verdict.acknowledged,
@@ -332,18 +343,21 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
         'local_address', '', "The IPv4 address of the kart's end; empty: the system's choice."
     )
     frame_timeout = declare(
-        'frame_timeout', 1.0, 'So long without a frame is a lost link, s (§3.E).', (0.2, 1.0)
+        'frame_timeout',
+        1.0,
+        'Time without a frame after which the link is lost, s (§3.E).',
+        (0.2, 1.0),
     )
     lease = declare(
         'liveliness_lease',
         0.5,
-        'A subscriber that hears nothing of the bridge for so long must stop, s.',
+        'Time of silence of the bridge after which a subscriber must stop, s.',
         (0.2, 2.0),
     )
     tsr_timeout = declare(
         'tsr_timeout',
         0.0,
-        'So long without a message on ~/tsr is a team stop, s; 0: no remote is required.',
+        'Time without ~/tsr after which it is a team stop, s; 0: no remote is required.',
         (0.0, 10.0),
     )
     settings = Settings(
@@ -356,15 +370,18 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
             'Acknowledge RED_FLAG and RED_RED once ~/odom shows that the kart stands still.',
         ),
         standstill_speed=declare(
-            'standstill_speed', 0.05, 'No faster than this is standing still, m/s.', (0.0, 0.5)
+            'standstill_speed', 0.05, 'Maximum speed of a kart that stands still, m/s.', (0.0, 0.5)
         ),
         standstill_time=declare(
-            'standstill_time', 0.5, 'Standing still for so long is stopped, s.', (0.1, 10.0)
+            'standstill_time',
+            0.5,
+            'Time at standstill after which the kart has stopped, s.',
+            (0.1, 10.0),
         ),
         red_flag_drive_time=declare(
             'red_flag_drive_time',
             15.0,
-            'So long ~/stop lets a kart that was driving roll out under RED_FLAG, s (§3.A).',
+            'Time for which ~/stop lets a driving kart roll out under RED_FLAG, s (§3.A).',
             (0.0, 30.0),
         ),
         drive_in_garage=declare(

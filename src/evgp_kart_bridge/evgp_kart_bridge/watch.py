@@ -1,24 +1,28 @@
 """
-For a team's stack: the state to obey, which turns RED_RED by itself when the bridge is gone.
+For a team's stack: what to do now, and how to say that it is done.
 
 A subscription alone is not enough. A bridge that died or hangs cannot say so, and the last thing
-it said may have been GREEN_GREEN.
+it said may have been GREEN_GREEN. And a stack that compares what it reached with what is commanded
+by now may say "I stand" at full speed: what it reached was the command before.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+import dataclasses
 import math
 import threading
 import time
 from typing import Any
 
-from evgp_node.states import state_of
+from evgp_node.states import state_message, state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
+from evgp_rcs_msgs.srv import Acknowledge
 from rclpy._rclpy_pybind11 import InvalidHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.guard_condition import GuardCondition
 from rclpy.node import Node
@@ -30,6 +34,7 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 from rclpy.subscription import Subscription
+from rclpy.task import Future
 
 try:
     from rclpy.event_handler import SubscriptionEventCallbacks
@@ -40,7 +45,11 @@ LEASE = 0.5
 """The bridge's default `liveliness_lease`, seconds."""
 
 FORGIVEN = 1.0
-"""A stack that did not know its state for longer, s, starts only behind a new GRID_ACTIVE."""
+"""Maximum time, s, without knowing the state after which a stack still starts without a new
+GRID_ACTIVE."""
+
+ASK_AGAIN = 0.2
+"""Time after which an acknowledgement is sent again while the bridge has not taken it, s."""
 
 BACKLOG = 100
 """Maximum number of messages kept for a busy stack: more than the bridge says in `FORGIVEN`."""
@@ -81,9 +90,29 @@ def watch_qos(lease: float) -> QoSProfile:
     return qos
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Order:
+    """
+    What the kart must do, from one moment on. Two orders are never equal, only the same one is.
+
+    :ivar state: the state to obey.
+    :ivar number: of race control's command, as `KartRaceState.order`; 0: the kart must obey
+        something stricter than the command, or there is none, so it cannot be acknowledged.
+    """
+
+    state: RaceState
+    number: int
+
+
 class RaceStateWatch:
     """
-    The state that the kart must obey now, for a node of a team's stack.
+    What the kart must do now, for a node of a team's stack.
+
+    In a timer of the steady clock, about 20 times a second::
+
+        order = self.watch.order
+        if self.drive(order.state):  # True once the kart has reached that state
+            self.watch.acknowledge(order)
 
     GREEN_GREEN must be armed here too: by a GRID_ACTIVE that this watch has heard. So a stack that
     is started again in mid-race, or one whose bridge was gone, does not drive off by itself.
@@ -91,7 +120,7 @@ class RaceStateWatch:
     :ivar message: the bridge's last message; None: there was none.
     :param on_change: is called by the node's executor with each new state, beginning with
         RED_RED.
-    :param topic: the bridge's topic.
+    :param topic: the bridge's topic; its service is ``acknowledge`` beside it.
     :param lease: the bridge's `liveliness_lease`, or longer, seconds.
     """
 
@@ -115,6 +144,17 @@ class RaceStateWatch:
         # When the executor last came round to `_pass`, and when before that.
         self._passed = self._passed_before = clock.now()
         self._told: RaceState | None = None
+        # Whoever asks for the order, or acknowledges it, may do so in any thread.
+        self._ordering = threading.RLock()
+        self._order = Order(RaceState.RED_RED, 0)
+        self._asked: Order | None = None
+        self._asking: Future | None = None
+        self._ask_again_at = -math.inf
+        self._log = node.get_logger()
+        beside, slash, _ = topic.rpartition('/')
+        self._bridge = node.create_client(
+            Acknowledge, f'{beside}{slash}acknowledge', callback_group=group
+        )
         self._subscription: Subscription | None = None
         self._subscription = node.create_subscription(
             KartRaceState,
@@ -142,15 +182,73 @@ class RaceStateWatch:
         says GREEN_GREEN that is not armed. It looks at the clock itself, so it holds also while
         the executor is busy.
         """
-        return self._judge()[0]
+        return self.order.state
 
     @property
     def reason(self) -> str:
         """Why that is not what race control commands, for people; empty: it is."""
-        return self._judge()[1]
+        with self._ordering:
+            return self._judge(clock.now())[1]
 
-    def _judge(self) -> tuple[RaceState, str]:
-        now = clock.now()
+    @property
+    def order(self) -> Order:
+        """
+        What to do now: obey its `state`, and acknowledge this order, no other, once it is reached.
+
+        It is the same object until something else is to be done. A new command is a new order,
+        also when it asks for the same state, and so is what follows a doubt or a team stop.
+        """
+        with self._ordering:
+            now = clock.now()
+            state, _ = self._judge(now)
+            message = self.message
+            number = 0
+            if message is not None and not self._doubt(now):
+                number = message.order if state_of(message.commanded) is state else 0
+            if (state, number) != (self._order.state, self._order.number):
+                self._order = Order(state, number)
+            return self._order
+
+    def acknowledge(self, order: Order) -> None:
+        """
+        Tell race control that the kart has reached the state of this order.
+
+        Call it in every step in which that is true: it asks the bridge again after `ASK_AGAIN` if
+        an answer is lost or refused, and does nothing once the order is acknowledged. It does
+        nothing either when the order is not the present one any more, or has no number. It never
+        waits. If the bridge refuses, the node's log says why.
+
+        :param order: what the kart has done, as `order` was when the kart began to do it.
+        """
+        with self._ordering:
+            now = clock.now()
+            if order is not self.order or order.number == 0:
+                return
+            if self.message is None or self.message.acknowledged:
+                return
+            if order is self._asked and now < self._ask_again_at:
+                return
+            self._asked, self._ask_again_at = order, now + ASK_AGAIN
+            unanswered, self._asking = self._asking, None
+        # Not under the lock, which would hold up whoever asks for the state.
+        if unanswered is not None:
+            self._bridge.remove_pending_request(unanswered)  # the bridge may have died over it
+        asking = self._bridge.call_async(
+            Acknowledge.Request(order=order.number, reached=state_message(order.state))
+        )
+        asking.add_done_callback(lambda answered: self._hear_answer(order, answered))
+        self._asking = asking
+
+    def _hear_answer(self, order: Order, answered: Future) -> None:
+        answer = answered.result()
+        if answer is not None and not answer.success and order is self.order:
+            self._log.warning(
+                f'{order.state.value} cannot be acknowledged: {answer.message}',
+                throttle_duration_sec=1.0,
+                throttle_time_source_type=_STEADY,
+            )
+
+    def _judge(self, now: float) -> tuple[RaceState, str]:
         doubt = self._doubt(now)
         if doubt or self.message is None:
             return RaceState.RED_RED, doubt
@@ -177,15 +275,19 @@ class RaceStateWatch:
     def _hear(self, message: KartRaceState) -> None:
         # All that waits is taken now: a stop must not wait behind what was said before it.
         heard = [message, *self._take_waiting()]
-        self.message = heard[-1]
         # A stack that was busy finds what was said meanwhile, an old GREEN_GREEN perhaps. It
         # came after the call of `_pass` before the last, or it would have been taken then. (The
         # last one does not say that: it may belong to the same turn of the executor. And the
         # stamp would say it only if the clocks of bridge and stack agree.)
-        self._heard_at = self._passed_before
-        now = clock.now()
-        for each in heard:
-            self._follow(state_of(each.state), now)
+        with self._ordering:
+            # A doubt, and what came in between, end the order before, even if it comes back.
+            self._order = self.order
+            self._heard_at = self._passed_before
+            now = clock.now()
+            for each in heard:
+                self.message = each
+                self._follow(state_of(each.state), now)
+                self._order = self.order
         self._look()
 
     def _take_waiting(self) -> list[KartRaceState]:
@@ -236,10 +338,13 @@ class RaceStateWatch:
         if not self._doubt(now):
             self._armed = self._is_armed(now)
             self._sure_at = now
-        state = self.state
+        state = self.order.state
         if state is not self._told:
             self._told = state
             self._on_change(state)
+
+
+_STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 def _ring(alarm: GuardCondition, interval: float) -> None:

@@ -29,6 +29,11 @@ def generate_launch_description() -> LaunchDescription:
         [
             DeclareLaunchArgument('host', description='The address of race control.'),
             DeclareLaunchArgument(
+                'odom',
+                default_value='~/odom',
+                description="The topic of the kart's odometry, nav_msgs/msg/Odometry.",
+            ),
+            DeclareLaunchArgument(
                 'params_file',
                 default_value=PathJoinSubstitution([config, 'kart_bridge.yaml']),
                 description='The file of the parameters.',
@@ -57,6 +62,7 @@ def generate_launch_description() -> LaunchDescription:
                     LaunchConfiguration('params_file'),
                     {'host': ParameterValue(LaunchConfiguration('host'), value_type=str)},
                 ],
+                remappings=[('~/odom', LaunchConfiguration('odom'))],
                 additional_env={
                     'EVGP_GRAPH_INTERFACE': LaunchConfiguration('graph_interface'),
                     'ROS_DOMAIN_ID': LaunchConfiguration('domain_id'),

@@ -21,6 +21,7 @@ from typing import Any
 from evgp_kart_bridge import arbiter as arbiter_module
 from evgp_kart_bridge.arbiter import Arbiter, Settings, StopSource, Verdict
 from evgp_protocol.states import RaceState
+from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from hypothesis.stateful import initialize, precondition, rule, RuleBasedStateMachine
@@ -30,13 +31,18 @@ GREEN, GRID = RaceState.GREEN_GREEN, RaceState.GRID_ACTIVE
 GARAGE, FLAG, RED = RaceState.IN_GARAGE, RaceState.RED_FLAG, RaceState.RED_RED
 
 
+FIRST_ORDER = 1000
+
+
 @dataclasses.dataclass(frozen=True)
 class Input:
     """One input, and what the arbiter answered to it."""
 
     kind: str  # the method of the arbiter
-    value: Any  # its argument besides the time
+    value: Any  # its argument besides the time; of an acknowledgement, the state
     at: float
+    number: int = 0  # the order that an acknowledgement names
+    order: int = 0  # the number of what is commanded, as the arbiter says after the input
     accepted: bool = False  # for an acknowledgement
     said: RaceState | None = None  # what was sent to race control
     gave_up: bool = False
@@ -154,6 +160,15 @@ class Oracle:
                 last = item.value
         return None if begin is None or self.since is None else self.since + begin
 
+    def is_numbered(self) -> bool:
+        """Whether one number, which no command had before, stands for the present command."""
+        if self._run is None:
+            return not self.history or self.history[-1].order == 0
+        run = self._run
+        earlier = {item.order for item in self._from(0, run)}
+        present = {item.order for item in self._from(run)}
+        return len(present) == 1 and not present & {0, *earlier}
+
     @property
     def acknowledged(self) -> bool:
         if self._run is None:
@@ -179,8 +194,10 @@ class Oracle:
         before = (*self.history[: self._run], Input('tick', None, begin.at))
         return Oracle(before, self.settings).may_drive
 
-    def must_accept(self, state: RaceState) -> bool:
-        if state is not self.commanded:
+    def must_accept(self, state: RaceState, number: int) -> bool:
+        if state is not self.commanded or self._run is None:
+            return False
+        if number != self.history[self._run].order:
             return False
         if state in (GRID, GREEN):
             return self.state is state
@@ -216,6 +233,7 @@ class Oracle:
 
 def apply(arbiter: Arbiter, kind: str, value: Any, at: float) -> Input:
     """Give one input to the arbiter and note it with its answer."""
+    number = 0
     stop_source = sys.modules[type(arbiter).__module__].StopSource
     if kind in ('tick', 'connected', 'team_heard'):
         outcome = getattr(arbiter, kind)(at)
@@ -223,11 +241,26 @@ def apply(arbiter: Arbiter, kind: str, value: Any, at: float) -> Input:
         outcome = arbiter.team_stop(stop_source[value[0].name], value[1], at)
     elif kind == 'disconnected':
         outcome = arbiter.disconnected('the test', at)
+    elif kind == 'acknowledge':
+        value, named = value
+        number = {'present': arbiter.verdict.order, 'none': 0}.get(named, FIRST_ORDER)
+        if named == 'earlier':
+            number = max(arbiter.verdict.order - 1, 0)
+        outcome = arbiter.acknowledge(value, number, at)
     else:
         outcome = getattr(arbiter, kind)(value, at)
     accepted = outcome.answer is not None and outcome.answer.accepted
     assert vars(outcome.verdict) == vars(arbiter.verdict)
-    return Input(kind, value, at, accepted, outcome.send, outcome.give_up is not None)
+    return Input(
+        kind,
+        value,
+        at,
+        number,
+        outcome.verdict.order,
+        accepted,
+        outcome.send,
+        outcome.give_up is not None,
+    )
 
 
 def check(history: History, verdict: Verdict, settings: Settings) -> None:
@@ -235,6 +268,8 @@ def check(history: History, verdict: Verdict, settings: Settings) -> None:
     oracle = Oracle(history, settings)
     assert verdict.state is oracle.state
     assert verdict.commanded is oracle.commanded
+    assert verdict.order == (history[-1].order if history else 0)
+    assert oracle.is_numbered()
     assert verdict.connected == (oracle.commanded is not None)
     assert verdict.team_stop == oracle.team_stop
     assert verdict.acknowledged == oracle.acknowledged
@@ -245,7 +280,7 @@ def check(history: History, verdict: Verdict, settings: Settings) -> None:
     last = history[-1]
     if last.kind == 'acknowledge':
         before = Oracle((*history[:-1], Input('tick', None, last.at)), settings)
-        assert last.accepted == before.must_accept(last.value)
+        assert last.accepted == before.must_accept(last.value, last.number)
         assert last.said is (last.value if last.accepted else None)
     elif last.kind == 'speed':
         assert (last.said is not None) == oracle.must_acknowledge_by_itself
@@ -280,7 +315,8 @@ LINK = [
     ('connected', None),
     ('disconnected', None),
     *(('heard', state) for state in RaceState),
-    *(('acknowledge', state) for state in RaceState),
+    *(('acknowledge', (state, 'present')) for state in RaceState),
+    *(('acknowledge', (RED, named)) for named in ('earlier', 'none')),
 ]
 STOPS = [('team_stop', (source, engaged)) for source in StopSource for engaged in (True, False)]
 TEAM = [('team_heard', None)]
@@ -296,12 +332,15 @@ def fingerprint(arbiter: Arbiter) -> tuple[Any, ...]:
     now = arbiter._now
     state: list[Any] = []
     for name, value in sorted(vars(arbiter).items()):
-        if name in ('_settings', '_now', '_absence', '_not_armed'):
+        # Of the numbers of orders, only whether there is one: the next is always a new one.
+        if name in ('_settings', '_now', '_absence', '_not_armed', '_next_order'):
             continue
         if name == '_heard_at' and not arbiter._open:
             continue
         if name.endswith(('_at', '_since')) and value is not None:
             value = min(now - value, 1.5)
+        elif name == '_order':
+            value = value == 0
         elif name == '_engaged':
             value = tuple(value.values())
         elif isinstance(value, float) and math.isnan(value):
@@ -322,7 +361,7 @@ def explore(
     :raises AssertionError: with the history, where the arbiter and the oracle differ.
     """
     own_settings = module.Settings(**vars(settings))
-    first = module.Arbiter(own_settings)
+    first = module.Arbiter(own_settings, FIRST_ORDER)
     first.tick(0.0)
     start = (Input('tick', None, 0.0),)
     seen = {fingerprint(first)}
@@ -393,13 +432,13 @@ FAULTS = {
         '        self._absence = absence',
     ),
     'acknowledged outlives the connection': (
-        '        self._commanded = None\n        self._acknowledged = False\n'
-        '        self._armed = False\n',
-        '        self._commanded = None\n        self._armed = False\n',
+        '        self._commanded = None\n        self._order = 0\n'
+        '        self._acknowledged = False\n',
+        '        self._commanded = None\n        self._order = 0\n',
     ),
     'acknowledged outlives the command': (
-        '        self._commanded = state\n        self._acknowledged = False\n',
-        '        self._commanded = state\n',
+        '        self._acknowledged = False\n        self._still_since = None\n        slows',
+        '        self._still_since = None\n        slows',
     ),
     'late frame counts': (
         '        if self._open:\n            self._heard_at = now\n',
@@ -452,6 +491,24 @@ FAULTS = {
         '        if self._team_stop:\n            reasons',
         '        if False:\n            reasons',
     ),
+    'a new command keeps its number': (
+        'self._order, self._next_order = self._next_order, self._next_order + 1',
+        'self._order = self._order or self._next_order',
+    ),
+    'the same state has the same number': (
+        'self._order, self._next_order = self._next_order, self._next_order + 1',
+        'self._order = 1 + list(RaceState).index(state)',
+    ),
+    'a number outlives its connection': (
+        '        self._commanded = None\n        self._order = 0\n',
+        '        self._commanded = None\n',
+    ),
+    'an order of old is acknowledged': ('if order != verdict.order:', 'if order > verdict.order:'),
+    'an order without a number is acknowledged': (
+        'if order == 0:',
+        'if order == 0:\n            return None\n        if False:',
+    ),
+    'any number will do': ('if order != verdict.order:', 'if False:'),
     'acknowledges what is not commanded': ('if state is not verdict.commanded:', 'if False:'),
     'acknowledges grid under a team stop': ('and verdict.state is not state:', 'and False:'),
     'refuses a red under a team stop': (
@@ -514,6 +571,49 @@ def test_fault_is_found(old: str, new: str) -> None:
         del sys.modules[module.__name__]
 
 
+def judge_numbers(arbiter: Arbiter, commands: list[RaceState | None], first: int) -> None:
+    """Give commands, and new connections (None); each must be numbered apart from all others."""
+    arbiter.connected(0.0)
+    told: dict[int, RaceState] = {}
+    before: RaceState | None = None
+    for command in commands:
+        outcome = arbiter.connected(0.0) if command is None else arbiter.heard(command, 0.0)
+        order = outcome.verdict.order
+        assert (order == 0) == (command is None)
+        if command is not None:
+            assert order >= first
+            assert (order in told) == (command is before)
+            told[order] = command
+        before = command
+    # Of all the orders that there were, only the present one can be acknowledged.
+    present = arbiter.verdict.order
+    for order, state in {0: RED, **told}.items():
+        answer = arbiter.acknowledge(state, order, 0.0).answer
+        assert answer is not None
+        assert order == present != 0 or not answer.accepted
+        assert order != present or answer.accepted or not state.is_red or order == 0
+
+
+@given(
+    commands=st.lists(st.sampled_from([*RaceState, None]), max_size=30),
+    first=st.integers(1, 2**52),
+)
+def test_no_number_stands_for_two_commands_or_two_connections(
+    commands: list[RaceState | None], first: int
+) -> None:
+    judge_numbers(Arbiter(Settings(), first), commands, first)
+
+
+def test_a_number_that_a_new_connection_uses_again_is_found() -> None:
+    old = '        self._commanded = None\n        self._order = 0\n'
+    module = faulty(old, old + f'        self._next_order = {FIRST_ORDER}\n')
+    try:
+        with pytest.raises(AssertionError):
+            judge_numbers(module.Arbiter(module.Settings(), FIRST_ORDER), [RED, None, RED], 1)
+    finally:
+        del sys.modules[module.__name__]
+
+
 class ArbiterAndOracle(RuleBasedStateMachine):
     """Random histories with times that fit no grid; the oracle looks on after each input."""
 
@@ -531,7 +631,7 @@ class ArbiterAndOracle(RuleBasedStateMachine):
     )
     def begin(self, settings: Settings) -> None:
         self.settings = settings
-        self.arbiter = Arbiter(settings)
+        self.arbiter = Arbiter(settings, FIRST_ORDER)
         self.now = 0.0
         self.history: History = ()
         check(self.history, self.arbiter.verdict, settings)
@@ -574,14 +674,23 @@ class ArbiterAndOracle(RuleBasedStateMachine):
     def hear(self, wait: float, state: RaceState) -> None:
         self.give('heard', state, wait)
 
-    @rule(wait=waits, state=st.sampled_from(RaceState))
-    def acknowledge(self, wait: float, state: RaceState) -> None:
-        self.give('acknowledge', state, wait)
+    @rule(
+        wait=waits,
+        state=st.sampled_from(RaceState),
+        named=st.sampled_from(['present', 'present', 'earlier', 'first', 'none']),
+    )
+    def acknowledge(self, wait: float, state: RaceState, named: str) -> None:
+        self.give('acknowledge', (state, named), wait)
 
     @precondition(lambda self: self.arbiter.verdict.commanded is not None)
     @rule(wait=waits)
     def acknowledge_what_is_commanded(self, wait: float) -> None:
-        self.give('acknowledge', self.arbiter.verdict.commanded, wait)
+        self.give('acknowledge', (self.arbiter.verdict.commanded, 'present'), wait)
+
+    @precondition(lambda self: self.arbiter.verdict.commanded is not None)
+    @rule(wait=waits, named=st.sampled_from(['earlier', 'first', 'none']))
+    def acknowledge_another_order(self, wait: float, named: str) -> None:
+        self.give('acknowledge', (self.arbiter.verdict.commanded, named), wait)
 
     @rule(wait=waits, source=st.sampled_from(StopSource), engaged=st.booleans())
     def stop(self, wait: float, source: StopSource, engaged: bool) -> None:
@@ -602,7 +711,7 @@ class ArbiterAndOracle(RuleBasedStateMachine):
         self.give('team_heard', None, 0.0)
         self.give('connected', None, 0.0)
         self.give('heard', GRID, 0.0)
-        self.give('acknowledge', GRID, 0.0)
+        self.give('acknowledge', (GRID, 'present'), 0.0)
         self.give('heard', GREEN, 0.0)
         assert self.arbiter.verdict.may_drive
 

@@ -29,7 +29,7 @@ class Running:
         self.failures: list[BaseException] = []
         self._news = threading.Condition()
         self.link = Link(
-            Arbiter(Settings(frame_timeout=frame_timeout)),
+            Arbiter(Settings(frame_timeout=frame_timeout), 1),
             LinkSettings('127.0.0.1', port, local_address),
             self._hear,
             self._fail,
@@ -57,7 +57,8 @@ class Running:
         return self.failures[0]
 
     def acknowledge(self, state: RaceState) -> Outcome:
-        given = self.link.give(lambda arbiter, now: arbiter.acknowledge(state, now))
+        order = self.verdicts[-1].order
+        given = self.link.give(lambda arbiter, now: arbiter.acknowledge(state, order, now))
         return given.result(PATIENCE)
 
     def _hear(self, verdict: Verdict, status: LinkStatus) -> None:

@@ -1,0 +1,79 @@
+"""A kart's base with inertia: obeys velocity commands, says its speed, brakes when left alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import threading
+import time
+
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from race_parts.ros_side import RosSide
+from rclpy.clock import Clock, ClockType
+
+COMMAND_TIMEOUT = 0.5
+"""Time without a command after which the base brakes by itself, s."""
+
+ODOMETRY_RATE = 50.0
+"""How often the base says its speed, Hz."""
+
+
+class SimulatedBase(RosSide):
+    """
+    A base that obeys ``/cmd_vel`` and publishes ``/odom`` on a kart's domain.
+
+    :param acceleration: how fast it gets faster, m/s².
+    :param braking: how fast it gets slower, m/s².
+    """
+
+    def __init__(self, domain: int, acceleration: float = 3.0, braking: float = 8.0) -> None:
+        """Join the kart's domain and stand."""
+        super().__init__(f'base_{domain}', domain)
+        self._acceleration, self._braking = acceleration, braking
+        self._moving = threading.Lock()
+        self._speed = self._wanted = 0.0
+        self._at = self._commanded_at = time.monotonic()
+        self.node.create_subscription(Twist, '/cmd_vel', self._obey, 1)
+        self._odometry = self.node.create_publisher(Odometry, '/odom', 10)
+        self.node.create_timer(
+            1 / ODOMETRY_RATE, self._say, clock=Clock(clock_type=ClockType.STEADY_TIME)
+        )
+        self.spin()
+
+    @property
+    def speed(self) -> float:
+        """Its true speed at this moment, m/s, whatever odometry has said so far."""
+        with self._moving:
+            return self._move(time.monotonic())
+
+    def wait_for_speed(self, found: Callable[[float], bool]) -> None:
+        """
+        Return once its speed, m/s, is one for which `found` is true.
+
+        :raises AssertionError: if it does not get there in time.
+        """
+        self.wait_until(lambda: found(self.speed), lambda: f'such a speed; it is {self.speed}')
+
+    def _move(self, now: float) -> float:
+        """Bring the speed up to date, by the command until it timed out, then braking."""
+        silent_at = max(self._at, self._commanded_at + COMMAND_TIMEOUT)
+        for until, wanted in ((min(now, silent_at), self._wanted), (now, 0.0)):
+            change = wanted - self._speed
+            passed = max(until - self._at, 0.0)
+            most = passed * (self._acceleration if change > 0 else self._braking)
+            self._speed += max(-most, min(most, change))
+            self._at = max(until, self._at)
+        return self._speed
+
+    def _obey(self, command: Twist) -> None:
+        with self._moving:
+            now = time.monotonic()
+            self._move(now)
+            self._wanted, self._commanded_at = max(command.linear.x, 0.0), now
+
+    def _say(self) -> None:
+        odometry = Odometry()
+        odometry.twist.twist.linear.x = self.speed
+        self._odometry.publish(odometry)
+        with self.news:
+            self.news.notify_all()

@@ -1,0 +1,134 @@
+"""README's stack as it stands, on a kart that takes its time to stop."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import concurrent.futures
+import contextlib
+import os
+import pathlib
+import random
+import re
+import time
+
+from evgp_kart_bridge import shortest_stack
+from evgp_protocol.states import RaceState
+import pytest
+from race_parts.bare_race_control import BareRaceControl
+from race_parts.base import SimulatedBase
+from race_parts.domains import Domain
+from race_parts.faulty_nodes import program_of, StackThatAnswersTheLatest
+from race_parts.kart import Bridge
+from race_parts.process import Process
+from race_parts.race_control import address_of
+
+ROOT = pathlib.Path(__file__).parents[1]
+STOPS = int(os.environ.get('EVGP_STOPS', '36'))
+"""How many stops are tried, over all karts."""
+
+KARTS = 3
+TO_THE_BRIDGE = ('-r', '~/odom:=/odom')
+"""Has the bridge listen to the base's odometry."""
+
+
+class Kart:
+    """
+    A bridge, a base and a stack; race control is a socket.
+
+    ``rolling`` is, for each stop that was acknowledged while the kart moved, its speed then, m/s;
+    ``moved`` says how many of the stops were commanded while it moved.
+    """
+
+    def __init__(
+        self, parts: contextlib.ExitStack, number: int, stack: str, bridge: tuple[str, ...]
+    ) -> None:
+        domain = parts.enter_context(Domain()).number
+        # Accelerated: it gets to its full speed, and from there to a standstill, in 0.3 s.
+        self.base = SimulatedBase(domain, acceleration=20.0, braking=20.0)
+        parts.callback(self.base.close)
+        self.rolling: list[tuple[RaceState, float]] = []
+        self.moved = 0
+        self.stops = 0
+        self._chance = random.Random(number)
+        self._race = BareRaceControl(self._hear)
+        parts.callback(self._race.close)
+        parts.enter_context(
+            Bridge(domain, self._race.port, address_of(number), None, 'kart_bridge_node', bridge)
+        )
+        parts.enter_context(Process('evgp_kart_bridge', stack, domain))
+
+    def stop_once(self) -> None:
+        """Start the kart, and stop it at some moment: standing still, as it starts, or racing."""
+        self._race.say(RaceState.GRID_ACTIVE)
+        self._race.wait_until_it_says(RaceState.GRID_ACTIVE)
+        self._race.say(RaceState.GREEN_GREEN)
+        time.sleep(self._chance.uniform(0.0, 0.6))  # the moment is what is tried
+        stop = self._chance.choice([RaceState.RED_RED, RaceState.RED_FLAG])
+        self.moved += self.base.speed > 0.0
+        self._race.say(stop)
+        self._race.wait_until_it_says(stop)
+        self.stops += 1
+
+    def _hear(self, state: RaceState) -> None:
+        speed = self.base.speed
+        if state.is_red and speed > 0.0:
+            self.rolling.append((state, speed))
+
+
+@pytest.fixture
+def parts() -> Iterator[contextlib.ExitStack]:
+    with contextlib.ExitStack() as stack:
+        yield stack
+
+
+def drive(karts: list[Kart], stops: int, enough: Callable[[], bool] = lambda: False) -> None:
+    """Stop the karts so many times in all, each in a thread of its own."""
+
+    def stop_often(kart: Kart) -> None:
+        while kart.stops * len(karts) < stops and not enough():
+            kart.stop_once()
+
+    with concurrent.futures.ThreadPoolExecutor(len(karts)) as pool:
+        for done in [pool.submit(stop_often, kart) for kart in karts]:
+            done.result()
+
+
+@pytest.mark.timeout(120 + 2 * STOPS)
+@pytest.mark.parametrize('bridge', [(), TO_THE_BRIDGE], ids=['plain', 'bridge hears odometry'])
+def test_the_stack_of_readme_acknowledges_no_stop_while_the_kart_rolls(
+    parts: contextlib.ExitStack, bridge: tuple[str, ...], record_property: Callable[..., None]
+) -> None:
+    karts = [Kart(parts, number, 'shortest_stack', bridge) for number in range(1, KARTS + 1)]
+    drive(karts, STOPS)
+    moved = sum(kart.moved for kart in karts)
+    print(f'{sum(kart.stops for kart in karts)} stops, {moved} of them of a kart that moved')
+    record_property('moved', moved)
+    assert moved > STOPS / 4
+    assert [kart.rolling for kart in karts] == [[]] * KARTS
+
+
+def test_a_stack_that_answers_the_latest_command_is_caught_rolling(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    program = program_of(StackThatAnswersTheLatest, tmp_path)
+    karts = [Kart(parts, number, program, ()) for number in range(1, KARTS + 1)]
+    drive(karts, 300, lambda: any(kart.rolling for kart in karts))
+    caught = [each for kart in karts for each in kart.rolling]
+    print(f'after {sum(kart.stops for kart in karts)} stops: {caught}')
+    assert caught
+
+
+def test_the_bridge_lets_no_stack_acknowledge_a_stop_while_odometry_shows_motion(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    program = program_of(StackThatAnswersTheLatest, tmp_path)
+    karts = [Kart(parts, number, program, TO_THE_BRIDGE) for number in range(1, KARTS + 1)]
+    drive(karts, 30)
+    # It may take what is as slow as its `standstill_speed` for standing, and what it hears is old.
+    assert max((speed for kart in karts for _, speed in kart.rolling), default=0.0) < 1.0
+
+
+def test_readme_shows_the_stack_as_it_is() -> None:
+    readme = (ROOT / 'README.md').read_text(encoding='utf-8')
+    shown = re.findall(r'^```python\n(.*?)^```$', readme, re.MULTILINE | re.DOTALL)
+    assert pathlib.Path(shortest_stack.__file__).read_text(encoding='utf-8') in shown

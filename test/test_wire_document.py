@@ -1,0 +1,164 @@
+"""The client in docs/wire.md, run as it stands: in a network where race control is at 10.0.0.1."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import pathlib
+import re
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+from evgp_protocol.states import RaceState
+import pytest
+from race_parts.bare_race_control import BareRaceControl, BEAT
+from race_parts.fixtures import JoinOfficial, StartRaceControl
+from race_parts.networks import Namespace, NetworkError
+from race_parts.race_control import address_of
+
+ROOT = pathlib.Path(__file__).parents[1]
+GRID_ACTIVE, GREEN_GREEN = RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN
+RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
+RACE_CONTROL = ('10.0.0.1', 12017)
+
+
+class Track:
+    """
+    A network in which race control is at 10.0.0.1, and the document's client as its only kart.
+
+    ``listening`` is race control's socket there.
+
+    :raises NetworkError: if this machine does not let us make networks.
+    """
+
+    def __init__(self, parts: contextlib.ExitStack) -> None:
+        self._parts = parts
+        self._network = Namespace()
+        parts.callback(self._network.close)
+        self._network.ip(f'addr add {RACE_CONTROL[0]}/32 dev lo')
+        with self._network.inside():
+            self.listening = parts.enter_context(socket.create_server(RACE_CONTROL))
+
+    def start_client(self) -> None:
+        """Run the client of the document as it stands."""
+        text = (ROOT / 'docs/wire.md').read_text(encoding='utf-8')
+        (client,) = re.findall(r'^```python\n(.*?)^```$', text, re.MULTILINE | re.DOTALL)
+        with self._network.inside():
+            running = subprocess.Popen(
+                ['setpriv', '--pdeathsig', 'KILL', sys.executable, '-c', client]
+            )
+        self._parts.callback(running.wait)
+        self._parts.callback(running.kill)
+
+
+@pytest.fixture
+def track(parts: contextlib.ExitStack) -> Track:
+    try:
+        return Track(parts)
+    except NetworkError as error:
+        pytest.skip(str(error))
+
+
+class Heard:
+    """Race control's end of the wire, and all that the client has said."""
+
+    def __init__(self, track: Track) -> None:
+        self.states: list[RaceState] = []
+        self.race = BareRaceControl(self.states.append, track.listening)
+        track.start_client()
+        self.race.wait_for_connections(1)
+
+    def say_for_a_while(self, state: RaceState) -> None:
+        """Say what the client must not answer, often enough for it to have done so."""
+        self.race.say(state)
+        time.sleep(10 * BEAT)  # that time passes is itself what is awaited
+
+    def exchange(self, state: RaceState) -> None:
+        self.race.say(state)
+        self.race.wait_until_it_says(state)
+
+
+@pytest.fixture
+def heard(track: Track) -> Iterator[Heard]:
+    heard = Heard(track)
+    yield heard
+    heard.race.close()
+
+
+def test_the_client_of_the_document_drives_a_race_of_the_real_race_control(
+    track: Track,
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+) -> None:
+    control = start_race_control(in_race=[1])
+    official = join_official(control)
+
+    def carry(source: socket.socket, sink: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            while data := source.recv(4096):
+                sink.sendall(data)
+
+    track.start_client()
+    kart, _ = track.listening.accept()
+    with (
+        kart,
+        socket.create_connection(
+            ('127.0.0.1', control.port), source_address=(address_of(1), 0)
+        ) as link,
+    ):
+        ways = ((kart, link), (link, kart))
+        carrying = [threading.Thread(target=carry, args=way, daemon=True) for way in ways]
+        for each in carrying:
+            each.start()
+        official.wait_for_connected(1)
+        official.command('grid_active', track_clear=True)
+        official.wait_for_acks(GRID_ACTIVE, 1)
+        official.command('green_green')
+        official.wait_for_acks(GREEN_GREEN, 1)
+        official.command('red_flag')
+        official.wait_for_acks(RED_FLAG, 1)
+        official.command('all_kill')
+        official.wait_for_acks(RED_RED, 1)
+        for each in (kart, link):
+            each.shutdown(socket.SHUT_RDWR)
+        for thread in carrying:
+            thread.join()
+
+
+def test_the_client_obeys_no_green_without_a_grid_that_it_acknowledged(heard: Heard) -> None:
+    heard.say_for_a_while(GREEN_GREEN)
+    heard.exchange(GRID_ACTIVE)
+    assert GREEN_GREEN not in heard.states
+    heard.exchange(GREEN_GREEN)
+    heard.exchange(RED_RED)
+    heard.states.clear()
+    heard.say_for_a_while(GREEN_GREEN)
+    heard.exchange(RED_RED)
+    assert GREEN_GREEN not in heard.states
+
+
+def test_a_grid_of_the_connection_before_starts_the_client_on_no_other(heard: Heard) -> None:
+    heard.exchange(GRID_ACTIVE)
+    heard.race.fall_silent()
+    heard.race.wait_for_connections(2)
+    heard.states.clear()
+    heard.say_for_a_while(GREEN_GREEN)
+    heard.exchange(RED_RED)
+    assert GREEN_GREEN not in heard.states
+
+
+@pytest.mark.parametrize('between', [RED_RED, RaceState.IN_GARAGE, RED_FLAG])
+def test_the_client_obeys_the_last_of_the_frames_that_came_together(
+    heard: Heard, between: RaceState
+) -> None:
+    heard.exchange(GRID_ACTIVE)
+    heard.states.clear()
+    heard.race.say(GRID_ACTIVE, between, GREEN_GREEN)
+    time.sleep(10 * BEAT)  # that time passes is itself what is awaited
+    heard.exchange(RED_RED)
+    # Neither what was overtaken, nor a green with something between it and the grid.
+    assert set(heard.states) <= {GRID_ACTIVE, RED_RED}
+    assert between is RED_RED or between not in heard.states
