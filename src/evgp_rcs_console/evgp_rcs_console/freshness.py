@@ -7,11 +7,17 @@ on a key that was pressed 15 s ago as if it were new. Two things tell, and eithe
 - the time stamp of the input, by the clock of the display server (``age``);
 - the window's own beat: if that came late, what is in the queue has waited (``held_up``).
 
+And a press is meant for what stood there when the official aimed (``Aim``).
+
 Pure: stamps and times go in. Whether an old input is a stop, which acts all the same, is for the
 window to say.
 """
 
 from __future__ import annotations
+
+from typing import Generic, TypeVar
+
+T = TypeVar('T')
 
 STALE = 0.5
 """Maximum age of a key or click that acts, unless it is a stop, in seconds."""
@@ -24,6 +30,9 @@ SEEN = 0.3
 
 AGAIN = 0.4
 """Time within which the same key again is the same press, as in a double click, in seconds."""
+
+AIM = 0.5
+"""Time that an official needs to see that something else stands where they aim, in seconds."""
 
 DRIFT = 1e-4
 """Maximum rate at which the display server's clock may lose time against ours (s per s)."""
@@ -119,3 +128,19 @@ class Repeats:
         same = name == self._name and at - self._at < AGAIN
         self._name, self._at = name, at
         return same
+
+
+class Aim(Generic[T]):
+    """What the official who presses now had in front of them, when what is shown has changed."""
+
+    def __init__(self) -> None:
+        """Begin with no change."""
+        self._shown: list[tuple[T, float]] = []
+
+    def change(self, before: T, at: float) -> None:
+        """Take what was shown until a time (s)."""
+        self._shown = [*self._shown[-9:], (before, at)]
+
+    def seen(self, at: float) -> T | None:
+        """Return what was shown ``AIM`` before a press (s); None: what is shown now."""
+        return next((shown for shown, until in self._shown if until > at - AIM), None)

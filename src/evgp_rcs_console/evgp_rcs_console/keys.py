@@ -6,15 +6,23 @@ Keys have names here, as Qt writes them ('F2', 'Ctrl+R', 'Shift+A'); nothing of 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 import enum
 
+from evgp_rcs_console import words
 from evgp_rcs_console.commands import FORMS
 from evgp_rcs_console.snapshot import Command
-from evgp_rcs_console.view import CHOSEN_KART_KEYS, FINISH_KEYS, KEYS
+from evgp_rcs_console.view import Cell, CHOSEN_KART_KEYS, FINISH_KEYS, KEYS, Tone
 
 KILL_KEYS = frozenset({'Space', 'F12'})
 """ALL KILL; with any modifier held, too."""
+
+FORGOTTEN = 5.0
+"""Time after the last digit when the number of a kart is cleared, in seconds."""
+
+MOST_DIGITS = 6
+"""Maximum number of digits that are shown; a kart's number has four at most."""
 
 
 class Act(enum.Enum):
@@ -27,6 +35,7 @@ class Act(enum.Enum):
     DOWN = enum.auto()
     LOG = enum.auto()
     PRESS = enum.auto()
+    ERASE = enum.auto()
     CANCEL = enum.auto()
 
 
@@ -39,6 +48,7 @@ _ACTS = {
     'Ctrl+L': Act.LOG,
     'Return': Act.PRESS,
     'Enter': Act.PRESS,
+    'Backspace': Act.ERASE,
     'Esc': Act.CANCEL,
 }
 
@@ -88,23 +98,110 @@ def meaning(key: str) -> Stroke | None:
     return None
 
 
-class Typed:
+class KartField:
     """
-    The number of a kart, typed digit by digit.
+    The kart that a command by key acts on: the one that stands in the window's field, or none.
 
-    :param pause: after so long without a digit a new number begins, seconds.
+    A digit shows as soon as it is typed. A kart that was chosen in the list stands in the field
+    until a digit is typed. Every command clears the digits, and so does ``FORGOTTEN``: then the
+    field is empty, and a command acts on no kart.
     """
 
-    def __init__(self, pause: float = 1.5) -> None:
-        """Begin with nothing typed."""
-        self._pause = pause
+    def __init__(self) -> None:
+        """Begin empty, without a roster."""
+        self._teams: Mapping[int, str] = {}
         self._digits = ''
-        self._last = 0.0
+        self._typed_at = 0.0
+        self._chosen = 0
+        self._refusal = ''
+        self._refused_at = 0.0
 
-    def add(self, digit: str, now: float) -> int:
-        """Take a digit and return the number so far."""
-        if now - self._last > self._pause:
+    def show_roster(self, teams: Mapping[int, str]) -> None:
+        """Take the karts that there are, with their teams."""
+        self._teams = teams
+
+    @property
+    def digits(self) -> str:
+        """Return what is typed."""
+        return self._digits
+
+    @property
+    def kart(self) -> int:
+        """Return the kart that a command acts on now; 0: none."""
+        number = int(self._digits) if self._digits else self._chosen
+        return number if number in self._teams else 0
+
+    def add(self, digit: str, at: float) -> None:
+        """Take a digit that was typed at a time (s)."""
+        self.expire(at)
+        # Nothing is pushed out at the front: what stands there is what was typed.
+        self._digits += digit if len(self._digits) < MOST_DIGITS else ''
+        self._typed_at = at
+        self._chosen = 0
+        self._refusal = ''
+
+    def erase(self, at: float) -> None:
+        """Take back the last digit."""
+        self.expire(at)
+        self._digits = self._digits[:-1]
+        self._typed_at = at
+        self._refusal = ''
+
+    def choose(self, kart: int) -> None:
+        """Have a kart stand there that was chosen in the list."""
+        self._digits = ''
+        self._chosen = kart
+        self._refusal = ''
+
+    def clear(self) -> None:
+        """Forget what is typed; a kart that was chosen in the list stays."""
+        self._digits = ''
+        self._refusal = ''
+
+    def expire(self, now: float) -> None:
+        """Forget what is too old at a time (s)."""
+        if self._digits and now - self._typed_at >= FORGOTTEN:
             self._digits = ''
-        self._digits = (self._digits + digit)[-3:]
-        self._last = now
-        return int(self._digits)
+        if self._refusal and now - self._refused_at >= FORGOTTEN:
+            self._refusal = ''
+
+    def take(self, command: str, at: float) -> tuple[int, str]:
+        """
+        Return the kart for a command given at a time (s), or 0 and why there is none.
+
+        Either way what was typed is cleared.
+
+        :param command: what officials call it.
+        """
+        before = self._digits
+        self.expire(at)
+        kart = self.kart
+        if kart:
+            self.clear()
+            return kart, ''
+        if self._digits:
+            why = words.NOT_GIVEN_UNKNOWN.format(command=command, number=self._digits)
+        elif before:
+            why = words.NOT_GIVEN_FORGOTTEN.format(command=command, number=before)
+        else:
+            why = words.NOT_GIVEN_EMPTY.format(command=command)
+        self._refusal = words.FIELD_REFUSAL.format(number=self._digits or before or '?')
+        self._refused_at = at
+        self._digits = ''
+        return 0, why
+
+    def cells(self) -> tuple[Cell, Cell]:
+        """Return what stands in the field: in large type, and below."""
+        if self._refusal:
+            return Cell(self._refusal, Tone.BAD), Cell(words.FIELD_REFUSED, Tone.BAD)
+        number = int(self._digits) if self._digits else self._chosen
+        if number in self._teams:
+            return Cell(words.FIELD_KART.format(number=number)), Cell(self._teams[number])
+        if not self._digits and not self._chosen:
+            return Cell(words.FIELD_EMPTY, Tone.FAINT), Cell(words.FIELD_TYPE, Tone.FAINT)
+        begun = [each for each in self._teams if str(each).startswith(str(number))]
+        if begun and number:
+            title = Cell(words.FIELD_BEGUN.format(number=number), Tone.WAIT)
+            return title, Cell(words.FIELD_NOT_YET.format(number=number), Tone.WAIT)
+        title = Cell(words.FIELD_NO_KART.format(number=number), Tone.BAD)
+        return title, Cell(words.FIELD_NOT_THERE, Tone.BAD)

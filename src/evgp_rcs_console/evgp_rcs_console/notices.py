@@ -7,7 +7,7 @@ Pure: the newest snapshot goes in, lines come out.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from evgp_rcs_console import words
@@ -32,9 +32,27 @@ class Notice:
     standing: bool = True
 
     @property
+    def use_msr(self) -> bool:
+        """Return whether to use the Master Safety Remote: not once the cause is gone."""
+        return self.standing and self.alert.use_msr
+
+    @property
+    def heading(self) -> str:
+        """Return what to do, in a word or two."""
+        if not self.standing:
+            return words.ALERT_ENDED
+        return words.ALERT_MSR if self.alert.use_msr else words.ALERT_OTHER
+
+    @property
     def text(self) -> str:
-        """Return the alert's sentence, and whether its cause is gone."""
-        return self.alert.text + ('' if self.standing else words.ALERT_CLEARED)
+        """Return the alert's sentence, without what the heading says."""
+        # Race control begins so, for screens that have no heading.
+        text = self.alert.text.removeprefix(words.MSR_PREFIX)
+        return text[:1].upper() + text[1:]
+
+    def __str__(self) -> str:
+        """Return all of it in one line."""
+        return f'{self.heading}: {self.text}'
 
 
 class AlertBook:
@@ -96,9 +114,37 @@ class AlertBook:
         return [notice for notice in reversed(self._notices) if not notice.seen]
 
     @property
-    def seen_and_standing(self) -> list[Notice]:
-        """Return what the official has seen and what is still there, newest first."""
-        return [notice for notice in reversed(self._notices) if notice.seen]
+    def shown(self) -> list[Notice]:
+        """Return every notice: the unseen ones first, with those that need the MSR at the top."""
+
+        def rank(notice: Notice) -> tuple[int, int]:
+            group = 2 if not notice.standing else 3 * notice.seen + (not notice.use_msr)
+            return group, -notice.number
+
+        return sorted(self._notices, key=rank)
+
+
+def summary(notices: Sequence[Notice], places: int) -> str:
+    """
+    Return how many notices there are, and which ones are not among the first places.
+
+    :param notices: in the order in which they are shown.
+    """
+    if not notices:
+        return words.NO_ALERT
+    new = sum(not notice.seen and notice.standing for notice in notices)
+    seen = sum(notice.seen for notice in notices)
+    counted = ((new, words.ALERTS_NEW), (seen, words.ALERTS_SEEN))
+    ended = ((len(notices) - new - seen, words.ALERTS_ENDED),)
+    told = [text.format(count=count) for count, text in counted + ended if count]
+    more = notices[places:]
+    for msr, text in ((True, words.MORE_MSR), (False, words.MORE_OTHER)):
+        those = [notice for notice in more if notice.use_msr is msr and notice.standing]
+        karts = sorted({notice.alert.kart for notice in those if notice.alert.kart})
+        if those:
+            names = ', '.join(map(str, karts)) if karts else words.NO_SINGLE_KART
+            told.append(text.format(karts=names))
+    return words.ALERTS.format(told='; '.join(told))
 
 
 @dataclass(frozen=True)

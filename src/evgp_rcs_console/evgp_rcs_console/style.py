@@ -27,9 +27,9 @@ def scale(width: int, height: int) -> float:
     """
     Return how much larger than on a 1366 by 768 screen everything is.
 
-    A larger screen gets larger type, and also more rows: three quarters go into the type.
+    A little smaller is possible, too: a desktop's bars take their share of a small screen.
     """
-    return max(1.0, 0.75 * min(width / 1366, height / 768))
+    return max(0.8, min(width / 1366, height / 768))
 
 
 def sheet(by: float) -> str:
@@ -94,12 +94,26 @@ QLabel[section="true"] {{
   font-weight: bold; font-size: {px(15)}; border-bottom: {px(2)} solid #000;
 }}
 QLabel[reason="true"] {{ font-size: {px(12)}; color: #333; }}
-QFrame#banner {{ border: {px(3)} solid #A0001C; border-radius: {px(4)}; background: #FFF2D0; }}
-QLabel[alert="true"] {{ font-size: {px(17)}; font-weight: bold; }}
-QLabel[alert="true"][msr="true"] {{
-  color: #FFF; background: #A0001C; padding: 0 {px(6)}; border-radius: {px(3)};
+QFrame#banner {{ border-top: {px(1)} solid #9A9A9A; border-bottom: {px(1)} solid #9A9A9A; }}
+QFrame[alert="msr"], QFrame[alert="other"] {{ background: #FFF2D0; }}
+QLabel[alert_part] {{ padding: 0 {px(4)}; font-weight: bold; }}
+QLabel[alert_part="what"], QLabel[alert_part="kart"] {{ font-size: {px(17)}; font-weight: 900; }}
+QLabel[alert_part="what"] {{ border-radius: {px(3)}; font-size: {px(15)}; }}
+QLabel[alert_part="what"][look="msr"] {{ color: #FFF; background: #A0001C; }}
+QLabel[alert_part="what"][look="other"] {{ background: #FFE08A; }}
+QLabel[alert_part="what"][look="msr"][seen="true"] {{
+  color: #A0001C; background: #FFF; border: {px(2)} solid #A0001C;
 }}
-QLabel#standing {{ font-size: {px(13)}; }}
+QLabel[alert_part="text"][seen="true"] {{ font-weight: normal; }}
+QLabel[look="ended"] {{ color: #5A5A5A; font-weight: normal; }}
+QLabel[alert_part="text"][look="ended"], QLabel[alert_part="kart"][look="ended"] {{
+  text-decoration: line-through; font-weight: normal;
+}}
+QFrame#number_field {{ border: {px(3)} solid #0047C2; border-radius: {px(4)}; background: #FFF; }}
+QFrame#number_field[tone="faint"] {{ border: {px(2)} dashed #8A8A8A; }}
+QFrame#number_field[tone="bad"] {{ border: {px(3)} solid #A0001C; }}
+QLabel#number {{ font-weight: 900; }}
+QLabel#number_detail {{ font-weight: bold; }}
 
 QLabel[heading="true"] {{ font-size: {px(12)}; color: #333; }}
 QFrame[row="true"] {{ border-bottom: 1px solid #9A9A9A; background: #FFF; }}

@@ -342,10 +342,10 @@ def _places(race: Race) -> str:
 
 def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
     notes = []
-    if kart.hold is not State.UNKNOWN:
-        notes.append(words.HELD.format(reason=kart.hold_reason))
     if kart.may_be_moving and (kart.sent is not State.GREEN_GREEN or not kart.connected):
         notes.append(words.MAY_MOVE)
+    if kart.hold is not State.UNKNOWN:
+        notes.append(words.HELD.format(reason=kart.hold_reason))
     asks = kart.sent is not State.IN_GARAGE
     if not kart.connected or not asks:
         acknowledged = Cell(words.NOTHING_ASKED, Tone.FAINT)

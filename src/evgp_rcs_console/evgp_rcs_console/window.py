@@ -8,16 +8,21 @@ which Qt queues; commands go out through ``give``, which returns at once.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 import time
 
 from evgp_protocol import clock
 from evgp_rcs_console import keys, style, words
+from evgp_rcs_console.alerts import AlertsArea
 from evgp_rcs_console.commands import FORMS, Order
-from evgp_rcs_console.freshness import Beat, InputClock, Repeats, STALE
+from evgp_rcs_console.freshness import Aim, Beat, InputClock, Repeats, STALE
+from evgp_rcs_console.karts import chooses, KartList
 from evgp_rcs_console.keys import Act
-from evgp_rcs_console.notices import AlertBook, concerns, EventLog
+from evgp_rcs_console.notices import AlertBook
 from evgp_rcs_console.outcome import Outcome
+from evgp_rcs_console.panels import EventPanel, KillBox, NowPanel, SidePanel, TOP_HEIGHT
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
+from evgp_rcs_console.sheets import Heats, Help, Question
 from evgp_rcs_console.snapshot import Answer, Command, Event, Race
 from evgp_rcs_console.sound import Sound
 from evgp_rcs_console.standing import Standing
@@ -33,23 +38,7 @@ from evgp_rcs_console.view import (
     silence,
     Tone,
 )
-from evgp_rcs_console.widgets import (
-    Banner,
-    column,
-    CommandButton,
-    DangerPanel,
-    Elided,
-    Heading,
-    Heats,
-    Help,
-    KartRow,
-    Label,
-    Overview,
-    Question,
-    RaceButton,
-    set_property,
-    set_text,
-)
+from evgp_rcs_console.widgets import CommandButton, DangerPanel, Fitted
 
 Give = Callable[[Order], None]
 
@@ -64,12 +53,6 @@ AGES = 1.0
 
 SOUND_AGAIN = 4.0
 """How often the sound comes again while an alert is not seen, seconds."""
-
-REASON_LINES = (2, 4, 0, 2, 4)
-"""How many lines the reason below each command to the race may have; a stop has none."""
-
-OVERVIEW_FROM = 9
-"""From so many karts on there is an overview of all of them."""
 
 
 class Inbox(QtCore.QObject):
@@ -95,6 +78,22 @@ class Inbox(QtCore.QObject):
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
         """Hand over the stops that are being pressed."""
         self.pressing.emit(stops)
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What an official had in front of them: the screen, and where each command's button was."""
+
+    screen: Screen
+    buttons: tuple[tuple[CommandButton, QtCore.QRect, Button], ...]
+
+    def at(self, point: QtCore.QPoint) -> Button | None:
+        """Return the command at a point of the screen."""
+        return next((each for _, place, each in self.buttons if place.contains(point)), None)
+
+    def of(self, widget: QtWidgets.QWidget) -> Button | None:
+        """Return the command that a button had."""
+        return next((each for button, _, each in self.buttons if button is widget), None)
 
 
 class ConsoleWindow(QtWidgets.QWidget):
@@ -129,18 +128,16 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._repeats = Repeats()
         self._dropped: list[str] = []
         self._book = AlertBook()
-        self._log = EventLog()
-        self._log_kart = 0
-        self._chosen = 0
-        self._typed = keys.Typed()
+        self._field = keys.KartField()
+        self._marked = 0
+        self._aim: Aim[Shown] = Aim()
         self._message = Cell(words.READY)
         self._outcome: Outcome | None = None
-        self._pointed: CommandButton | None = None
+        self._pointed: CommandButton | Fitted | None = None
         self._sound = Sound()
         self._muted = False
         self._sounded = 0.0
         self._by = 0.0
-        self._rows: list[KartRow] = []
         self._build()
         self._fit()
         # Queued in any case: the signals come from other threads.
@@ -172,9 +169,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._refresh()
 
     def _take_event(self, event: Event) -> None:
-        for line in self._log.add(event):
-            if concerns(line, self._log_kart):
-                self._log_view.appendPlainText(str(line))
+        self._events.add(event)
 
     def _take_answer(self, order: Order, answer: Answer) -> None:
         if self._orders.get((order.command, order.kart)) is order:
@@ -202,15 +197,18 @@ class ConsoleWindow(QtWidgets.QWidget):
         changed = title != self._danger_title
         if title or changed or self._orders or now - self._shown_at >= AGES:
             self._refresh()
+        self._show_kill()
         if self._stops:
-            self._show_kill()
             self._show_status()
         alarming = danger_now is not None and self._race is not None
         due = now - self._sounded >= SOUND_AGAIN
         if (self._book.unseen or alarming) and due and not self._muted:
             self._sounded = now
             self._sound.play()
-        self._show_keys_reach()
+        # What was typed while the window hung is taken before it is too old.
+        if not self._beat.held_up(now):
+            self._field.expire(now)
+            self._follow_field()
 
     def _danger(self, now: float) -> Danger | None:
         race = self._race or NOTHING
@@ -236,23 +234,17 @@ class ConsoleWindow(QtWidgets.QWidget):
             self._danger_panel.show_danger(danger_now)
         pending = {key: now - order.at for key, order in self._orders.items()}
         screen = show(self._race or NOTHING, now - self._heard_at, pending, danger_now)
+        self._remember(screen, now)
         self._screen = screen
         stale = danger_now is not None and danger_now.stale
-        self._state.show_cell(screen.state, stale)
-        set_text(self._since, screen.since)
-        self._humans.show_cell(screen.humans, stale)
-        set_text(self._humans_reason, screen.humans_reason)
-        set_text(self._track, screen.track)
-        for widget, button in zip(self._race_buttons, screen.race, strict=True):
-            widget.show_button(button)
-        self._msr_button.show_button(screen.all_karts[0])
-        if screen.track_button is not None:
-            self._track_button.show_button(screen.track_button)
-        self._heat_button.setVisible(screen.heat_button is not None)
-        if screen.heat_button is not None:
-            self._heat_button.show_button(screen.heat_button)
+        self._now_panel.show_screen(screen, stale)
+        self._side.show_screen(screen)
         self._heats.show_heats(screen.heats)
-        self._show_rows(screen, stale)
+        self._field.show_roster({row.number: row.team for row in screen.rows})
+        self._show_field()
+        self._marked = self._field.kart
+        self._karts.show_rows(screen.rows, self._marked, stale)
+        self._events.show_karts(screen.rows)
         self._show_alerts()
         if self._question.isVisible() and self._question.button is not None:
             asked = self._question.button
@@ -260,89 +252,60 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._show_kill()
         self._show_status()
 
-    def _show_rows(self, screen: Screen, stale: bool) -> None:
-        if [row.number for row in self._rows] != [row.number for row in screen.rows]:
-            self._make_rows(len(screen.rows))
-        for widget, row in zip(self._rows, screen.rows, strict=True):
-            widget.show_row(row, row.number == self._chosen, stale)
-        self._overview.setVisible(len(screen.rows) >= OVERVIEW_FROM)
-        bar = self._scroll.verticalScrollBar()
-        self._heading.fit(self._by, bar.width() if bar.isVisible() else 0)
-        self._overview.show_rows(screen.rows, self._chosen, stale)
-        choices = [words.EVERY_KART] + [
-            words.ONE_KART.format(number=row.number, team=row.team) for row in screen.rows
-        ]
-        if [self._filter.itemText(n) for n in range(self._filter.count())] != choices:
-            self._filter.blockSignals(True)
-            self._filter.clear()
-            self._filter.addItems(choices)
-            self._filter.blockSignals(False)
+    def _remember(self, screen: Screen, now: float) -> None:
+        """Keep what is shown until now, if other commands are about to take the places."""
+        before = self._screen
+        if before is None or not before.rows or _commands(before) == _commands(screen):
+            return
+        buttons = []
+        for button in self.findChildren(CommandButton):
+            if button.button is not None and button.isVisible():
+                corner = button.mapToGlobal(QtCore.QPoint(0, 0))
+                seen = button.visibleRegion().boundingRect().translated(corner)
+                buttons.append((button, seen, button.button))
+        self._aim.change(Shown(before, tuple(buttons)), now)
 
-    def _make_rows(self, count: int) -> None:
-        for row in self._rows:
-            self._rows_layout.removeWidget(row)
-            row.deleteLater()
-        self._rows = [KartRow(self._pressed) for _ in range(count)]
-        for place, row in enumerate(self._rows):
-            row.fit(self._by)
-            row.chosen.connect(self._choose)
-            self._rows_layout.insertWidget(place, row)
+    def _show_field(self) -> None:
+        self._side.number_field.show_cells(*self._field.cells())
 
-    def _show_alerts(self) -> None:
-        unseen = self._book.unseen
-        standing = self._book.seen_and_standing
-        self._banner.show_notices(unseen)
-        if not standing and unseen:
-            self._quiet_alerts.show_text(words.UNSEEN.format(count=len(unseen)))
-        elif standing:
-            texts = '; '.join(notice.text for notice in standing)
-            self._quiet_alerts.show_text(words.STILL_STANDING.format(texts=texts))
-        else:
-            self._quiet_alerts.show_text(words.NO_ALERT)
-        tone = Tone.WAIT if standing else Tone.FAINT if unseen else Tone.GOOD
-        set_property(self._quiet_alerts, 'tone', tone.value)
+    def _show_alerts(self, own: bool = False) -> None:
+        self._alerts.show_notices(self._book.shown, own)
 
     def _show_kill(self) -> None:
         stop = next((s for s in self._stops if s.order.command is Command.ALL_KILL), None)
         late = clock.now() - stop.since if stop else 0.0
         # The first moment of a press that is about to be answered is not worth a word.
-        waits = late > LATE
-        set_property(self._kill, 'pressing', 'true' if waits else 'false')
-        if stop is not None and waits:
-            detail = words.KILL_PRESSING.format(count=stop.presses, age=words.short_age(late))
-            self._kill_hint.show_cell(Cell(detail, Tone.BAD))
-        else:
-            self._show_keys_reach()
-
-    def _show_keys_reach(self) -> None:
-        if self._kill.property('pressing') == 'true':
-            return
+        pressing = stop is not None and late > LATE
         reached = self.isActiveWindow() or QtWidgets.QApplication.activePopupWidget() is not None
-        self._kill_hint.show_cell(
-            Cell(words.KILL_HINT) if reached else Cell(words.KEYS_OFF, Tone.BAD)
-        )
+        if stop is not None and pressing:
+            detail = words.KILL_PRESSING.format(count=stop.presses, age=words.short_age(late))
+            hint = Cell(detail, Tone.BAD)
+        else:
+            hint = Cell(words.KILL_HINT) if reached else Cell(words.KEYS_OFF, Tone.BAD)
+        self._kill.show_hint(hint, pressing)
 
     def _show_status(self) -> None:
         pressing = self._pressing()
         if pressing:
-            self._status.show_text(pressing)
-            set_property(self._status, 'tone', 'bad')
+            self._status.show_cell(Cell(pressing, Tone.BAD))
             return
         pointed = self._pointed
-        if pointed is not None and pointed.button is not None and pointed.button.reason:
-            self._status.show_text(pointed.button.explanation)
-            set_property(self._status, 'tone', 'wait')
+        whole = ''
+        if isinstance(pointed, Fitted):
+            whole = pointed.whole if pointed.cut else ''
+        elif pointed is not None and pointed.button is not None:
+            whole = pointed.button.explanation
+        if whole:
+            self._status.show_cell(Cell(whole, Tone.WAIT))
             return
         now = clock.now()
         waiting = [(now - order.at, words.order_name(order)) for order in self._orders.values()]
         if waiting and max(waiting)[0] > 0.3:
             late, name = max(waiting)
             text = words.PENDING.format(command=name, age=words.short_age(late))
-            self._status.show_text(text)
-            set_property(self._status, 'tone', 'wait')
+            self._status.show_cell(Cell(text, Tone.WAIT))
             return
-        self._status.show_text(self._message.text)
-        set_property(self._status, 'tone', self._message.tone.value)
+        self._status.show_cell(self._message)
 
     def _pressing(self) -> str:
         """Return what is to be said of the stops that are pressed again, but for ALL KILL."""
@@ -368,6 +331,7 @@ class ConsoleWindow(QtWidgets.QWidget):
 
     def _press_kill(self) -> None:
         self._give(Order(Command.ALL_KILL))
+        self._clear_field()
 
     def _pressed(self, button: Button) -> None:
         """Give the command of a button, ask for its confirmation, or say why it is not allowed."""
@@ -384,6 +348,7 @@ class ConsoleWindow(QtWidgets.QWidget):
             self._place_sheets()
         else:
             self._send(button)
+        self._clear_field()
 
     def _send(self, button: Button) -> None:
         order = button.order()
@@ -398,45 +363,48 @@ class ConsoleWindow(QtWidgets.QWidget):
         # Hidden first: a second press of the same key must find nothing to answer.
         self._question.close_sheet()
         self.setFocus()
+        self._clear_field()
         if yes and asked is not None:
             self._send(asked)
 
     def _choose(self, number: int) -> None:
-        self._chosen = number
-        for row in self._rows:
-            set_property(row, 'chosen', 'true' if row.number == number else 'false')
-            if row.number == number:
-                self._scroll.ensureWidgetVisible(row, 0, 0)
-        if self._race is not None:
-            for kart in self._race.karts:
-                if kart.number == number:
-                    self._say(words.KART_CHOSEN.format(number=number, team=kart.team))
-        self._refresh()
+        """Have a kart stand in the field that was chosen in the list."""
+        self._field.choose(number)
+        self._follow_field()
+
+    def _clear_field(self) -> None:
+        self._field.clear()
+        self._follow_field()
+
+    def _follow_field(self) -> None:
+        """Show what stands in the field, there and in the list."""
+        self._show_field()
+        kart = self._field.kart
+        if self._screen is not None and kart != self._marked:
+            self._marked = kart
+            stale = self._screen.danger is not None and self._screen.danger.stale
+            self._karts.show_rows(self._screen.rows, kart, stale)
+            self._karts.bring_into_view(kart)
 
     def _choose_next(self, step: int) -> None:
-        numbers = [row.number for row in self._rows]
+        numbers = self._karts.numbers
         if numbers:
-            place = numbers.index(self._chosen) + step if self._chosen in numbers else 0
+            kart = self._field.kart
+            place = numbers.index(kart) + step if kart else 0
             self._choose(numbers[max(0, min(place, len(numbers) - 1))])
-
-    def _filter_log(self, place: int) -> None:
-        self._log_kart = self._rows[place - 1].number if 0 < place <= len(self._rows) else 0
-        lines = [str(line) for line in self._log.lines(self._log_kart)]
-        self._log_view.setPlainText('\n'.join(lines))
-        self._log_view.moveCursor(QtGui.QTextCursor.MoveOperation.End)
 
     def _see(self, number: int) -> None:
         self._book.see(number)
-        self._show_alerts()
+        self._show_alerts(own=True)
 
     def _see_all(self) -> None:
         self._book.see_all()
-        self._show_alerts()
+        self._show_alerts(own=True)
 
     def _toggle_sound(self) -> None:
         self._muted = not self._muted
         self._sounded = 0.0
-        self._mute.setText(f'{words.SOUND_OFF if self._muted else words.SOUND_ON}  F11')
+        self._alerts.show_sound(self._muted)
 
     # ----- keys and clicks ----------------------------------------------------------------
 
@@ -451,7 +419,7 @@ class ConsoleWindow(QtWidgets.QWidget):
                 return self._take_key(event)
             if isinstance(event, QtGui.QMouseEvent):
                 return self._take_mouse(event)
-        if isinstance(watched, CommandButton):
+        if isinstance(watched, (CommandButton, Fitted)):
             if kind in (QtCore.QEvent.Type.Enter, QtCore.QEvent.Type.FocusIn):
                 self._pointed = watched
                 self._show_status()
@@ -487,7 +455,15 @@ class ConsoleWindow(QtWidgets.QWidget):
         if not double and kind != QtCore.QEvent.Type.MouseButtonPress:
             return False
         target = QtWidgets.QApplication.widgetAt(event.globalPosition().toPoint())
-        if self._is_stop(target) or _chooses(target):
+        point = event.globalPosition().toPoint()
+        shown = self._aim.seen(clock.now() - age)
+        # A sheet that has just come lies over what stood there; its buttons look after themselves.
+        on_sheet = target is not None and any(
+            sheet.isAncestorOf(target) for sheet in (self._question, self._help, self._heats)
+        )
+        if shown is not None and not on_sheet and self._missed(target, shown.at(point)):
+            return True
+        if self._is_stop(target) or chooses(target):
             return False
         if age >= STALE:
             return self._drop(_name(target), age)
@@ -496,6 +472,30 @@ class ConsoleWindow(QtWidgets.QWidget):
             return True
         # The second press of a double click is not meant for what stands there by now.
         return double and isinstance(target, QtWidgets.QAbstractButton)
+
+    def _missed(self, target: QtWidgets.QWidget | None, aimed: Button | None) -> bool:
+        """
+        Return whether a press is not for the command that is there now, and deal with it.
+
+        A stop goes to the kart that stood there. Anything else is not sent, with a word.
+
+        :param aimed: what stood there when the official aimed.
+        """
+        there = target.button if isinstance(target, CommandButton) else None
+        if aimed is None and (there is None or FORMS[there.command].stop):
+            return False  # no kart stood there that it could have been meant for
+        if aimed is not None and there is not None and _same(aimed, there):
+            return False
+        if aimed is not None and FORMS[aimed.command].stop and not aimed.condition:
+            self._pressed(aimed)
+        elif there is not None:
+            self._refuse_changed(words.command_name(there.command, there.kart))
+        else:
+            return False
+        return True
+
+    def _refuse_changed(self, name: str) -> None:
+        self._say(words.ROWS_CHANGED.format(name=name), Tone.BAD)
 
     def _let_go(self, age: float) -> None:
         """Have a button that was pressed in time, and released too late, do nothing."""
@@ -507,7 +507,7 @@ class ConsoleWindow(QtWidgets.QWidget):
     def _is_stop(self, widget: QtWidgets.QWidget | None) -> bool:
         if isinstance(widget, CommandButton) and widget.button is not None:
             return FORMS[widget.button.command].stop
-        return widget is self._kill
+        return widget is self._kill.button
 
     def _take_key(self, event: QtGui.QKeyEvent) -> bool:
         """Return whether the key is used up."""
@@ -538,11 +538,13 @@ class ConsoleWindow(QtWidgets.QWidget):
         if event.isAutoRepeat() and stroke.act not in (Act.UP, Act.DOWN):
             return True
         if stroke.act is not None:
-            return self._do(stroke.act)
+            return self._do(stroke.act, at)
         if stroke.digit:
-            self._type(stroke.digit)
+            self._type(stroke.digit, at)
+        elif stroke.to_chosen and twice and not self._field.kart and not self._field.digits:
+            pass  # the same press once more: the first one has taken the kart
         elif stroke.stop or not twice:
-            self._press_by_key(stroke)
+            self._press_by_key(stroke, at)
         return True
 
     def _acts_late(self, stroke: keys.Stroke | None) -> bool:
@@ -551,7 +553,8 @@ class ConsoleWindow(QtWidgets.QWidget):
             return False
         if stroke.act is Act.PRESS:
             return self._is_stop(QtWidgets.QApplication.focusWidget())
-        return stroke.stop or bool(stroke.digit) or stroke.act in (Act.UP, Act.DOWN)
+        chooses_kart = stroke.act in (Act.UP, Act.DOWN, Act.ERASE)
+        return stroke.stop or bool(stroke.digit) or chooses_kart
 
     def _take_answer_key(self, name: str, stroke: keys.Stroke | None, at: float) -> bool:
         question = self._question
@@ -566,27 +569,37 @@ class ConsoleWindow(QtWidgets.QWidget):
         elif name in ('Tab', 'Up', 'Down', 'Left', 'Right', 'Shift+Backtab'):
             other = question.yes if question.no.hasFocus() else question.no
             (other if other.isEnabled() else question.no).setFocus()
-        elif stroke is not None and stroke.act is Act.PRESS:
-            self._do(Act.PRESS)
+        elif stroke is not None and stroke.act in (Act.PRESS, Act.ERASE):
+            self._do(stroke.act, at)
         elif stroke is not None and stroke.digit:
-            self._type(stroke.digit)
+            self._type(stroke.digit, at)
         elif stroke is not None and stroke.stop and not stroke.asks:
-            self._press_by_key(stroke)  # a stop never waits for an answer
+            self._press_by_key(stroke, at)  # a stop never waits for an answer
         elif stroke is not None:
+            self._clear_field()
             self._say(words.ANSWER_FIRST, Tone.WAIT)
         return True
 
-    def _press_by_key(self, stroke: keys.Stroke) -> None:
+    def _press_by_key(self, stroke: keys.Stroke, at: float) -> None:
         assert self._screen is not None
         kart = 0
         if stroke.finish is not None:
-            if stroke.finish >= len(self._rows):
-                return
-            kart = self._rows[stroke.finish].number
-        elif stroke.to_chosen:
-            kart = self._chosen
+            kart = _kart_at(self._screen, stroke.finish)
+            shown = self._aim.seen(at)
+            if shown is not None and _kart_at(shown.screen, stroke.finish) != kart:
+                self._refuse_changed(words.command_name(stroke.commands[0], kart))
+                kart = 0
             if not kart:
-                self._say(words.CHOOSE_FIRST, Tone.WAIT)
+                self._clear_field()
+                return
+        elif stroke.to_chosen:
+            name = words.LABELS[stroke.commands[0]]
+            kart, why = self._field.take(name, at)
+            if not kart:
+                self._follow_field()
+                self._say(why, Tone.BAD)
+                if stroke.stop and not self._muted:
+                    self._sound.play()
                 return
         found = (self._screen.button(command, kart) for command in stroke.commands)
         button = next((each for each in found if each is not None), None)
@@ -597,22 +610,17 @@ class ConsoleWindow(QtWidgets.QWidget):
         elif stroke.commands and stroke.commands[0] is Command.CLOSE_TRACK:
             self._say(words.TRACK_CLOSED)
 
-    def _type(self, digit: str) -> None:
-        numbers = [row.number for row in self._rows]
-        number = self._typed.add(digit, clock.now())
-        if number in numbers:
-            self._choose(number)
-        elif not any(str(each).startswith(str(number)) for each in numbers):
-            self._say(words.NO_SUCH_KART.format(number=number), Tone.WAIT)
+    def _type(self, digit: str, at: float) -> None:
+        self._field.add(digit, at)
+        self._follow_field()
 
-    def _do(self, act: Act) -> bool:
+    def _do(self, act: Act, at: float) -> bool:
         focused = QtWidgets.QApplication.focusWidget()
         if act is Act.HELP:
             self._help.setVisible(not self._help.isVisible())
             self._place_sheets()
         elif act is Act.SEEN:
-            if self._book.unseen:
-                self._see(self._book.unseen[0].number)
+            self._alerts.press_first()
         elif act is Act.SOUND:
             self._toggle_sound()
         elif act is Act.UP:
@@ -620,15 +628,23 @@ class ConsoleWindow(QtWidgets.QWidget):
         elif act is Act.DOWN:
             self._choose_next(1)
         elif act is Act.LOG:
-            numbers = [row.number for row in self._rows]
-            chosen = numbers.index(self._chosen) + 1 if self._chosen in numbers else 0
-            self._filter.setCurrentIndex(0 if self._filter.currentIndex() else chosen)
+            self._events.toggle(self._field.kart)
+        elif act is Act.ERASE:
+            self._field.erase(at)
+            self._follow_field()
         elif act is Act.PRESS:
-            if isinstance(focused, QtWidgets.QAbstractButton):
+            shown = self._aim.seen(at)
+            if isinstance(focused, CommandButton) and shown is not None:
+                if not self._missed(focused, shown.of(focused)):
+                    focused.click()
+            elif isinstance(focused, QtWidgets.QAbstractButton):
                 focused.click()
             elif isinstance(focused, QtWidgets.QComboBox):
                 focused.showPopup()
         elif act is Act.CANCEL:
+            if self._field.digits:
+                self._clear_field()
+                return True
             self._help.close_sheet()
             self._heats.close_sheet()
             self.setFocus()
@@ -639,159 +655,42 @@ class ConsoleWindow(QtWidgets.QWidget):
     def _build(self) -> None:
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
         self._danger_panel = DangerPanel()
-        self._now_panel = self._build_now()
-        self._kill_box = self._build_kill()
+        self._now_panel = NowPanel(self._pressed)
+        self._kill = KillBox()
+        # On the press, not on the release: a hand that slips off has pressed it all the same.
+        self._kill.button.pressed.connect(self._press_kill)
         top = QtWidgets.QHBoxLayout()
         top.addWidget(self._danger_panel, 1)
         top.addWidget(self._now_panel, 1)
-        # It stays where it is when what is beside it grows.
-        top.addWidget(self._kill_box, 0, QtCore.Qt.AlignmentFlag.AlignTop)
-        self._banner = Banner()
-        self._banner.hide()
-        self._banner.seen.connect(self._see)
-        self._banner.all_seen.connect(self._see_all)
-        self._quiet_alerts = Elided('standing', fill='true')
-        self._mute = QtWidgets.QPushButton(f'{words.SOUND_ON}  F11')
-        self._mute.setObjectName('mute')
-        self._mute.clicked.connect(self._toggle_sound)
-        alerts = QtWidgets.QHBoxLayout()
-        alerts.addWidget(self._quiet_alerts, 1)
-        alerts.addWidget(self._mute)
+        top.addWidget(self._kill)
+        self._alerts = AlertsArea()
+        self._alerts.show_sound(muted=False)
+        self._alerts.seen.connect(self._see)
+        self._alerts.all_seen.connect(self._see_all)
+        self._alerts.changed.connect(lambda: self._say(words.ALERTS_CHANGED, Tone.WAIT))
+        self._alerts.mute.connect(self._toggle_sound)
+        self._karts = KartList(self._pressed)
+        self._karts.chosen.connect(self._choose)
+        left = QtWidgets.QVBoxLayout()
+        left.addWidget(self._alerts)
+        left.addWidget(self._karts, 1)
         middle = QtWidgets.QHBoxLayout()
-        middle.addLayout(self._build_karts(), 1)
-        self._side = self._build_side()
+        middle.addLayout(left, 1)
+        self._side = SidePanel(self._pressed)
         middle.addWidget(self._side)
-        self._status = Elided('status')
+        self._status = Fitted('status', (15, 13, 12, 11))
         self._layout = QtWidgets.QVBoxLayout(self)
         # The window never grows beyond the screen to make room for a text.
         self._layout.setSizeConstraint(QtWidgets.QLayout.SizeConstraint.SetNoConstraint)
         self._layout.addLayout(top)
-        self._layout.addLayout(alerts)
         self._layout.addLayout(middle, 1)
-        self._layout.addLayout(self._build_log())
+        self._events = EventPanel()
+        self._layout.addWidget(self._events)
         self._layout.addWidget(self._status)
         self._question = Question(self)
         self._question.answered.connect(self._answer_question)
         self._help = Help(self)
         self._heats = Heats(self, self._pressed)
-
-    def _build_now(self) -> QtWidgets.QWidget:
-        self._state = Label('state')
-        self._state.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
-        self._since = Label('state_since')
-        self._since.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
-        self._humans = Label('humans', fill='true')
-        self._humans_reason = Label('humans_reason')
-        self._humans_reason.setWordWrap(True)
-        self._track = Label('track')
-        self._track_button = CommandButton(self._pressed)
-        panel = QtWidgets.QWidget()
-        layout = QtWidgets.QHBoxLayout(panel)
-        layout.setContentsMargins(0, 0, 0, 0)
-        left = QtWidgets.QVBoxLayout()
-        left.setSpacing(2)
-        left.addWidget(self._state, 1)
-        left.addWidget(self._since)
-        layout.addLayout(left, 1)
-        right = QtWidgets.QVBoxLayout()
-        right.setSpacing(2)
-        right.addWidget(self._humans)
-        right.addWidget(self._humans_reason, 1)
-        track = QtWidgets.QHBoxLayout()
-        track.addWidget(self._track, 1)
-        track.addWidget(self._track_button)
-        right.addLayout(track)
-        layout.addLayout(right, 1)
-        return panel
-
-    def _build_kill(self) -> QtWidgets.QWidget:
-        self._kill = QtWidgets.QPushButton(words.LABELS[Command.ALL_KILL])
-        self._kill.setObjectName('all_kill')
-        # On the press, not on the release: a hand that slips off has pressed it all the same.
-        self._kill.pressed.connect(self._press_kill)
-        self._kill.setSizePolicy(
-            QtWidgets.QSizePolicy.Policy.Preferred, QtWidgets.QSizePolicy.Policy.Expanding
-        )
-        self._kill_hint = Label('kill_hint', fill='true')
-        self._kill_hint.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
-        frame = QtWidgets.QFrame()
-        frame.setObjectName('kill_frame')
-        column(frame, self._kill).setContentsMargins(3, 3, 3, 3)
-        box = QtWidgets.QWidget()
-        column(box, frame, self._kill_hint).setSpacing(2)
-        return box
-
-    def _build_karts(self) -> QtWidgets.QLayout:
-        self._heading = Heading()
-        self._overview = Overview()
-        self._overview.chosen.connect(self._choose)
-        self._overview.hide()
-        inside = QtWidgets.QWidget()
-        inside.setObjectName('rows')
-        self._rows_layout = QtWidgets.QVBoxLayout(inside)
-        self._rows_layout.setContentsMargins(0, 0, 0, 0)
-        self._rows_layout.setSpacing(0)
-        self._rows_layout.addStretch(1)
-        self._scroll = QtWidgets.QScrollArea()
-        self._scroll.setWidgetResizable(True)
-        self._scroll.setWidget(inside)
-        self._scroll.setFocusPolicy(QtCore.Qt.FocusPolicy.NoFocus)
-        self._scroll.setVerticalScrollBarPolicy(QtCore.Qt.ScrollBarPolicy.ScrollBarAsNeeded)
-        self._scroll.setHorizontalScrollBarPolicy(QtCore.Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        layout = QtWidgets.QVBoxLayout()
-        layout.setSpacing(1)
-        layout.addWidget(self._banner)
-        layout.addWidget(self._overview)
-        layout.addWidget(self._heading)
-        layout.addWidget(self._scroll, 1)
-        return layout
-
-    def _build_side(self) -> QtWidgets.QWidget:
-        side = QtWidgets.QWidget()
-        in_race = Label(section='true')
-        in_race.setText(words.IN_RACE)
-        all_karts = Label(section='true')
-        all_karts.setText(words.ALL_KARTS)
-        self._race_buttons = [RaceButton(self._pressed, lines) for lines in REASON_LINES]
-        self._msr_button = RaceButton(self._pressed, 0)
-        layout = QtWidgets.QVBoxLayout(side)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.setSpacing(2)
-        heading = QtWidgets.QHBoxLayout()
-        heading.addWidget(in_race, 1)
-        self._heat_button = CommandButton(self._pressed)
-        self._heat_button.hide()
-        heading.addWidget(self._heat_button)
-        layout.addLayout(heading)
-        for button, lines in zip(self._race_buttons, REASON_LINES, strict=True):
-            layout.addWidget(button, 10 * lines)
-        layout.addWidget(all_karts)
-        layout.addWidget(self._msr_button)
-        layout.addStretch(1)
-        return side
-
-    def _build_log(self) -> QtWidgets.QLayout:
-        self._log_view = QtWidgets.QPlainTextEdit()
-        self._log_view.setObjectName('log')
-        self._log_view.setReadOnly(True)
-        self._log_view.setTabChangesFocus(True)
-        self._log_view.setMaximumBlockCount(2000)
-        self._log_view.setLineWrapMode(QtWidgets.QPlainTextEdit.LineWrapMode.NoWrap)
-        self._filter = QtWidgets.QComboBox()
-        self._filter.setObjectName('filter')
-        self._filter.addItem(words.EVERY_KART)
-        self._filter.currentIndexChanged.connect(self._filter_log)
-        title = Label(section='true')
-        title.setText(words.LOG)
-        left = QtWidgets.QVBoxLayout()
-        left.setSpacing(2)
-        left.addWidget(title)
-        left.addWidget(self._filter)
-        left.addStretch(1)
-        layout = QtWidgets.QHBoxLayout()
-        layout.addLayout(left)
-        layout.addWidget(self._log_view, 1)
-        return layout
 
     def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
         """Take the size of the window."""
@@ -807,30 +706,20 @@ class ConsoleWindow(QtWidgets.QWidget):
         self.setStyleSheet(style.sheet(by))
         self._layout.setContentsMargins(*[round(6 * by)] * 4)
         self._layout.setSpacing(round(4 * by))
-        self._kill_box.setFixedSize(round(340 * by), round(128 * by))
-        self._now_panel.setFixedHeight(round(128 * by))
-        self._side.setFixedWidth(round(250 * by))
-        self._filter.setFixedWidth(round(190 * by))
-        self._log_view.setFixedHeight(round(max(76 * by, 0.12 * self.height() - 20)))
-        self._status.setFixedHeight(round(28 * by))
-        self._quiet_alerts.setFixedHeight(round(26 * by))
-        self._track_button.setFixedHeight(round(36 * by))
-        self._heat_button.setFixedHeight(round(26 * by))
-        self._heading.fit(by)
-        self._overview.fit(by)
-        for button in [*self._race_buttons, self._msr_button]:
-            button.fit(by)
-        for row in self._rows:
-            row.fit(by)
+        self._danger_panel.setFixedHeight(round(TOP_HEIGHT * by))
+        self._status.setFixedHeight(round(32 * by))
+        self._events.fit(by, self.height())
+        areas = (self._danger_panel, self._now_panel, self._kill, self._alerts, self._karts)
+        for area in (*areas, self._side, self._status, self._question):
+            area.fit(by)
 
     def _place_sheets(self) -> None:
         for sheet in (self._question, self._help, self._heats):
             if sheet.isVisible():
                 # Over the karts, clear of ALL KILL above and of the stops at the side.
-                room = self._scroll.width()
-                sheet.setFixedWidth(min(room, round(900 * self._by)))
-                sheet.adjustSize()
-                corner = self._scroll.mapTo(self, QtCore.QPoint(0, 0))
+                room = self._karts.scroll.width()
+                sheet.fit_height(min(room, round(900 * self._by)))
+                corner = self._karts.scroll.mapTo(self, QtCore.QPoint(0, 0))
                 sheet.move(
                     corner.x() + (room - sheet.width()) // 2,
                     min(corner.y() + 8, max(0, self.height() - sheet.height() - 8)),
@@ -844,18 +733,25 @@ class ConsoleWindow(QtWidgets.QWidget):
         super().closeEvent(event)
 
 
+def _commands(screen: Screen) -> list[tuple[Command, int]]:
+    """Return which command each button of a screen gives, place by place."""
+    buttons = [button for row in screen.rows for button in row.buttons]
+    buttons += [screen.track_button] if screen.track_button else []
+    return [(button.command, button.kart) for button in buttons]
+
+
+def _kart_at(screen: Screen, place: int) -> int:
+    """Return the kart at a place of the roster, 0 if there is none."""
+    return screen.rows[place].number if place < len(screen.rows) else 0
+
+
+def _same(one: Button, other: Button) -> bool:
+    return (one.command, one.kart) == (other.command, other.kart)
+
+
 def _clock() -> str:
     """Return the wall time, as an official reads it."""
     return time.strftime('%H:%M:%S')
-
-
-def _chooses(widget: QtWidgets.QWidget | None) -> bool:
-    """Return whether a press there only chooses a kart: a stop for it may be next."""
-    while widget is not None and not isinstance(widget, QtWidgets.QAbstractButton):
-        if isinstance(widget, (KartRow, Overview)):
-            return True
-        widget = widget.parentWidget()
-    return False
 
 
 def _name(widget: QtWidgets.QWidget | None) -> str:

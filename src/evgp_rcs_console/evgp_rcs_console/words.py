@@ -81,17 +81,23 @@ TRACK_OPEN = 'Track is OPEN'
 TRACK_CLOSED = 'Track is closed'
 
 NO_ALERT = '✓ No alerts'
-UNSEEN = 'Not marked as seen: {count}'
 SEEN = 'SEEN'
-SEEN_ALL = 'SEEN ALL'
-ALERT_CLEARED = ' (no longer)'
-MARK_ALERT = '!'
-MARK_MSR = '⚠'
+SEEN_ALL = 'ALL SEEN'
+ALERTS = 'Alerts: {told}'
+ALERTS_NEW = '{count} new'
+ALERTS_SEEN = '{count} seen, still there'
+ALERTS_ENDED = '{count} ended'
+MORE_MSR = 'not shown: USE THE MSR, kart {karts}'
+MORE_OTHER = 'not shown: kart {karts}'
+NO_SINGLE_KART = 'none in particular'
+ALERT_MSR = '⚠ USE THE MSR'
+ALERT_OTHER = '! ALERT'
+ALERT_ENDED = 'ENDED'
+MSR_PREFIX = 'Use the MSR: '
+ALERTS_CHANGED = 'The alerts have just changed. Look, and press SEEN again.'
 MARK_LOST = '✗'
 MARK_YES = '✓'
 MARK_WAIT = '…'
-MORE_ALERTS = 'and {count} more alerts that you have not marked as seen'
-STILL_STANDING = 'Seen, and still there: {texts}'
 SOUND_ON = '♪ SOUND ON'
 SOUND_OFF = '✗ SOUND OFF'
 
@@ -149,7 +155,6 @@ ASK_WARNING = 'But: {warning}.'
 ASK_CHANGED = 'What you are asked to confirm has changed. Press NO and begin again.'
 ASK_AGAIN = '{reason}. Press NO and begin again.'
 
-KART_CHOSEN = 'Kart {number} ({team}) is chosen.  Ctrl+R RED RED, Ctrl+F RED FLAG, Ctrl+G garage'
 HEATS_TITLE = 'Which heat?'
 HEATS_CONSEQUENCE = 'Puts its karts into the race, and takes all others out.'
 HEATS_CLOSE = 'NONE   (Esc)'
@@ -157,8 +162,19 @@ HEAT = '{name}: {karts}'
 IN_RACE_NOW = '{text}  (in the race)'
 HEATS = 'Heats'
 RESULTS = 'Places'
-CHOOSE_FIRST = 'Choose a kart first: type its number'
-NO_SUCH_KART = 'There is no kart {number} in the roster'
+FIELD_KART = 'KART {number}'
+FIELD_BEGUN = '{number} …'
+FIELD_NO_KART = 'NO KART {number}'
+FIELD_EMPTY = 'KART -'
+FIELD_TYPE = 'type a number for Ctrl+R, F, G, J'
+FIELD_NOT_YET = 'no kart {number} so far'
+FIELD_NOT_THERE = 'it is not in the roster'
+FIELD_REFUSAL = 'NO KART {number}'
+FIELD_REFUSED = 'nothing was sent'
+NOT_GIVEN_UNKNOWN = '{command} WAS NOT SENT: there is no kart {number}. Type another number.'
+NOT_GIVEN_FORGOTTEN = '{command} WAS NOT SENT: {number} was typed too long ago. Type it again.'
+NOT_GIVEN_EMPTY = '{command} WAS NOT SENT: no kart is named. Type its number first.'
+ROWS_CHANGED = '{name} WAS NOT SENT: the list of karts has just changed. Look, and press again.'
 
 HELP_TITLE = 'Keys'
 HELP_CLOSE = 'CLOSE   (Esc)'
@@ -174,12 +190,13 @@ KEY_HELP = (
     ('F10', 'newest alert seen'),
     ('F11', 'sound on, off'),
     ('A letter', 'FINISH of the kart that shows it'),
-    ('A number', 'choose that kart (arrows: the next)'),
-    ('Ctrl+R, Ctrl+F', 'RED RED, RED FLAG to the chosen kart'),
-    ('Ctrl+G', 'the chosen kart to the garage'),
-    ('Ctrl+J', 'the chosen kart joins or leaves the race'),
+    ('A number, arrows', 'name a kart: it stands below ALL KILL'),
+    ('Backspace, Esc', 'take back a digit, the number'),
+    ('Ctrl+R, Ctrl+F', 'RED RED, RED FLAG to that kart'),
+    ('Ctrl+G', 'that kart to the garage'),
+    ('Ctrl+J', 'that kart joins or leaves the race'),
     ('Ctrl+H', 'put a heat into the race'),
-    ('Ctrl+L', 'events of the chosen kart only, of all'),
+    ('Ctrl+L', 'events of that kart only, of all'),
     ('Tab, Enter', 'go to the next button, press it'),
     ('Y, N', 'answer a question'),
 )

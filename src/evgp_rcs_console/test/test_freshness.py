@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from evgp_rcs_console.freshness import AGAIN, Beat, InputClock, Repeats, SETTLE, STALE
+from evgp_rcs_console.freshness import AGAIN, AIM, Aim, Beat, InputClock, Repeats, SETTLE, STALE
 import pytest
 
 WRAP = 1 << 32
@@ -130,3 +130,22 @@ def test_the_same_key_at_once_is_the_same_press() -> None:
     other = repeats.same_press('A', 0.7)
 
     assert (pressed, later, other) == ([False, True], False, False)
+
+
+def test_a_press_is_meant_for_what_stood_there_when_the_official_aimed() -> None:
+    aim: Aim[str] = Aim()
+    aim.change('kart 7', at=10.0)
+
+    assert aim.seen(9.0) == 'kart 7'
+    assert aim.seen(10.0 + AIM - 0.01) == 'kart 7'
+    assert aim.seen(10.0 + AIM) is None
+
+
+def test_of_several_changes_in_a_row_the_first_counts() -> None:
+    aim: Aim[str] = Aim()
+    aim.change('kart 7', at=10.0)
+    aim.change('kart 8', at=10.2)
+
+    assert aim.seen(10.3) == 'kart 7'
+    assert aim.seen(10.6) == 'kart 8'
+    assert aim.seen(10.8) is None

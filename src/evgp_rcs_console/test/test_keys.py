@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from evgp_rcs_console.keys import Act, KILL_KEYS, meaning, Typed
+from evgp_rcs_console.keys import Act, FORGOTTEN, KartField, KILL_KEYS, meaning
 from evgp_rcs_console.snapshot import Command
-from evgp_rcs_console.view import ANSWER_KEYS, CHOSEN_KART_KEYS, FINISH_KEYS, KEYS
+from evgp_rcs_console.view import ANSWER_KEYS, CHOSEN_KART_KEYS, FINISH_KEYS, KEYS, Tone
+import pytest
 
 
 def test_no_key_means_two_things() -> None:
@@ -14,11 +15,12 @@ def test_no_key_means_two_things() -> None:
         *(f'Ctrl+{letter}' for letter in CHOSEN_KART_KEYS),
         *ANSWER_KEYS,
         *KILL_KEYS,
-        *(key for key in ('F1', 'F10', 'F11', 'Up', 'Down', 'Return', 'Enter', 'Esc', 'Ctrl+L')),
+        *(key for key in ('F1', 'F10', 'F11', 'Up', 'Down', 'Return', 'Enter', 'Esc')),
+        *(key for key in ('Ctrl+L', 'Backspace')),
     ]
 
     assert len(every) == len(set(every))
-    assert not KILL_KEYS & set(every[: -len(KILL_KEYS) - 9])
+    assert not KILL_KEYS & set(every[: -len(KILL_KEYS) - 10])
 
 
 def test_a_letter_is_the_finish_of_the_kart_that_shows_it() -> None:
@@ -58,8 +60,134 @@ def test_other_keys_mean_nothing() -> None:
     assert [meaning(key) for key in ('Alt+F4', 'Ctrl+C', 'Tab', 'Ctrl+A', '', '½')] == [None] * 6
 
 
-def test_digits_make_a_number_until_there_is_a_pause() -> None:
-    typed = Typed(pause=1.5)
+# ----- the kart of a command by key -----------------------------------------------------------
 
-    assert [typed.add('1', 0.0), typed.add('2', 0.5), typed.add('7', 1.0)] == [1, 12, 127]
-    assert typed.add('4', 5.0) == 4
+
+@pytest.fixture
+def field() -> KartField:
+    """Return a field in which nothing stands."""
+    field = KartField()
+    field.show_roster({2: 'Purdue', 7: 'Michigan', 12: 'Kennesaw', 27: 'Berkeley', 9999: 'Tech'})
+    return field
+
+
+def type_number(field: KartField, digits: str, at: float = 0.0) -> None:
+    """Type digits at once."""
+    for digit in digits:
+        field.add(digit, at)
+
+
+def in_field(field: KartField) -> tuple[str, str, Tone]:
+    """Return what stands in the field, below, and in which tone."""
+    title, detail = field.cells()
+    return title.text, detail.text, title.tone
+
+
+def test_a_digit_shows_at_once_and_a_command_acts_on_the_kart_that_stands_there(
+    field: KartField,
+) -> None:
+    type_number(field, '2')
+    assert in_field(field) == ('KART 2', 'Purdue', Tone.PLAIN)
+
+    type_number(field, '7')
+    assert in_field(field) == ('KART 27', 'Berkeley', Tone.PLAIN)
+    assert field.take('RED RED', 0.0) == (27, '')
+
+
+def test_a_command_clears_what_was_typed(field: KartField) -> None:
+    type_number(field, '7')
+    assert field.take('RED RED', 0.1)[0] == 7
+    assert field.kart == 0
+
+    type_number(field, '2', at=0.2)
+
+    assert field.take('RED RED', 0.3)[0] == 2
+    assert field.take('RED RED', 0.4)[0] == 0
+
+
+@pytest.mark.parametrize('number', ['2', '12', '9999'])
+def test_every_number_of_the_roster_can_be_typed(field: KartField, number: str) -> None:
+    type_number(field, number)
+
+    assert field.take('RED RED', 0.0)[0] == int(number)
+
+
+@pytest.mark.parametrize('number', ['1', '3', '28', '127', '99999', '0', '72', '99997', '9999999'])
+def test_a_number_that_is_not_in_the_roster_is_no_other_kart(
+    field: KartField, number: str
+) -> None:
+    type_number(field, number)
+    assert field.kart == 0
+    assert in_field(field)[2] in (Tone.BAD, Tone.WAIT)
+
+    kart, why = field.take('RED RED', 0.0)
+
+    assert (kart, bool(why)) == (0, True)
+    assert in_field(field)[2] is Tone.BAD  # until another digit is typed
+    type_number(field, '2')
+    assert field.kart == 2
+
+
+def test_digits_are_neither_joined_nor_split_by_time_until_they_are_cleared_in_sight(
+    field: KartField,
+) -> None:
+    type_number(field, '2')
+    field.expire(FORGOTTEN - 0.1)
+    assert field.digits == '2'
+
+    field.expire(FORGOTTEN)
+    assert field.digits == ''
+    type_number(field, '7', at=FORGOTTEN)
+
+    assert field.take('RED RED', FORGOTTEN)[0] == 7
+
+
+def test_a_command_for_a_number_that_was_typed_too_long_ago_acts_on_no_kart(
+    field: KartField,
+) -> None:
+    field.choose(2)
+    type_number(field, '7')
+
+    kart, why = field.take('RED RED', FORGOTTEN)
+
+    assert (kart, bool(why)) == (0, True)
+
+
+def test_what_waited_in_the_queue_is_as_old_as_when_it_was_typed(field: KartField) -> None:
+    type_number(field, '7', at=100.0)
+
+    assert field.take('RED RED', 100.5)[0] == 7
+
+
+def test_backspace_takes_back_a_digit(field: KartField) -> None:
+    type_number(field, '28')
+
+    field.erase(0.0)
+
+    assert field.kart == 2
+    field.erase(0.0)
+    field.erase(0.0)
+    assert field.kart == 0
+
+
+def test_a_kart_that_was_chosen_in_the_list_stands_there_until_a_digit_is_typed(
+    field: KartField,
+) -> None:
+    field.choose(12)
+    assert in_field(field) == ('KART 12', 'Kennesaw', Tone.PLAIN)
+    assert [field.take('RED FLAG', 0.0)[0], field.take('RED RED', 99.0)[0]] == [12, 12]
+
+    type_number(field, '3', at=100.0)
+    assert field.kart == 0
+    assert field.take('RED RED', 100.0)[0] == 0
+
+    # Not back to the one before: nothing was said of it for long.
+    assert field.kart == 0
+
+
+def test_a_kart_that_is_no_longer_in_the_roster_stands_there_no_longer(field: KartField) -> None:
+    field.choose(12)
+
+    field.show_roster({2: 'Purdue'})
+
+    assert field.take('RED RED', 0.0)[0] == 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from evgp_rcs_console import words
-from evgp_rcs_console.notices import AlertBook, EventLog
+from evgp_rcs_console.notices import AlertBook, EventLog, summary
 from evgp_rcs_console.snapshot import Alert, Event
 
 
@@ -15,6 +15,48 @@ def alert(kart: int, kind: str = 'KART_LOST') -> Alert:
 def texts(book: AlertBook) -> list[str]:
     """Return what is not seen yet."""
     return [notice.text for notice in book.unseen]
+
+
+def told(book: AlertBook) -> list[str]:
+    """Return all that is said of what is not seen yet."""
+    return [str(notice) for notice in book.unseen]
+
+
+def msr_alert(kart: int) -> Alert:
+    """Return an alert of a kart for which the MSR is to be used."""
+    text = f'Use the MSR: kart {kart} has not acknowledged RED_RED'
+    return Alert('RED_UNACKNOWLEDGED', kart, True, text, 0.0)
+
+
+def test_an_alert_that_has_ended_does_not_say_to_use_the_msr() -> None:
+    book = AlertBook()
+    book.update([msr_alert(3)])
+    assert told(book) == ['⚠ USE THE MSR: Kart 3 has not acknowledged RED_RED']
+
+    book.update([])
+
+    assert told(book) == ['ENDED: Kart 3 has not acknowledged RED_RED']
+    assert 'MSR' not in summary(book.shown, 0)
+
+
+def test_what_is_unseen_and_needs_the_msr_stands_first_and_what_is_seen_last() -> None:
+    book = AlertBook()
+    book.update([msr_alert(1), alert(2)])
+    book.see_all()
+    book.update([alert(5), msr_alert(4), alert(3), msr_alert(1), alert(2)])
+    book.update([alert(5), msr_alert(4), msr_alert(1), alert(2)])
+
+    assert [notice.alert.kart for notice in book.shown] == [4, 5, 3, 1, 2]
+
+
+def test_alerts_that_find_no_place_are_told_with_their_karts() -> None:
+    book = AlertBook()
+    book.update([alert(9), *(msr_alert(kart) for kart in (8, 3, 5, 4))])
+
+    text = summary(book.shown, 2)
+
+    assert 'USE THE MSR, kart 4, 5;' in text
+    assert text.endswith('kart 9')
 
 
 def test_alerts_stand_newest_first() -> None:
@@ -42,10 +84,10 @@ def test_an_alert_whose_cause_is_gone_stays_until_it_is_seen() -> None:
 
     book.update([])
 
-    assert texts(book) == ['Kart 1 lost its connection (no longer)']
+    assert told(book) == ['ENDED: Kart 1 lost its connection']
     book.see(book.unseen[0].number)
     assert texts(book) == []
-    assert book.seen_and_standing == []
+    assert book.shown == []
 
 
 def test_an_alert_that_is_seen_and_stands_is_not_forgotten() -> None:
@@ -55,9 +97,9 @@ def test_an_alert_that_is_seen_and_stands_is_not_forgotten() -> None:
     book.see_all()
 
     assert texts(book) == []
-    assert [notice.text for notice in book.seen_and_standing] == ['Kart 1 lost its connection']
+    assert [notice.seen for notice in book.shown] == [True]
     book.update([])
-    assert book.seen_and_standing == []
+    assert book.shown == []
 
 
 def test_an_alert_that_comes_again_is_to_be_seen_again() -> None:
@@ -79,7 +121,7 @@ def test_an_alert_that_comes_again_before_it_was_seen_stands_beside_the_old_one(
 
     book.update([alert(1)])
 
-    assert texts(book) == ['Kart 1 lost its connection', 'Kart 1 lost its connection (no longer)']
+    assert [notice.standing for notice in book.unseen] == [True, False]
 
 
 def test_two_race_controls_that_speak_in_turn_do_not_pile_up_alerts() -> None:
@@ -98,7 +140,7 @@ def test_a_new_text_of_an_alert_is_shown() -> None:
     news = book.update([Alert('TRACK_UNSAFE', 0, True, 'kart 2 is not stopped', 1.0)])
 
     assert not news
-    assert texts(book) == ['kart 2 is not stopped']
+    assert texts(book) == ['Kart 2 is not stopped']
 
 
 def test_the_log_of_a_kart_has_what_concerns_it_and_what_concerns_all() -> None:

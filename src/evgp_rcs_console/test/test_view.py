@@ -373,7 +373,7 @@ def test_a_held_kart_shows_why() -> None:
         sent=State.RED_RED, hold=State.RED_RED, hold_reason='ALL_KILL', may_be_moving=True
     ).rows[0]
 
-    assert row.note == 'held: ALL_KILL, may be moving'
+    assert row.note == 'may be moving, held: ALL_KILL'
 
 
 def test_a_kart_in_the_race_can_leave_and_one_outside_can_join() -> None:

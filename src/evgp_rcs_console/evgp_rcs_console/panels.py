@@ -1,0 +1,211 @@
+"""The areas of the window around the karts: what is so now, the commands to the race, events."""
+
+from __future__ import annotations
+
+from evgp_rcs_console import words
+from evgp_rcs_console.notices import concerns, EventLog
+from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
+from evgp_rcs_console.snapshot import Command, Event
+from evgp_rcs_console.view import Cell, Row, Screen
+from evgp_rcs_console.widgets import (
+    column,
+    CommandButton,
+    Fitted,
+    Label,
+    NumberField,
+    Pressed,
+    RaceButton,
+    set_property,
+    set_text,
+)
+
+TOP_HEIGHT = 128
+"""Height of the uppermost area, whatever it says."""
+
+REASON_LINES = (2, 4, 0, 2, 4)
+"""How many lines the reason below each command to the race may have; a stop has none."""
+
+
+class NowPanel(QtWidgets.QWidget):
+    """The state of the race, and whether humans may be on the track."""
+
+    def __init__(self, pressed: Pressed) -> None:
+        """Wait to be told."""
+        super().__init__()
+        self._state = Label('state')
+        self._since = Label('state_since')
+        for label in (self._state, self._since):
+            label.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
+        self._humans = Label('humans', fill='true')
+        self._humans_reason = Fitted('humans_reason', (15, 14, 13, 12, 11))
+        self._track = Label('track')
+        self._track_button = CommandButton(pressed)
+        left = QtWidgets.QVBoxLayout()
+        left.setSpacing(2)
+        left.addWidget(self._state, 1)
+        left.addWidget(self._since)
+        track = QtWidgets.QHBoxLayout()
+        track.addWidget(self._track, 1)
+        track.addWidget(self._track_button)
+        right = QtWidgets.QVBoxLayout()
+        right.setSpacing(2)
+        right.addWidget(self._humans)
+        right.addWidget(self._humans_reason, 1)
+        right.addLayout(track)
+        layout = QtWidgets.QHBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addLayout(left, 1)
+        layout.addLayout(right, 1)
+
+    def fit(self, by: float) -> None:
+        """Take the size of a scale."""
+        self.setFixedHeight(round(TOP_HEIGHT * by))
+        self._track_button.setFixedSize(round(170 * by), round(36 * by))
+        self._humans_reason.fit(by)
+
+    def show_screen(self, screen: Screen, stale: bool) -> None:
+        """Show what is so now."""
+        self._state.show_cell(screen.state, stale)
+        set_text(self._since, screen.since)
+        self._humans.show_cell(screen.humans, stale)
+        self._humans_reason.show_text(screen.humans_reason)
+        set_text(self._track, screen.track)
+        if screen.track_button is not None:
+            self._track_button.show_button(screen.track_button)
+
+
+class KillBox(QtWidgets.QWidget):
+    """ALL KILL, and below it which keys press it, or how long it has been pressed in vain."""
+
+    def __init__(self) -> None:
+        """Be ready."""
+        super().__init__()
+        self.button = QtWidgets.QPushButton(words.LABELS[Command.ALL_KILL])
+        self.button.setObjectName('all_kill')
+        self.button.setSizePolicy(
+            QtWidgets.QSizePolicy.Policy.Preferred, QtWidgets.QSizePolicy.Policy.Expanding
+        )
+        self._hint = Label('kill_hint', fill='true')
+        self._hint.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
+        frame = QtWidgets.QFrame()
+        frame.setObjectName('kill_frame')
+        column(frame, self.button).setContentsMargins(3, 3, 3, 3)
+        column(self, frame, self._hint).setSpacing(2)
+
+    def fit(self, by: float) -> None:
+        """Take the size of a scale."""
+        self.setFixedSize(round(340 * by), round(TOP_HEIGHT * by))
+
+    def show_hint(self, hint: Cell, pressing: bool) -> None:
+        """Show what stands below ALL KILL, and whether it is being pressed in vain."""
+        set_property(self.button, 'pressing', 'true' if pressing else 'false')
+        self._hint.show_cell(hint)
+
+
+class SidePanel(QtWidgets.QWidget):
+    """The kart that a command by key acts on, and the commands to the race and to all karts."""
+
+    def __init__(self, pressed: Pressed) -> None:
+        """Wait to be told what is possible."""
+        super().__init__()
+        self.number_field = NumberField()
+        self._race = [RaceButton(pressed, lines) for lines in REASON_LINES]
+        self._all_karts = RaceButton(pressed, 0)
+        in_race, all_karts = Label(section='true'), Label(section='true')
+        for section, text in ((in_race, words.IN_RACE), (all_karts, words.ALL_KARTS)):
+            section.setText(text)
+        self._heat_button = CommandButton(pressed)
+        self._heat_button.hide()
+        heading = QtWidgets.QHBoxLayout()
+        heading.addWidget(in_race, 1)
+        heading.addWidget(self._heat_button)
+        layout = column(self, self.number_field)
+        layout.addLayout(heading)
+        for part in (*self._race, all_karts, self._all_karts):
+            layout.addWidget(part)
+        layout.setSpacing(2)
+        layout.addStretch(1)
+
+    def fit(self, by: float) -> None:
+        """Take the size of a scale."""
+        self.setFixedWidth(round(250 * by))
+        for part in (self.number_field, *self._race, self._all_karts):
+            part.fit(by)
+        self._heat_button.setFixedHeight(round(26 * by))
+
+    def show_screen(self, screen: Screen) -> None:
+        """Show which commands are possible, and why the others are not."""
+        for widget, button in zip(self._race, screen.race, strict=True):
+            widget.show_button(button)
+        self._all_karts.show_button(screen.all_karts[0])
+        # There are heats or there are none, as long as the roster is the same.
+        self._heat_button.setVisible(screen.heat_button is not None)
+        if screen.heat_button is not None:
+            self._heat_button.show_button(screen.heat_button)
+
+
+class EventPanel(QtWidgets.QWidget):
+    """What happened, of all karts or of one."""
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        super().__init__()
+        self._events = EventLog()
+        self._kart = 0
+        self._numbers = [0]
+        self._view = QtWidgets.QPlainTextEdit()
+        self._view.setObjectName('log')
+        self._view.setReadOnly(True)
+        self._view.setTabChangesFocus(True)
+        self._view.setMaximumBlockCount(2000)
+        self._view.setLineWrapMode(QtWidgets.QPlainTextEdit.LineWrapMode.NoWrap)
+        self._filter = QtWidgets.QComboBox()
+        self._filter.setObjectName('filter')
+        self._filter.addItem(words.EVERY_KART)
+        self._filter.currentIndexChanged.connect(self._show_one)
+        title = Label(section='true')
+        title.setText(words.LOG)
+        left = QtWidgets.QVBoxLayout()
+        left.setSpacing(2)
+        left.addWidget(title)
+        left.addWidget(self._filter)
+        left.addStretch(1)
+        layout = QtWidgets.QHBoxLayout(self)
+        layout.setContentsMargins(0, 0, 0, 0)
+        layout.addLayout(left)
+        layout.addWidget(self._view, 1)
+
+    def fit(self, by: float, height: int) -> None:
+        """Take the size of a scale, in a window of a height (pixels)."""
+        self._filter.setFixedWidth(round(190 * by))
+        self._view.setFixedHeight(round(max(76 * by, 0.12 * height - 20)))
+
+    def add(self, event: Event) -> None:
+        """Take an event."""
+        for line in self._events.add(event):
+            if concerns(line, self._kart):
+                self._view.appendPlainText(str(line))
+
+    def show_karts(self, rows: tuple[Row, ...]) -> None:
+        """Offer these karts to be shown alone."""
+        self._numbers = [0, *(row.number for row in rows)]
+        choices = [words.EVERY_KART] + [
+            words.ONE_KART.format(number=row.number, team=row.team) for row in rows
+        ]
+        if [self._filter.itemText(n) for n in range(self._filter.count())] != choices:
+            self._filter.blockSignals(True)
+            self._filter.clear()
+            self._filter.addItems(choices)
+            self._filter.blockSignals(False)
+            self._show_one(0)
+
+    def toggle(self, kart: int) -> None:
+        """Show one kart alone (0: all), or all again."""
+        self._filter.setCurrentIndex(
+            0 if self._filter.currentIndex() else self._numbers.index(kart)
+        )
+
+    def _show_one(self, place: int) -> None:
+        self._kart = self._numbers[place] if 0 <= place < len(self._numbers) else 0
+        self._view.setPlainText('\n'.join(str(line) for line in self._events.lines(self._kart)))
+        self._view.moveCursor(QtGui.QTextCursor.MoveOperation.End)
