@@ -78,10 +78,6 @@ class Question(Sheet):
         self._problem = Fitted('question_problem', (20, 17, 15, 13))
         for label in (self._consequence, self._warning, self._statement):
             label.setWordWrap(True)
-            # They keep their room when they are hidden, for the same reason.
-            policy = label.sizePolicy()
-            policy.setRetainSizeWhenHidden(True)
-            label.setSizePolicy(policy)
         self.yes = QtWidgets.QPushButton()
         self.yes.setObjectName('yes')
         self.no = QtWidgets.QPushButton(words.ASK_NO)
@@ -119,9 +115,9 @@ class Question(Sheet):
             self._title,
             words.ASK_TITLE.format(command=words.command_name(button.command, button.kart)),
         )
-        self._show_texts(button)
         condition = button.condition[:1].upper() + button.condition[1:]
         set_text(self._statement, words.ASK_STATE.format(condition=button.condition))
+        self._show_texts(button)
         set_text(self.yes, words.ASK_YES.format(condition=condition))
         self.update_button(button)
         self.show()
@@ -153,6 +149,11 @@ class Question(Sheet):
         set_text(self._consequence, button.consequence)
         warning = words.ASK_WARNING.format(warning=button.warning) if button.warning else ''
         set_text(self._warning, warning)
+        for label in (self._consequence, self._warning, self._statement):
+            # What has to be hidden later keeps its room, for the same reason.
+            policy = label.sizePolicy()
+            policy.setRetainSizeWhenHidden(bool(label.text()))
+            label.setSizePolicy(policy)
 
     @property
     def settled(self) -> bool:
@@ -163,7 +164,7 @@ class Question(Sheet):
         problem = self._problem_text
         # What it said before is not so any more.
         for label in (self._consequence, self._warning, self._statement):
-            label.setVisible(not problem)
+            label.setVisible(bool(label.text()) and not problem)
         self._problem.show_cell(Cell(problem, Tone.BAD if problem else Tone.PLAIN))
         self.yes.setEnabled(not problem)
         set_property(self.yes, 'barred', 'true' if problem or not self.settled else 'false')

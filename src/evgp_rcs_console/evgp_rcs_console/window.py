@@ -457,11 +457,11 @@ class ConsoleWindow(QtWidgets.QWidget):
         target = QtWidgets.QApplication.widgetAt(event.globalPosition().toPoint())
         point = event.globalPosition().toPoint()
         shown = self._aim.seen(clock.now() - age)
-        # A sheet that has just come lies over what stood there; its buttons look after themselves.
-        on_sheet = target is not None and any(
-            sheet.isAncestorOf(target) for sheet in (self._question, self._help, self._heats)
-        )
-        if shown is not None and not on_sheet and self._missed(target, shown.at(point)):
+        if (
+            shown is not None
+            and not self._on_sheet(target)
+            and (self._missed(target, shown.at(point)))
+        ):
             return True
         if self._is_stop(target) or chooses(target):
             return False
@@ -472,6 +472,12 @@ class ConsoleWindow(QtWidgets.QWidget):
             return True
         # The second press of a double click is not meant for what stands there by now.
         return double and isinstance(target, QtWidgets.QAbstractButton)
+
+    def _on_sheet(self, target: QtWidgets.QWidget | None) -> bool:
+        """Return whether a widget is part of a sheet, which lies over what was there before."""
+        return target is not None and any(
+            sheet.isAncestorOf(target) for sheet in (self._question, self._help, self._heats)
+        )
 
     def _missed(self, target: QtWidgets.QWidget | None, aimed: Button | None) -> bool:
         """
@@ -634,7 +640,11 @@ class ConsoleWindow(QtWidgets.QWidget):
             self._follow_field()
         elif act is Act.PRESS:
             shown = self._aim.seen(at)
-            if isinstance(focused, CommandButton) and shown is not None:
+            if (
+                isinstance(focused, CommandButton)
+                and shown is not None
+                and not self._on_sheet(focused)
+            ):
                 if not self._missed(focused, shown.of(focused)):
                     focused.click()
             elif isinstance(focused, QtWidgets.QAbstractButton):
