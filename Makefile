@@ -1,8 +1,8 @@
 # The commands of the project. Each sets up first what is not set up yet (.venv, build/, install/).
 #
 #   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
-#   ARGS='...'          passed on to what console, ctl, demo, fuzz, record, soak and test run
-#   WORKERS=4           tests that run at the same time; most of them wait for most of their time
+#   ARGS='...'          passed on by bench, bridge, console, ctl, demo, fuzz, record, soak and test
+#   WORKERS=4           number of tests that run at the same time; most of the time, most of them wait
 WORKERS := 4
 
 IN_WORKSPACE := setup/in-workspace
@@ -45,7 +45,8 @@ help:
 	@echo "make console open the officials' window               (OFFICIALS=10.1.0.6)"
 	@echo 'make ctl     the same in the terminal                (ARGS="watch" OFFICIALS=10.1.0.6)'
 	@echo 'make lint    check style and types'
-	@echo 'make format  put the code into shape, as far as a tool can'
+	@echo 'make format  format the code, as far as a tool can'
+	@echo 'make screenshots  take the pictures of docs/ again'
 	@echo 'make setup   set up only'
 	@echo 'make clean   remove all that the set-up made'
 

@@ -315,7 +315,7 @@ class _KartLink(asyncio.BufferedProtocol):
         if self._transport is None:
             return
         if self._is_unanswered():
-            self.drop('it left what it was sent unanswered')
+            self.drop('its network link stopped answering')
             return
         if self._paused:
             self._paused = False
@@ -592,7 +592,7 @@ class KartServer:
         paused = COMMANDS[command.kind].loosens and waiting.came < self._paused_until
         # A reason of the rules says more to the official than the pause does.
         if paused and not self._is_refused(command):
-            reason = f'{self._paused_by}; look at the race, and send it again'
+            reason = f'{self._paused_by}; look at the race, then send this command again'
             outcome = self._race.refuse(command, reason)
         else:
             outcome = self._race.command(command, now)
@@ -805,7 +805,7 @@ class KartServer:
 def _plain(error: BaseException) -> str:
     """Return what an operating system error says, without its number."""
     if isinstance(error, TimeoutError):
-        return 'it left what it was sent unanswered'
+        return 'its network link stopped answering'
     if isinstance(error, OSError) and error.strerror:
         return error.strerror.lower()
     return str(error) or type(error).__name__

@@ -165,8 +165,8 @@ class RcsNode(StrictNode):
     # ----- services -----------------------------------------------------------------------
 
     def _offer_services(self) -> None:
-        # A node has one executor, and what that has to do for each of the other services is
-        # what a stop would wait for most. So the stops have a node of their own.
+        # A node has one executor. In it, a stop would mostly wait for work on other services.
+        # So the stops have a node of their own.
         stops, starts = self._node_beside('stops'), self._node_beside('starts')
         self.beside = (stops, starts)
         # Asked by a thread, as a timer would not do: some middlewares wait for one by the wall
@@ -276,7 +276,11 @@ class RcsNode(StrictNode):
         return Answer(
             False,
             f'{command.kind.value} has not been answered for {ANSWER_TIMEOUT:g} s'
-            + ('; use the MSR.' if command.kind in URGENT else '; look at the race.'),
+            + (
+                '; use the MSR.'
+                if command.kind in URGENT
+                else '; check the race to see whether it took effect.'
+            ),
         )
 
 
@@ -285,8 +289,8 @@ def main(args: list[str] | None = None) -> int:
     Run race control until SIGINT or SIGTERM; every kart is sent RED_RED at the end.
 
     :return: 0 after an orderly end, 1 after a failure (the karts were sent RED_RED, or lost their
-        connection), 2 if a setting is wrong, 3 if another program is in the way: what a race
-        control that crashed has left may be so for a few seconds.
+        connection), 2 if a setting is wrong, 3 if another program is in the way. What a crashed
+        race control left behind may be in the way for a few seconds.
     """
     refusals = (ParameterError, GraphError, RosterError)
     return run_node('rcs', RcsNode, refusals, args, obstacles=(RivalError, KartServerError))

@@ -18,7 +18,7 @@ of its own, and its acknowledgement falls. An acknowledgement counts only if it 
 of the kart's present order and was heard under that order's serial. So nothing said before a
 command, nor on an earlier connection, can count for it.
 
-Holds only ever grow; they fall in two places, ``_race_in_garage`` and ``_release_kart``, both
+Holds only get stricter; they end in two places, ``_race_in_garage`` and ``_release_kart``, both
 an official's explicit act. Nothing sets GREEN_GREEN but ``_green_green``.
 
 Doubt means stop. A kart that was told to go, was seen to move, or left a stop unanswered *may be
@@ -516,7 +516,7 @@ class Race:
             why += ' and does not know what was under way; every kart counts as moving'
         self._go(RED_RED, now, why)
         for kart in gone:
-            text = f'{_capital(kart)} is held in RED_RED; look for it, and release it by hand'
+            text = f'{_capital(kart)} is held in RED_RED; find it, make it safe, release it alone'
             self._tell(EventKind.KART_STATE, text, kart, RED_RED)
         return self._outcome()
 
@@ -748,7 +748,7 @@ class Race:
         return own if kart.hold is None else stricter(own, kart.hold)
 
     def _redirect(self, kart: Kart, now: float, anew: bool = False) -> None:
-        """Send the kart what follows from the race and its hold; its old ack falls."""
+        """Send the kart what follows from the race and its hold; its old acknowledgement ends."""
         state = self._commanded(kart)
         changed = state is not kart.sent
         if not (changed or anew):
@@ -961,7 +961,7 @@ class Race:
 
     def _refusal(self, rule: Rule, kart: Kart | None) -> str:
         if rule.loosens and self.has_rival:
-            return 'another race control is running; end it first. Every stop works as ever'
+            return 'another race control is running; end it first. Every stop still works'
         return rule.refusal(self, kart)
 
     def _never(self, kart: Kart | None) -> str:
@@ -976,10 +976,10 @@ class Race:
         held = [each for each in racing if each.hold is not None]
         if held:
             reasons = [f'{each}: {each.hold_reason}' for each in held]
-            return f'held; release first: {_cut(reasons)}'
+            return f'release the held karts first: {_cut(reasons)}'
         moving = [each for each in racing if each.may_be_moving]
         if moving:
-            return f'may be moving; stop first with RED_RED: {_listed(moving)}'
+            return f'send RED_RED first to what may be moving: {_listed(moving)}'
         return ''
 
     def _no_green_green(self, kart: Kart | None) -> str:
@@ -995,7 +995,7 @@ class Race:
             return 'no kart is in the race'
         held = [f'{each}: {each.hold_reason}' for each in racing if each.hold is not None]
         if held:
-            return f'held; bring the race to IN_GARAGE and release it: {_cut(held)}'
+            return f'bring the race to IN_GARAGE and release the held karts: {_cut(held)}'
         missing = [
             f'{each}: {self._silence(each)}'
             for each in racing
@@ -1011,8 +1011,9 @@ class Race:
             lost = [each for each in self.racing() if each.in_doubt and not each.connected]
             if lost:
                 return (
-                    f'lost on the grid: {_listed(lost)}; wait for it, or make it safe by hand, '
-                    'send it RED_RED and release it alone, or use the MSR and record it'
+                    f'lost on the grid: {_listed(lost)}. Wait until it is back; or make it safe '
+                    'by hand, then send it RED_RED and release it alone; or use the MSR and '
+                    'record that'
                 )
             return ''
         if self.state is IN_GARAGE:
@@ -1198,7 +1199,7 @@ class Race:
                 'kart, then send IN_GARAGE, or use the MSR and record it'
             )
         if not any(kart.connected for kart in self.karts.values()):
-            return True, 'no kart is connected: race control knows nothing of the karts'
+            return True, 'no kart is connected: race control does not know what the karts do'
         return True, 'every connected kart is in IN_GARAGE or has acknowledged its stop'
 
     def _silence(self, kart: Kart) -> str:
@@ -1206,7 +1207,7 @@ class Race:
         if not kart.connected:
             return 'not connected'
         if kart.withdrawn:
-            return f'withdrew its {kart.sent.value}'
+            return f'withdrew its acknowledgement of {kart.sent.value}'
         return f'no {kart.sent.value} yet'
 
     def _waited_for(self) -> list[Kart]:
@@ -1253,7 +1254,7 @@ class Race:
         if len(standing) < len(racing):
             rest = f', without {_listed(standing)}' if standing else ''
             return None, f'the race is on{rest}'
-        return CommandKind.RACE_OVER, 'all of them stand, and RACE_OVER may be sent'
+        return CommandKind.RACE_OVER, 'all of them have stopped, and RACE_OVER may be sent'
 
     def _tell_results(self) -> None:
         """Tell the places of the race, and who did not finish; once for each race."""
@@ -1311,7 +1312,8 @@ class Race:
         if kind is AlertKind.TWO_RACE_CONTROLS:
             return (
                 'Another race control is running: end it. Until then nothing can be started or '
-                'released; every stop works, but only on the karts of the one that has them'
+                'released; every stop works, but only for the karts that are connected to the '
+                'race control that receives it'
             )
         if kind is AlertKind.RECORD_FAILING:
             return self.record_fails
@@ -1353,7 +1355,8 @@ class Race:
     def _how_many(self, karts: Iterable[Kart]) -> str:
         listed = list(karts)
         absent = [kart for kart in listed if not kart.connected]
-        return f'{len(listed)}' + (f', not connected: {_listed(absent)}' if absent else '')
+        missing = f' in all; not connected: {_listed(absent)}' if absent else ''
+        return f'{len(listed)}{missing}'
 
     def _if_absent(self, kart: Kart) -> str:
         return '' if kart.connected else ', but it is not connected'

@@ -277,10 +277,10 @@ class Record:
 
     def note_unrecorded_start(self) -> bool:
         """
-        Take it down that karts are started that the record does not have; waits for no disk.
+        Note that karts are started without a record; never waits for the disk.
 
-        :return: whether it is taken down. If not, the next run could take karts that drive for
-            karts on the grid.
+        :return: whether that was noted. If not, the next run could mistake moving karts for karts
+            on the grid.
         """
         return self._voucher.void()
 
@@ -293,7 +293,7 @@ class Record:
             self._caught_up_at = now
         reason = self._error
         if not reason and now - self._caught_up_at > SLOW:
-            reason = f'the disk has taken nothing for {now - self._caught_up_at:.0f} s'
+            reason = f'nothing could be written for {now - self._caught_up_at:.0f} s'
         if not reason:
             return ''
         lost = f', {self._lost} are lost' if self._lost else ''
@@ -348,7 +348,7 @@ class Record:
                     self._open(None, '')
                 self._write()
             except (*_UNWRITABLE, RecordError) as error:
-                # What SQLite knows of the file may be wrong by now: the next try opens it anew.
+                # What SQLite knows of the file may be wrong by now: the next try opens it again.
                 if self._database is not None:
                     self._database.close()
                     self._database = None

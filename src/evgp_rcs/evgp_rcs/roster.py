@@ -25,7 +25,7 @@ MAX_NUMBER = 9999
 # What still fits beside the buttons of a GUI.
 MAX_TEAM_LENGTH = 64
 MAX_HEAT_LENGTH = 32
-# Who has more gave another file.
+# A file with more faults is not a roster.
 MOST_FAULTS = 100
 
 _FIELDS = ('number', 'team', 'address', 'in_race')
@@ -77,7 +77,7 @@ def load_roster(path: pathlib.Path) -> Roster:
     """
     try:
         if path.is_fifo():
-            raise RosterError(f'{path}: is a pipe, and no file; name a readable file')
+            raise RosterError(f'{path}: is a pipe, not a file; name a readable file')
         with path.open('rb') as file:
             content = file.read(MAX_BYTES + 1)
     except OSError as error:
@@ -338,7 +338,7 @@ class _Parser:
             return int(node.value)
         raise _fault(
             node,
-            f'{what}: number {_shown(node)} is not one; '
+            f'{what}: number {_shown(node)} is not valid; '
             f'give a whole number from 1 to {MAX_NUMBER}, without quotes',
         )
 
@@ -414,7 +414,7 @@ def _fault(where: yaml.Node | yaml.Event, reason: str) -> _FaultError:
 
 
 def _not_yaml(line: int, reason: object) -> _FaultError:
-    return _FaultError(line, f'is not YAML ({reason}); compare it with the roster that is shipped')
+    return _FaultError(line, f'is not YAML ({reason}); compare it with config/karts.yaml')
 
 
 def _line(where: yaml.Node | yaml.Event) -> int:

@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     parser = argparse.ArgumentParser(
         prog='rcs_record',
-        description='Print what the record of race control has of its newest run, as a timeline.',
+        description="Print the newest run in race control's record, as a timeline.",
         epilog='Race control keeps its record in the file that its parameter "record" names. '
         f'Without the parameter that is {default_path()}, which is read here as well. A run is '
         'what happened between one start of race control and its end.',
@@ -49,7 +49,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         '--run', type=int, metavar='NUMBER', help='print this run, by its number in the list'
     )
     parser.add_argument(
-        '--kart', type=int, metavar='NUMBER', help='leave out what concerns other karts alone'
+        '--kart',
+        type=int,
+        metavar='NUMBER',
+        help='print the events of this kart, and those that concern no single kart',
     )
     wanted = parser.parse_args(arguments)
     try:

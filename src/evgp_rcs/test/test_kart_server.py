@@ -487,7 +487,7 @@ def test_a_release_right_behind_a_stop_does_not_undo_it(run: Run, connect: Conne
     ):
         assert not answer.success
         assert answer.message.endswith(
-            'refused: a stop was sent just now; look at the race, and send it again.'
+            'refused: a stop was sent just now; look at the race, then send this command again.'
         )
     assert running.race.state is RED_RED
 

@@ -344,7 +344,8 @@ def test_the_grid_does_not_form_without_karts(officials: Officials) -> None:
 def test_the_grid_does_not_form_while_a_kart_of_the_race_is_held(officials: Officials) -> None:
     officials.does('KART_RED_FLAG', 2)
     assert officials.is_refused('GRID_ACTIVE') == (
-        'GRID_ACTIVE refused: held; release first: kart 2 (Volta): RED_FLAG by an official.'
+        'GRID_ACTIVE refused: release the held karts first: kart 2 (Volta): RED_FLAG by an '
+        'official.'
     )
 
 
@@ -802,8 +803,8 @@ def test_the_use_of_the_msr_answers_for_lost_karts_but_not_for_one_that_is_there
 def test_the_garage_after_the_grid_waits_for_a_kart_lost_there(officials: Officials) -> None:
     officials.to_grid().drop(2)
     assert officials.is_refused('IN_GARAGE') == (
-        'IN_GARAGE refused: lost on the grid: kart 2 (Volta); wait for it, or make it safe by '
-        'hand, send it RED_RED and release it alone, or use the MSR and record it.'
+        'IN_GARAGE refused: lost on the grid: kart 2 (Volta). Wait until it is back; or make it '
+        'safe by hand, then send it RED_RED and release it alone; or use the MSR and record that.'
     )
     officials.connect(2)
     officials.does('IN_GARAGE')
@@ -992,7 +993,8 @@ def test_a_kart_that_says_another_state_takes_its_acknowledgement_back(
     assert outcome.events[0].text == (
         'Kart 1 (Ohm) says IN_GARAGE: its acknowledgement of GRID_ACTIVE does not count any more'
     )
-    assert 'kart 1 (Ohm): withdrew its GRID_ACTIVE' in officials.is_refused('GREEN_GREEN')
+    why = officials.is_refused('GREEN_GREEN')
+    assert 'kart 1 (Ohm): withdrew its acknowledgement of GRID_ACTIVE' in why
     officials.acknowledge(1)
     officials.does('GREEN_GREEN')
 
@@ -1005,7 +1007,8 @@ def test_a_kart_far_behind_cannot_acknowledge_its_second_grid_with_echoes_of_the
     officials.acknowledge(2)
     for echo in (GRID_ACTIVE, GRID_ACTIVE, IN_GARAGE):
         officials.says(1, echo)
-    assert 'kart 1 (Ohm): withdrew its GRID_ACTIVE' in officials.is_refused('GREEN_GREEN')
+    why = officials.is_refused('GREEN_GREEN')
+    assert 'kart 1 (Ohm): withdrew its acknowledgement of GRID_ACTIVE' in why
     officials.says(1, GRID_ACTIVE)
     officials.does('GREEN_GREEN')
 
@@ -1028,7 +1031,7 @@ def test_a_kart_that_takes_its_stop_back_may_be_moving_again(officials: Official
     assert officials.race.karts[1].may_be_moving
     assert not officials.race.track_access().allowed
     assert set(officials.alerts()) == {AlertKind.RED_UNACKNOWLEDGED}
-    assert 'kart 1 (Ohm): withdrew its RED_RED' in officials.is_refused('IN_GARAGE')
+    assert 'withdrew its acknowledgement of RED_RED' in officials.is_refused('IN_GARAGE')
     officials.acknowledge(1)
     officials.does('IN_GARAGE')
 
@@ -1066,7 +1069,7 @@ def test_a_kart_in_the_garage_that_says_green_may_be_moving_until_it_was_stopped
     )
     officials.does('JOIN_RACE', SPECTATOR)
     assert officials.is_refused('GRID_ACTIVE') == (
-        'GRID_ACTIVE refused: may be moving; stop first with RED_RED: kart 3 (Tesla).'
+        'GRID_ACTIVE refused: send RED_RED first to what may be moving: kart 3 (Tesla).'
     )
     officials.does('KART_RED_RED', SPECTATOR)
     officials.acknowledge(SPECTATOR)
@@ -1142,7 +1145,7 @@ def test_a_lost_kart_keeps_the_next_grid_from_forming_until_it_is_released(
     officials.does('IN_GARAGE')
     officials.connect(1)
     assert officials.is_refused('GRID_ACTIVE') == (
-        'GRID_ACTIVE refused: held; release first: '
+        'GRID_ACTIVE refused: release the held karts first: '
         'kart 1 (Ohm): lost its connection in GREEN_GREEN.'
     )
     officials.acknowledge(1)
@@ -1228,7 +1231,8 @@ def test_a_kart_that_false_started_and_dropped_is_held_and_keeps_green_away(
     officials.acknowledge(1)
     assert officials.sent(1) is RED_RED
     assert officials.is_refused('GREEN_GREEN') == (
-        'GREEN_GREEN refused: held; bring the race to IN_GARAGE and release it: kart 1 (Ohm): '
+        'GREEN_GREEN refused: bring the race to IN_GARAGE and release the held karts: '
+        'kart 1 (Ohm): '
         'lost its connection while it may have been moving.'
     )
 
@@ -1649,7 +1653,8 @@ def test_the_race_is_not_said_to_be_on_when_every_kart_stands(officials: Officia
     officials.wait(6.0)
     officials.acknowledge(2)
     assert news() == [
-        'Every kart of the race has acknowledged; all of them stand, and RACE_OVER may be sent'
+        'Every kart of the race has acknowledged; all of them have stopped, and RACE_OVER '
+        'may be sent'
     ]
 
 
@@ -1668,7 +1673,7 @@ def test_without_a_connected_kart_humans_are_allowed_because_nothing_is_known_of
 ):
     access = Officials(connected=False).race.track_access()
     assert access.allowed
-    assert access.reason == 'no kart is connected: race control knows nothing of the karts'
+    assert access.reason == 'no kart is connected: race control does not know what the karts do'
 
 
 # ----- what is wrong around race control --------------------------------------------------
@@ -1686,7 +1691,7 @@ def test_while_another_race_control_runs_nothing_is_loosened_and_every_stop_work
     for kind in loosening:
         assert officials.is_refused(kind, 1) == (
             f'{kind} refused: another race control is running; end it first. '
-            'Every stop works as ever.'
+            'Every stop still works.'
         )
     for stop in URGENT:
         officials.does(stop.name, 1)
@@ -1823,8 +1828,8 @@ def test_a_kart_that_left_the_roster_is_named_and_held_until_it_is_released_by_h
     race = Race([Kart(1)], now=0.0)
     events = race.recover(memory, 0.0).events
     assert [event.text for event in events if event.kart == 7] == [
-        'Kart 7 (not in the roster any more) is held in RED_RED; look for it, and release it by '
-        'hand'
+        'Kart 7 (not in the roster any more) is held in RED_RED; find it, make it safe, release '
+        'it alone'
     ]
     assert list(race.karts) == [1, 7]
     assert not race.karts[7].in_race

@@ -69,7 +69,7 @@ def test_the_refusal_of_a_double_number_names_both_lines() -> None:
 @pytest.mark.parametrize('number', ['0', '10000', '-1', '010', '1_0', '0x1', '1.0', '1:30'])
 def test_a_number_that_is_not_from_1_to_9999_in_decimal_is_refused(number: str) -> None:
     assert fault_of_two_karts_with('number: 2', f'number: {number}') == (
-        f'karts.yaml:6: kart entry 2: number {number} is not one; '
+        f'karts.yaml:6: kart entry 2: number {number} is not valid; '
         'give a whole number from 1 to 9999, without quotes'
     )
 
@@ -376,7 +376,7 @@ def test_a_roster_without_heats_has_none() -> None:
         ('  A: 1\n', "11: heat 'A' is not a list of karts; give their numbers, such as [1, 2, 3]"),
         (
             '  A: [one]\n',
-            "11: heat 'A': number one is not one; "
+            "11: heat 'A': number one is not valid; "
             'give a whole number from 1 to 9999, without quotes',
         ),
         (

@@ -1,8 +1,8 @@
 """
-What a command would do to each kart of the roster, for the question that asks whether it is meant.
+What a command would do to each kart, for the question that asks the official to confirm it.
 
-Pure. Which karts a command starts or releases is race control's to say (``Available.karts``); the
-rest is read from the same snapshot.
+Pure. Race control says which karts a command starts or releases (``Available.karts``); the rest is
+read from the same snapshot.
 """
 
 from __future__ import annotations

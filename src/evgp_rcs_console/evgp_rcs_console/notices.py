@@ -142,7 +142,7 @@ def summary(notices: Sequence[Notice], places: int) -> str:
         those = [notice for notice in more if notice.use_msr is msr and notice.standing]
         karts = sorted({notice.alert.kart for notice in those if notice.alert.kart})
         if those:
-            names = ', '.join(map(str, karts)) if karts else words.NO_SINGLE_KART
+            names = f'kart {", ".join(map(str, karts))}' if karts else words.NO_SINGLE_KART
             told.append(text.format(karts=names))
     return words.ALERTS.format(told='; '.join(told))
 

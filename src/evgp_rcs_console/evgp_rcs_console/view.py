@@ -291,7 +291,8 @@ def danger(race: Race, two: bool) -> Danger | None:
     if PART_FAILED in told:
         return Danger(words.FAILED, words.USE_MSR, told[PART_FAILED])
     if two or TWO_RACE_CONTROLS in told:
-        detail = f'{told.get(TWO_RACE_CONTROLS, words.TWO_DETAIL)} {words.TWO_WHAT_TO_DO}'
+        found = told.get(TWO_RACE_CONTROLS, words.TWO_DETAIL).removesuffix('.')
+        detail = f'{found}. {words.TWO_WHAT_TO_DO}'
         return Danger(words.TWO, words.TWO_ADVICE, detail, words.TWO_REASON)
     return None
 

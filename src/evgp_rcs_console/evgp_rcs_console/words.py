@@ -87,9 +87,9 @@ ALERTS = 'Alerts: {told}'
 ALERTS_NEW = '{count} new'
 ALERTS_SEEN = '{count} seen, still there'
 ALERTS_ENDED = '{count} ended'
-MORE_MSR = 'not shown: USE THE MSR, kart {karts}'
-MORE_OTHER = 'not shown: kart {karts}'
-NO_SINGLE_KART = 'none in particular'
+MORE_MSR = 'not shown: USE THE MSR, {karts}'
+MORE_OTHER = 'not shown: {karts}'
+NO_SINGLE_KART = 'the whole race'
 ALERT_MSR = '⚠ USE THE MSR'
 ALERT_OTHER = '! ALERT'
 ALERT_ENDED = 'ENDED'
@@ -123,7 +123,7 @@ TWO_REASON = 'there are two race controls: end one'
 STATE_SINCE = 'for {age}'
 KILL_HINT = 'SPACE BAR or F12'
 KILL_PRESSING = 'PRESSING, {count} times, {age}: no answer'
-KILL_NOTE_GONE = 'A stop is pressed again until race control is back.'
+KILL_NOTE_GONE = 'Press a stop once: it is sent again until race control accepts it.'
 STOP_PRESSING = '{command}: pressed {count} times in {age}, {why}. USE THE MSR.'
 NO_ANSWER = 'no answer'
 KEYS_OFF = 'KEYS OFF: click this window'
@@ -157,7 +157,7 @@ ASK_AGAIN = '{reason}. Press NO and begin again.'
 
 HEATS_TITLE = 'Which heat?'
 HEATS_CONSEQUENCE = 'Puts its karts into the race, and takes all others out.'
-HEATS_CLOSE = 'NONE   (Esc)'
+HEATS_CLOSE = 'CANCEL   (Esc)'
 HEAT = '{name}: {karts}'
 IN_RACE_NOW = '{text}  (in the race)'
 HEATS = 'Heats'
@@ -190,13 +190,13 @@ KEY_HELP = (
     ('F10', 'newest alert seen'),
     ('F11', 'sound on, off'),
     ('A letter', 'FINISH of the kart that shows it'),
-    ('A number, arrows', 'name a kart: it stands below ALL KILL'),
-    ('Backspace, Esc', 'take back a digit, the number'),
+    ('A number, arrows', 'choose a kart: it is shown below ALL KILL'),
+    ('Backspace, Esc', 'delete a digit, the whole number'),
     ('Ctrl+R, Ctrl+F', 'RED RED, RED FLAG to that kart'),
     ('Ctrl+G', 'that kart to the garage'),
     ('Ctrl+J', 'that kart joins or leaves the race'),
     ('Ctrl+H', 'put a heat into the race'),
-    ('Ctrl+L', 'events of that kart only, of all'),
+    ('Ctrl+L', 'show events of that kart, of all karts'),
     ('Tab, Enter', 'go to the next button, press it'),
     ('Y, N', 'answer a question'),
 )
@@ -340,7 +340,7 @@ def held(kart: Kart) -> str:
 
 
 def now_so(order: Order, race: Race) -> str:
-    """Return what is so of that with which a command dealt, instead of what it brought about."""
+    """Return the present state of what a command was about, in place of the command's answer."""
     if order.command in (Command.OPEN_TRACK, Command.CLOSE_TRACK):
         return 'the track is open' if race.track.is_open else 'the track is closed'
     kart = race.kart(order.kart)
