@@ -1218,6 +1218,8 @@ class Race:
         """Return when the race goes over by itself; None while a finish is outstanding (§3.C)."""
         if not self.times.auto_race_over or self.state not in (GREEN_GREEN, RED_FLAG):
             return None
+        if not self.starters:
+            return None  # the places are those of the last race
         due = None
         for kart in self.racing():
             if not kart.place or kart.finish_due is not None:

@@ -447,7 +447,7 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
                 each['finish_at'] = None
                 hold([each], RED_FLAG)
         _settle(state, after, 0, now)
-        if _race_is_over(state, after, now, times):
+        if starters and _race_is_over(state, after, now, times):
             state, over, starters = RED_RED, True, ()
     elif kind in ('ALL_KILL', 'RECORD_MSR'):
         state, msr_used = RED_RED, msr_used or kind == 'RECORD_MSR'
@@ -1189,7 +1189,8 @@ class Search:
     def _key(self, view: View, facts: Facts, now: float) -> Key:
         state = view.state
         green = state is GREEN_GREEN
-        timed = green or state is RED_FLAG
+        # A race that nobody has started yet, or that is over, does not go over by itself.
+        timed = green or (state is RED_FLAG and bool(view.starters))
         karts = [
             self._kart_key(kart, memory, timed, now)
             for kart, memory in zip(view.karts, facts.karts, strict=True)
@@ -1199,6 +1200,7 @@ class Search:
         opened = view.track_open and self.track
         race = (
             RANK[state._value_],
+            timed,
             facts.grid_last,
             opened,
             view.msr_used,

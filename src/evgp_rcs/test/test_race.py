@@ -560,6 +560,17 @@ def test_the_places_stay_in_the_garage_until_the_next_grid(officials: Officials)
     assert officials.race.karts[2].place == 0
 
 
+def test_a_red_flag_in_the_garage_after_a_race_stays_a_red_flag(officials: Officials) -> None:
+    officials.to_green().does('KART_FINISH', 1)
+    officials.does('KART_FINISH', 2)
+    officials.does('RACE_OVER')
+    officials.acknowledge(1, 2)
+    officials.does('IN_GARAGE')
+    officials.does('RED_FLAG')
+    officials.wait(60.0)
+    assert officials.race.state is RED_FLAG
+
+
 def test_a_race_that_race_control_left_under_way_has_its_results_told_by_the_next_run(
     officials: Officials,
 ) -> None:
