@@ -47,11 +47,11 @@ help:
 	@echo 'make lint    check style and types'
 	@echo 'make format  format the code, as far as a tool can'
 	@echo 'make screenshots  take the pictures of docs/ again'
-	@echo 'make setup   set up only'
+	@echo 'make setup   set up only, with what the window needs'
 	@echo 'make clean   remove all that the set-up made'
 
 setup:
-	$(IN_WORKSPACE) true
+	$(IN_WORKSPACE) --console true
 
 demo:
 	$(IN_WORKSPACE) python demo/run.py $(ARGS)
