@@ -456,7 +456,8 @@ class KartServer:
             where = f'{self._settings.host or "any address"}, port {self._settings.port}'
             raise KartServerError(
                 f'race control cannot listen for karts at {where}: {_plain(error)}; '
-                'stop the program that has the port, or choose another address or port'
+                'is another race control still running here? Stop the program that has the port, '
+                'or choose another address or port'
             ) from error
         self._tell(self._first_events)
         self._beat_at = self._began_again_at = loop.time()

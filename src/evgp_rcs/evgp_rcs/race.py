@@ -379,7 +379,7 @@ class RaceMemory:
     :param state: the race's state.
     :param karts: each kart of the roster, by its number.
     :param known: this is what there was; false if nothing is known, because what was kept of it
-        is damaged or missing.
+        is damaged or missing, or karts were started later, nobody knows which.
     :param every_start: no kart has been sent GREEN_GREEN since; false if one may have been.
     """
 
@@ -478,16 +478,18 @@ class Race:
         What happened last may not have been remembered, a stop least of all, since a stop waits
         for no memory. So it comes back as after ALL_KILL: the race in RED_RED and every kart
         held. What was doubtful still is. A kart of the race may have been sent to the grid since.
-        Where a start may be missing from what was remembered, a kart of a race under way counts
-        as lost in motion; if nothing is known, every kart does. And the track stays closed until
-        an official states in IN_GARAGE that it is safe, or that the MSR was used.
+        Where a start may be missing from what was remembered, every kart of the race counts as
+        lost in motion, also if the race was in IN_GARAGE then; if it is not known which race that
+        was, every kart does. And the track stays closed until an official states in IN_GARAGE
+        that it is safe, or that the MSR was used.
         """
-        unsure = memory.state is not IN_GARAGE and not memory.every_start
+        unsure = not memory.every_start
         gone: list[Kart] = []
         for number, known in memory.karts.items():
             kart = self.karts.get(number)
             if kart is None:
-                if not (known.in_race or known.held or known.may_be_moving or known.on_grid):
+                doubtful = known.held or known.may_be_moving or known.on_grid
+                if memory.known and not (known.in_race or doubtful):
                     continue
                 kart = self.karts[number] = Kart(number, NOT_IN_ROSTER, sent_since=now)
                 gone.append(kart)

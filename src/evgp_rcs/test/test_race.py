@@ -1803,6 +1803,20 @@ def test_karts_on_the_grid_are_lost_in_motion_only_if_their_start_may_be_missing
     assert [kart.may_be_moving for kart in again.race.karts.values()] == moving
 
 
+def test_a_race_in_the_garage_may_have_been_started_since_if_nobody_can_vouch_that_it_was_not(
+) -> None:
+    racing = KartMemory(True, False, 0, False, False, False)
+    memory = RaceMemory(IN_GARAGE, {1: racing, 2: CALM}, every_start=False)
+    officials = restarted(memory, 1, 2)
+    assert [kart.may_be_moving for kart in officials.race.karts.values()] == [True, False]
+    assert set(officials.alerts()) == {AlertKind.LOST_IN_MOTION}
+
+
+def test_when_nothing_is_known_a_kart_that_left_the_roster_may_be_moving() -> None:
+    officials = restarted(RaceMemory(RED_RED, {1: CALM, 2: CALM}, known=False), 1)
+    assert [kart.may_be_moving for kart in officials.race.karts.values()] == [True, True]
+
+
 def test_karts_that_race_are_lost_in_motion_whatever_the_record_has_of_their_start(
     officials: Officials,
 ) -> None:
