@@ -90,12 +90,12 @@ class Ends:
 
     def is_final(self, code: int, now: float) -> bool:
         """Take note of an end (negative: a signal); return whether no start follows it."""
+        if code not in (REFUSED, IN_THE_WAY):
+            # Not refused: what refuses it later may be what it has left behind, or what has
+            # changed around it. The settings are those with which it was up.
+            self._was_up = True
         if code == 0:
             return True
-        if code not in (REFUSED, IN_THE_WAY):
-            # It died by itself: what refuses it later may be what that has left behind, or what
-            # has changed around it. The settings are those with which it was up.
-            self._was_up = True
         if self._was_up:
             return False
         return code == REFUSED or now - self._began >= FIRST_TRIES

@@ -563,7 +563,7 @@ def test_after_a_start_without_a_record_nobody_knows_which_karts_were_started(
     assert left_behind == dataclasses.replace(memory, known=False, every_start=False)
 
 
-def test_without_a_voucher_a_race_in_the_garage_may_have_been_started_unless_its_run_ended_in_order(
+def test_without_a_voucher_a_race_in_the_garage_may_have_been_started(
     begin: Begin, vouchers: pathlib.Path
 ) -> None:
     record = begin()
@@ -666,11 +666,27 @@ def test_the_timeline_tells_the_last_run_in_order(
     record.put([event(1, 'first'), event(2, 'refused', success=False), event(4, 'last')])
     assert record.flush(PATIENCE)
     assert print_timeline([str(path)]) == 0
-    head, *lines = capsys.readouterr().out.splitlines()
+    before, head, *lines = capsys.readouterr().out.splitlines()
+    assert 'The run before this one, 1, was not ended in good order' in before
+    assert f'rcs_record {path} --run 1' in before
     assert head.split()[0] == '2'
     assert [line.split()[-1] for line in lines] == ['first', 'refused', '...', 'last']
     assert ' ! refused' in lines[1]
     assert '... 1 events are missing ...' in lines[2]
+
+
+@pytest.mark.parametrize('asked', [[], ['--run', '2']], ids=['newest', 'by its number'])
+def test_the_timeline_begins_with_a_word_about_a_crash_only_right_after_it(
+    begin: Begin, path: pathlib.Path, capsys: pytest.CaptureFixture[str], asked: list[str]
+) -> None:
+    first = begin()
+    if asked:
+        crash(first)
+    else:
+        first.end(PATIENCE)
+    begin().end(PATIENCE)
+    assert print_timeline([str(path), *asked]) == 0
+    assert capsys.readouterr().out.split()[0] == '2'
 
 
 def test_the_timeline_of_one_kart_leaves_the_others_out(
