@@ -17,7 +17,7 @@ OnExit = Callable[[ProcessExited, LaunchContext], list[EmitEvent] | None]
 
 
 def keep_trying_if_it_was_up() -> OnExit:
-    """Return what keeps the bridge from being started again if that would end in the same way."""
+    """Return what keeps the bridge from being started again to end in the same way."""
     ends = Ends(time.monotonic())
 
     def give_up_if_refused(event: ProcessExited, context: LaunchContext) -> list[EmitEvent] | None:

@@ -858,10 +858,7 @@ class Race:
         for each in self.karts.values():
             each.place = 0
         self._go(GRID_ACTIVE, now)
-        return (
-            f'GRID_ACTIVE is sent to {_receivers(self.racing())}; '
-            'the track is closed to humans'
-        )
+        return f'GRID_ACTIVE is sent to {_receivers(self.racing())}; the track is closed to humans'
 
     def _green_green(self, kart: Kart | None, command: Command, now: float) -> str:
         self.starters = tuple(each.number for each in self.racing())

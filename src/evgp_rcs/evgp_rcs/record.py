@@ -24,9 +24,9 @@ a record. So that karts on the grid are not taken for lost in motion after every
 *voucher* says that this run has started nobody without a record. It is kept in the machine's
 memory: taking it back before such a start waits for no disk, and does not fail with one. It is
 written once, when the run begins, and only a voucher of the very run is believed. Without one
-(older records, a restart of the machine, no such folder) the start counts as made, by the race that
-the record has. A voucher that was taken back says that there was such a start, perhaps of karts that
-the record does not have in the race: then nothing is known.
+(older records, a restart of the machine, no such folder) the start counts as made, by the race
+that the record has. A voucher that was taken back says that there was such a start, perhaps of
+karts that the record does not have in the race: then nothing is known.
 
 The schema (``PRAGMA user_version`` 1):
 

@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             file = '' if wanted.file == default_path() else f' {wanted.file}'
             print(
                 f'The run before this one, {before.number}, was not ended in good order. Print it '
-                f"with: rcs_record{file} --run {before.number} (or make record "
+                f'with: rcs_record{file} --run {before.number} (or make record '
                 f"ARGS='{file.lstrip()}{' ' if file else ''}--run {before.number}')"
             )
         print(_describe(run, run is present))

@@ -1829,8 +1829,7 @@ def test_karts_on_the_grid_are_lost_in_motion_only_if_their_start_may_be_missing
     assert [kart.may_be_moving for kart in again.race.karts.values()] == moving
 
 
-def test_a_race_in_the_garage_may_have_been_started_since_if_nobody_can_vouch_that_it_was_not(
-) -> None:
+def test_a_race_in_the_garage_may_have_been_started_if_nobody_vouches_for_it() -> None:
     racing = KartMemory(True, False, 0, False, False, False)
     memory = RaceMemory(IN_GARAGE, {1: racing, 2: CALM}, every_start=False)
     officials = restarted(memory, 1, 2)

@@ -268,9 +268,7 @@ def test_what_is_not_yaml_is_refused(text: str, beginning: str) -> None:
         ),
     ],
 )
-def test_a_slip_of_the_keyboard_is_refused_with_what_to_do(
-    old: str, new: str, fault: str
-) -> None:
+def test_a_slip_of_the_keyboard_is_refused_with_what_to_do(old: str, new: str, fault: str) -> None:
     assert fault_of_two_karts_with(old, new).startswith(f'karts.yaml:{fault}')
 
 
