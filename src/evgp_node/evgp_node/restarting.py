@@ -9,8 +9,8 @@ exit code is passed on:
 
 - exit code 0: it ended in good order;
 - exit code 2 before it was ever up: a setting is wrong, and will be wrong the next time;
-- exit code 3 before it was ever up, for longer than `FIRST_TRIES`: something is in the way, such as
-  another one that runs. It must not take over later, when nobody expects it;
+- exit code 3 before it was ever up, for longer than `FIRST_TRIES`: something is in the way, such
+  as another one that runs. It must not take over later, when nobody expects it;
 - any end after this process was told to end (`ENDING`). It passes the signal on and waits.
 
 After any other end the program is started again: at once the first time, later the longer it keeps
@@ -124,7 +124,8 @@ def keep_running(command: Sequence[str]) -> int:
     while True:
         began = time.monotonic()
         code, told = _run(command)
-        if told or ends.is_final(code, time.monotonic()):
+        next_try = time.monotonic() + delay_before(failures + 1)
+        if told or ends.is_final(code, next_try):
             if code == IN_THE_WAY and not told:
                 _say(
                     f'{_name(command)} cannot start because something is in its way, as it says '
