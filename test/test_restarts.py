@@ -14,7 +14,7 @@ import subprocess
 import sys
 import time
 
-from evgp_node.restarting import delay_before, DELAYS, is_final
+from evgp_node.restarting import delay_before, DELAYS, Ends, FIRST_TRIES
 from evgp_protocol.states import RaceState
 import pytest
 from race_parts.domains import Domain
@@ -300,8 +300,25 @@ def test_the_first_restart_waits_for_nothing_and_the_further_ones_ever_longer() 
     assert delays[-1] == DELAYS[-1]
 
 
-def test_only_an_orderly_end_and_a_wrong_setting_are_final() -> None:
-    assert [code for code in range(-20, 20) if is_final(code)] == [0, 2]
+def test_at_first_only_an_orderly_end_and_a_wrong_setting_are_final() -> None:
+    assert [code for code in range(-20, 20) if Ends(0.0).is_final(code, 0.0)] == [0, 2]
+
+
+def test_what_is_in_the_way_of_the_first_start_for_long_is_final() -> None:
+    ends = Ends(5.0)
+
+    assert not ends.is_final(3, 5.0 + FIRST_TRIES - 0.1)
+    assert ends.is_final(3, 5.0 + FIRST_TRIES)
+
+
+@pytest.mark.parametrize('died', [-9, 1])
+def test_a_program_that_was_up_is_tried_again_whatever_keeps_it_from_starting_now(
+    died: int,
+) -> None:
+    ends = Ends(0.0)
+
+    assert not any(ends.is_final(code, 1000.0) for code in (died, 2, 3, 2))
+    assert ends.is_final(0, 1000.0)
 
 
 PROGRAM = """
@@ -327,6 +344,59 @@ def test_a_program_that_dies_again_and_again_is_tried_again_and_ends_with_ctrl_c
 
     assert log.read_text().splitlines() == ['run'] * 3
     assert all('SIGKILL' in line and 'started again' in line for line in told)
+
+
+def test_a_program_that_dies_is_started_again_although_nobody_was_to_hear_of_it(
+    tmp_path: pathlib.Path,
+) -> None:
+    log = tmp_path / 'log'
+    with subprocess.Popen(
+        # As a shell that ignores SIGCHLD has its programs do.
+        ['env', '--ignore-signal=CHLD', *KEPT, sys.executable, '-c', PROGRAM, str(log)],
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as kept:
+        assert kept.stderr is not None
+        told = [kept.stderr.readline() for _ in range(2)]
+        kept.send_signal(signal.SIGTERM)
+        rest = kept.stderr.read()
+
+        assert kept.wait(PATIENCE) == 0
+
+    assert all('started again' in line for line in told)
+    assert 'Traceback' not in rest
+
+
+def test_a_ros_half_that_is_frozen_is_killed_and_race_control_comes_back(
+    start_kept: Callable[..., Kept],
+) -> None:
+    kept = start_kept()
+    kept.connect().close()
+    ros_half, kart_server = kept.halves
+
+    os.kill(ros_half, signal.SIGSTOP)
+
+    kept.wait_for_line('rcs_node hangs: it is killed')
+    end_of(ros_half)
+    with contextlib.closing(kept.connect()) as kart:
+        kart.wait_for_state(RED_RED)
+    assert kart_server not in kept.halves
+
+
+def test_a_second_race_control_that_is_started_by_mistake_ends_and_does_not_take_over(
+    start_kept: Callable[..., Kept], tmp_path: pathlib.Path, parts: contextlib.ExitStack
+) -> None:
+    first = start_kept()
+    first.wait_for_line('listens for')
+    folder = tmp_path / 'second'
+    folder.mkdir()
+    second = Kept(folder, parts.enter_context(Domain()).number, port=first.port)
+    parts.callback(second.close)
+
+    second.wait_for_line('is not started again')
+    assert second.wait() == 3
+    assert 'another race control still running here?' in second.output
+    first.connect().close()
 
 
 def test_a_program_that_is_not_there_is_refused() -> None:

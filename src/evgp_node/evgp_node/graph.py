@@ -103,6 +103,10 @@ class GraphError(RuntimeError):
     """The graph cannot be where it is to be; the text says why, and what to do."""
 
 
+class NoInterfaceError(GraphError):
+    """No interface has the address named by `INTERFACE` now; one may have it later."""
+
+
 def bind_graph() -> None:
     """
     Have DDS open its sockets on loopback, and on the interface named by `INTERFACE`, only.
@@ -281,7 +285,7 @@ def _named_interface() -> str:
     """
     Return the address that `INTERFACE` names; empty: none but loopback.
 
-    :raises GraphError: if no interface of this machine has it.
+    :raises NoInterfaceError: if no interface of this machine has it.
     """
     named = os.environ.get(INTERFACE, '').strip()
     if not named:
@@ -289,7 +293,7 @@ def _named_interface() -> str:
     known = _interfaces()
     if named not in known:
         others = [each for each in known if not ipaddress.IPv4Address(each).is_loopback]
-        raise GraphError(
+        raise NoInterfaceError(
             f"no interface of this machine has the officials' address {named!r} "
             f'({INTERFACE}). Name one of: {", ".join(others) or "(there is none)"}'
         )

@@ -10,11 +10,11 @@ import traceback
 from typing import Protocol
 
 from evgp_node.ending import end_within
-from evgp_node.graph import bind_graph, GraphError
+from evgp_node.graph import bind_graph, GraphError, NoInterfaceError
 from evgp_node.output import unwaiting_output
 from evgp_node.spinning import Spinning
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
+from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
 from rclpy.node import Node
 
 SWITCH_INTERVAL = 0.0002
@@ -32,7 +32,7 @@ WRONG_SETTING = 2
 """Exit code of a node that a setting keeps from starting: to start it again changes nothing."""
 
 IN_THE_WAY = 3
-"""Exit code of a node that something else keeps from starting, and that may start later."""
+"""Exit code of a node that something around it keeps from starting, and that may start later."""
 
 OnFailure = Callable[[BaseException], None]
 
@@ -127,12 +127,16 @@ def _run(
     except UnknownROSArgsError as error:
         print(f'{name}: unknown ROS arguments: {error}', file=sys.stderr)
         return WRONG_SETTING, rclpy.try_shutdown
-    except (RCLError, GraphError, *refusals) as error:
+    except RCLInvalidROSArgsError as error:
         print(f'{name}: {error}', file=sys.stderr)
         return WRONG_SETTING, rclpy.try_shutdown
-    except obstacles as error:
+    except (RCLError, NoInterfaceError, *obstacles) as error:
+        # Of an RCLError nobody can tell whether it will be there the next time.
         print(f'{name}: {error}', file=sys.stderr)
         return IN_THE_WAY, rclpy.try_shutdown
+    except (GraphError, *refusals) as error:
+        print(f'{name}: {error}', file=sys.stderr)
+        return WRONG_SETTING, rclpy.try_shutdown
     except BaseException:
         end_within(CLOSE_TIMEOUT, 1)
         raise

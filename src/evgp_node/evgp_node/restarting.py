@@ -8,12 +8,17 @@ and no socket: nothing in it can hang with the program. These ends are final, an
 exit code is passed on:
 
 - exit code 0: it ended in good order;
-- exit code 2: a setting is wrong, and will be wrong the next time;
+- exit code 2 before it was ever up: a setting is wrong, and will be wrong the next time;
+- exit code 3 before it was ever up, for longer than `FIRST_TRIES`: something is in the way, such
+  as another one that runs. It must not take over later, when nobody expects it;
 - any end after this process was told to end (`ENDING`). It passes the signal on and waits.
 
 After any other end the program is started again: at once the first time, later the longer it keeps
 failing. Before that, every process that the program has left behind must have ended. Such an
 orphan gets `LEFT_BEHIND` to do what it must, such as a last RED_RED, and is killed then.
+
+A program that does not notice for `HANGS` that a process of its own has ended hangs: it is killed,
+and started again.
 """
 
 from __future__ import annotations
@@ -47,8 +52,18 @@ LOOK = 1.0
 """Time between two looks whether the terminal is still there, in seconds. The kernel tells only
 the first process of a terminal when it is closed, and that one may be make, which tells nobody."""
 
+HANGS = 10.0
+"""Time after which a program that takes no note of its ended child is killed, in seconds."""
+
+FIRST_TRIES = 10.0
+"""Maximum time for which a program that was never up is started again and again because something
+is in the way, in seconds. What an earlier one has left behind ends sooner."""
+
 REFUSED = 2
 """The exit code of a program that says that a setting is wrong."""
+
+IN_THE_WAY = 3
+"""The exit code of a program that says that something else keeps it from starting."""
 
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36  # of linux/prctl.h
 _LIBC = ctypes.CDLL(None)
@@ -61,9 +76,29 @@ def delay_before(failures: int) -> float:
     return DELAYS[min(failures, len(DELAYS)) - 1]
 
 
-def is_final(code: int) -> bool:
-    """Return whether a program that ended so is not started again (negative: a signal)."""
-    return code in (0, REFUSED)
+class Ends:
+    """
+    Which ends of a program are final.
+
+    :param now: when it is started first, in seconds of a monotonic clock.
+    """
+
+    def __init__(self, now: float) -> None:
+        """Begin with a program that was never up."""
+        self._began = now
+        self._was_up = False
+
+    def is_final(self, code: int, now: float) -> bool:
+        """Take note of an end (negative: a signal); return whether no start follows it."""
+        if code not in (REFUSED, IN_THE_WAY):
+            # Not refused: what refuses it later may be what it has left behind, or what has
+            # changed around it. The settings are those with which it was up.
+            self._was_up = True
+        if code == 0:
+            return True
+        if self._was_up:
+            return False
+        return code == REFUSED or now - self._began >= FIRST_TRIES
 
 
 def keep_running(command: Sequence[str]) -> int:
@@ -79,17 +114,26 @@ def keep_running(command: Sequence[str]) -> int:
     signal.pthread_sigmask(signal.SIG_BLOCK, _AWAITED)
     # A shell that puts a job into the background has it ignore SIGINT.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    # Where this one is ignored, the kernel tells nobody that the program has ended, nor how.
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     if os.isatty(0):
         _terminal.register(0, 0)
     signal.signal(signal.SIGTSTP, signal.SIG_IGN)  # Ctrl-Z: the program ignores it too
     failures = 0
+    ends = Ends(time.monotonic())
     while True:
         began = time.monotonic()
         code, told = _run(command)
-        if told or is_final(code):
+        next_try = time.monotonic() + delay_before(failures + 1)
+        if told or ends.is_final(code, next_try):
+            if code == IN_THE_WAY and not told:
+                _say(
+                    f'{_name(command)} cannot start because something is in its way, as it says '
+                    'above. It is not started again.'
+                )
             return code if code >= 0 else 128 - code
         failures = 1 if time.monotonic() - began >= SETTLED else failures + 1
-        _say(_what_happened(command[0], code, failures))
+        _say(_what_happened(_name(command), code, failures))
         if _wait(delay_before(failures), ENDING) is not None:
             return 0
 
@@ -100,8 +144,9 @@ def _run(command: Sequence[str]) -> tuple[int, bool]:
     code: int | None = None
     told = False
     ends: float | None = None
+    unnoticed: dict[int, float] = {}
     while True:
-        left = None if ends is None else max(0.0, ends - time.monotonic())
+        left = LOOK if ends is None else max(0.0, ends - time.monotonic())
         came = _wait(left, _AWAITED)
         if came in ENDING:
             told = True
@@ -115,7 +160,13 @@ def _run(command: Sequence[str]) -> tuple[int, bool]:
             ends = time.monotonic() + LEFT_BEHIND
         if code is not None and not orphans:
             return code, told
-        if came is None:
+        if ends is None:
+            now = time.monotonic()
+            unnoticed = {each: unnoticed.get(each, now) for each in _ended_children(program)}
+            if any(now - since >= HANGS for since in unnoticed.values()):
+                _say(f'{_name(command)} hangs: it is killed.')
+                _send(program, signal.SIGKILL)
+        elif came is None:
             for each in [program] if code is None else _children():
                 _send(each, signal.SIGKILL)
             ends = None
@@ -174,6 +225,22 @@ def _reap(program: int) -> tuple[int | None, bool]:
             code = os.waitstatus_to_exitcode(status)
 
 
+def _ended_children(program: int) -> list[int]:
+    """Return the children of the program that have ended and that it has not asked about."""
+    ended = []
+    try:
+        for thread in os.listdir(f'/proc/{program}/task'):  # noqa: PTH208
+            with open(f'/proc/{program}/task/{thread}/children', encoding='ascii') as file:  # noqa: PTH123
+                children = file.read().split()
+            for child in children:
+                with open(f'/proc/{child}/stat', encoding='ascii', errors='replace') as file:  # noqa: PTH123
+                    if file.read().rpartition(')')[2].split()[0] == 'Z':
+                        ended.append(int(child))
+    except OSError:
+        pass  # something has ended just now: the next look tells
+    return ended
+
+
 def _children() -> list[int]:
     with open(f'/proc/self/task/{os.getpid()}/children', encoding='ascii') as file:  # noqa: PTH123
         return [int(each) for each in file.read().split()]
@@ -186,8 +253,11 @@ def _send(process: int, number: signal.Signals) -> None:
         os.kill(process, signal.SIGCONT)  # a frozen one could not end
 
 
-def _what_happened(program: str, code: int, failures: int) -> str:
-    name = os.path.basename(program)  # noqa: PTH119
+def _name(command: Sequence[str]) -> str:
+    return os.path.basename(command[0])  # noqa: PTH119
+
+
+def _what_happened(name: str, code: int, failures: int) -> str:
     how = f'was killed ({signal.Signals(-code).name})' if code < 0 else f'ended with code {code}'
     delay = delay_before(failures)
     when = f'in {delay:g} s' if delay else 'now'

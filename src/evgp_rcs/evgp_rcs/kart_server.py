@@ -339,6 +339,7 @@ class _KartLink(asyncio.BufferedProtocol):
 
     def farewell(self) -> None:
         """Send RED_RED and close: race control is going away."""
+        self.reason = 'race control ended'
         if self._transport is not None:
             self._transport.write(FRAMES[RaceState.RED_RED])
             self._transport.close()
@@ -456,7 +457,8 @@ class KartServer:
             where = f'{self._settings.host or "any address"}, port {self._settings.port}'
             raise KartServerError(
                 f'race control cannot listen for karts at {where}: {_plain(error)}; '
-                'stop the program that has the port, or choose another address or port'
+                'is another race control still running here? Stop the program that has the port, '
+                'or choose another address or port'
             ) from error
         self._tell(self._first_events)
         self._beat_at = self._began_again_at = loop.time()
@@ -468,13 +470,15 @@ class KartServer:
             server.close()
             for link in list(self._links.values()):
                 link.farewell()
+            self._tell([_ended(self._failure)])
             self._refuse_the_rest()
             # What changed since the last copy must be found by the next run too.
             self._outside.remember(self._race.memory(), self.now())
+        # One turn of the loop, so that closed transports let go of their sockets, and the
+        # disconnections are told after the end that they come from.
+        await asyncio.sleep(0)
         if self._failure is not None:
             raise self._failure
-        # One turn of the loop, so that closed transports let go of their sockets.
-        await asyncio.sleep(0)
 
     def submit(
         self, command: Command, answered: Callable[[Answer], None], came: float | None = None
@@ -800,6 +804,16 @@ class KartServer:
         if self._links.get(link.number) is link:
             del self._links[link.number]
             self._apply(self._race.disconnected(link.number, link.reason, self.now()))
+
+
+def _ended(failure: BaseException | None) -> Event:
+    """Return that race control ends, and why."""
+    follows = 'RED_RED is sent to every connected kart, and the connections are closed'
+    if failure is None:
+        text = f'Race control ends because it was told to (Ctrl-C or a signal): {follows}'
+    else:
+        text = f'Race control ends because of a failure ({_plain(failure)}): {follows}'
+    return Event(EventKind.ENDED, text, success=failure is None)
 
 
 def _plain(error: BaseException) -> str:

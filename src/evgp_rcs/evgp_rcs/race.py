@@ -85,6 +85,7 @@ class EventKind(enum.Enum):
     ALL_ACKNOWLEDGED = 'ALL_ACKNOWLEDGED'
     WITHDRAWN = 'WITHDRAWN'
     RESULTS = 'RESULTS'
+    ENDED = 'ENDED'
 
 
 class AlertKind(enum.Enum):
@@ -379,7 +380,7 @@ class RaceMemory:
     :param state: the race's state.
     :param karts: each kart of the roster, by its number.
     :param known: this is what there was; false if nothing is known, because what was kept of it
-        is damaged or missing.
+        is damaged or missing, or karts were started later, nobody knows which.
     :param every_start: no kart has been sent GREEN_GREEN since; false if one may have been.
     """
 
@@ -478,16 +479,18 @@ class Race:
         What happened last may not have been remembered, a stop least of all, since a stop waits
         for no memory. So it comes back as after ALL_KILL: the race in RED_RED and every kart
         held. What was doubtful still is. A kart of the race may have been sent to the grid since.
-        Where a start may be missing from what was remembered, a kart of a race under way counts
-        as lost in motion; if nothing is known, every kart does. And the track stays closed until
-        an official states in IN_GARAGE that it is safe, or that the MSR was used.
+        Where a start may be missing from what was remembered, every kart of the race counts as
+        lost in motion, also if the race was in IN_GARAGE then; if it is not known which race that
+        was, every kart does. And the track stays closed until an official states in IN_GARAGE
+        that it is safe, or that the MSR was used.
         """
-        unsure = memory.state is not IN_GARAGE and not memory.every_start
+        unsure = not memory.every_start
         gone: list[Kart] = []
         for number, known in memory.karts.items():
             kart = self.karts.get(number)
             if kart is None:
-                if not (known.in_race or known.held or known.may_be_moving or known.on_grid):
+                doubtful = known.held or known.may_be_moving or known.on_grid
+                if memory.known and not (known.in_race or doubtful):
                     continue
                 kart = self.karts[number] = Kart(number, NOT_IN_ROSTER, sent_since=now)
                 gone.append(kart)
@@ -627,9 +630,11 @@ class Race:
             if state.is_red:
                 self._end_doubt(kart)
             # Whether all have is reported at the next tick; checking here would cost O(N²).
+            # IN_GARAGE asks for no acknowledgement (§3.A).
+            did = 'says' if state is IN_GARAGE else 'acknowledged'
             self._tell(
                 EventKind.ACKNOWLEDGED,
-                f'{_capital(kart)} acknowledged {state.value}',
+                f'{_capital(kart)} {did} {state.value}',
                 kart,
                 state,
                 chatter=kart.withdrawn,
@@ -834,13 +839,16 @@ class Race:
         for each in self.karts.values():
             self._hold(each, RED_RED, 'ALL_KILL', now)
         self._go(RED_RED, now)
-        return f'RED_RED is sent to all karts ({self._how_many(self.karts.values())})'
+        return f'RED_RED is sent to {_receivers(self.karts.values())}'
 
     def _red_flag(self, kart: Kart | None, command: Command, now: float) -> str:
         self._go(stricter(self.state, RED_FLAG), now)
         if self.state is not RED_FLAG:
             return f'The race is in {self.state.value} already, which is stricter than RED_FLAG'
-        return f'RED_FLAG is sent to the karts of the race ({self._how_many(self.racing())})'
+        flagged = [each for each in self.racing() if each.sent is RED_FLAG]
+        stopped = [each for each in self.racing() if each.sent is not RED_FLAG]
+        message = f'RED_FLAG is sent to {_receivers(flagged)}'
+        return message + (f'; in RED_RED already: {_listed(stopped)}' if stopped else '')
 
     def _grid_active(self, kart: Kart | None, command: Command, now: float) -> str:
         self.track_open = False
@@ -850,21 +858,18 @@ class Race:
         for each in self.karts.values():
             each.place = 0
         self._go(GRID_ACTIVE, now)
-        return (
-            f'GRID_ACTIVE is sent to the karts of the race ({self._how_many(self.racing())}); '
-            'the track is closed to humans'
-        )
+        return f'GRID_ACTIVE is sent to {_receivers(self.racing())}; the track is closed to humans'
 
     def _green_green(self, kart: Kart | None, command: Command, now: float) -> str:
         self.starters = tuple(each.number for each in self.racing())
         self._go(GREEN_GREEN, now)
-        return f'GREEN_GREEN is sent to the karts of the race ({self._how_many(self.racing())})'
+        return f'GREEN_GREEN is sent to {_receivers(self.racing())}'
 
     def _race_over(self, kart: Kart | None, command: Command, now: float) -> str:
         self.over = True
         self._go(RED_RED, now)
         self._tell_results()
-        return f'Race over: RED_RED is sent to the race ({self._how_many(self.racing())})'
+        return f'Race over: RED_RED is sent to {_receivers(self.racing())}'
 
     def _race_in_garage(self, kart: Kart | None, command: Command, now: float) -> str:
         for each in list(self._released_by_garage(None)):
@@ -1354,12 +1359,6 @@ class Race:
             refusal += '; ALL_KILL stops every kart'
         return refusal
 
-    def _how_many(self, karts: Iterable[Kart]) -> str:
-        listed = list(karts)
-        absent = [kart for kart in listed if not kart.connected]
-        missing = f' in all; not connected: {_listed(absent)}' if absent else ''
-        return f'{len(listed)}{missing}'
-
     def _if_absent(self, kart: Kart) -> str:
         return '' if kart.connected else ', but it is not connected'
 
@@ -1398,9 +1397,10 @@ def _cut(phrases: list[str]) -> str:
 
 def _numbers(numbers: Iterable[int]) -> str:
     """Return kart numbers in a few words."""
-    listed = [str(number) for number in sorted(numbers)]
-    if len(listed) > 12:
-        listed[12:] = [f'and {len(listed) - 12} more']
+    ascending = sorted(numbers)
+    listed = [str(number) for number in ascending[:12]]
+    if len(ascending) > 12:
+        listed.append(f'and {len(ascending) - 12} more')
     if not listed:
         return 'no kart'
     return f'kart{"s" if len(listed) > 1 else ""} {", ".join(listed)}'
@@ -1408,6 +1408,24 @@ def _numbers(numbers: Iterable[int]) -> str:
 
 def _listed(karts: Iterable[Kart]) -> str:
     return _cut([str(kart) for kart in karts])
+
+
+def _receivers(karts: Iterable[Kart]) -> str:
+    """Return who is sent a new state now, and who gets it later; short for a thousand karts."""
+    connected: list[int] = []
+    absent: list[Kart] = []
+    for kart in karts:
+        if kart.connected:
+            connected.append(kart.number)
+        else:
+            absent.append(kart)
+    text = _numbers(connected)
+    if absent:
+        it_connects = 'it connects' if len(absent) == 1 else 'they connect'
+        more = f'; and {len(absent) - 3} more karts' if len(absent) > 4 else ''
+        named = '; '.join(map(str, absent[: 3 if more else 4]))
+        text += f'; not connected, sent when {it_connects}: {named}{more}'
+    return text
 
 
 def _capital(kart: Kart) -> str:

@@ -24,7 +24,9 @@ a record. So that karts on the grid are not taken for lost in motion after every
 *voucher* says that this run has started nobody without a record. It is kept in the machine's
 memory: taking it back before such a start waits for no disk, and does not fail with one. It is
 written once, when the run begins, and only a voucher of the very run is believed. Without one
-(older records, a restart of the machine, no such folder) the start counts as made.
+(older records, a restart of the machine, no such folder) the start counts as made, by the race
+that the record has. A voucher that was taken back says that there was such a start, perhaps of
+karts that the record does not have in the race: then nothing is known.
 
 The schema (``PRAGMA user_version`` 1):
 
@@ -282,7 +284,7 @@ class Record:
         :return: whether that was noted. If not, the next run could mistake moving karts for karts
             on the grid.
         """
-        return self._voucher.void()
+        return self._voucher.void(keep=True)
 
     def trouble(self) -> str:
         """Return why the record fails, as a sentence for an official; empty: it does not."""
@@ -431,7 +433,7 @@ class Record:
                 claimed.close()
                 raise RecordError(
                     f'{self._path} is the record of another race control that is running: '
-                    'choose another file with the parameter record'
+                    'end that one, or choose another file with the parameter record'
                 ) from error
             self._claimed = claimed
             return
@@ -570,11 +572,15 @@ class _Witness:
         except OSError:
             pass  # the record alone has to prove it
 
-    def void(self) -> bool:
-        """Have it say nothing that is believed, now; return whether that is so."""
+    def void(self, keep: bool = False) -> bool:
+        """
+        Have it say nothing that is believed, now; return whether that is so.
+
+        :param keep: leave an empty one, which says that it was voided, also where there was none.
+        """
+        flags = os.O_WRONLY | os.O_CREAT if keep else os.O_WRONLY
         try:
-            with self._opened(os.O_WRONLY) as file:
-                file.truncate(0)
+            self._empty(flags)
         except FileNotFoundError:
             return True
         except OSError:
@@ -585,7 +591,14 @@ class _Witness:
             self._path.unlink(missing_ok=True)
         except OSError:
             return False
+        if keep:
+            with contextlib.suppress(OSError):  # what is missing is not believed either
+                self._empty(flags)
         return True
+
+    def _empty(self, flags: int) -> None:
+        with self._opened(flags) as file:
+            file.truncate(0)
 
     def _opened(self, flags: int) -> IO[bytes]:
         """
@@ -686,9 +699,9 @@ def _left_behind(database: sqlite3.Connection, said: str, vouched: str) -> RaceM
         )
     except (ValueError, KeyError, TypeError, AttributeError):
         return NOTHING_KNOWN  # damaged, or written by a later version
-    unlike = ended_ns is not None or memory.state is RaceState.IN_GARAGE
-    if vouched == UNRECORDED and unlike:
-        return NOTHING_KNOWN  # karts were started later than this
+    if vouched == UNRECORDED:
+        # Karts were started later than this, perhaps those of another heat.
+        return dataclasses.replace(memory, known=False)
     return None if ended_ns is not None and memory.home else memory
 
 

@@ -186,14 +186,12 @@ class _Parser:
                     depth += 1
                 elif isinstance(event, yaml.CollectionEndEvent):
                     depth -= 1
-                # A list of karts in a mapping is three deep; composing recurses.
+                # The fields of a kart are three deep; composing recurses.
                 if depth > 10:
                     raise _fault(event, "is nested too deep; list the karts under 'karts:'")
             return yaml.compose(text, Loader=yaml.SafeLoader)
         except yaml.MarkedYAMLError as error:
-            mark = error.problem_mark or error.context_mark
-            line = 0 if mark is None else mark.line + 1
-            raise _not_yaml(line, error.problem or error.context) from error
+            raise _broken(text, error) from error
         except yaml.reader.ReaderError as error:  # a character that YAML forbids
             line = text.count('\n', 0, error.position) + 1
             reason = f'the character #x{error.character:04x} is not allowed'
@@ -206,21 +204,27 @@ class _Parser:
         """Yield the karts of the list, each checked by itself and against those before it."""
         lines_of_numbers = self._lines_of_numbers
         owners: dict[str, tuple[str, int]] = {}
+        teams: dict[int, yaml.Node | None] = {}
         for position, node in enumerate(nodes, start=1):
             kart = f'kart entry {position}'
-            fields = self._tried(self._fields, node, _FIELDS, kart)
+            known = self._number_in(node)
+            named = kart if known is None else f'kart {known}'
+            fields = self._tried(self._fields, node, _FIELDS, named)
             fields = fields or {}
             number = self._tried(self._number, fields.get('number'), kart)
             if number is None:
                 self._every_number_known = False
             else:
                 if number in lines_of_numbers:
+                    own = _of_team(fields.get('team'), ' ({})')
+                    other = _of_team(teams.get(number), ' by {}')
                     self._note(
                         fields['number'],
-                        f'kart {number}: number {number} is already taken '
+                        f'kart {number}{own}: number {number} is already taken{other} '
                         f'(line {lines_of_numbers[number]}); give every kart its own number',
                     )
                 lines_of_numbers.setdefault(number, _line(fields['number']))
+                teams.setdefault(number, fields.get('team'))
                 kart = f'kart {number}'
             team = self._tried(self._team, fields.get('team'), kart)
             address = self._tried(self._address, fields.get('address'), kart)
@@ -243,10 +247,10 @@ class _Parser:
                 yield RosterEntry(number, team, address, in_race)
 
     def _heats(self, node: yaml.Node) -> Iterator[Heat]:
-        """Yield the heats of the mapping, each checked by itself and against the karts."""
+        """Yield the heats, each checked by itself and against the karts."""
         right = "write each as '  Heat 1: [1, 2, 3]'"
         if not isinstance(node, yaml.MappingNode):
-            self._note(node, f"'heats' is not a mapping of names to lists of numbers; {right}")
+            self._note(node, f"'heats' is not a list of names, each with its karts; {right}")
             return
         if not node.value:
             self._note(node, f"'heats' is empty; {right}, or leave 'heats:' out")
@@ -307,16 +311,15 @@ class _Parser:
         what: str,
         optional: tuple[str, ...] = (),
     ) -> dict[str, yaml.Node]:
-        """Return the fields of a mapping, which must have each of the names once and no other."""
-        wanted = _quoted(names)
+        """Return the fields, which must be each of the names once and no other."""
         if not isinstance(node, yaml.MappingNode):
-            raise _fault(node, f'{what} is not a mapping; give it {wanted}')
+            raise _fault(node, f'{what} has no fields; give it {_quoted(names)}')
         fields: dict[str, yaml.Node] = {}
         lines: dict[str, int] = {}
         for key, value in node.value:
             name = key.value if isinstance(key, yaml.ScalarNode) else None
             if name not in (*names, *optional):
-                shown = 'a list or mapping' if name is None else repr(name)
+                shown = 'that is not one word' if name is None else repr(name)
                 self._note(
                     key,
                     f'{what} has the unknown field {shown}; it has {_quoted((*names, *optional))}',
@@ -329,8 +332,19 @@ class _Parser:
             lines[name] = _line(key)
         missing = [name for name in names if name not in fields]
         if missing:
-            self._note(node, f'{what} has no {_quoted(missing)}; give it {wanted}')
+            it = 'it' if len(missing) == 1 else 'them'
+            self._note(node, f'{what} has no {_quoted(missing)}; add {it}')
         return fields
+
+    def _number_in(self, node: yaml.Node) -> int | None:
+        """Return the number of a kart whose fields may be wrong, to call it by."""
+        for key, value in node.value if isinstance(node, yaml.MappingNode) else ():
+            if isinstance(key, yaml.ScalarNode) and key.value == 'number':
+                try:
+                    return self._number(value, '')
+                except _FaultError:
+                    return None
+        return None
 
     def _number(self, node: yaml.Node, what: str) -> int:
         # Decimal only: YAML would read 010 as eight and 1:30 as ninety.
@@ -417,6 +431,52 @@ def _not_yaml(line: int, reason: object) -> _FaultError:
     return _FaultError(line, f'is not YAML ({reason}); compare it with config/karts.yaml')
 
 
+_FIELD = re.compile(r'(?P<indent> *(?:- +)?)(?P<name>[A-Za-z_]+):(?P<glued>[^\s]?)(?P<rest>.*)')
+"""A line that begins with a field, whether or not the colon is followed by a space."""
+
+
+def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
+    """Return what is wrong with a text that is not YAML, in words for who wrote it."""
+    mark = error.problem_mark or error.context_mark
+    if mark is None:
+        return _not_yaml(0, error.problem or error.context)
+    lines = text.splitlines() or ['']
+    # PyYAML notices at the end of the text what is wrong in the last line.
+    at = min(mark.line, len(lines) - 1)
+    shown = lines[at]
+    if '\t' in shown[: len(shown) - len(shown.lstrip())] or (error.problem or '').startswith(
+        "found character '\\t'"
+    ):
+        return _FaultError(at + 1, 'has a tab character; use spaces instead')
+    # A field without a space after its colon is no field, and the next line does not fit.
+    for number in range(at, max(at - 2, -1), -1):
+        field = _FIELD.match(lines[number])
+        if field and field['glued'] and field['name'] in (*_FIELDS, 'karts', 'heats'):
+            right = f'{field["name"]}: {field["glued"]}{field["rest"]}'.rstrip()
+            return _FaultError(number + 1, f"has no space after the colon; write '{right[:60]}'")
+    field, before = _FIELD.match(shown), _FIELD.match(lines[at - 1]) if at else None
+    second_colon = error.problem == 'mapping values are not allowed here'
+    misfit = second_colon or (error.problem or '').startswith('expected <block end>')
+    if misfit and field and '-' in field['indent']:
+        return _FaultError(at + 1, "begin the '-' of every kart in the same column, with spaces")
+    if misfit and field and before and len(field['indent']) != len(before['indent']):
+        return _FaultError(
+            at + 1,
+            f'{field["name"]!r} does not begin below {before["name"]!r} of the line before; '
+            'begin all fields of a kart in the same column, with spaces',
+        )
+    if second_colon:
+        return _FaultError(at + 1, 'has a second colon; put the text that has a colon in quotes')
+    return _not_yaml(at + 1, error.problem or error.context)
+
+
+def _of_team(node: yaml.Node | None, form: str) -> str:
+    """Return the name of a team in a form of words; nothing if it has none that can be shown."""
+    if not isinstance(node, yaml.ScalarNode) or not node.value.strip():
+        return ''
+    return form.format(_shown(node))
+
+
 def _line(where: yaml.Node | yaml.Event) -> int:
     """Return the number of the line, from 1, that something begins in."""
     mark = where.start_mark
@@ -427,7 +487,7 @@ def _line(where: yaml.Node | yaml.Event) -> int:
 def _shown(node: yaml.Node) -> str:
     """Return what stands in a node, as a message shows it: in one line and not too long."""
     if not isinstance(node, yaml.ScalarNode):
-        return '(a list or mapping)'
+        return '(several values)'
     if node.value == '' and node.style is None:
         return '(nothing)'
     shown = repr(node.value) if node.style or not node.value.isprintable() else node.value

@@ -71,7 +71,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 print(f'rcs_record: {wanted.file} has {what}', file=sys.stderr)
                 return 2
             happened = list(events(database, run.number))
+            before = _choose(runs, run.number - 1) if wanted.run is None else None
         # With the record closed: it may be a pager that is slow, and the race must not wait.
+        if before is not None and before.ended_ns is None:
+            file = '' if wanted.file == default_path() else f' {wanted.file}'
+            print(
+                f'The run before this one, {before.number}, was not ended in good order. Print it '
+                f'with: rcs_record{file} --run {before.number} (or make record '
+                f"ARGS='{file.lstrip()}{' ' if file else ''}--run {before.number}')"
+            )
         print(_describe(run, run is present))
         _print_timeline(happened, wanted.kart)
     except FileNotFoundError:

@@ -1,5 +1,9 @@
 """Start race control: ros2 launch evgp_rcs rcs.launch.py roster:=karts.yaml ."""
 
+from collections.abc import Callable
+import time
+
+from evgp_node.restarting import Ends
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, EmitEvent
 from launch.events import matches_action
@@ -9,17 +13,20 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-WRONG_SETTING = 2
-"""Exit code of a node that a setting keeps from starting (evgp_node.process)."""
+OnExit = Callable[[ProcessExited, LaunchContext], list[EmitEvent] | None]
 
 
-def give_up_if_a_setting_is_wrong(
-    event: ProcessExited, context: LaunchContext
-) -> list[EmitEvent] | None:
-    """Keep race control from being started again if that would end in the same way."""
-    if event.returncode != WRONG_SETTING:
-        return None
-    return [EmitEvent(event=ShutdownProcess(process_matcher=matches_action(event.action)))]
+def keep_trying_if_it_was_up() -> OnExit:
+    """Return what keeps race control from being started again to end in the same way."""
+    ends = Ends(time.monotonic())
+
+    def give_up_if_refused(event: ProcessExited, context: LaunchContext) -> list[EmitEvent] | None:
+        final = ends.is_final(event.returncode, time.monotonic())
+        if not final or event.returncode == 0:
+            return None
+        return [EmitEvent(event=ShutdownProcess(process_matcher=matches_action(event.action)))]
+
+    return give_up_if_refused
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -69,7 +76,7 @@ def generate_launch_description() -> LaunchDescription:
                 # A race control that died comes back, and its karts stay stopped until then.
                 respawn=True,
                 respawn_delay=1.0,
-                on_exit=give_up_if_a_setting_is_wrong,
+                on_exit=keep_trying_if_it_was_up(),
             ),
         ]
     )

@@ -892,14 +892,14 @@ def check_recovery(
             raise RuleBrokenError('restart', detail)
     for old in view.karts:
         gone = old.number not in roster
-        if gone and not (old.in_race or old.hold or _in_doubt(old)):
+        if gone and known and not (old.in_race or old.hold or _in_doubt(old)):
             if old.number in found:
                 raise RuleBrokenError('restart', detail)
             continue
         kart = found.get(old.number)
         if kart is None or (gone and not any(e.kart == old.number for e in outcome.events)):
             raise RuleBrokenError('restart', detail)
-        started = old.in_race and view.state is not IN_GARAGE and not every_start
+        started = old.in_race and not every_start
         in_motion = old.moving or started or not known
         expected = old._replace(
             in_race=old.in_race and not gone,

@@ -212,6 +212,21 @@ def test_the_record_says_whether_the_end_was_in_order(
     assert (run.ended_ns is not None) is in_order
 
 
+def test_an_orderly_end_is_in_the_record_and_told_to_the_ros_half_in_order(
+    half: Half, connect: Connect, begin: Begin
+) -> None:
+    read_until(connect(1), IN_GARAGE)
+    half.say(End(in_order=True))
+    told: list[EventKind] = []
+    while (message := half.hear()) is not None:
+        if isinstance(message, Happened):
+            told += [each.event.kind for each in message.events]
+    assert told[-2:] == [EventKind.ENDED, EventKind.DISCONNECTED]
+    half.process.wait(PATIENCE)
+    with contextlib.closing(open_read_only(begin.record)) as database:
+        assert [each.kind for each in events(database, 1)] == [kind.value for kind in told]
+
+
 def test_what_happened_is_on_the_disk_although_the_ros_half_died(
     half: Half, connect: Connect, begin: Begin
 ) -> None:

@@ -623,6 +623,22 @@ def test_a_server_that_stops_sends_red_red_first(run: Run, connect: Connect) -> 
     assert read_to_end(client) == encode(RED_RED)
 
 
+@pytest.mark.parametrize('failure', [None, OSError('lightning')], ids=['in order', 'failed'])
+def test_the_end_of_race_control_is_told_before_the_disconnections_that_it_causes(
+    run: Run, connect: Connect, failure: OSError | None
+) -> None:
+    running = run()
+    client = connect(running, 1)
+    read_until(client, IN_GARAGE)
+    running._loop.call_soon_threadsafe(running.server.end, failure)
+    running._thread.join(PATIENCE)
+    ended, gone = running.events[-2:]
+    assert (ended.kind, ended.success) == (EventKind.ENDED, failure is None)
+    assert ('lightning' in ended.text) == (failure is not None)
+    assert (gone.kind, gone.kart) == (EventKind.DISCONNECTED, 1)
+    assert gone.text.endswith('disconnected: race control ended')
+
+
 def test_a_command_that_waits_when_the_server_stops_is_answered_with_use_the_msr(
     run: Run,
 ) -> None:

@@ -221,7 +221,10 @@ def test_all_kill_holds_every_kart_in_every_state(reach: Reach, officials: Offic
 
 def test_all_kill_holds_a_kart_that_is_not_connected(officials: Officials) -> None:
     officials.drop(SPECTATOR)
-    assert 'not connected: kart 3 (Tesla)' in str(officials.does('ALL_KILL').answer)
+    assert officials.does('ALL_KILL').answer == Answer(
+        True,
+        'RED_RED is sent to karts 1, 2; not connected, sent when it connects: kart 3 (Tesla).',
+    )
     orders = officials.connect(SPECTATOR).orders
     assert [(order.kart, order.state) for order in orders] == [(SPECTATOR, RED_RED)]
 
@@ -233,6 +236,29 @@ def test_red_flag_goes_to_the_karts_of_the_race_alone(officials: Officials) -> N
     officials.to_green().does('RED_FLAG')
     assert officials.race.state is RED_FLAG
     assert officials.all_sent() == [RED_FLAG, RED_FLAG, IN_GARAGE]
+
+
+def test_an_answer_names_who_is_sent_a_state_now_and_who_is_not(officials: Officials) -> None:
+    officials.to_green().does('KART_RED_RED', 2)
+    assert officials.does('RED_FLAG').answer == Answer(
+        True, 'RED_FLAG is sent to kart 1; in RED_RED already: kart 2 (Volta).'
+    )
+
+
+def test_the_answer_for_a_thousand_karts_stays_short() -> None:
+    race = Race([Kart(number, in_race=True) for number in range(1, 1001)])
+    for number in range(1, 501):
+        race.connected(number, 0.0)
+    assert race.command(Command(CommandKind.ALL_KILL), 0.0).answer == Answer(
+        True,
+        'RED_RED is sent to karts 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, and 488 more; not '
+        'connected, sent when they connect: kart 501; kart 502; kart 503; and 497 more karts.',
+    )
+
+
+def test_a_kart_says_in_garage_and_is_not_said_to_acknowledge_it(officials: Officials) -> None:
+    (told,) = officials.says(1, IN_GARAGE).events
+    assert told.text == 'Kart 1 (Ohm) says IN_GARAGE'
 
 
 def test_red_flag_never_loosens_red_red(officials: Officials) -> None:
@@ -1801,6 +1827,19 @@ def test_karts_on_the_grid_are_lost_in_motion_only_if_their_start_may_be_missing
     # And a second restart forgets none of it.
     again = restarted(officials.race.memory(), *TEAMS)
     assert [kart.may_be_moving for kart in again.race.karts.values()] == moving
+
+
+def test_a_race_in_the_garage_may_have_been_started_if_nobody_vouches_for_it() -> None:
+    racing = KartMemory(True, False, 0, False, False, False)
+    memory = RaceMemory(IN_GARAGE, {1: racing, 2: CALM}, every_start=False)
+    officials = restarted(memory, 1, 2)
+    assert [kart.may_be_moving for kart in officials.race.karts.values()] == [True, False]
+    assert set(officials.alerts()) == {AlertKind.LOST_IN_MOTION}
+
+
+def test_when_nothing_is_known_a_kart_that_left_the_roster_may_be_moving() -> None:
+    officials = restarted(RaceMemory(RED_RED, {1: CALM, 2: CALM}, known=False), 1)
+    assert [kart.may_be_moving for kart in officials.race.karts.values()] == [True, True]
 
 
 def test_karts_that_race_are_lost_in_motion_whatever_the_record_has_of_their_start(

@@ -561,8 +561,8 @@ FAULTS = {
         ('restart',),
     ),
     'a restart forgets the karts that left the roster': Fault(
-        '            if kart is None:\n                if not (known.in_race',
-        '            if kart is None:\n                if True or not (known.in_race',
+        'if memory.known and not (known.in_race or doubtful)',
+        'if True',
         ('restart',),
     ),
     'a restart does not name the karts that left the roster': Fault(
@@ -580,9 +580,19 @@ FAULTS = {
         'kart.may_be_moving = known.may_be_moving',
         ('restart',),
     ),
-    'a restart takes every kart of a race under way as moving': Fault(
+    'a restart takes every kart of the race as moving': Fault(
+        'unsure = not memory.every_start',
+        'unsure = True',
+        ('restart',),
+    ),
+    'a restart takes it that nobody was started from IN_GARAGE': Fault(
+        'unsure = not memory.every_start',
         'unsure = memory.state is not IN_GARAGE and not memory.every_start',
-        'unsure = memory.state is not IN_GARAGE',
+        ('restart',),
+    ),
+    'a restart that knows nothing forgets a kart that left the roster': Fault(
+        'if memory.known and not (known.in_race or doubtful)',
+        'if not (known.in_race or doubtful)',
         ('restart',),
     ),
     'a restart forgets who was on the grid': Fault(

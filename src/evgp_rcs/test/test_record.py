@@ -489,6 +489,8 @@ def test_what_somebody_else_put_in_the_place_of_the_witness_is_doubt_and_stays_u
 
 GRID = RaceMemory(RaceState.GRID_ACTIVE, {7: KartMemory(True, False, 0, False, True, False)})
 UNSURE = dataclasses.replace(GRID, every_start=False)
+VOIDED = dataclasses.replace(UNSURE, known=False)
+ENDED = RaceMemory(RaceState.RED_RED, {7: KartMemory(True, False, 1, False, False, False)})
 
 
 def crash_on_the_grid(record: Record) -> None:
@@ -506,7 +508,7 @@ def test_a_start_without_a_record_may_be_missing_from_what_is_left_behind(begin:
     assert record.note_unrecorded_start()
     crash_on_the_grid(record)
     again = begin()
-    assert again.left_behind == UNSURE
+    assert again.left_behind == VOIDED
     # The next run has all that this one took up, and its own starts.
     crash_on_the_grid(again)
     assert begin().left_behind == GRID
@@ -525,7 +527,7 @@ def test_a_start_is_noted_although_the_disk_takes_nothing(small_disk: pathlib.Pa
     ballast.unlink()
     again = started(path)
     again.end(PATIENCE)
-    assert again.left_behind == UNSURE
+    assert again.left_behind == VOIDED
 
 
 @pytest.mark.parametrize('harm', ['the machine was restarted', 'of an earlier run', 'emptied'])
@@ -540,7 +542,41 @@ def test_without_its_own_voucher_a_run_may_have_started_karts(
         voucher.unlink()
     else:
         voucher.write_bytes(earlier if harm == 'of an earlier run' else b'')
-    assert begin().left_behind == UNSURE
+    assert begin().left_behind == (VOIDED if harm == 'emptied' else UNSURE)
+
+
+@pytest.mark.parametrize('memory', [HOME, GRID, RACING, ENDED], ids=lambda each: each.state.name)
+@pytest.mark.parametrize('voucher', ['as written', 'missing'])
+def test_after_a_start_without_a_record_nobody_knows_which_karts_were_started(
+    begin: Begin, vouchers: pathlib.Path, memory: RaceMemory, voucher: str
+) -> None:
+    record = begin()
+    record.remember(memory, 0.0)
+    assert record.flush(PATIENCE)
+    if voucher == 'missing':
+        for each in vouchers.iterdir():
+            each.unlink()
+    # From here on the disk takes nothing; officials choose another heat and start it.
+    assert record.note_unrecorded_start()
+    record.end(PATIENCE, in_order=False)
+    left_behind = begin().left_behind
+    assert left_behind == dataclasses.replace(memory, known=False, every_start=False)
+
+
+def test_without_a_voucher_a_race_in_the_garage_may_have_been_started(
+    begin: Begin, vouchers: pathlib.Path
+) -> None:
+    record = begin()
+    record.remember(HOME, 0.0)
+    crash(record)
+    for each in vouchers.iterdir():
+        each.unlink()
+    record = begin()
+    assert record.left_behind == dataclasses.replace(HOME, every_start=False)
+    record.remember(HOME, 1.0)
+    record.end(PATIENCE)
+    assert not list(vouchers.iterdir())
+    assert begin().left_behind is None
 
 
 def test_a_run_that_cannot_vouch_may_have_started_karts(
@@ -570,7 +606,7 @@ def test_what_somebody_else_put_in_the_place_of_the_voucher_is_doubt_and_stays_u
         voucher.symlink_to(precious)
     before = precious.read_text()
     record = begin()
-    assert record.left_behind == UNSURE
+    assert record.left_behind == VOIDED
     assert record.note_unrecorded_start() is (kind != 'a folder')
     assert precious.read_text() == before
 
@@ -630,11 +666,27 @@ def test_the_timeline_tells_the_last_run_in_order(
     record.put([event(1, 'first'), event(2, 'refused', success=False), event(4, 'last')])
     assert record.flush(PATIENCE)
     assert print_timeline([str(path)]) == 0
-    head, *lines = capsys.readouterr().out.splitlines()
+    before, head, *lines = capsys.readouterr().out.splitlines()
+    assert 'The run before this one, 1, was not ended in good order' in before
+    assert f'rcs_record {path} --run 1' in before
     assert head.split()[0] == '2'
     assert [line.split()[-1] for line in lines] == ['first', 'refused', '...', 'last']
     assert ' ! refused' in lines[1]
     assert '... 1 events are missing ...' in lines[2]
+
+
+@pytest.mark.parametrize('asked', [[], ['--run', '2']], ids=['newest', 'by its number'])
+def test_the_timeline_begins_with_a_word_about_a_crash_only_right_after_it(
+    begin: Begin, path: pathlib.Path, capsys: pytest.CaptureFixture[str], asked: list[str]
+) -> None:
+    first = begin()
+    if asked:
+        crash(first)
+    else:
+        first.end(PATIENCE)
+    begin().end(PATIENCE)
+    assert print_timeline([str(path), *asked]) == 0
+    assert capsys.readouterr().out.split()[0] == '2'
 
 
 def test_the_timeline_of_one_kart_leaves_the_others_out(

@@ -62,7 +62,8 @@ def test_the_refusal_of_a_double_address_is_one_sentence_an_official_can_act_on(
 
 def test_the_refusal_of_a_double_number_names_both_lines() -> None:
     assert fault_of_two_karts_with('number: 2', 'number: 1') == (
-        'karts.yaml:6: kart 1: number 1 is already taken (line 2); give every kart its own number'
+        'karts.yaml:6: kart 1 (Purdue): number 1 is already taken by Georgia Tech (line 2); '
+        'give every kart its own number'
     )
 
 
@@ -161,21 +162,23 @@ def test_every_way_to_say_false_in_yaml_keeps_a_kart_out_of_the_race(word: str) 
 
 def test_an_unknown_field_is_refused_with_those_there_are() -> None:
     assert fault_of_two_karts_with('    in_race', '    colour: red\n    in_race') == (
-        "karts.yaml:5: kart entry 1 has the unknown field 'colour'; "
+        "karts.yaml:5: kart 1 has the unknown field 'colour'; "
         "it has 'number', 'team', 'address', 'in_race'"
     )
 
 
 def test_a_missing_field_is_refused_at_the_kart_that_lacks_it() -> None:
     assert fault_of_two_karts_with('    address: 10.0.0.2\n', '') == (
-        "karts.yaml:6: kart entry 2 has no 'address'; "
-        "give it 'number', 'team', 'address', 'in_race'"
+        "karts.yaml:6: kart 2 has no 'address'; add it"
+    )
+    assert fault_of('karts:\n  - {team: A, address: 10.0.0.1}\n') == (
+        "karts.yaml:2: kart entry 1 has no 'number', 'in_race'; add them"
     )
 
 
 def test_a_field_given_twice_is_refused() -> None:
     assert fault_of_two_karts_with('    team: Purdue\n', '    team: A\n    team: B\n') == (
-        "karts.yaml:8: kart entry 2 has 'team' already (line 7); give it once"
+        "karts.yaml:8: kart 2 has 'team' already (line 7); give it once"
     )
 
 
@@ -191,15 +194,15 @@ def test_an_unknown_field_of_the_file_is_refused() -> None:
         ('', "karts.yaml: is empty; list the karts under 'karts:'"),
         ('# nothing yet\n', "karts.yaml: is empty; list the karts under 'karts:'"),
         ('\nkarts: []\n', "karts.yaml:2: 'karts' is empty; list at least one kart"),
-        ('{}\n', "karts.yaml:1: the roster has no 'karts'; give it 'karts'"),
-        ('- 1\n', "karts.yaml:1: the roster is not a mapping; give it 'karts'"),
+        ('{}\n', "karts.yaml:1: the roster has no 'karts'; add it"),
+        ('- 1\n', "karts.yaml:1: the roster has no fields; give it 'karts'"),
         (
             'karts: 3\n',
             "karts.yaml:1: 'karts' is not a list; begin each kart with '- number: ...'",
         ),
         (
             'karts:\n  - 3\n',
-            'karts.yaml:2: kart entry 1 is not a mapping; '
+            'karts.yaml:2: kart entry 1 has no fields; '
             "give it 'number', 'team', 'address', 'in_race'",
         ),
     ],
@@ -211,8 +214,7 @@ def test_a_file_that_is_no_list_of_karts_is_refused(text: str, fault: str) -> No
 @pytest.mark.parametrize(
     ('text', 'beginning'),
     [
-        ('karts:\n  - number: [1\n', 'karts.yaml:3: is not YAML ('),
-        ('karts:\n\t- number: 1\n', 'karts.yaml:2: is not YAML ('),
+        ('karts:\n  - number: [1\n', 'karts.yaml:2: is not YAML ('),
         ('karts:\n  - team: a\x00b\n', 'karts.yaml:2: is not YAML (the character #x0000'),
         ('karts:\n  - "\\UFFFFFFFF"\n', 'karts.yaml: is not YAML ('),
         (TWO_KARTS + '---\n' + TWO_KARTS, 'karts.yaml:10: is not YAML ('),
@@ -220,6 +222,54 @@ def test_a_file_that_is_no_list_of_karts_is_refused(text: str, fault: str) -> No
 )
 def test_what_is_not_yaml_is_refused(text: str, beginning: str) -> None:
     assert fault_of(text).startswith(beginning)
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'fault'),
+    [
+        ('    team: Purdue', '\tteam: Purdue', '7: has a tab character; use spaces instead'),
+        ('team: Purdue', 'team:\tPurdue: 1', '7: '),
+        (
+            'team: Purdue',
+            'team:Purdue',
+            "7: has no space after the colon; write 'team: Purdue'",
+        ),
+        (
+            'in_race: false\n',
+            'in_race:false\n',
+            "9: has no space after the colon; write 'in_race: false'",
+        ),
+        (
+            '- number: 2',
+            '- number:2',
+            "6: has no space after the colon; write 'number: 2'",
+        ),
+        (
+            '    team: Purdue',
+            '   team: Purdue',
+            "7: 'team' does not begin below 'number' of the line before; begin all fields of a "
+            'kart in the same column, with spaces',
+        ),
+        (
+            '    address: 10.0.0.2',
+            '      address: 10.0.0.2',
+            "8: 'address' does not begin below 'team' of the line before; begin all fields of a "
+            'kart in the same column, with spaces',
+        ),
+        (
+            '  - number: 2',
+            '   - number: 2',
+            "6: begin the '-' of every kart in the same column, with spaces",
+        ),
+        (
+            'team: Purdue',
+            'team: Purdue: B',
+            '7: has a second colon; put the text that has a colon in quotes',
+        ),
+    ],
+)
+def test_a_slip_of_the_keyboard_is_refused_with_what_to_do(old: str, new: str, fault: str) -> None:
+    assert fault_of_two_karts_with(old, new).startswith(f'karts.yaml:{fault}')
 
 
 @pytest.mark.parametrize('text', ['karts:\n  - &one {}\n', 'karts:\n  - *one\n'])
@@ -390,7 +440,7 @@ def test_a_roster_without_heats_has_none() -> None:
         ),
         (
             '  - A\n',
-            "11: 'heats' is not a mapping of names to lists of numbers; "
+            "11: 'heats' is not a list of names, each with its karts; "
             "write each as '  Heat 1: [1, 2, 3]'",
         ),
         (

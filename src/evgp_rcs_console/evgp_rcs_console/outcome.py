@@ -1,7 +1,7 @@
 """
 Whether the answer to a command still describes what is so.
 
-An answer is true when it is given: "GREEN_GREEN is sent to the karts of the race". A moment later
+An answer is true when it is given: "GREEN_GREEN is sent to karts 1, 2". A moment later
 another official may have sent RED FLAG. So what the command has brought about is compared with
 each snapshot that comes, and once it has changed, the answer must not stand there any more.
 
