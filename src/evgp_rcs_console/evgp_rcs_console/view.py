@@ -335,7 +335,7 @@ class ReasonTimes:
         self._first: dict[Command, tuple[str, float]] = {}
 
     def update(self, offered: Availability, now: float) -> dict[Command, float]:
-        """Take what race control says of commands at a time (s); return for how long, in seconds."""
+        """Take what race control says of commands at a time (s); return the times, in seconds."""
         first = {command: (each.reason, now) for command, each in offered.items()}
         for command, (reason, since) in self._first.items():
             if command in first and first[command][0] == reason:

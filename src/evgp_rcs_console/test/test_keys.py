@@ -66,7 +66,7 @@ def test_other_keys_mean_nothing() -> None:
         ('Shift+7', '7', 16, '7'),  # French: the digits need Shift
         ('7', '7', 16, '7'),
         ('Shift+A', 'A', 38, 'Shift+A'),
-        ('Ctrl+К', '', 27, 'Ctrl+R'),  # Russian: the letter at the place of R
+        ('Ctrl+\u041a', '', 27, 'Ctrl+R'),  # Russian: the letter at the place of R
         ('Ф', 'ф', 38, 'A'),
         ('Ctrl+R', '', 32, 'Ctrl+R'),  # Dvorak: the letter counts, not its place
         ('Ö', 'ö', 47, 'Ö'),
