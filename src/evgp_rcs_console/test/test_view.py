@@ -480,3 +480,14 @@ def test_the_terminal_shows_the_same() -> None:
 def test_every_command_has_a_label_and_a_form() -> None:
     assert set(words.LABELS) == set(FORMS) == set(Command)
     assert set(RACE_COMMANDS) < set(Command)
+
+
+def test_a_question_speaks_of_one_kart_and_of_several() -> None:
+    said = [offering(Command.GREEN_GREEN, (KART,)), offering(Command.IN_GARAGE, (KART,))]
+    away = button_of(Command.KART_IN_GARAGE, Available(True), connected=False)
+
+    assert [button.consequence.splitlines()[0] for button in said] == [
+        'Sends GREEN GREEN now to kart 7. It drives off.',
+        'Sends IN GARAGE now to kart 7. The team has its kart back.',
+    ]
+    assert 'no kart' not in away.consequence
