@@ -157,7 +157,7 @@ TOO_EARLY = '{name}: pressed before the question was there. Read it and answer n
 ANSWER_FIRST = 'Answer the question first: Y or N'
 CLICK = 'Mouse button'
 BARRED = '{command}: {reason}'
-WITH_AGE = '{reason}, for {age}'
+WITH_AGE = '{reason} (for {age})'
 
 ASK_TITLE = '{command}?'
 ASK_STATE = 'I state: {condition}.'

@@ -80,7 +80,7 @@ def test_a_command_that_race_control_does_not_offer_shows_its_reason_and_for_how
         assert not button.enabled
         said.append(button.explanation)
 
-    assert said == [f'GREEN GREEN: {why}'] * 2 + [f'GREEN GREEN: {why}, for 34 s']
+    assert said == [f'GREEN GREEN: {why}'] * 2 + [f'GREEN GREEN: {why} (for 34 s)']
 
 
 def test_another_reason_is_timed_anew() -> None:
