@@ -84,6 +84,8 @@ record:
 console:
 	$(IN_WORKSPACE) --console install/evgp_rcs_console/lib/evgp_rcs_console/rcs_gui $(ARGS)
 
+# How it was called, for the command lines that it prints.
+ctl: export EVGP_CTL := make ctl $(if $(OFFICIALS),OFFICIALS=$(OFFICIALS) )ARGS=
 ctl:
 	@$(IN_WORKSPACE) install/evgp_rcs_console/lib/evgp_rcs_console/rcs_ctl $(or $(ARGS),--help)
 

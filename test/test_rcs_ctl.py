@@ -158,6 +158,27 @@ def test_without_kart_numbers_a_start_says_which_karts_it_would_start_and_sends_
     assert kart.state is RaceState.IN_GARAGE
 
 
+def test_the_next_line_is_printed_as_make_takes_it(
+    start_race_control: StartRaceControl, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    control = start_race_control(in_race=(1, 2))
+    repository = pathlib.Path(__file__).parent.parent
+    said = subprocess.run(
+        ['make', '-s', '--no-print-directory', 'ctl', 'IN_WORKSPACE=env #', 'OFFICIALS='],
+        cwd=repository,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=PATIENCE,
+    ).stdout
+    called = next(line for line in said.splitlines() if line.startswith('EVGP_CTL='))
+    monkeypatch.setenv('EVGP_CTL', called.removeprefix('EVGP_CTL='))
+
+    done = run(control.domain, 'grid-active', '--track-is-clear', '--wait', str(PATIENCE))
+
+    assert 'make ctl ARGS="grid-active 1 2 --track-is-clear"' in done.stderr
+
+
 def test_a_start_of_other_karts_than_those_of_the_race_is_refused(
     start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
 ) -> None:

@@ -24,6 +24,12 @@ from typing import Any
 from race_parts.process import PATIENCE
 from race_parts.screen import Screen
 
+DROPPED = 'while the window hung'
+"""Of what the window says of a key or a click that it dropped."""
+
+SLOW = 3.0
+"""Time after which a press was dropped with the same words as one before, in seconds."""
+
 
 class Console:
     """
@@ -94,7 +100,8 @@ class Console:
             be equal, as ``barred='false'``. ``visible=False``: that it is hidden.
         :raises AssertionError: if it does not become so in time.
         """
-        answer = self._ask(do='wait', name=name, wanted=wanted)
+        # Less than this end's own patience, so that it learns what there is instead.
+        answer = self._ask(do='wait', name=name, wanted=wanted, seconds=PATIENCE - 5)
         assert answer['found'], (
             f'{name} did not become {wanted}; it is {answer["widget"]}\n{self.output}'
         )
@@ -120,27 +127,47 @@ class Console:
         for name in names:
             self.screen.key(name)
 
-    def ask(self, *names: str, **wanted: object) -> None:
+    def press(self, *names: str, see: str, **wanted: object) -> dict[str, Any]:
         """
-        Press keys until the last one has the window ask a question, as wanted.
+        Press keys, and return a widget once it is as wanted.
 
-        On a busy machine the window may be held up; then it drops keys, and says so.
+        On a busy machine the window may be held up; then it drops keys, and says so. What it says
+        it dropped is pressed again, as an official would.
         """
+        return self._until(lambda: self.key(*names), see, wanted)
+
+    def press_on(self, button: str, see: str, **wanted: object) -> dict[str, Any]:
+        """Click a widget, again if the window says that it dropped that, as ``press`` does."""
+        return self._until(lambda: self.click(button), see, wanted)
+
+    def _until(
+        self, act: Callable[[], None], name: str, wanted: dict[str, object]
+    ) -> dict[str, Any]:
         ends = time.monotonic() + PATIENCE
-        while 'question' not in self.widgets() and time.monotonic() < ends:
-            self.key(*names)
-            again = time.monotonic() + 1.0
-            while 'question' not in self.widgets() and time.monotonic() < again:
-                time.sleep(0.02)
-        self.wait_for('question', **wanted)
+        while time.monotonic() < ends:
+            before = self.wait_for('status')['text']
+            act()
+            slow = time.monotonic() + SLOW
+            while time.monotonic() < ends:
+                answer = self._ask(do='wait', name=name, wanted=wanted, seconds=0.1)
+                if answer['found']:
+                    widget: dict[str, Any] = answer['widget']
+                    return widget
+                said = self.wait_for('status')['text']
+                if DROPPED in said and (said != before or time.monotonic() > slow):
+                    break
+        return self.wait_for(name, **wanted)
+
+    def ask(self, *names: str, **wanted: object) -> None:
+        """Press keys until the last one has the window ask a question, as wanted."""
+        self.press(*names, see='question', **wanted)
 
     def start_race(self) -> None:
         """Give GRID_ACTIVE and, once that is allowed, GREEN_GREEN, by keys."""
         self.ask('F2')
-        self.key('y')
-        self.wait_for('green_green', barred='false')
+        self.press('y', see='green_green', barred='false')
         self.ask('F3')
-        self.key('y')
+        self.press('y', see='state', text='GREEN GREEN')
 
     def block(self, seconds: float) -> None:
         """Have the window's own thread do nothing for so long; return once it has begun."""
@@ -252,8 +279,8 @@ def probe(window: Any, address: str) -> None:
             named = [each for each in window.findChildren(QtWidgets.QWidget) if each.isVisible()]
             answer({each.objectName(): describe(each) for each in named if each.objectName()})
         elif question['do'] == 'wait':
-            # Less than the other end's own patience, so that it learns what there is instead.
-            wait(question['name'], question['wanted'], time.monotonic() + PATIENCE - 5)
+            until = time.monotonic() + question['seconds']
+            wait(question['name'], question['wanted'], until)
         elif question['do'] == 'block':
             answer(True)
             time.sleep(question['seconds'])

@@ -54,6 +54,7 @@ class Screen:
         self._test = ctypes.CDLL(ctypes.util.find_library('Xtst'))
         self._x.XOpenDisplay.restype = ctypes.c_void_p
         self._x.XStringToKeysym.restype = ctypes.c_ulong
+        self._codes: dict[str, int] = {}
         self._open = ctypes.c_void_p(self._x.XOpenDisplay(self.display.encode()))
         assert self._open.value, f'no connection to {self.display}'
 
@@ -65,6 +66,27 @@ class Screen:
     def press_button(self) -> None:
         """Press the left mouse button."""
         self._button(1)
+
+    def right_click(self, x: int, y: int) -> None:
+        """Click there with the right mouse button."""
+        self.move(x, y)
+        self._button(1, 3)
+        self._button(0, 3)
+
+    def remap(self, name: str, *symbols: str) -> None:
+        """
+        Put other signs onto a key, as another layout of the keyboard does.
+
+        ``key`` still finds it by its old name.
+
+        :param symbols: the X names of what it gives alone, and with Shift.
+        """
+        code = self._code(name)
+        codes = [self._x.XStringToKeysym(each.encode()) for each in symbols]
+        assert all(codes), symbols
+        many = (ctypes.c_ulong * len(codes))(*codes)
+        self._x.XChangeKeyboardMapping(self._open, code, len(codes), many, 1)
+        self._x.XSync(self._open, 0)
 
     def release_button(self) -> None:
         """Release the left mouse button."""
@@ -106,12 +128,15 @@ class Screen:
         self._server.terminate()
         self._server.wait()
 
-    def _button(self, down: int) -> None:
-        self._test.XTestFakeButtonEvent(self._open, 1, down, ctypes.c_ulong(0))
+    def _button(self, down: int, which: int = 1) -> None:
+        self._test.XTestFakeButtonEvent(self._open, which, down, ctypes.c_ulong(0))
         self._x.XSync(self._open, 0)
 
     def _code(self, name: str) -> int:
+        if name in self._codes:
+            return self._codes[name]
         symbol = self._x.XStringToKeysym(name.encode())
         assert symbol, f'there is no key {name}'
         code: int = self._x.XKeysymToKeycode(self._open, ctypes.c_ulong(symbol))
+        self._codes[name] = code
         return code

@@ -86,6 +86,7 @@ class AlertsArea(QtWidgets.QWidget):
         super().__init__()
         self._notices: list[Notice] = []
         self._aim: Aim[list[int]] = Aim()
+        self._down = 0
         self._summary = Fitted('standing', (15, 13, 12, 11), fill='true')
         self._see_all = QtWidgets.QPushButton(words.SEEN_ALL)
         self._see_all.setObjectName('seen_all')
@@ -104,7 +105,8 @@ class AlertsArea(QtWidgets.QWidget):
         self._frame = frame
         self._places = [AlertPlace(place) for place in range(PLACES)]
         for place, each in enumerate(self._places):
-            each.seen.clicked.connect(lambda _=False, place=place: self._press(place))
+            each.seen.pressed.connect(lambda place=place: self._go_down(place))
+            each.seen.clicked.connect(lambda _=False, place=place: self._let_go(place))
         inside = column(frame, *self._places)
         inside.setSpacing(0)
         column(self, head, frame).setSpacing(2)
@@ -122,11 +124,14 @@ class AlertsArea(QtWidgets.QWidget):
         """Show whether the sound is off."""
         set_text(self._mute, f'{words.SOUND_OFF if muted else words.SOUND_ON}  F11')
 
-    def show_notices(self, notices: Sequence[Notice], own: bool = False) -> None:
+    def show_notices(
+        self, notices: Sequence[Notice], own: bool = False, known: bool = True
+    ) -> None:
         """
         Show alerts, the most important first.
 
         :param own: they are others because the official has marked some as seen.
+        :param known: race control is heard: without any, there is none.
         """
         before = self._unseen()
         self._notices = list(notices)
@@ -141,7 +146,10 @@ class AlertsArea(QtWidgets.QWidget):
         if notices:
             unseen = any(not each.seen and each.standing for each in notices)
             tone = Tone.BAD if unseen else Tone.WAIT
-        self._summary.show_cell(Cell(summary(notices, PLACES), tone))
+        told = summary(notices, PLACES)
+        if not notices and not known:
+            told, tone = words.ALERTS_UNKNOWN, Tone.FAINT
+        self._summary.show_cell(Cell(told, tone))
         set_property(self._see_all, 'barred', 'false' if first else 'true')
 
     def press_first(self) -> None:
@@ -153,6 +161,17 @@ class AlertsArea(QtWidgets.QWidget):
     def _unseen(self) -> list[int]:
         """Return which notice each place has, 0 where there is nothing to be marked."""
         return [0 if notice.seen else notice.number for notice in self._notices]
+
+    def _go_down(self, place: int) -> None:
+        numbers = self._unseen()
+        self._down = numbers[place] if place < len(numbers) else 0
+
+    def _let_go(self, place: int) -> None:
+        numbers = self._unseen()
+        if place < len(numbers) and numbers[place] == self._down:
+            self._press(place)
+        else:
+            self.changed.emit()
 
     def _press(self, place: int) -> None:
         stood = self._aim.seen(clock.now())

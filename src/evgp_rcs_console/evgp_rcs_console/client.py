@@ -13,11 +13,12 @@ Whoever listens is called in these threads, and must hand over to its own at onc
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+import ipaddress
 import queue
 import threading
 from typing import Any, Protocol
 
-from evgp_node.graph import bind_graph, fence_graph
+from evgp_node.graph import bind_graph, EVERY, fence_graph, reachable_at
 from evgp_node.spinning import Spinning
 from evgp_protocol.clock import now
 from evgp_rcs_console import words
@@ -281,3 +282,13 @@ def request_message(order: Order) -> Any:
 def domain_of(context: Context | None = None) -> int:
     """Return the ROS domain of a context."""
     return int((context or rclpy.utilities.get_default_context()).get_domain_id())
+
+
+def looking(topic: str, context: Context | None = None) -> str:
+    """Return where a client looks for race control, as a sentence says it."""
+    beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
+    where = words.ON_THIS_MACHINE
+    if beyond:
+        addresses = words.EVERY_ADDRESS if EVERY in beyond else ' and '.join(beyond)
+        where = words.AT_ADDRESSES.format(addresses=addresses)
+    return words.LOOKING.format(topic=topic, domain=domain_of(context), where=where)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+import os
 import sys
 import threading
 
@@ -11,7 +12,7 @@ from evgp_node.graph import GraphError
 from evgp_protocol.clock import now
 from evgp_rcs_console import words
 from evgp_rcs_console.apart import Report
-from evgp_rcs_console.client import Client, domain_of, join_graph
+from evgp_rcs_console.client import Client, domain_of, join_graph, looking
 from evgp_rcs_console.commands import FORMS, Order
 from evgp_rcs_console.ctl import COMMANDS, no_answer, STATEMENTS
 from evgp_rcs_console.effects import effects, nobody_is_heard
@@ -19,7 +20,7 @@ from evgp_rcs_console.exits import Exit
 from evgp_rcs_console.snapshot import Answer, Available, Command, Event, Kart, Race, State
 from evgp_rcs_console.standing import Standing
 from evgp_rcs_console.terminal import table
-from evgp_rcs_console.view import danger, is_gone, show, silence
+from evgp_rcs_console.view import danger, is_gone, ReasonTimes, show, silence
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 
@@ -181,18 +182,24 @@ def _name_them(wanted: argparse.Namespace, race: Race) -> Told:
         reason = offered.reason if offered else 'race control does not offer it'
         return {'code': Exit.USAGE, 'error': f'{label}: nothing was sent, and not now: {reason}.'}
     names = ', '.join(_name(race.karts, number) for number in offered.karts) or 'no kart'
-    again = ' '.join(['rcs_ctl', wanted.command, *map(str, offered.karts)])
-    flags = [f' {STATEMENTS[command][0]}'] if wanted.stated else []
+    flags = [STATEMENTS[command][0]] if wanted.stated else []
+    again = ' '.join([wanted.command, *map(str, offered.karts), *flags])
     return {
         'code': Exit.USAGE,
         'error': '\n'.join(
             [
                 f'{label}: nothing was sent. It is for {names}.',
                 *said_of(command, race, offered, None),
-                f'To send it, name them: {again}{"".join(flags)}',
+                f'To send it, name them: {as_called(again)}',
             ]
         ),
     }
+
+
+def as_called(arguments: str) -> str:
+    """Return a command line with these arguments, in the form in which this one was called."""
+    called = os.environ.get('EVGP_CTL', '')  # by make: how, up to the arguments
+    return f'{called}"{arguments}"' if called else f'rcs_ctl {arguments}'
 
 
 def said_of(command: Command, race: Race, offered: Available, kart: Kart | None) -> list[str]:
@@ -212,6 +219,7 @@ def _watch(
     if wanted.events:
         return _watch_events(desk, wanted, until, report)
     began = now()
+    reasons = ReasonTimes()
     if wanted.once:
         desk.wait_for(lambda: desk.race is not None, until)
     redraw = sys.stdout.isatty() and not wanted.once
@@ -221,14 +229,15 @@ def _watch(
         at = now()
         silent_for = at - heard_at if race is not None else None
         state = race.state if race else State.UNKNOWN
-        shown = silence(silent_for, at - began, client.topic, domain_of(), state)
+        shown = silence(silent_for, at - began, looking(client.topic), state)
         if shown is None and race is not None:
             shown = danger(race, two)
         lines = []
         if shown:
             lines += [f'*** {shown.title}: {shown.advice} ***', shown.detail]
         if race is not None:
-            lines += table(show(race, at - heard_at, {}, shown), race.alerts)
+            since = reasons.update(race.commands, at)
+            lines += table(show(race, at - heard_at, {}, shown, since), race.alerts)
         text = '\n'.join(lines)
         if wanted.once:
             code = Exit.NOT_THERE if is_gone(silent_for) else Exit.ACCEPTED

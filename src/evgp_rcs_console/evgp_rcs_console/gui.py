@@ -12,7 +12,7 @@ from typing import Any
 from evgp_node.ending import end_within
 from evgp_node.graph import GraphError
 from evgp_rcs_console import words
-from evgp_rcs_console.client import Client, domain_of, join_graph
+from evgp_rcs_console.client import Client, join_graph, looking
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 from rclpy.utilities import remove_ros_args
@@ -59,7 +59,7 @@ def main(
     except RCLError as error:
         print(f'rcs_gui: {words.NOT_ALLOWED.format(error=error)}', file=sys.stderr)
         return 2
-    window = ConsoleWindow(inbox, client.give, client.topic, domain_of())
+    window = ConsoleWindow(inbox, client.give, looking(client.topic))
     # Python runs these when the window's timer gives it the chance. To quit at once would be in
     # vain before the loop runs.
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+
 from evgp_rcs_console import style, words
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.view import Cell, Row, Tone
@@ -14,6 +17,8 @@ from evgp_rcs_console.widgets import (
     Pressed,
     set_property,
 )
+
+Scrolling = Callable[[], AbstractContextManager[None]]
 
 OVERVIEW_FROM = 9
 """From so many karts on there is an overview of all of them."""
@@ -218,6 +223,29 @@ class Overview(QtWidgets.QWidget):
         painter.end()
 
 
+class Rows(QtWidgets.QScrollArea):
+    """
+    What the rows are scrolled in.
+
+    :param scrolling: around every scrolling that is not by the official's own hand.
+    """
+
+    def __init__(self, scrolling: Scrolling) -> None:
+        """Have no rows."""
+        super().__init__()
+        self._scrolling = scrolling
+
+    def focusNextPrevChild(self, following: bool) -> bool:  # noqa: N802 - Qt's name
+        """Move the focus, and scroll to where it is."""
+        with self._scrolling():
+            return bool(super().focusNextPrevChild(following))
+
+    def bring_into_view(self, row: QtWidgets.QWidget) -> None:
+        """Scroll to a row."""
+        with self._scrolling():
+            self.ensureWidgetVisible(row, 0, 0)
+
+
 class KartList(QtWidgets.QWidget):
     """
     Every kart of the roster, in the order of their numbers.
@@ -227,15 +255,18 @@ class KartList(QtWidgets.QWidget):
     """
 
     chosen = Signal(int)
+    """By a click in its row."""
+    wanted = Signal(int)
+    """By a click on its tile: its row may be out of sight."""
 
-    def __init__(self, pressed: Pressed) -> None:
+    def __init__(self, pressed: Pressed, scrolling: Scrolling) -> None:
         """Have no kart."""
         super().__init__()
         self._pressed = pressed
         self._by = 1.0
         self.rows: list[KartRow] = []
         self._overview = Overview()
-        self._overview.chosen.connect(self.chosen)
+        self._overview.chosen.connect(self.wanted)
         self._overview.hide()
         self._heading = Heading()
         inside = QtWidgets.QWidget()
@@ -244,7 +275,7 @@ class KartList(QtWidgets.QWidget):
         self._inside.setContentsMargins(0, 0, 0, 0)
         self._inside.setSpacing(0)
         self._inside.addStretch(1)
-        self.scroll = QtWidgets.QScrollArea()
+        self.scroll = Rows(scrolling)
         self.scroll.setObjectName('karts')
         self.scroll.setWidgetResizable(True)
         self.scroll.setWidget(inside)
@@ -277,7 +308,7 @@ class KartList(QtWidgets.QWidget):
         """Scroll to a kart."""
         for row in self.rows:
             if row.number == number:
-                self.scroll.ensureWidgetVisible(row, 0, 0)
+                self.scroll.bring_into_view(row)
 
     def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
         """Have the rows use the room."""

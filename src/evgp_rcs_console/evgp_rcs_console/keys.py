@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 import enum
+import string
 
 from evgp_rcs_console import words
 from evgp_rcs_console.commands import FORMS
@@ -23,6 +24,30 @@ FORGOTTEN = 5.0
 
 MOST_DIGITS = 6
 """Maximum number of digits that are shown; a kart's number has four at most."""
+
+
+_ROWS_OF_LETTERS = ((24, 'QWERTYUIOP'), (38, 'ASDFGHJKL'), (52, 'ZXCVBNM'))
+"""The letters of a keyboard by their places: the code of the first key of each row, on Linux."""
+
+_LETTER_AT = {
+    code + place: letter for code, row in _ROWS_OF_LETTERS for place, letter in enumerate(row)
+}
+
+
+def key_name(name: str, text: str, code: int) -> str:
+    """
+    Return what a key is called here, whatever the layout of the keyboard.
+
+    :param name: what Qt calls it.
+    :param text: what it types; empty with Ctrl, Alt or Meta.
+    :param code: its place on the keyboard, as the display server numbers it.
+    """
+    if len(text) == 1 and text in string.digits:
+        return text  # some layouts need Shift for digits
+    modifiers, plus, last = name.rpartition('+')
+    if len(last) == 1 and not last.isascii():
+        return f'{modifiers}{plus}{_LETTER_AT.get(code, last)}'
+    return name
 
 
 class Act(enum.Enum):

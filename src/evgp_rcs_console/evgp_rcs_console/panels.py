@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from evgp_rcs_console import words
 from evgp_rcs_console.notices import concerns, EventLog
-from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
+from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.snapshot import Command, Event
 from evgp_rcs_console.view import Cell, Row, Screen
 from evgp_rcs_console.widgets import (
@@ -147,22 +147,28 @@ class SidePanel(QtWidgets.QWidget):
 class EventPanel(QtWidgets.QWidget):
     """What happened, of all karts or of one."""
 
+    toggled = Signal()
+    """One kart alone is wanted, or all again."""
+
     def __init__(self) -> None:
         """Begin with nothing."""
         super().__init__()
         self._events = EventLog()
         self._kart = 0
-        self._numbers = [0]
+        self._teams: dict[int, str] = {}
         self._view = QtWidgets.QPlainTextEdit()
         self._view.setObjectName('log')
         self._view.setReadOnly(True)
+        # No text can be selected, and so none dragged: a drag takes every key and click.
+        self._view.setTextInteractionFlags(QtCore.Qt.TextInteractionFlag.NoTextInteraction)
+        self._view.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
         self._view.setTabChangesFocus(True)
         self._view.setMaximumBlockCount(2000)
         self._view.setLineWrapMode(QtWidgets.QPlainTextEdit.LineWrapMode.NoWrap)
-        self._filter = QtWidgets.QComboBox()
+        # No list that opens: while one is open, it takes every key and click, also those of stops.
+        self._filter = QtWidgets.QPushButton()
         self._filter.setObjectName('filter')
-        self._filter.addItem(words.EVERY_KART)
-        self._filter.currentIndexChanged.connect(self._show_one)
+        self._filter.clicked.connect(self.toggled)
         title = Label(section='true')
         title.setText(words.LOG)
         left = QtWidgets.QVBoxLayout()
@@ -174,6 +180,7 @@ class EventPanel(QtWidgets.QWidget):
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addLayout(left)
         layout.addWidget(self._view, 1)
+        self._show_one(0)
 
     def fit(self, by: float, height: int) -> None:
         """Take the size of a scale, in a window of a height (pixels)."""
@@ -187,25 +194,24 @@ class EventPanel(QtWidgets.QWidget):
                 self._view.appendPlainText(str(line))
 
     def show_karts(self, rows: tuple[Row, ...]) -> None:
-        """Offer these karts to be shown alone."""
-        self._numbers = [0, *(row.number for row in rows)]
-        choices = [words.EVERY_KART] + [
-            words.ONE_KART.format(number=row.number, team=row.team) for row in rows
-        ]
-        if [self._filter.itemText(n) for n in range(self._filter.count())] != choices:
-            self._filter.blockSignals(True)
-            self._filter.clear()
-            self._filter.addItems(choices)
-            self._filter.blockSignals(False)
-            self._show_one(0)
+        """Take the karts that there are; a roster without the kart that is shown shows all."""
+        teams = {row.number: row.team for row in rows}
+        if teams != self._teams:
+            self._teams = teams
+            self._show_one(self._kart)
 
-    def toggle(self, kart: int) -> None:
-        """Show one kart alone (0: all), or all again."""
-        self._filter.setCurrentIndex(
-            0 if self._filter.currentIndex() else self._numbers.index(kart)
-        )
+    def toggle(self, kart: int) -> bool:
+        """Show one kart alone, or all again; return whether there was anything to show."""
+        if not self._kart and kart not in self._teams:
+            return False
+        self._show_one(0 if self._kart else kart)
+        return True
 
-    def _show_one(self, place: int) -> None:
-        self._kart = self._numbers[place] if 0 <= place < len(self._numbers) else 0
+    def _show_one(self, kart: int) -> None:
+        self._kart = kart if kart in self._teams else 0
+        shown = words.EVERY_KART
+        if self._kart:
+            shown = words.ONE_KART.format(number=self._kart, team=self._teams[self._kart])
+        set_text(self._filter, shown)
         self._view.setPlainText('\n'.join(str(line) for line in self._events.lines(self._kart)))
         self._view.moveCursor(QtGui.QTextCursor.MoveOperation.End)

@@ -109,6 +109,7 @@ class Question(Sheet):
         self.button = button
         self.shown_at = clock.now()
         self._spoilt = False
+        self.yes.setDown(False)  # held down since another question
         # A click on YES counts once it can have been meant: not the second one of a double click.
         self._settling.start(round(SEEN * 1000))
         set_text(
@@ -207,9 +208,9 @@ class Heats(Sheet):
         self.raise_()
         self._heats[0].setFocus()
 
-    def _choose(self, button: Button) -> None:
+    def _choose(self, down: Button, button: Button) -> None:
         self.close_sheet()
-        self._pressed(button)
+        self._pressed(down, button)
 
 
 class Help(Sheet):

@@ -136,10 +136,8 @@ QScrollBar::handle:vertical {{ background: #555; min-height: {px(40)}; border-ra
 QScrollBar::add-line, QScrollBar::sub-line {{ height: 0; }}
 
 QPlainTextEdit#log {{ border: 1px solid #333; background: #FFF; font-size: {px(13)}; }}
+QPushButton#filter {{ text-align: left; font-size: {px(14)}; }}
 QPlainTextEdit#log:focus {{ border: {px(2)} solid #0047C2; }}
-QComboBox {{ border: {px(2)} solid #333; padding: {px(1)} {px(6)}; background: #FFF; }}
-QComboBox:focus {{ border: {px(3)} solid #0047C2; }}
-QComboBox QAbstractItemView {{ background: #FFF; selection-background-color: #0047C2; }}
 QLabel#status {{
   font-size: {px(15)}; font-weight: bold; border: 1px solid #333; padding: {px(1)} {px(6)};
 }}
@@ -147,5 +145,4 @@ QFrame[sheet="true"] {{ background: #FFF; border: {px(6)} solid #000; border-rad
 QLabel[sheet_title="true"] {{ font-size: {px(36)}; font-weight: 900; }}
 QLabel[sheet_text="true"] {{ font-size: {px(20)}; }}
 QFrame[sheet="true"] QPushButton {{ font-size: {px(20)}; padding: {px(5)} {px(14)}; }}
-QToolTip {{ font-size: {px(15)}; color: #000; background: #FFE08A; border: 1px solid #000; }}
 """

@@ -16,7 +16,16 @@ import string
 from evgp_rcs_console import words
 from evgp_rcs_console.commands import FORMS, Order
 from evgp_rcs_console.effects import effects, nobody_is_heard
-from evgp_rcs_console.snapshot import Available, Command, Heat, Kart, Race, State, Track
+from evgp_rcs_console.snapshot import (
+    Availability,
+    Available,
+    Command,
+    Heat,
+    Kart,
+    Race,
+    State,
+    Track,
+)
 
 GONE_AFTER = 0.9
 """
@@ -93,7 +102,7 @@ class Button:
     :param condition: what the official confirms; empty if the command asks for nothing.
     :param consequence: what it would do to which kart, and to which it would do nothing.
     :param statement: what race control asks the official to state; empty if nothing.
-    :param karts: the karts that it would start or release, as race control says.
+    :param karts: the karts that it would start or release, as race control says, or of its heat.
     :param hold: the hold that it would end; UNKNOWN for none.
     :param warning: what speaks against it, as the screen shows it; empty if nothing is known.
     :param heat: the heat that it puts into the race, by its name.
@@ -137,6 +146,15 @@ class Button:
             return *said, button.statement, button.karts, button.hold
 
         return seen(self) == seen(other)
+
+    @property
+    def is_instant(self) -> bool:
+        """Return whether it is a stop that asks nothing: it acts when the button goes down."""
+        return FORMS[self.command].stop and not self.condition
+
+    def is_same_command(self, other: Button) -> bool:
+        """Return whether the other one is the same command for the same kart or heat."""
+        return (self.command, self.kart, self.heat) == (other.command, other.kart, other.heat)
 
     @property
     def explanation(self) -> str:
@@ -255,29 +273,37 @@ def is_gone(silent_for: float | None) -> bool:
     return silent_for is None or silent_for >= GONE_AFTER
 
 
+KILL_NOTES = (words.KILL_NOTE_NOT_YET, words.KILL_NOTE_GONE)
+"""How a stop is pressed before race control is found, and once it is gone."""
+
+
 def silence(
-    silent_for: float | None, looking_for: float, topic: str, domain: int, state: State
+    silent_for: float | None,
+    looking_for: float,
+    looking: str,
+    state: State,
+    notes: tuple[str, str] = ('', ''),
 ) -> Danger | None:
     """
     Return what is to be said of race control's silence, None while it is heard.
 
     :param silent_for: since when it is not heard, seconds; None: it never was.
     :param looking_for: how long it has been looked for, seconds.
+    :param looking: where it is looked for, as a sentence says it.
     :param state: the state of the race when it was heard last.
+    :param notes: what else is said before it is found, and once it is gone.
     """
     if not is_gone(silent_for):
         return None
     if silent_for is None:
-        title = words.NOT_YET
-        detail = words.NOT_YET_DETAIL.format(
-            topic=topic, age=words.age(looking_for), domain=domain
-        )
+        title, note = words.NOT_YET, notes[0]
+        detail = words.NOT_YET_DETAIL.format(looking=looking, age=words.age(looking_for))
     else:
-        title = words.GONE
+        title, note = words.GONE, notes[1]
         detail = words.GONE_SINCE.format(
             age=words.short_age(silent_for), state=words.STATES[state]
         )
-    detail = f'{detail} {words.KILL_NOTE_GONE}'
+    detail = f'{detail} {note}'.rstrip()
     return Danger(title, words.USE_MSR, detail, words.GONE_REASON, stale=True)
 
 
@@ -297,15 +323,45 @@ def danger(race: Race, two: bool) -> Danger | None:
     return None
 
 
-def show(race: Race, age: float, pending: Pending, danger: Danger | None = None) -> Screen:
+WORTH_A_FIGURE = 2.0
+"""Time from which on the screen says for how long a command has not been possible, in seconds."""
+
+
+class ReasonTimes:
+    """For how long each command has not been possible for the reason that is given now."""
+
+    def __init__(self) -> None:
+        """Have seen no reason."""
+        self._first: dict[Command, tuple[str, float]] = {}
+
+    def update(self, offered: Availability, now: float) -> dict[Command, float]:
+        """Take what race control says of commands at a time (s); return the times, in seconds."""
+        first = {command: (each.reason, now) for command, each in offered.items()}
+        for command, (reason, since) in self._first.items():
+            if command in first and first[command][0] == reason:
+                first[command] = reason, since
+        self._first = first
+        return {command: now - since for command, (_, since) in first.items()}
+
+
+def show(
+    race: Race,
+    age: float,
+    pending: Pending,
+    danger: Danger | None = None,
+    reasons: Mapping[Command, float] | None = None,
+) -> Screen:
     """
     Return what a screen shows of a snapshot.
 
     :param age: how long ago the snapshot came, seconds.
     :param pending: the commands that wait for an answer.
     :param danger: what is to be said if race control is gone or must not be relied on.
+    :param reasons: for how long the reason why a command to the race is not possible has been
+        that one, in seconds.
     """
-    buttons = _Buttons(race, age, pending, barred=danger.barred if danger else '')
+    barred = danger.barred if danger else ''
+    buttons = _Buttons(race, pending, barred, reasons or {})
     since = words.STATE_SINCE.format(age=words.age(race.state_for + age))
     track = race.track
     humans, reason = _humans(race)
@@ -390,37 +446,38 @@ class _Buttons:
     """The buttons of one snapshot."""
 
     snapshot: Race
-    age: float
     pending: Pending
     barred: str
+    reasons: Mapping[Command, float]
 
     def race(self, command: Command) -> Button:
-        since = self.snapshot.state_for + self.age
         offered = self.snapshot.commands.get(command, Available(False))
-        return self._button(command, None, offered, since, KEYS.get(command, ''))
+        return self._button(command, None, offered, KEYS.get(command, ''))
 
     def kart(self, command: Command, kart: Kart, key: str = '') -> Button:
         offered = kart.commands.get(command, Available(False))
-        return self._button(command, kart, offered, None, key)
+        return self._button(command, kart, offered, key)
 
     def heat(self, heat: Heat) -> Button:
         """Return the button that puts a heat into the race."""
         racing = tuple(kart.number for kart in self.snapshot.karts if kart.in_race)
         label = words.heat(heat, in_race=heat.karts == racing)
-        return replace(self.race(Command.SET_HEAT), label=label, heat=heat.name, key='')
+        return replace(
+            self.race(Command.SET_HEAT), label=label, heat=heat.name, karts=heat.karts, key=''
+        )
 
     def _button(
         self,
         command: Command,
         kart: Kart | None,
         offered: Available,
-        since: float | None,
         key: str,
     ) -> Button:
         form = FORMS[command]
         waits = self.pending.get((command, kart.number if kart else 0))
         reason = offered.reason
-        if reason and since is not None:
+        since = self.reasons.get(command, 0.0) if kart is None else 0.0
+        if reason and since >= WORTH_A_FIGURE:
             reason = words.WITH_AGE.format(reason=reason, age=words.age(since))
         # A stop may be pressed into silence, and again while it waits: it can do no harm.
         if not form.stop and self.barred:

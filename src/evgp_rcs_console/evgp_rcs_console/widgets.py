@@ -8,7 +8,8 @@ from evgp_rcs_console.commands import FORMS
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.view import Button, Cell, Danger
 
-Pressed = Callable[[Button], None]
+Pressed = Callable[[Button, Button], None]
+"""Takes which command a button had when it went down, and which one it has when it is let go."""
 
 WRAP = QtCore.Qt.TextFlag.TextWordWrap.value
 
@@ -167,6 +168,9 @@ class CommandButton(QtWidgets.QPushButton):
     A command. One that is not allowed looks and is disabled, but can still be focused and tapped.
 
     Then it says why: a keyboard and a touch screen know no hovering.
+
+    A stop acts when the button goes down: whatever stands there when the hand goes up, or whether
+    the button is still there then, is no matter. Anything else acts when the button is let go.
     """
 
     def __init__(self, pressed: Pressed, large: bool = False) -> None:
@@ -175,7 +179,10 @@ class CommandButton(QtWidgets.QPushButton):
         self.button: Button | None = None
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
         self.setProperty('large', 'true' if large else 'false')
-        self.clicked.connect(lambda: self.button and pressed(self.button))
+        self._give = pressed
+        self._down: Button | None = None
+        self.pressed.connect(self._go_down)
+        self.clicked.connect(self._let_go)
 
     def show_button(self, button: Button) -> None:
         """Show a command and whether it is allowed."""
@@ -190,6 +197,16 @@ class CommandButton(QtWidgets.QPushButton):
         tip = button.explanation
         self.setToolTip(tip)
         self.setAccessibleDescription(tip)
+
+    def _go_down(self) -> None:
+        self._down = self.button
+        if self.button is not None and self.button.is_instant:
+            self._give(self.button, self.button)
+
+    def _let_go(self) -> None:
+        down, self._down = self._down, None
+        if down is not None and self.button is not None and not down.is_instant:
+            self._give(down, self.button)
 
 
 class RaceButton(QtWidgets.QWidget):

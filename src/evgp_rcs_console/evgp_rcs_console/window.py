@@ -7,7 +7,8 @@ which Qt queues; commands go out through ``give``, which returns at once.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+import contextlib
 from dataclasses import dataclass
 import time
 
@@ -32,7 +33,9 @@ from evgp_rcs_console.view import (
     Cell,
     Danger,
     danger,
+    KILL_NOTES,
     NOTHING,
+    ReasonTimes,
     Screen,
     show,
     silence,
@@ -85,7 +88,7 @@ class Shown:
     """What an official had in front of them: the screen, and where each command's button was."""
 
     screen: Screen
-    buttons: tuple[tuple[CommandButton, QtCore.QRect, Button], ...]
+    buttons: tuple[tuple[CommandButton, QtGui.QRegion, Button], ...]
 
     def at(self, point: QtCore.QPoint) -> Button | None:
         """Return the command at a point of the screen."""
@@ -102,18 +105,16 @@ class ConsoleWindow(QtWidgets.QWidget):
 
     :param inbox: where what is heard comes from.
     :param give: gives a command.
-    :param topic: the topic on which race control is looked for.
-    :param domain: the ROS domain.
+    :param looking: where race control is looked for, as a sentence says it.
     """
 
-    def __init__(self, inbox: Inbox, give: Give, topic: str, domain: int) -> None:
+    def __init__(self, inbox: Inbox, give: Give, looking: str) -> None:
         """Show that race control is being looked for."""
         super().__init__()
         self.setObjectName('window')
         self.setWindowTitle(words.TITLE)
         self._give = give
-        self._topic = topic
-        self._domain = domain
+        self._looking = looking
         self._began = clock.now()
         self._race: Race | None = None
         self._two = False
@@ -133,6 +134,8 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._aim: Aim[Shown] = Aim()
         self._message = Cell(words.READY)
         self._outcome: Outcome | None = None
+        self._changed: tuple[Order, str] | None = None
+        self._reasons = ReasonTimes()
         self._pointed: CommandButton | Fitted | None = None
         self._sound = Sound()
         self._muted = False
@@ -164,8 +167,15 @@ class ConsoleWindow(QtWidgets.QWidget):
         if self._book.update(race.alerts, two):
             self._sounded = 0.0
         if self._outcome is not None and not self._outcome.stands(race, at):
-            what = words.now_so(self._outcome.order, race)
-            self._say(words.NOW.format(clock=_clock(), what=what))
+            order = self._outcome.order
+            self._say(words.CHANGED.format(clock=_clock(), what=words.now_so(order, race)))
+            self._changed = order, words.now_so(order, race)
+        elif self._changed is not None:
+            order, said = self._changed
+            what = words.now_so(order, race)
+            if what != said:
+                self._changed = order, what
+                self._message = Cell(words.CHANGED.format(clock=_clock(), what=what))
         self._refresh()
 
     def _take_event(self, event: Event) -> None:
@@ -214,9 +224,8 @@ class ConsoleWindow(QtWidgets.QWidget):
         race = self._race or NOTHING
         silent_for = now - self._heard_at if self._race is not None else None
         looking_for = now - self._began
-        return silence(silent_for, looking_for, self._topic, self._domain, race.state) or danger(
-            race, self._two
-        )
+        said = silence(silent_for, looking_for, self._looking, race.state, KILL_NOTES)
+        return said or danger(race, self._two)
 
     # ----- what is shown ------------------------------------------------------------------
 
@@ -228,14 +237,23 @@ class ConsoleWindow(QtWidgets.QWidget):
         if title != self._danger_title:
             self._danger_title = title
             self._sounded = 0.0
+        pending = {key: now - order.at for key, order in self._orders.items()}
+        race = self._race or NOTHING
+        reasons = self._reasons.update(race.commands, now)
+        screen = show(race, now - self._heard_at, pending, danger_now, reasons)
+        before = self._screen
+        if before is not None and before.rows and _commands(before) != _commands(screen):
+            self._aim.change(self._shown(before), now)
+        self._screen = screen
+        if self._heats.isVisible() and before is not None and _heats(before) != _heats(screen):
+            # What was chosen from is gone; and a click on its way must not hit what is below.
+            self._aim.change(self._shown(before), now)
+            self._heats.close_sheet()
+            self._say(words.HEATS_CHANGED, Tone.BAD)
         self._danger_panel.setVisible(danger_now is not None)
         self._now_panel.setVisible(danger_now is None)
         if danger_now is not None:
             self._danger_panel.show_danger(danger_now)
-        pending = {key: now - order.at for key, order in self._orders.items()}
-        screen = show(self._race or NOTHING, now - self._heard_at, pending, danger_now)
-        self._remember(screen, now)
-        self._screen = screen
         stale = danger_now is not None and danger_now.stale
         self._now_panel.show_screen(screen, stale)
         self._side.show_screen(screen)
@@ -252,31 +270,46 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._show_kill()
         self._show_status()
 
-    def _remember(self, screen: Screen, now: float) -> None:
-        """Keep what is shown until now, if other commands are about to take the places."""
-        before = self._screen
-        if before is None or not before.rows or _commands(before) == _commands(screen):
-            return
+    def _shown(self, screen: Screen) -> Shown:
+        """Return what is in front of the official."""
         buttons = []
+        sheets = [each for each in (self._question, self._help, self._heats) if each.isVisible()]
         for button in self.findChildren(CommandButton):
             if button.button is not None and button.isVisible():
                 corner = button.mapToGlobal(QtCore.QPoint(0, 0))
-                seen = button.visibleRegion().boundingRect().translated(corner)
+                seen = button.visibleRegion().translated(corner)
+                for sheet in sheets:
+                    if not sheet.isAncestorOf(button):
+                        above = sheet.rect().translated(sheet.mapToGlobal(QtCore.QPoint(0, 0)))
+                        seen = seen.subtracted(QtGui.QRegion(above))
                 buttons.append((button, seen, button.button))
-        self._aim.change(Shown(before, tuple(buttons)), now)
+        return Shown(screen, tuple(buttons))
+
+    @contextlib.contextmanager
+    def _scrolling(self) -> Iterator[None]:
+        """Take that the window scrolls the karts by itself: other buttons come below the hand."""
+        before = self._shown(self._screen) if self._screen is not None else None
+        bar = self._karts.scroll.verticalScrollBar()
+        value = bar.value()
+        yield
+        if before is not None and bar.value() != value:
+            self._aim.change(before, clock.now())
 
     def _show_field(self) -> None:
         self._side.number_field.show_cells(*self._field.cells())
 
     def _show_alerts(self, own: bool = False) -> None:
-        self._alerts.show_notices(self._book.shown, own)
+        known = self._screen is not None and not (
+            self._screen.danger is not None and self._screen.danger.stale
+        )
+        self._alerts.show_notices(self._book.shown, own, known)
 
     def _show_kill(self) -> None:
         stop = next((s for s in self._stops if s.order.command is Command.ALL_KILL), None)
         late = clock.now() - stop.since if stop else 0.0
         # The first moment of a press that is about to be answered is not worth a word.
         pressing = stop is not None and late > LATE
-        reached = self.isActiveWindow() or QtWidgets.QApplication.activePopupWidget() is not None
+        reached = self.isActiveWindow()
         if stop is not None and pressing:
             detail = words.KILL_PRESSING.format(count=stop.presses, age=words.short_age(late))
             hint = Cell(detail, Tone.BAD)
@@ -324,6 +357,7 @@ class ConsoleWindow(QtWidgets.QWidget):
     def _say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
         self._message = Cell(text, tone)
         self._outcome = None
+        self._changed = None
         self._pointed = None
         self._show_status()
 
@@ -332,6 +366,13 @@ class ConsoleWindow(QtWidgets.QWidget):
     def _press_kill(self) -> None:
         self._give(Order(Command.ALL_KILL))
         self._clear_field()
+
+    def _let_go_of(self, down: Button, button: Button) -> None:
+        """Take a press, if what stands on the button is still what stood there."""
+        if down.is_same_command(button):
+            self._pressed(button)
+        else:
+            self._refuse_changed(down)
 
     def _pressed(self, button: Button) -> None:
         """Give the command of a button, ask for its confirmation, or say why it is not allowed."""
@@ -372,11 +413,16 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._field.choose(number)
         self._follow_field()
 
+    def _choose_in_sight(self, number: int) -> None:
+        """Have a kart stand in the field whose row was clicked: nothing moves below the hand."""
+        self._field.choose(number)
+        self._follow_field(scroll=False)
+
     def _clear_field(self) -> None:
         self._field.clear()
         self._follow_field()
 
-    def _follow_field(self) -> None:
+    def _follow_field(self, scroll: bool = True) -> None:
         """Show what stands in the field, there and in the list."""
         self._show_field()
         kart = self._field.kart
@@ -384,7 +430,8 @@ class ConsoleWindow(QtWidgets.QWidget):
             self._marked = kart
             stale = self._screen.danger is not None and self._screen.danger.stale
             self._karts.show_rows(self._screen.rows, kart, stale)
-            self._karts.bring_into_view(kart)
+            if scroll:
+                self._karts.bring_into_view(kart)
 
     def _choose_next(self, step: int) -> None:
         numbers = self._karts.numbers
@@ -401,6 +448,11 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._book.see_all()
         self._show_alerts(own=True)
 
+    def _toggle_events(self) -> None:
+        """Show the events of the chosen kart alone, or of all karts."""
+        if not self._events.toggle(self._field.kart):
+            self._say(words.WHOSE_EVENTS, Tone.WAIT)
+
     def _toggle_sound(self) -> None:
         self._muted = not self._muted
         self._sounded = 0.0
@@ -413,6 +465,10 @@ class ConsoleWindow(QtWidgets.QWidget):
     ) -> bool:
         """Take keys and clicks before any widget does, and see what is pointed at."""
         kind = event.type()
+        # Nothing may ever take a click or a key from a stop: a menu does, and so does a tip. What
+        # a tip would say stands in the bottom line.
+        if kind in (QtCore.QEvent.Type.ContextMenu, QtCore.QEvent.Type.ToolTip):
+            return True
         if isinstance(watched, QtGui.QWindow):
             if kind == QtCore.QEvent.Type.KeyPress:
                 assert isinstance(event, QtGui.QKeyEvent)
@@ -438,6 +494,8 @@ class ConsoleWindow(QtWidgets.QWidget):
 
     def _drop(self, name: str, age: float) -> bool:
         """Say that a key or click was too old; return that it is used up."""
+        # It would have ended the number: what is typed after it is another one.
+        self._clear_field()
         self._dropped = [*self._dropped[-4:], name]
         names = ', '.join(self._dropped)
         self._say(words.TOO_OLD.format(name=names, age=words.age(age)), Tone.BAD)
@@ -490,18 +548,20 @@ class ConsoleWindow(QtWidgets.QWidget):
         there = target.button if isinstance(target, CommandButton) else None
         if aimed is None and (there is None or FORMS[there.command].stop):
             return False  # no kart stood there that it could have been meant for
-        if aimed is not None and there is not None and _same(aimed, there):
+        if aimed is not None and there is not None and aimed.is_same_command(there):
             return False
-        if aimed is not None and FORMS[aimed.command].stop and not aimed.condition:
+        if aimed is not None and aimed.is_instant:
             self._pressed(aimed)
-        elif there is not None:
-            self._refuse_changed(words.command_name(there.command, there.kart))
+        elif there is not None and not there.is_instant:
+            self._refuse_changed(there)
         else:
             return False
         return True
 
-    def _refuse_changed(self, name: str) -> None:
+    def _refuse_changed(self, button: Button) -> None:
+        name = words.command_name(button.command, button.kart)
         self._say(words.ROWS_CHANGED.format(name=name), Tone.BAD)
+        self._clear_field()
 
     def _let_go(self, age: float) -> None:
         """Have a button that was pressed in time, and released too late, do nothing."""
@@ -524,16 +584,18 @@ class ConsoleWindow(QtWidgets.QWidget):
                 self._press_kill()
             return True
         name = QtGui.QKeySequence(event.keyCombination()).toString()
-        if event.modifiers() & QtCore.Qt.KeyboardModifier.KeypadModifier:
+        modifiers = QtCore.Qt.KeyboardModifier
+        if event.modifiers() & modifiers.KeypadModifier:
             name = plain
+        commanding = modifiers.ControlModifier | modifiers.AltModifier | modifiers.MetaModifier
+        text = '' if event.modifiers() & commanding else event.text()
+        name = keys.key_name(name, text, event.nativeScanCode())
         stroke = keys.meaning(name)
         if age >= STALE and not self._acts_late(stroke):
             # What means nothing here, as Shift alone, is not worth a word.
             named = stroke is not None or self._question.isVisible()
             return self._drop(name, age) if named and not event.isAutoRepeat() else True
         self._dropped.clear()
-        if QtWidgets.QApplication.activePopupWidget() is not None:
-            return False
         at = clock.now() - age
         means = stroke is not None or name in ANSWER_KEYS
         twice = means and not event.isAutoRepeat() and self._repeats.same_press(name, at)
@@ -559,7 +621,7 @@ class ConsoleWindow(QtWidgets.QWidget):
             return False
         if stroke.act is Act.PRESS:
             return self._is_stop(QtWidgets.QApplication.focusWidget())
-        chooses_kart = stroke.act in (Act.UP, Act.DOWN, Act.ERASE)
+        chooses_kart = stroke.act in (Act.UP, Act.DOWN, Act.ERASE, Act.CANCEL)
         return stroke.stop or bool(stroke.digit) or chooses_kart
 
     def _take_answer_key(self, name: str, stroke: keys.Stroke | None, at: float) -> bool:
@@ -591,10 +653,6 @@ class ConsoleWindow(QtWidgets.QWidget):
         kart = 0
         if stroke.finish is not None:
             kart = _kart_at(self._screen, stroke.finish)
-            shown = self._aim.seen(at)
-            if shown is not None and _kart_at(shown.screen, stroke.finish) != kart:
-                self._refuse_changed(words.command_name(stroke.commands[0], kart))
-                kart = 0
             if not kart:
                 self._clear_field()
                 return
@@ -607,8 +665,14 @@ class ConsoleWindow(QtWidgets.QWidget):
                 if stroke.stop and not self._muted:
                     self._sound.play()
                 return
-        found = (self._screen.button(command, kart) for command in stroke.commands)
-        button = next((each for each in found if each is not None), None)
+        button = _meant(self._screen, stroke, kart)
+        shown = self._aim.seen(at)
+        if button is not None and shown is not None and not button.is_instant:
+            stood = kart if stroke.finish is None else _kart_at(shown.screen, stroke.finish)
+            seen = _meant(shown.screen, stroke, stood)
+            if seen is None or not seen.is_same_command(button):
+                self._refuse_changed(button)
+                return
         if button is not None:
             self._pressed(button)
         elif stroke.commands and stroke.commands[0] is Command.OPEN_TRACK:
@@ -634,7 +698,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         elif act is Act.DOWN:
             self._choose_next(1)
         elif act is Act.LOG:
-            self._events.toggle(self._field.kart)
+            self._toggle_events()
         elif act is Act.ERASE:
             self._field.erase(at)
             self._follow_field()
@@ -649,8 +713,6 @@ class ConsoleWindow(QtWidgets.QWidget):
                     focused.click()
             elif isinstance(focused, QtWidgets.QAbstractButton):
                 focused.click()
-            elif isinstance(focused, QtWidgets.QComboBox):
-                focused.showPopup()
         elif act is Act.CANCEL:
             if self._field.digits:
                 self._clear_field()
@@ -665,7 +727,7 @@ class ConsoleWindow(QtWidgets.QWidget):
     def _build(self) -> None:
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
         self._danger_panel = DangerPanel()
-        self._now_panel = NowPanel(self._pressed)
+        self._now_panel = NowPanel(self._let_go_of)
         self._kill = KillBox()
         # On the press, not on the release: a hand that slips off has pressed it all the same.
         self._kill.button.pressed.connect(self._press_kill)
@@ -679,14 +741,15 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._alerts.all_seen.connect(self._see_all)
         self._alerts.changed.connect(lambda: self._say(words.ALERTS_CHANGED, Tone.WAIT))
         self._alerts.mute.connect(self._toggle_sound)
-        self._karts = KartList(self._pressed)
-        self._karts.chosen.connect(self._choose)
+        self._karts = KartList(self._let_go_of, self._scrolling)
+        self._karts.chosen.connect(self._choose_in_sight)
+        self._karts.wanted.connect(self._choose)
         left = QtWidgets.QVBoxLayout()
         left.addWidget(self._alerts)
         left.addWidget(self._karts, 1)
         middle = QtWidgets.QHBoxLayout()
         middle.addLayout(left, 1)
-        self._side = SidePanel(self._pressed)
+        self._side = SidePanel(self._let_go_of)
         middle.addWidget(self._side)
         self._status = Fitted('status', (15, 13, 12, 11))
         self._layout = QtWidgets.QVBoxLayout(self)
@@ -695,12 +758,13 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._layout.addLayout(top)
         self._layout.addLayout(middle, 1)
         self._events = EventPanel()
+        self._events.toggled.connect(self._toggle_events)
         self._layout.addWidget(self._events)
         self._layout.addWidget(self._status)
         self._question = Question(self)
         self._question.answered.connect(self._answer_question)
         self._help = Help(self)
-        self._heats = Heats(self, self._pressed)
+        self._heats = Heats(self, self._let_go_of)
 
     def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
         """Take the size of the window."""
@@ -755,8 +819,15 @@ def _kart_at(screen: Screen, place: int) -> int:
     return screen.rows[place].number if place < len(screen.rows) else 0
 
 
-def _same(one: Button, other: Button) -> bool:
-    return (one.command, one.kart) == (other.command, other.kart)
+def _heats(screen: Screen) -> list[tuple[str, tuple[int, ...]]]:
+    """Return the heats that a screen offers."""
+    return [(button.heat, button.karts) for button in screen.heats]
+
+
+def _meant(screen: Screen, stroke: keys.Stroke, kart: int) -> Button | None:
+    """Return the command that a key gives to a kart (0: to none), as a screen has it."""
+    found = (screen.button(command, kart) for command in stroke.commands)
+    return next((each for each in found if each is not None), None)
 
 
 def _clock() -> str:

@@ -80,6 +80,7 @@ HUMANS_UNKNOWN_REASON = 'race control hears no kart: look where each one is'
 TRACK_OPEN = 'Track is OPEN'
 TRACK_CLOSED = 'Track is closed'
 
+ALERTS_UNKNOWN = 'Alerts: not known'
 NO_ALERT = '✓ No alerts'
 SEEN = 'SEEN'
 SEEN_ALL = 'ALL SEEN'
@@ -104,6 +105,7 @@ SOUND_OFF = '✗ SOUND OFF'
 LOG = 'Events'
 EVERY_KART = 'all karts'
 ONE_KART = 'kart {number} {team}'
+WHOSE_EVENTS = 'To see the events of one kart alone, type its number or click its row first.'
 NEW_RUN = '— race control was started again —'
 DONE = '✓ '
 REFUSED = '✗ '
@@ -111,8 +113,15 @@ REFUSED = '✗ '
 GONE = 'RACE CONTROL IS GONE'
 NOT_YET = 'NO RACE CONTROL YET'
 USE_MSR = 'USE THE MSR'
-GONE_SINCE = 'Last heard {age} ago, in {state}. What is shown below is out of date.'
-NOT_YET_DETAIL = 'Looking for {topic} for {age}. ROS domain {domain}.'
+GONE_SINCE = (
+    'Last heard {age} ago, in {state}. What is shown below is out of date. '
+    'The network to it may be broken: ask at the other window.'
+)
+NOT_YET_DETAIL = 'Looking for {looking}, for {age}.'
+LOOKING = '{topic} in ROS domain {domain}, {where}'
+ON_THIS_MACHINE = 'on this machine only (OFFICIALS= is not set)'
+AT_ADDRESSES = 'at {addresses}'
+EVERY_ADDRESS = 'every address of this machine'
 GONE_REASON = 'race control is gone'
 FAILED = 'RACE CONTROL HAS FAILED'
 TWO = 'TWO RACE CONTROLS'
@@ -124,13 +133,16 @@ STATE_SINCE = 'for {age}'
 KILL_HINT = 'SPACE BAR or F12'
 KILL_PRESSING = 'PRESSING, {count} times, {age}: no answer'
 KILL_NOTE_GONE = 'Press a stop once: it is sent again until race control accepts it.'
+KILL_NOTE_NOT_YET = (
+    'Press a stop once: it is sent again until race control is found and accepts it.'
+)
 STOP_PRESSING = '{command}: pressed {count} times in {age}, {why}. USE THE MSR.'
 NO_ANSWER = 'no answer'
 KEYS_OFF = 'KEYS OFF: click this window'
 
 GIVEN = '{clock}  {command} sent'
 ANSWERED = '{clock}  {mark}{answer}'
-NOW = '{clock}  Now: {what}'
+CHANGED = 'Changed at {clock}: {what}'
 READY = 'Ready.  F1 shows the keys.'
 PENDING = '{command}: no answer yet, {age}'
 PENDING_REASON = 'no answer yet, {age}'
@@ -145,7 +157,7 @@ TOO_EARLY = '{name}: pressed before the question was there. Read it and answer n
 ANSWER_FIRST = 'Answer the question first: Y or N'
 CLICK = 'Mouse button'
 BARRED = '{command}: {reason}'
-WITH_AGE = '{reason}, {age}'
+WITH_AGE = '{reason} (for {age})'
 
 ASK_TITLE = '{command}?'
 ASK_STATE = 'I state: {condition}.'
@@ -157,6 +169,7 @@ ASK_AGAIN = '{reason}. Press NO and begin again.'
 
 HEATS_TITLE = 'Which heat?'
 HEATS_CONSEQUENCE = 'Puts its karts into the race, and takes all others out.'
+HEATS_CHANGED = 'The heats have just changed. Nothing was sent: open HEAT again.'
 HEATS_CLOSE = 'CANCEL   (Esc)'
 HEAT = '{name}: {karts}'
 IN_RACE_NOW = '{text}  (in the race)'
@@ -259,7 +272,7 @@ def condition(command: Command, kart: Kart | None, race: Race, statement: str) -
     if command is Command.RECORD_MSR:
         return 'the Master Safety Remote was used'
     if command is Command.OPEN_TRACK:
-        return 'teams are cleared for the track'
+        return 'teams may go onto the track'
     if command is Command.KART_IN_GARAGE and kart is not None:
         return f'{kart_name(kart)} stands still and may go to its team'
     return f'{LABELS[command]} is what I want'
@@ -300,8 +313,9 @@ def consequences(command: Command, does: Effects, race: Race, kart: Kart | None)
         said.append('Records that you used the MSR. It does not trigger the MSR.')
     if kart is not None and kart.hold is not State.UNKNOWN:
         said.append(f'Ends the hold of {held(kart)}.')
-    if does.state is not State.UNKNOWN:
-        end = _THEN.get(command, '') if does.now else ''
+    if does.state is not State.UNKNOWN and (does.now or kart is None):
+        one, several = _THEN.get(command, ('', ''))
+        end = one if len(does.now) == 1 else several if does.now else ''
         said.append(f'Sends {STATES[does.state]} now to {kart_list(does.now)}.{end}')
     if does.later:
         gets = 'gets' if len(does.later) == 1 else 'get'
@@ -329,9 +343,10 @@ FEW = 4
 """Maximum number of held karts whose reasons are given; of more, only the numbers."""
 
 _THEN = {
-    Command.GREEN_GREEN: ' They drive off.',
-    Command.IN_GARAGE: ' Teams have their karts back.',
+    Command.GREEN_GREEN: (' It drives off.', ' They drive off.'),
+    Command.IN_GARAGE: (' The team has its kart back.', ' The teams have their karts back.'),
 }
+"""What one kart does once it is sent that, and what several do."""
 
 
 def held(kart: Kart) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from evgp_rcs_console.keys import Act, FORGOTTEN, KartField, KILL_KEYS, meaning
+from evgp_rcs_console.keys import Act, FORGOTTEN, KartField, key_name, KILL_KEYS, meaning
 from evgp_rcs_console.snapshot import Command
 from evgp_rcs_console.view import ANSWER_KEYS, CHOSEN_KART_KEYS, FINISH_KEYS, KEYS, Tone
 import pytest
@@ -58,6 +58,26 @@ def test_a_key_tells_whether_it_gives_a_stop() -> None:
 
 def test_other_keys_mean_nothing() -> None:
     assert [meaning(key) for key in ('Alt+F4', 'Ctrl+C', 'Tab', 'Ctrl+A', '', '½')] == [None] * 6
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'code', 'called'),
+    [
+        ('Shift+7', '7', 16, '7'),  # French: the digits need Shift
+        ('7', '7', 16, '7'),
+        ('Shift+A', 'A', 38, 'Shift+A'),
+        ('Ctrl+\u041a', '', 27, 'Ctrl+R'),  # Russian: the letter at the place of R
+        ('Ф', 'ф', 38, 'A'),
+        ('Ctrl+R', '', 32, 'Ctrl+R'),  # Dvorak: the letter counts, not its place
+        ('Ö', 'ö', 47, 'Ö'),
+        ('Ctrl+7', '', 16, 'Ctrl+7'),
+        ('F4', '', 70, 'F4'),
+    ],
+)
+def test_a_key_means_the_same_on_every_layout(
+    name: str, text: str, code: int, called: str
+) -> None:
+    assert key_name(name, text, code) == called
 
 
 # ----- the kart of a command by key -----------------------------------------------------------

@@ -16,6 +16,7 @@ from evgp_rcs_console.view import (
     GONE_AFTER,
     NOTHING,
     RACE_COMMANDS,
+    ReasonTimes,
     Screen,
     show,
     silence,
@@ -69,11 +70,26 @@ def test_a_command_that_race_control_does_not_offer_shows_its_reason_and_for_how
     why = 'waiting for kart 7 (Purdue): no GRID_ACTIVE yet'
     commands = {**EVERYTHING, Command.GREEN_GREEN: Available(False, why)}
 
-    button = show(replace(RACE, commands=commands), 1.0, {}).button(Command.GREEN_GREEN)
+    times = ReasonTimes()
+    said = []
+    for now in (100.0, 101.9, 134.0):
+        since = times.update(commands, now)
+        screen = show(replace(RACE, commands=commands), 1.0, {}, None, since)
+        button = screen.button(Command.GREEN_GREEN)
+        assert button is not None
+        assert not button.enabled
+        said.append(button.explanation)
 
-    assert button is not None
-    assert not button.enabled
-    assert button.explanation == f'GREEN GREEN: {why}, 41 s'
+    assert said == [f'GREEN GREEN: {why}'] * 2 + [f'GREEN GREEN: {why} (for 34 s)']
+
+
+def test_another_reason_is_timed_anew() -> None:
+    times = ReasonTimes()
+    times.update({Command.GREEN_GREEN: Available(False, 'one')}, 100.0)
+
+    other = times.update({Command.GREEN_GREEN: Available(False, 'other')}, 134.0)
+
+    assert other == {Command.GREEN_GREEN: 0.0}
 
 
 def test_a_command_that_race_control_does_not_know_is_not_enabled() -> None:
@@ -432,7 +448,7 @@ def test_the_track_button_is_the_one_that_makes_sense() -> None:
     ],
 )
 def test_race_control_is_gone_within_a_second(silent_for: float | None, title: str) -> None:
-    said = silence(silent_for, 3.0, '/rcs/race', 7, State.GREEN_GREEN)
+    said = silence(silent_for, 3.0, 'here', State.GREEN_GREEN)
 
     assert (said.title if said else '') == title
     assert GONE_AFTER < 1.0
@@ -457,10 +473,21 @@ def test_the_terminal_shows_the_same() -> None:
 
     assert 'Race: ▦ GRID ACTIVE  (for 40 s)' in lines
     assert '! Use the MSR: kart 7' in lines
-    assert 'GREEN GREEN  waiting for kart 7, 40 s' in lines
+    assert 'GREEN GREEN  waiting for kart 7\n' in lines
     assert '7     Purdue  ● in race' in lines
 
 
 def test_every_command_has_a_label_and_a_form() -> None:
     assert set(words.LABELS) == set(FORMS) == set(Command)
     assert set(RACE_COMMANDS) < set(Command)
+
+
+def test_a_question_speaks_of_one_kart_and_of_several() -> None:
+    said = [offering(Command.GREEN_GREEN, (KART,)), offering(Command.IN_GARAGE, (KART,))]
+    away = button_of(Command.KART_IN_GARAGE, Available(True), connected=False)
+
+    assert [button.consequence.splitlines()[0] for button in said] == [
+        'Sends GREEN GREEN now to kart 7. It drives off.',
+        'Sends IN GARAGE now to kart 7. The team has its kart back.',
+    ]
+    assert 'no kart' not in away.consequence
