@@ -483,9 +483,7 @@ def test_a_red_flag_is_acknowledged_by_a_kart_that_stands_under_its_team_stop(
     assert set(bridge.asked) == {(7, RaceState.RED_FLAG)}
 
 
-def test_a_red_red_is_not_acknowledged_by_what_is_looser(
-    stack: Stack, bridge: BareBridge
-) -> None:
+def test_a_red_red_is_not_acknowledged_by_what_is_looser(stack: Stack, bridge: BareBridge) -> None:
     bridge.command(RED_RED, 7, obeyed=RaceState.RED_FLAG)  # which no bridge says
     stack.wait_for_state(RaceState.RED_FLAG)
     assert stack.watch.order.number == 0
