@@ -23,7 +23,7 @@ from race_parts.process import Process
 from race_parts.race_control import address_of
 
 ROOT = pathlib.Path(__file__).parents[1]
-STOPS = int(os.environ.get('EVGP_STOPS', '24'))
+STOPS = int(os.environ.get('EVGP_STOPS', '12'))
 """How many stops are tried, over all karts."""
 
 KARTS = [(0.0, 50.0), (0.25, 50.0), (0.25, 200.0)]
@@ -137,7 +137,7 @@ def test_the_bridge_lets_no_stack_acknowledge_a_stop_while_odometry_shows_motion
 ) -> None:
     program = program_of(StackThatAnswersTheLatest, tmp_path)
     karts = [Kart(parts, number, program, TO_THE_BRIDGE) for number in range(1, 4)]
-    drive(karts, 30)
+    drive(karts, 12)
     # It may take what is as slow as its `standstill_speed` for standing, and what it hears is old.
     assert max((speed for kart in karts for _, speed in kart.rolling), default=0.0) < 1.0
 
