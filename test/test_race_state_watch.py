@@ -454,7 +454,22 @@ def test_an_order_that_was_over_while_the_stack_was_busy_is_not_acknowledged(
     acknowledge_in_vain(stack, bridge, before)
 
 
-def test_nothing_is_acknowledged_while_the_kart_must_obey_something_stricter(
+@pytest.mark.parametrize('commanded', [RaceState.IN_GARAGE, GRID_ACTIVE, GREEN_GREEN])
+def test_what_is_no_red_is_not_acknowledged_while_the_kart_must_obey_something_stricter(
+    stack: Stack, bridge: BareBridge, commanded: RaceState
+) -> None:
+    bridge.command(GRID_ACTIVE, 6)
+    wait_for_order(stack, 6)
+    bridge.command(commanded, 7)
+    before = wait_for_order(stack, 7)
+    bridge.command(commanded, 7, obeyed=RED_RED)  # a team stop
+    stack.wait_for_state(RED_RED)
+    stop = stack.watch.order
+    assert (stop.number, stop.commanded) == (0, None)
+    acknowledge_in_vain(stack, bridge, before, stop)
+
+
+def test_a_red_flag_is_acknowledged_by_a_kart_that_stands_under_its_team_stop(
     stack: Stack, bridge: BareBridge
 ) -> None:
     bridge.command(RaceState.RED_FLAG, 7)
@@ -462,8 +477,17 @@ def test_nothing_is_acknowledged_while_the_kart_must_obey_something_stricter(
     bridge.command(RaceState.RED_FLAG, 7, obeyed=RED_RED)  # a team stop
     stack.wait_for_state(RED_RED)
     stop = stack.watch.order
-    assert stop.number == 0
-    acknowledge_in_vain(stack, bridge, flag, stop)
+    assert (stop.state, stop.number, stop.commanded) == (RED_RED, 7, RaceState.RED_FLAG)
+    assert stop is not flag
+    acknowledge_until(stack, stop, lambda: bridge.asked)
+    assert set(bridge.asked) == {(7, RaceState.RED_FLAG)}
+
+
+def test_a_red_red_is_not_acknowledged_by_what_is_looser(stack: Stack, bridge: BareBridge) -> None:
+    bridge.command(RED_RED, 7, obeyed=RaceState.RED_FLAG)  # which no bridge says
+    stack.wait_for_state(RaceState.RED_FLAG)
+    assert stack.watch.order.number == 0
+    acknowledge_in_vain(stack, bridge, stack.watch.order)
 
 
 def test_a_green_that_is_not_armed_is_not_acknowledged(stack: Stack, bridge: BareBridge) -> None:

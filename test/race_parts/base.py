@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 import threading
 import time
@@ -15,7 +16,7 @@ COMMAND_TIMEOUT = 0.5
 """Time without a command after which the base brakes by itself, s."""
 
 ODOMETRY_RATE = 50.0
-"""How often the base says its speed, Hz."""
+"""How often the base says its speed by default, Hz."""
 
 
 class SimulatedBase(RosSide):
@@ -24,19 +25,30 @@ class SimulatedBase(RosSide):
 
     :param acceleration: how fast it gets faster, m/s².
     :param braking: how fast it gets slower, m/s².
+    :param dead_time: time from a command to the moment at which the base begins to obey it, s.
+    :param odometry_rate: how often it says its speed, Hz.
     """
 
-    def __init__(self, domain: int, acceleration: float = 3.0, braking: float = 8.0) -> None:
+    def __init__(
+        self,
+        domain: int,
+        acceleration: float = 3.0,
+        braking: float = 8.0,
+        dead_time: float = 0.0,
+        odometry_rate: float = ODOMETRY_RATE,
+    ) -> None:
         """Join the kart's domain and stand."""
         super().__init__(f'base_{domain}', domain)
         self._acceleration, self._braking = acceleration, braking
+        self._dead_time = dead_time
         self._moving = threading.Lock()
+        self._coming: deque[tuple[float, float]] = deque()  # commands in their dead time
         self._speed = self._wanted = 0.0
         self._at = self._commanded_at = time.monotonic()
         self.node.create_subscription(Twist, '/cmd_vel', self._obey, 1)
         self._odometry = self.node.create_publisher(Odometry, '/odom', 10)
         self.node.create_timer(
-            1 / ODOMETRY_RATE, self._say, clock=Clock(clock_type=ClockType.STEADY_TIME)
+            1 / odometry_rate, self._say, clock=Clock(clock_type=ClockType.STEADY_TIME)
         )
         self.spin()
 
@@ -45,6 +57,13 @@ class SimulatedBase(RosSide):
         """Its true speed at this moment, m/s, whatever odometry has said so far."""
         with self._moving:
             return self._move(time.monotonic())
+
+    @property
+    def speed_to_come(self) -> float:
+        """The highest speed that it has, or is going to try by the commands it has, m/s."""
+        with self._moving:
+            speed = self._move(time.monotonic())
+            return max([speed, self._wanted, *(wanted for _, wanted in self._coming)])
 
     def wait_for_speed(self, found: Callable[[float], bool]) -> None:
         """
@@ -55,6 +74,14 @@ class SimulatedBase(RosSide):
         self.wait_until(lambda: found(self.speed), lambda: f'such a speed; it is {self.speed}')
 
     def _move(self, now: float) -> float:
+        """Bring the speed up to date, command by command."""
+        while self._coming and self._coming[0][0] <= now:
+            at, wanted = self._coming.popleft()
+            self._advance(at)
+            self._wanted, self._commanded_at = wanted, at
+        return self._advance(now)
+
+    def _advance(self, now: float) -> float:
         """Bring the speed up to date, by the command until it timed out, then braking."""
         silent_at = max(self._at, self._commanded_at + COMMAND_TIMEOUT)
         for until, wanted in ((min(now, silent_at), self._wanted), (now, 0.0)):
@@ -67,9 +94,8 @@ class SimulatedBase(RosSide):
 
     def _obey(self, command: Twist) -> None:
         with self._moving:
-            now = time.monotonic()
-            self._move(now)
-            self._wanted, self._commanded_at = max(command.linear.x, 0.0), now
+            due = time.monotonic() + self._dead_time
+            self._coming.append((due, max(command.linear.x, 0.0)))
 
     def _say(self) -> None:
         odometry = Odometry()

@@ -15,8 +15,10 @@ verdict follows from a few facts:
 * *commanded*: the last frame on the present connection; none while there is no connection, or
   no frame on it yet. A connection on which ``frame_timeout`` passes without a frame is lost.
 * *order*: the number of what is commanded. Every new command has one that no earlier command had,
-  on this connection or another, also when it asks for the same state again. A stack acknowledges
-  by this number, so what it reached for an earlier command never acknowledges a later one.
+  on this connection or another, also when it asks for the same state again. The same command gets
+  a new one when a team stop takes its acknowledgement back, and when a team stop ends. A stack
+  acknowledges by this number, so what it said before never counts for a later command, nor after
+  a team stop.
 * *team stop*: the service, the remote's topic, the remote's silence (``tsr_timeout``), two nodes
   where there must be one, or a bridge that would not hear its team's stop (``team_timeout``).
 * *armed*: GREEN_GREEN would be obeyed. This table is all that makes it so or ends it:
@@ -115,7 +117,7 @@ class Verdict:
 
     :ivar state: the state to obey.
     :ivar commanded: what race control commands on the present connection; None: nothing.
-    :ivar order: the number of that command; 0 while there is none.
+    :ivar order: the number of that command, another one after a team stop; 0 while there is none.
     :ivar connected: race control is being heard.
     :ivar team_stop: the team's own stop is on (§2.C).
     :ivar acknowledged: what is commanded was acknowledged. A team stop takes it back from a
@@ -156,12 +158,15 @@ class Outcome:
     :ivar send: the state to say to race control, if any.
     :ivar give_up: why the socket must be given up; None: it need not.
     :ivar answer: the answer, if the input was an acknowledgement.
+    :ivar hindrance: why the speed that was the input keeps a red from being acknowledged, a
+        sentence; empty when it does not.
     """
 
     verdict: Verdict
     send: RaceState | None = None
     give_up: str | None = None
     answer: Answer | None = None
+    hindrance: str = ''
 
 
 class Arbiter:
@@ -194,6 +199,7 @@ class Arbiter:
         self._slowing_since: float | None = None
         # The team's stop.
         self._engaged = dict.fromkeys(StopSource, False)
+        self._stopped = True  # it was on after the last input, or began in this one
         self._remote_at: float | None = None  # None: unheard, or silent for too long
         self._team_heard_at: float | None = None  # None: not yet, or not for too long
         # Odometry.
@@ -323,7 +329,7 @@ class Arbiter:
         elif self._still_since is None or gap:
             self._still_since = now
         if self._still_since is None or (now < self._still_since + self._settings.standstill_time):
-            return self._outcome(give_up)
+            return self._outcome(give_up, hindrance=self._motion() if waiting else '')
         self._acknowledge()
         return self._outcome(give_up, send=commanded)
 
@@ -334,8 +340,13 @@ class Arbiter:
         give_up: str | None,
         send: RaceState | None = None,
         answer: Answer | None = None,
+        hindrance: str = '',
     ) -> Outcome:
-        return Outcome(self.verdict, send, give_up, answer)
+        stopped = self._team_stop
+        if self._stopped and not stopped:
+            self._number()  # what was said before the team stop must not count after it
+        self._stopped = stopped
+        return Outcome(self.verdict, send, give_up, answer, hindrance)
 
     def _pass(self, now: float) -> str | None:
         """Let what is due by `now` happen; return why the socket must be given up, if so."""
@@ -385,7 +396,7 @@ class Arbiter:
         was_driving = self.verdict.may_drive
         to_race = self._commanded is RaceState.GRID_ACTIVE and state is RaceState.GREEN_GREEN
         self._commanded = state
-        self._order, self._next_order = self._next_order, self._next_order + 1
+        self._number()
         self._acknowledged = False
         self._still_since = None
         slows = was_driving and state is RaceState.RED_FLAG
@@ -394,6 +405,11 @@ class Arbiter:
             self._disarm(f'{state.value} was commanded since')
         if state is RaceState.GRID_ACTIVE:
             self._not_armed = _NOT_ACKNOWLEDGED
+
+    def _number(self) -> None:
+        """Give what is commanded, if anything is, a number that nothing had before."""
+        if self._commanded is not None:
+            self._order, self._next_order = self._next_order, self._next_order + 1
 
     def _acknowledge(self) -> None:
         """Have what is commanded acknowledged."""
@@ -415,20 +431,31 @@ class Arbiter:
             )
         if order != verdict.order:
             return (
-                f'order {order} is out of date: race control has commanded '
-                f'{verdict.commanded.value} since, as order {verdict.order}'
+                f'order {order} is out of date: the present one is {verdict.order}, '
+                f'{verdict.commanded.value}'
             )
         if state is not verdict.commanded:
             return f'race control commands {verdict.commanded.value}, not {state.value}'
         if state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN) and verdict.state is not state:
             return f'the kart must obey {verdict.state.value}: {verdict.reason}'
-        if (
-            state.is_red
-            and self._now - self._speed_at <= ODOMETRY_FRESH
-            and not self._speed <= self._settings.standstill_speed
-        ):
-            return f'the kart still moves: odometry says {self._speed:.2f} m/s'
+        if state.is_red and self._now - self._speed_at <= ODOMETRY_FRESH:
+            return self._motion() or None
         return None
+
+    def _motion(self) -> str:
+        """Return why the last speed is no standstill; empty: it is one."""
+        limit = self._settings.standstill_speed
+        if self._speed <= limit:
+            return ''
+        if math.isnan(self._speed):
+            return (
+                'odometry gives NaN as the speed, so nobody knows whether the kart stands '
+                f'(standstill_speed is {limit:g} m/s)'
+            )
+        return (
+            f'odometry says {self._speed:.2f} m/s, which is more than standstill_speed '
+            f'({limit:g} m/s), so the kart still moves'
+        )
 
     def _disarm(self, why: str) -> None:
         """Have GREEN_GREEN not obeyed, until a GRID_ACTIVE is acknowledged."""
@@ -480,10 +507,12 @@ class Arbiter:
 
     def _on_team_stop(self) -> None:
         """Let nothing that allowed the kart to drive outlive a team stop."""
+        self._stopped = True
         self._slowing_since = None
         self._disarm('the team stop was engaged since')
-        if self._commanded is RaceState.GRID_ACTIVE:
+        if self._commanded is RaceState.GRID_ACTIVE and self._acknowledged:
             self._acknowledged = False
+            self._number()
 
     def _may_drive(self, state: RaceState) -> bool:
         """Return whether the kart may drive while it obeys `state`."""

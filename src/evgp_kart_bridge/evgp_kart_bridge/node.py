@@ -15,7 +15,7 @@ import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from evgp_kart_bridge.arbiter import Arbiter, Settings, StopSource, Verdict
+from evgp_kart_bridge.arbiter import Arbiter, Outcome, Settings, StopSource, Verdict
 from evgp_kart_bridge.link import Link, LinkClosedError, LinkSettings, LinkStatus, REPEAT
 from evgp_kart_bridge.watch import race_state_qos
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
@@ -239,7 +239,18 @@ class KartBridge(StrictNode):
     def _odometry(self, message: Odometry) -> None:
         velocity = message.twist.twist.linear
         speed = math.hypot(velocity.x, velocity.y)
-        self._link.give(lambda arbiter, now: arbiter.speed(speed, now))
+        given = self._link.give(lambda arbiter, now: arbiter.speed(speed, now))
+        given.add_done_callback(self._warn_of_odometry)
+
+    def _warn_of_odometry(self, given: concurrent.futures.Future[Outcome]) -> None:
+        """Say what keeps a stop from being acknowledged, though nobody may have asked."""
+        if given.exception() is not None or not given.result().hindrance:
+            return
+        self.get_logger().warning(
+            f'The stop is not acknowledged yet: {given.result().hindrance}',
+            throttle_duration_sec=5.0,
+            throttle_time_source_type=self._steady,
+        )
 
     # ----- what the team is told; in the link's thread ------------------------------------
 

@@ -1,5 +1,8 @@
 """The shortest stack that obeys race control. README shows this file as it stands."""
 
+import math
+import time
+
 from evgp_kart_bridge.watch import RaceStateWatch
 from evgp_protocol.states import RaceState
 from geometry_msgs.msg import Twist
@@ -9,6 +12,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 
+STANDSTILL_TIME = 0.5  # s; must be longer than your kart's dead time plus 0.1 s
+ODOMETRY_GAP = 0.2  # s; longer without odometry, and nothing is known
+
 
 class Stack(Node):
     """Drives straight ahead where the race state lets it."""
@@ -17,8 +23,10 @@ class Stack(Node):
         """Watch the race state and odometry, and begin to drive."""
         super().__init__('stack')
         self.watch = RaceStateWatch(self)
-        self.speed = 0.0  # m/s
-        self.still = 0  # how many odometry messages in a row have shown a standstill
+        self.speed = math.nan  # m/s
+        self.driving = False
+        self.heard_at = -math.inf  # s, the last odometry
+        self.still_since = math.inf  # s; infinite: the kart moves
         self.motors = self.create_publisher(Twist, 'cmd_vel', 1)
         self.create_subscription(Odometry, 'odom', self.hear_odometry, 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # a timer on ROS time may stop
@@ -32,19 +40,27 @@ class Stack(Node):
 
     def drive(self, state: RaceState) -> bool:
         """Drive or brake; return whether the kart has reached the state. Yours goes here."""
+        self.driving = state is RaceState.GREEN_GREEN
         command = Twist()
-        if state is RaceState.GREEN_GREEN:
-            command.linear.x = 6.0
-            self.still = 0  # what odometry has shown until now says nothing about a later stop
+        command.linear.x = 6.0 if self.driving else 0.0
         self.motors.publish(command)
-        if state is RaceState.GREEN_GREEN:
+        if self.driving:
+            self.still_since = math.inf  # a standstill counts from the first command to stop
             return self.speed > 0.1
-        return self.still >= 10  # 0.2 s of odometry at 50 Hz
+        fresh = time.monotonic() - self.heard_at < ODOMETRY_GAP
+        return fresh and self.heard_at - self.still_since >= STANDSTILL_TIME
 
     def hear_odometry(self, odometry: Odometry) -> None:
-        """Take the speed; count how long the kart has been standing."""
+        """Take the speed, and since when the kart has been standing without a doubt."""
+        now = time.monotonic()
         self.speed = abs(odometry.twist.twist.linear.x)
-        self.still = self.still + 1 if self.speed < 0.05 else 0
+        if self.driving or not self.speed < 0.05:  # also if it is no number
+            self.still_since = math.inf
+        elif now - self.heard_at > ODOMETRY_GAP:
+            self.still_since = now
+        else:
+            self.still_since = min(self.still_since, now)
+        self.heard_at = now
 
 
 def main() -> None:

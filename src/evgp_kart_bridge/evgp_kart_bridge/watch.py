@@ -17,7 +17,7 @@ from typing import Any
 
 from evgp_node.states import state_message, state_of
 from evgp_protocol import clock
-from evgp_protocol.states import RaceState
+from evgp_protocol.states import RaceState, stricter
 from evgp_rcs_msgs.msg import KartRaceState
 from evgp_rcs_msgs.srv import Acknowledge
 from rclpy._rclpy_pybind11 import InvalidHandle
@@ -96,12 +96,17 @@ class Order:
     What the kart must do, from one moment on. Two orders are never equal, only the same one is.
 
     :ivar state: the state to obey.
-    :ivar number: of race control's command, as `KartRaceState.order`; 0: the kart must obey
-        something stricter than the command, or there is none, so it cannot be acknowledged.
+    :ivar number: the number of race control's command, as in `KartRaceState.order`. 0: the order
+        cannot be acknowledged, because there is no command, or because reaching `state` does not
+        mean that the command is carried out.
+    :ivar commanded: what race control commands, and what an acknowledgement says. It differs from
+        `state` when the kart must obey RED_RED under a commanded RED_FLAG, as in a team stop: a
+        kart that stands has carried out both. None if `number` is 0.
     """
 
     state: RaceState
     number: int
+    commanded: RaceState | None
 
 
 class RaceStateWatch:
@@ -146,7 +151,7 @@ class RaceStateWatch:
         self._told: RaceState | None = None
         # Whoever asks for the order, or acknowledges it, may do so in any thread.
         self._ordering = threading.RLock()
-        self._order = Order(RaceState.RED_RED, 0)
+        self._order = Order(RaceState.RED_RED, 0, None)
         self._asked: Order | None = None
         self._asking: Future | None = None
         self._ask_again_at = -math.inf
@@ -202,16 +207,22 @@ class RaceStateWatch:
             now = clock.now()
             state, _ = self._judge(now)
             message = self.message
-            number = 0
+            number, commanded = 0, None
             if message is not None and not self._doubt(now):
-                number = message.order if state_of(message.commanded) is state else 0
-            if (state, number) != (self._order.state, self._order.number):
-                self._order = Order(state, number)
+                commanded = state_of(message.commanded)
+                if message.order and commanded is not None and _carries_out(state, commanded):
+                    number = message.order
+            order = Order(state, number, commanded if number else None)
+            if dataclasses.astuple(order) != dataclasses.astuple(self._order):
+                self._order = order
             return self._order
 
     def acknowledge(self, order: Order) -> None:
         """
         Tell race control that the kart has reached the state of this order.
+
+        Race control hears the state that it commanded, in the words of the wire: RED_FLAG from a
+        kart that stands under RED_RED because of its team stop.
 
         Call it in every step in which that is true: it asks the bridge again after `ASK_AGAIN` if
         an answer is lost or refused, and does nothing once the order is acknowledged. It does
@@ -222,7 +233,8 @@ class RaceStateWatch:
         """
         with self._ordering:
             now = clock.now()
-            if order is not self.order or order.number == 0:
+            commanded = order.commanded
+            if order is not self.order or commanded is None:
                 return
             if self.message is None or self.message.acknowledged:
                 return
@@ -234,16 +246,18 @@ class RaceStateWatch:
         if unanswered is not None:
             self._bridge.remove_pending_request(unanswered)  # the bridge may have died over it
         asking = self._bridge.call_async(
-            Acknowledge.Request(order=order.number, reached=state_message(order.state))
+            Acknowledge.Request(order=order.number, reached=state_message(commanded))
         )
         asking.add_done_callback(lambda answered: self._hear_answer(order, answered))
         self._asking = asking
 
     def _hear_answer(self, order: Order, answered: Future) -> None:
         answer = answered.result()
-        if answer is not None and not answer.success and order is self.order:
+        commanded = order.commanded
+        refused = answer is not None and not answer.success
+        if refused and commanded is not None and order is self.order:
             self._log.warning(
-                f'{order.state.value} cannot be acknowledged: {answer.message}',
+                f'{commanded.value} cannot be acknowledged: {answer.message}',
                 throttle_duration_sec=1.0,
                 throttle_time_source_type=_STEADY,
             )
@@ -345,6 +359,12 @@ class RaceStateWatch:
 
 
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+
+
+def _carries_out(state: RaceState, commanded: RaceState) -> bool:
+    """Return whether a kart that has reached `state` has carried out the command."""
+    both_red = state.is_red and commanded.is_red
+    return state is commanded or (both_red and stricter(state, commanded) is state)
 
 
 def _ring(alarm: GuardCondition, interval: float) -> None:

@@ -84,8 +84,10 @@ class Oracle:
 
     def stop_at(self, index: int) -> bool:
         """Whether the team stop is on right after the input at `index`."""
-        past = self.history[: index + 1]
-        now = past[-1].at
+        return self._stopped(self.history[: index + 1], self.history[index].at)
+
+    def _stopped(self, past: History, now: float) -> bool:
+        """Whether the team stop is on after these inputs, at this time."""
         stops = {item.value[0]: item.value[1] for item in past if item.kind == 'team_stop'}
         if any(stops.values()):
             return True
@@ -160,13 +162,35 @@ class Oracle:
                 last = item.value
         return None if begin is None or self.since is None else self.since + begin
 
+    @property
+    def _numbered(self) -> int | None:
+        """Where the present command got the number that it has."""
+        begin = self._run
+        if begin is None:
+            return None
+        ready = False  # a GRID_ACTIVE is acknowledged
+        for index in range(begin + 1, len(self.history)):
+            item = self.history[index]
+            before, after = self._stopped(self.history[:index], item.at), self.stop_at(index)
+            withdrawn = ready and (before or after)
+            if withdrawn or (before and not after):
+                begin = index
+            ready = (ready and not withdrawn) or (
+                item.kind == 'acknowledge' and item.accepted and item.value is GRID
+            )
+        return begin
+
     def is_numbered(self) -> bool:
-        """Whether one number, which no command had before, stands for the present command."""
-        if self._run is None:
+        """
+        Whether one number, which nothing had before, stands for the present command.
+
+        Since it was commanded, or since a team stop ended or took its acknowledgement back.
+        """
+        begin = self._numbered
+        if begin is None:
             return not self.history or self.history[-1].order == 0
-        run = self._run
-        earlier = {item.order for item in self._from(0, run)}
-        present = {item.order for item in self._from(run)}
+        earlier = {item.order for item in self._from(0, begin)}
+        present = {item.order for item in self._from(begin)}
         return len(present) == 1 and not present & {0, *earlier}
 
     @property
@@ -195,9 +219,10 @@ class Oracle:
         return Oracle(before, self.settings).may_drive
 
     def must_accept(self, state: RaceState, number: int) -> bool:
-        if state is not self.commanded or self._run is None:
+        begin = self._numbered
+        if state is not self.commanded or begin is None:
             return False
-        if number != self.history[self._run].order:
+        if number != self.history[begin].order:
             return False
         if state in (GRID, GREEN):
             return self.state is state
@@ -492,16 +517,25 @@ FAULTS = {
         '        if False:\n            reasons',
     ),
     'a new command keeps its number': (
-        'self._order, self._next_order = self._next_order, self._next_order + 1',
-        'self._order = self._order or self._next_order',
+        '        self._commanded = state\n        self._number()\n',
+        '        self._commanded = state\n        self._order = self._order or self._next_order\n',
     ),
     'the same state has the same number': (
-        'self._order, self._next_order = self._next_order, self._next_order + 1',
-        'self._order = 1 + list(RaceState).index(state)',
+        '        self._commanded = state\n        self._number()\n',
+        '        self._commanded = state\n'
+        '        self._order = 1 + list(RaceState).index(state)\n',
     ),
     'a number outlives its connection': (
         '        self._commanded = None\n        self._order = 0\n',
         '        self._commanded = None\n',
+    ),
+    'the end of a team stop keeps the number': (
+        'if self._stopped and not stopped:',
+        'if False:',
+    ),
+    'what a team stop takes back keeps its number': (
+        '            self._acknowledged = False\n            self._number()\n',
+        '            self._acknowledged = False\n',
     ),
     'an order of old is acknowledged': ('if order != verdict.order:', 'if order > verdict.order:'),
     'an order without a number is acknowledged': (
@@ -516,8 +550,8 @@ FAULTS = {
         'if',
     ),
     'acknowledges a red while moving': (
-        'and not self._speed <= self._settings.standstill_speed',
-        'and False',
+        'if state.is_red and self._now - self._speed_at <= ODOMETRY_FRESH:',
+        'if False:',
     ),
     'flag lets a standing kart drive': ('slows = was_driving and', 'slows ='),
     'flag lets drive for ever': (
@@ -612,6 +646,103 @@ def test_a_number_that_a_new_connection_uses_again_is_found() -> None:
             judge_numbers(module.Arbiter(module.Settings(), FIRST_ORDER), [RED, None, RED], 1)
     finally:
         del sys.modules[module.__name__]
+
+
+def test_an_acknowledgement_from_before_a_team_stop_does_not_count_after_it() -> None:
+    arbiter = Arbiter(Settings(), FIRST_ORDER)
+    arbiter.connected(0.0)
+    shown = arbiter.heard(GRID, 0.1).verdict.order
+    arbiter.team_stop(StopSource.TOPIC, True, 0.2)
+    present = arbiter.team_stop(StopSource.TOPIC, False, 0.3).verdict.order
+    late = arbiter.acknowledge(GRID, shown, 0.4).answer
+    assert late is not None
+    assert not late.accepted
+    assert arbiter.heard(GREEN, 0.5).verdict.state is RED
+    assert present != shown
+
+
+@pytest.mark.parametrize(('speed', 'named'), [(0.07, '0.07 m/s'), (math.nan, 'NaN')])
+def test_odometry_that_keeps_a_red_from_being_acknowledged_is_named(
+    speed: float, named: str
+) -> None:
+    arbiter = Arbiter(Settings(auto_acknowledge_stop=True, standstill_time=0.1), FIRST_ORDER)
+    arbiter.connected(0.0)
+    assert arbiter.speed(speed, 0.1).hindrance == ''
+    order = arbiter.heard(FLAG, 0.1).verdict.order
+    answer = arbiter.acknowledge(FLAG, order, 0.2).answer
+    assert answer is not None
+    assert not answer.accepted
+    for said in (answer.message, arbiter.speed(speed, 0.2).hindrance):
+        assert named in said
+        assert 'standstill_speed' in said
+    assert arbiter.speed(0.0, 0.3).hindrance == ''
+    assert arbiter.speed(0.0, 0.4).verdict.acknowledged
+    assert arbiter.speed(speed, 0.5).hindrance == ''
+
+
+def judge_lateness(module: ModuleType, settings: Settings, inputs: list[tuple[str, Any]]) -> None:
+    """
+    Give inputs, 1/8 s apart; ``acknowledge`` says what is commanded, and names an order by how
+    many were shown after it.
+
+    :raises AssertionError: an accepted acknowledgement names an order that was shown before a
+        team stop which has ended since.
+    """
+    arbiter = module.Arbiter(module.Settings(**vars(settings)), FIRST_ORDER)
+    shown: dict[int, int] = {}  # how many team stops had ended when an order was first shown
+    ended, stopped = 0, arbiter.verdict.team_stop
+    for step, (kind, value) in enumerate(inputs):
+        # What is due by now is seen before the input, which may end it again.
+        for name, argument in (('tick', None), (kind, value)):
+            number = 0
+            if name == 'acknowledge':
+                number = [0, *shown][-1 - min(argument, len(shown))]
+                state = arbiter.verdict.commanded or GRID
+                outcome = arbiter.acknowledge(state, number, step / 8)
+            elif name == 'team_stop':
+                source = module.StopSource[argument[0].name]
+                outcome = arbiter.team_stop(source, argument[1], step / 8)
+            else:
+                arguments = () if argument is None else (argument,)
+                outcome = getattr(arbiter, name)(*arguments, step / 8)
+            ended += stopped and not outcome.verdict.team_stop
+            stopped = outcome.verdict.team_stop
+            if outcome.answer is not None and outcome.answer.accepted:
+                assert shown[number] == ended
+            if outcome.verdict.order:
+                shown.setdefault(outcome.verdict.order, ended)
+
+
+LATENESS = st.lists(
+    st.sampled_from(
+        [
+            ('connected', None),
+            *(('heard', state) for state in RaceState),
+            *[('team_stop', (StopSource.TOPIC, False))] * 3,
+            *[('team_stop', (StopSource.TOPIC, True))] * 3,
+            ('team_stop', (StopSource.TWO_ODOMETRIES, True)),
+            ('team_stop', (StopSource.TWO_ODOMETRIES, False)),
+            *[('team_heard', None)] * 3,
+            ('speed', 0.0),
+            ('speed', math.nan),
+            *[('acknowledge', back) for back in (0, 1, 2)] * 3,
+        ]
+    ),
+    min_size=20,
+    max_size=60,
+)
+
+
+@hypothesis_settings(max_examples=300, deadline=None)
+@given(
+    inputs=LATENESS,
+    timeouts=st.sampled_from([(0.0, 0.0), (0.5, 0.0), (0.0, 0.5)]),
+)
+def test_nothing_said_before_a_doubt_that_has_ended_is_accepted(
+    inputs: list[tuple[str, Any]], timeouts: tuple[float, float]
+) -> None:
+    settings = Settings(frame_timeout=60.0, tsr_timeout=timeouts[0], team_timeout=timeouts[1])
+    judge_lateness(arbiter_module, settings, [('connected', None), *inputs])
 
 
 class ArbiterAndOracle(RuleBasedStateMachine):
