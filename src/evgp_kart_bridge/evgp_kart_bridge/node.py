@@ -141,6 +141,7 @@ class KartBridge(StrictNode):
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._told: Verdict | None = None
         self._logged: dict[str, float] = {}  # what is wrong, and when it was logged
+        self._logged_last = ''
         self._odometry_at: float | None = None
         self._odometry_missed_at: float | None = None
         self._odometry_was_missed = False
@@ -308,9 +309,8 @@ class KartBridge(StrictNode):
 
     def _tell(self, verdict: Verdict, status: LinkStatus) -> None:
         self._publish(verdict)
-        if verdict != self._told:
-            self._log(verdict, status)
-            self._told = verdict
+        self._log(verdict, status)
+        self._told = verdict
         self._log_odometry()
         if status.malformed != self._malformed:
             self._malformed = status.malformed
@@ -349,31 +349,29 @@ class KartBridge(StrictNode):
             ) from error
 
     def _log(self, verdict: Verdict, status: LinkStatus) -> None:
+        """Log what is new; what comes back with every attempt to connect, not every time."""
         told = self._told
-        if told is not None and (told.state, told.reason) == (verdict.state, verdict.reason):
-            if verdict.acknowledged and not told.acknowledged:
+        obeyed = f'Obey {verdict.state.value}'
+        if verdict.reason == '':
+            if told is None or told.reason or told.state is not verdict.state:
+                self._logged.clear()
+                self._logged_last = ''
+                self.get_logger().info(obeyed)
+            elif verdict.acknowledged and not told.acknowledged:
                 self.get_logger().info(f'{verdict.state.value} is acknowledged')
-            return
-        text = f'Obey {verdict.state.value}'
-        if not verdict.reason:
-            self._logged.clear()
-            self.get_logger().info(text)
         elif status.failures == 0 and not status.heard_anything:  # nothing is wrong yet
             if told is None:
-                self.get_logger().info(f'Starting: {text} until {self._peer} is heard')
-        elif self._is_due(text := f'{text}: {verdict.reason}'):
-            self.get_logger().warning(text)
-
-    def _is_due(self, text: str) -> bool:
-        """Return whether to log this, which may come back with every attempt to connect."""
-        now = clock.now()
-        self._logged = {
-            each: at for each, at in self._logged.items() if now - at < LOG_AGAIN
-        }
-        if text in self._logged:
-            return False
-        self._logged[text] = now
-        return True
+                self.get_logger().info(f'Starting: {obeyed} until {self._peer} is heard')
+        else:
+            text = f'{obeyed}: {verdict.reason}'
+            now = clock.now()
+            # The last line of the log must be true: what is skipped and lasts is logged later.
+            if text != self._logged_last and now - self._logged.get(text, -LOG_AGAIN) >= LOG_AGAIN:
+                self._logged = {
+                    each: at for each, at in self._logged.items() if now - at < LOG_AGAIN
+                }
+                self._logged[text], self._logged_last = now, text
+                self.get_logger().warning(text)
 
     def _log_odometry(self) -> None:
         """Say, once each time, that odometry is missing, and that it is back."""

@@ -160,7 +160,7 @@ class RaceStateWatch:
         self._began = clock.now()
         self._graph = f'ROS domain {node.context.get_domain_id()}'
         self._logged: dict[str, float] = {}  # reasons, and when each was logged
-        self._reason_before = ''
+        self._logged_last = ''
         beside, slash, _ = topic.rpartition('/')
         self._bridge = node.create_client(
             Acknowledge, f'{beside}{slash}acknowledge', callback_group=group
@@ -365,12 +365,14 @@ class RaceStateWatch:
                 f'no bridge is heard on {self._subscription.topic_name} in {self._graph}: '
                 'is it running, with the same ROS_DOMAIN_ID?'
             )
-        if reason == self._reason_before:
-            return
-        self._reason_before = reason
-        self._logged = {each: at for each, at in self._logged.items() if now - at < LOG_AGAIN}
-        if reason and reason not in self._logged:
-            self._logged[reason] = now
+        if not reason:
+            self._logged_last = ''
+        elif (
+            reason != self._logged_last
+            and now - self._logged.get(reason, -LOG_AGAIN) >= LOG_AGAIN
+        ):
+            self._logged = {each: at for each, at in self._logged.items() if now - at < LOG_AGAIN}
+            self._logged[reason], self._logged_last = now, reason
             self._log.warning(f'The kart obeys {self.state.value}: {reason}')
 
 
