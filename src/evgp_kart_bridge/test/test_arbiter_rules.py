@@ -669,6 +669,14 @@ def test_a_number_that_a_new_connection_uses_again_is_found() -> None:
         del sys.modules[module.__name__]
 
 
+def test_the_documents_say_how_many_worlds_and_faults_there_are() -> None:
+    text = (Path(__file__).parents[3] / 'docs' / 'testing.md').read_text(encoding='utf-8')
+    words = {5: 'five', 6: 'six', 7: 'seven'}
+    assert f'every reachable state of {words[len(WORLDS)]} small worlds' in ' '.join(text.split())
+    # And the one of the numbers.
+    assert f'{len(FAULTS) + 1} faults put into `arbiter.py`' in ' '.join(text.split())
+
+
 class ArbiterAndOracle(RuleBasedStateMachine):
     """Random histories with times that fit no grid; the oracle looks on after each input."""
 
