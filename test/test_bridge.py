@@ -348,7 +348,9 @@ def test_a_failure_that_comes_back_with_every_attempt_is_not_logged_every_time(
 def test_a_bridge_that_nobody_reads_says_in_which_domain(start_bridge: StartBridge) -> None:
     with socket.create_server(('127.0.0.1', 0)) as silent:
         bridge = start_bridge(silent.getsockname()[1])
-        bridge.wait_for_line(f'Nobody reads /kart_bridge/race_state in ROS domain {bridge.domain} ')
+        bridge.wait_for_line(
+            f'Nobody reads /kart_bridge/race_state in ROS domain {bridge.domain} '
+        )
 
 
 def test_a_stack_without_a_bridge_says_in_which_domain(parts: contextlib.ExitStack) -> None:
@@ -445,7 +447,7 @@ def test_two_bridges_on_one_domain_stop_both_karts(
     second = Bridge(first.domain, control.port, address_of(2))
     parts.callback(second.close)
     for bridge in (first, second):
-        bridge.wait_for_line(f'another bridge runs in ROS domain {first.domain}: end one of them')
+        bridge.wait_for_line(f'another bridge runs in ROS domain {first.domain}: end one')
 
 
 def test_a_second_publisher_of_the_lock_stops_the_kart(start_race: StartRace) -> None:

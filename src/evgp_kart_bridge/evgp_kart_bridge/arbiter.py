@@ -80,7 +80,7 @@ class Settings:
     :ivar team_timeout: time without a sign that the bridge hears its team after which it is a team
         stop; 0: no sign is required.
     :ivar odometry_required: a red state is not acknowledged without odometry that shows a
-        standstill. Once any odometry was heard, or with `auto_acknowledge_stop`, this holds anyway.
+        standstill. This holds anyway once any odometry was heard, or with `auto_acknowledge_stop`.
     :ivar auto_acknowledge_stop: acknowledge the red states when odometry shows a standstill.
     :ivar standstill_speed: maximum speed of a kart that stands still; from 0.
     :ivar standstill_time: time at standstill, without a gap, after which the kart has stopped;
@@ -271,7 +271,8 @@ class Arbiter:
         """Why, as of the last input, no red can be acknowledged for want of odometry; or empty."""
         if not self._odometry_expected or self._now - self._speed_at <= ODOMETRY_FRESH:
             return ''
-        return f'no odometry on {self._names.odometry} for {ODOMETRY_FRESH:g} s: is this its topic?'
+        topic = self._names.odometry
+        return f'no odometry on {topic} for {ODOMETRY_FRESH:g} s: is this its topic?'
 
     def tick(self, now: float) -> Outcome:
         """Let time pass."""

@@ -385,9 +385,7 @@ class KartBridge(StrictNode):
             self._odometry_missed_at = now
         elif not self._odometry_was_missed and now >= self._odometry_missed_at + ODOMETRY_DUE:
             self._odometry_was_missed = True
-            self.get_logger().warning(
-                f'RED_FLAG and RED_RED cannot be acknowledged: {missing}'
-            )
+            self.get_logger().warning(f'RED_FLAG and RED_RED cannot be acknowledged: {missing}')
 
     def _odometry_heard(self) -> str:
         """Return, for diagnostics, whether odometry is heard, and how old the last is."""

@@ -354,7 +354,6 @@ class RaceStateWatch:
             self._told = state
             self._on_change(state)
 
-
     def _log_reason(self, now: float) -> None:
         """Log each new reason, and that no bridge is heard."""
         reason = self.reason
@@ -368,12 +367,15 @@ class RaceStateWatch:
         if not reason:
             self._logged_last = ''
         elif (
-            reason != self._logged_last
-            and now - self._logged.get(reason, -LOG_AGAIN) >= LOG_AGAIN
+            reason != self._logged_last and now - self._logged.get(reason, -LOG_AGAIN) >= LOG_AGAIN
         ):
             self._logged = {each: at for each, at in self._logged.items() if now - at < LOG_AGAIN}
             self._logged[reason], self._logged_last = now, reason
-            self._log.warning(f'The kart obeys {self.state.value}: {reason}')
+            text = f'The kart obeys {self.state.value}: {reason}'
+            if self._doubt(now):
+                self._log.warning(text)
+            else:  # the bridge's own reason, of which it has warned
+                self._log.info(text)
 
 
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
