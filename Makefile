@@ -24,10 +24,11 @@ ADDRESS :=
 bench demo fuzz screenshots soak test: export EVGP_GRAPH_INTERFACE :=
 bench demo fuzz screenshots soak test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
-# The kart's bridge: race control's address, the topic of the kart's odometry, and what follows
-# --ros-args in ARGS, such as '-p auto_acknowledge_stop:=true'.
+# The kart's bridge: race control's address, the topic of the kart's odometry (when it is given,
+# the bridge requires odometry), and what follows --ros-args in ARGS, such as
+# '-p auto_acknowledge_stop:=true'.
 HOST :=
-ODOM := ~/odom
+ODOM :=
 
 .PHONY: help setup demo test bench soak fuzz run roster record console ctl bridge screenshots lint \
   format clean
@@ -94,7 +95,8 @@ bridge:
 	@if [ -z '$(HOST)' ]; then echo 'Name the address of race control: make bridge HOST=10.0.0.1' >&2; exit 2; fi
 	$(IN_WORKSPACE) python -m evgp_node.restarting \
 	  install/evgp_kart_bridge/lib/evgp_kart_bridge/kart_bridge_node --ros-args \
-	  -p 'host:=$(HOST)' -r '~/odom:=$(ODOM)' $(ARGS)
+	  -p 'host:=$(HOST)' \
+	  $(if $(ODOM),-r '~/odom:=$(ODOM)' -p odometry_required:=true) $(ARGS)
 
 # The pictures of docs/, made by the test that looks at every state of the window.
 screenshots:

@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 import contextlib
 import itertools
+import os
 import pathlib
 import signal
 import socket
+import subprocess
 
-from evgp_node.states import state_of
+from ament_index_python.packages import get_package_prefix
+from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
 import pytest
 from race_parts.domains import Domain
@@ -22,7 +25,7 @@ from race_parts.faulty_nodes import (
 from race_parts.fixtures import ConnectKart, JoinOfficial, JoinTeam, StartBridge, StartRaceControl
 from race_parts.kart import Bridge, ExampleStack, Team
 from race_parts.official import Official
-from race_parts.process import Process
+from race_parts.process import PATIENCE, Process
 from race_parts.race_control import address_of, RaceControl
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -174,7 +177,7 @@ def test_a_race_control_that_hangs_stops_the_kart(start_race: StartRace) -> None
         race.team.wait_for_stop(True)
     finally:
         race.control.thaw()
-    assert 'race control was silent for 1 s' in told.reason
+    assert f'port {race.control.port} was silent for 1 s' in told.reason
 
 
 # ----- acknowledgements --------------------------------------------------------------------
@@ -183,7 +186,8 @@ def test_a_race_control_that_hangs_stops_the_kart(start_race: StartRace) -> None
 def test_a_state_that_is_not_commanded_cannot_be_acknowledged(start_race: StartRace) -> None:
     answer = start_race().team.acknowledge(GREEN_GREEN)
     assert not answer.success
-    assert answer.message == 'race control commands IN_GARAGE, not GREEN_GREEN'
+    assert answer.message.startswith('race control commands IN_GARAGE, not GREEN_GREEN')
+    assert f'{state_message(IN_GARAGE).state} IN_GARAGE' in answer.message
 
 
 def test_an_order_that_was_followed_by_the_same_state_cannot_be_acknowledged(
@@ -237,6 +241,7 @@ def test_what_is_no_race_state_cannot_be_acknowledged(start_race: StartRace) -> 
     answer = start_race().team.acknowledge(None)
     assert not answer.success
     assert answer.message.startswith('0 is no race state')
+    assert f'{state_message(RED_RED).state} RED_RED' in answer.message
 
 
 def test_nothing_is_acknowledged_without_race_control(
@@ -261,6 +266,101 @@ def test_odometry_acknowledges_a_stop_only_once_the_kart_stands(start_race: Star
     race.bridge.wait_for_line('standstill_speed')  # though nobody need have asked
     race.team.drive_at(0.0)
     race.official.wait_for_acks(RED_RED, 1)
+
+
+def test_no_red_is_acknowledged_while_the_odometry_that_was_asked_for_does_not_come(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    start_bridge: StartBridge,
+    join_team: JoinTeam,
+) -> None:
+    control = start_race_control(in_race=[1])
+    bridge = start_bridge(control.port, 1, arguments=('-r', '~/odom:=/odometry'))
+    race = OneKartRace(control, join_official(control), bridge, join_team(bridge))
+    for command, state in (('red_flag', RED_FLAG), ('all_kill', RED_RED)):
+        race.official.command(command)
+        race.team.wait_for_state(state)
+        answer = race.team.acknowledge(state)
+        assert not answer.success
+        assert 'no odometry on /odometry' in answer.message
+    bridge.wait_for_line('cannot be acknowledged: no odometry on /odometry')
+    race.team.wait_for_diagnostic(
+        lambda status: any(
+            (value.key, value.value) == ('odometry', 'not heard on /odometry')
+            for value in status.values
+        )
+    )
+
+
+def test_no_red_is_acknowledged_once_odometry_is_lost(start_race: StartRace) -> None:
+    race = start_race()
+    race.green()
+    race.team.drive_at(6.0)
+    race.official.command('all_kill')
+    race.team.wait_for_state(RED_RED)
+    assert not race.team.acknowledge(RED_RED).success
+    race.team.lose_odometry()
+    race.bridge.wait_for_line('cannot be acknowledged: no odometry on /kart_bridge/odom')
+    lost = race.team.acknowledge(RED_RED)
+    assert not lost.success
+    assert 'no odometry on /kart_bridge/odom' in lost.message
+
+
+def test_odometry_that_is_required_by_the_parameter_is_required(start_race: StartRace) -> None:
+    race = start_race(odometry_required=True)
+    race.official.command('all_kill')
+    race.team.wait_for_state(RED_RED)
+    assert not race.team.acknowledge(RED_RED).success
+    race.team.drive_at(0.0)
+    race.team.wait_until_polled(lambda: race.team.acknowledge(RED_RED).success, 'acknowledged')
+
+
+def test_a_bridge_without_odometry_says_so_and_acknowledges_on_the_stacks_word(
+    start_race: StartRace,
+) -> None:
+    race = start_race()
+    race.bridge.wait_for_line('Until odometry comes on /kart_bridge/odom, this bridge believes')
+    race.official.command('all_kill')
+    race.team.wait_for_state(RED_RED)
+    assert race.team.acknowledge(RED_RED).success
+
+
+# ----- what it logs ------------------------------------------------------------------------
+
+
+def test_a_bridge_that_starts_well_raises_no_alarm(start_race: StartRace) -> None:
+    race = start_race(odometry_required=True)
+    race.bridge.wait_for_line('Obey IN_GARAGE')
+    lines = race.bridge.lines
+    before = next(index for index, line in enumerate(lines) if 'Obey IN_GARAGE' in line)
+    assert before > 0
+    assert not any('[WARN]' in line for line in lines[: before + 1]), race.bridge.output
+
+
+def test_a_failure_that_comes_back_with_every_attempt_is_not_logged_every_time(
+    start_bridge: StartBridge, join_team: JoinTeam
+) -> None:
+    with socket.create_server(('127.0.0.1', 0)) as closing:
+        bridge = start_bridge(closing.getsockname()[1])
+        for _ in range(5):  # attempts within some 3 s
+            closing.accept()[0].close()
+        assert bridge.output.count('closed the connection') == 1
+
+
+def test_a_bridge_that_nobody_reads_says_in_which_domain(start_bridge: StartBridge) -> None:
+    with socket.create_server(('127.0.0.1', 0)) as silent:
+        bridge = start_bridge(silent.getsockname()[1])
+        bridge.wait_for_line(
+            f'Nobody reads /kart_bridge/race_state in ROS domain {bridge.domain} '
+        )
+
+
+def test_a_stack_without_a_bridge_says_in_which_domain(parts: contextlib.ExitStack) -> None:
+    domain = parts.enter_context(Domain())
+    stack = parts.enter_context(ExampleStack(domain.number))
+    stack.wait_for_line(
+        f'no bridge is heard on /kart_bridge/race_state in ROS domain {domain.number}:'
+    )
 
 
 # ----- the team's own stop -----------------------------------------------------------------
@@ -349,7 +449,7 @@ def test_two_bridges_on_one_domain_stop_both_karts(
     second = Bridge(first.domain, control.port, address_of(2))
     parts.callback(second.close)
     for bridge in (first, second):
-        bridge.wait_for_line('another bridge publishes the same race state')
+        bridge.wait_for_line(f'another bridge runs in ROS domain {first.domain}: end one')
 
 
 def test_a_second_publisher_of_the_lock_stops_the_kart(start_race: StartRace) -> None:
@@ -553,6 +653,34 @@ def test_a_wrong_setting_is_refused_in_one_sentence(
     assert bridge.wait() == 2, bridge.output
     assert said in bridge.output
     assert len(bridge.lines) == 1, bridge.output
+
+
+@pytest.mark.parametrize('domain', [233, 300, 70000])
+@pytest.mark.parametrize(
+    ('package', 'program', 'arguments'),
+    [
+        ('evgp_kart_bridge', 'kart_bridge_node', ('--ros-args', '-p', 'host:=127.0.0.1')),
+        ('evgp_kart_bridge', 'example_stack', ()),
+        ('evgp_rcs', 'rcs_node', ()),
+        ('evgp_rcs_console', 'rcs_ctl', ('watch',)),
+    ],
+)
+def test_a_ros_domain_that_does_not_exist_is_refused_in_one_sentence(
+    package: str, program: str, arguments: tuple[str, ...], domain: int
+) -> None:
+    done = subprocess.run(
+        [pathlib.Path(get_package_prefix(package), 'lib', package, program), *arguments],
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.returncode == 2, done.stderr
+    said = (done.stdout + done.stderr).strip()
+    assert str(domain) in said
+    assert len(said.splitlines()) == 1, said
 
 
 # ----- what a stack makes of it ------------------------------------------------------------

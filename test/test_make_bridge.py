@@ -88,3 +88,19 @@ def test_it_does_not_start_again_what_a_wrong_setting_stops() -> None:
         )
         assert done.returncode == 2
         assert said in done.stderr
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'required'), [([], False), (['ODOM=/odom'], True), (['ODOM=~/odom'], True)]
+)
+def test_odometry_that_is_asked_for_is_required(arguments: list[str], required: bool) -> None:
+    printed = subprocess.run(
+        ['make', '-n', 'bridge', 'HOST=127.0.0.1', *arguments],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=True,
+    ).stdout
+    assert ('-p odometry_required:=true' in printed) == required
+    assert ('~/odom:=' in printed) == required

@@ -176,6 +176,11 @@ class Team(RosSide):
         self.wait_until(lambda: self._odometry.get_subscription_count() > 1, lambda: 'a bridge')
         self.wait_for_speed(lambda heard: heard == speed or math.isnan(speed))
 
+    def lose_odometry(self) -> None:
+        """Publish no speed any more, as a base that died."""
+        assert self._driving is not None
+        self._driving.cancel()
+
     def team_stop(self, engaged: bool) -> Answer:
         """
         Engage or release the team's own stop.

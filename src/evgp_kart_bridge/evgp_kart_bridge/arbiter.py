@@ -81,6 +81,8 @@ class Settings:
         stop; 0: no remote is required.
     :ivar team_timeout: time without a sign that the bridge hears its team after which it is a team
         stop; 0: no sign is required.
+    :ivar odometry_required: a red state is not acknowledged without odometry that shows a
+        standstill. This holds anyway once any odometry was heard, or with `auto_acknowledge_stop`.
     :ivar auto_acknowledge_stop: acknowledge the red states when odometry shows a standstill.
     :ivar standstill_speed: maximum speed of a kart that stands still; from 0.
     :ivar standstill_time: time at standstill, without a gap, after which the kart has stopped;
@@ -94,6 +96,7 @@ class Settings:
     frame_timeout: float = 1.0
     tsr_timeout: float = 0.0
     team_timeout: float = 0.0
+    odometry_required: bool = False
     auto_acknowledge_stop: bool = False
     standstill_speed: float = 0.05
     standstill_time: float = 0.5
@@ -108,6 +111,21 @@ class Settings:
                 raise ValueError(f'{field.name} must be a finite number from 0, not {value!r}')
         if self.frame_timeout == 0:
             raise ValueError('frame_timeout must be above 0')
+
+
+@dataclasses.dataclass(frozen=True)
+class Names:
+    """
+    What the sentences for people call the things around the arbiter. No rule depends on them.
+
+    :ivar race_control: where race control is.
+    :ivar odometry: the topic of the kart's odometry.
+    :ivar graph: the ROS graph of the kart.
+    """
+
+    race_control: str = 'race control'
+    odometry: str = '~/odom'
+    graph: str = 'this ROS domain'
 
 
 @dataclasses.dataclass(frozen=True)
@@ -179,12 +197,14 @@ class Arbiter:
     :param first_order: the number of the first command, from 1; the next commands have the numbers
         after it. Take one that no earlier arbiter of this kart came near to: an acknowledgement
         may be on its way while the bridge starts again.
+    :param names: for the sentences.
     """
 
-    def __init__(self, settings: Settings, first_order: int) -> None:
+    def __init__(self, settings: Settings, first_order: int, names: Names | None = None) -> None:
         if first_order < 1:
             raise ValueError(f'first_order must be 1 or more, not {first_order}')
         self._settings = settings
+        self._names = names or Names()
         self._next_order = first_order
         self._now = -math.inf
         # The connection.
@@ -202,9 +222,11 @@ class Arbiter:
         self._stopped = True  # it was on after the last input, or began in this one
         self._remote_at: float | None = None  # None: unheard, or silent for too long
         self._team_heard_at: float | None = None  # None: not yet, or not for too long
+        self._starting = True  # the team was not heard yet; for the reason only
         # Odometry.
         self._speed = math.nan
         self._speed_at = -math.inf
+        self._odometry_expected = settings.odometry_required or settings.auto_acknowledge_stop
         self._still_since: float | None = None  # only while a red waits to be acknowledged
 
     @property
@@ -212,6 +234,8 @@ class Arbiter:
         """What holds as of the last input."""
         commanded = self._commanded
         reasons = []
+        if self._engaged[StopSource.TWO_BRIDGES]:  # first: the others may follow from it
+            reasons.append(f'another bridge runs in {self._names.graph}: end one of them')
         if commanded is None:
             reasons.append(self._absence)
         if self._team_stop:
@@ -247,6 +271,14 @@ class Arbiter:
         if self._slowing_since is not None:
             due.append(self._slowing_since + self._settings.red_flag_drive_time)
         return min(due, default=None)
+
+    @property
+    def missing_odometry(self) -> str:
+        """Why, as of the last input, no red can be acknowledged for want of odometry; or empty."""
+        if not self._odometry_expected or self._now - self._speed_at <= ODOMETRY_FRESH:
+            return ''
+        topic = self._names.odometry
+        return f'no odometry on {topic} for {ODOMETRY_FRESH:g} s: is this its topic?'
 
     def tick(self, now: float) -> Outcome:
         """Let time pass."""
@@ -292,6 +324,7 @@ class Arbiter:
     def team_heard(self, now: float) -> Outcome:
         """Take note that the bridge hears its team now: a stop would get here."""
         give_up = self._pass(now)
+        self._starting = False
         if self._settings.team_timeout > 0:
             self._team_heard_at = now
         return self._outcome(give_up)
@@ -320,6 +353,8 @@ class Arbiter:
         give_up = self._pass(now)
         gap = now - self._speed_at > ODOMETRY_FRESH
         self._speed, self._speed_at = abs(metres_per_s), now
+        # A base that had odometry and lost it may have died at speed.
+        self._odometry_expected = True
         commanded = self._commanded
         waiting = commanded is not None and commanded.is_red and not self._acknowledged
         # A speed that is no number is not within the limit, hence not a standstill.
@@ -361,7 +396,11 @@ class Arbiter:
             if self._open:
                 give_up = 'the clock went backwards'
         elif self._open and now >= self._heard_at + settings.frame_timeout:
-            give_up = f'race control was silent for {settings.frame_timeout:g} s'
+            peer = self._names.race_control
+            if self._commanded is None:
+                give_up = f'{peer} accepts but sends no race state: is it race control?'
+            else:
+                give_up = f'{peer} was silent for {settings.frame_timeout:g} s'
         self._now = now
         if give_up is not None:
             self._lose(f'not connected to race control: {give_up}')
@@ -435,11 +474,14 @@ class Arbiter:
                 f'{verdict.commanded.value}'
             )
         if state is not verdict.commanded:
-            return f'race control commands {verdict.commanded.value}, not {state.value}'
+            return (
+                f'race control commands {verdict.commanded.value}, not {state.value}: '
+                f'acknowledge {verdict.commanded.value} once the kart has reached it'
+            )
         if state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN) and verdict.state is not state:
             return f'the kart must obey {verdict.state.value}: {verdict.reason}'
-        if state.is_red and self._now - self._speed_at <= ODOMETRY_FRESH:
-            return self._motion() or None
+        if state.is_red and self._odometry_expected:
+            return self.missing_odometry or self._motion() or None
         return None
 
     def _motion(self) -> str:
@@ -488,7 +530,7 @@ class Arbiter:
         if self._engaged[StopSource.TWO_REMOTES]:
             reasons.append('more than one publisher of the safety remote')
         if self._engaged[StopSource.TWO_BRIDGES]:
-            reasons.append('another bridge publishes the same race state')
+            reasons.append('two bridges')
         if self._engaged[StopSource.TWO_LOCKS]:
             reasons.append('another node publishes ~/stop')
         if self._engaged[StopSource.TWO_ODOMETRIES]:
@@ -499,7 +541,9 @@ class Arbiter:
             reasons.append('another node offers ~/team_stop')
         if self._remote_missing:
             reasons.append(f'nothing from the safety remote for {self._settings.tsr_timeout:g} s')
-        if self._team_unheard:
+        if self._team_unheard and self._starting:
+            reasons.append('the bridge is starting')
+        elif self._team_unheard:
             reasons.append(
                 f'the bridge has not heard its own team for {self._settings.team_timeout:g} s'
             )

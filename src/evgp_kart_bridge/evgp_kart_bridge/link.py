@@ -78,11 +78,15 @@ class LinkStatus:
     What diagnostics tell of the link.
 
     :ivar connections: how many connections there were so far.
+    :ivar failures: how many attempts to connect, and connections, have failed so far.
+    :ivar heard_anything: race control has sent a race state to this process.
     :ivar malformed: how many malformed frames came so far (§4.C).
     :ivar last_malformed: what was wrong with the last of them; empty: there was none.
     """
 
     connections: int = 0
+    failures: int = 0
+    heard_anything: bool = False
     malformed: int = 0
     last_malformed: str = ''
 
@@ -209,6 +213,7 @@ class Link:
         connection = self._connection
         if outcome.give_up is not None and connection is not None:
             self._connection = None
+            self._count_failure()
             connection.abort()
         elif outcome.send is not None and connection is not None:
             connection.send(outcome.send)
@@ -221,6 +226,9 @@ class Link:
                 self._timer.cancel()
             self._timer = loop.call_at(due, self._tick)
         return outcome
+
+    def _count_failure(self) -> None:
+        self._status = dataclasses.replace(self._status, failures=self._status.failures + 1)
 
     def _tick(self) -> None:
         self._timer = None
@@ -257,6 +265,7 @@ class Link:
             except (asyncio.TimeoutError, OSError) as error:
                 connection.abort()
                 reason = why_not_connected(settings, error)
+                self._count_failure()
                 self._take(lambda arbiter, now, why=reason: arbiter.disconnected(why, now))
             else:
                 await connection.lost
@@ -277,6 +286,8 @@ class Link:
         if connection is not self._connection:
             return
         if isinstance(event, StateFrame):
+            if not self._status.heard_anything:
+                self._status = dataclasses.replace(self._status, heard_anything=True)
             self._take(lambda arbiter, now: arbiter.heard(event.state, now))
         else:
             self._status = dataclasses.replace(
@@ -285,10 +296,26 @@ class Link:
                 last_malformed=f'{event.reason}: {event.raw!r}',
             )
 
+    def why_closed(self, connection: _Connection, error: Exception | None) -> str:
+        """Return how a connection ended that race control has ended, and what to look at."""
+        peer = peer_of(self._settings)
+        if connection.heard_anything:
+            if error is not None:
+                return f'the connection to {peer} broke: {error}'
+            return f'{peer} closed the connection'
+        why = f'{peer} closed the connection from {connection.local_address} at once'
+        if self._status.heard_anything:
+            return why
+        why += ': is that address in its roster?'
+        if not self._settings.local_address:
+            why += ' If this computer has several addresses, set local_address'
+        return why
+
     def lost(self, connection: _Connection, reason: str) -> None:
         """Take note that a connection was lost."""
         if connection is self._connection:
             self._connection = None
+            self._count_failure()
             self._take(lambda arbiter, now: arbiter.disconnected(reason, now))
 
 
@@ -301,6 +328,7 @@ class _Connection(asyncio.BufferedProtocol):
         self._decoder = FrameDecoder()
         self._buffer = bytearray(READ_BYTES)
         self.heard_anything = False
+        self.local_address = 'this computer'
         self.lost: asyncio.Future[None] = asyncio.get_running_loop().create_future()
 
     def send(self, state: RaceState) -> None:
@@ -321,6 +349,7 @@ class _Connection(asyncio.BufferedProtocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
+        self.local_address = transport.get_extra_info('sockname', (self.local_address,))[0]
         transport.get_extra_info('socket').setsockopt(
             socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES
         )
@@ -335,23 +364,19 @@ class _Connection(asyncio.BufferedProtocol):
             self._link.heard(self, event)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        if not self.heard_anything:
-            reason = (
-                'race control closed the connection at once: '
-                "is this machine's address in its roster?"
-            )
-        elif exc is not None:
-            reason = f'the connection broke: {exc}'
-        else:
-            reason = 'race control closed the connection'
-        self._link.lost(self, reason)
+        self._link.lost(self, self._link.why_closed(self, exc))
         if not self.lost.done():
             self.lost.set_result(None)
 
 
+def peer_of(settings: LinkSettings) -> str:
+    """Return what sentences call race control's end."""
+    return f'{settings.host}, port {settings.port}'
+
+
 def why_not_connected(settings: LinkSettings, error: BaseException) -> str:
     """Return why an attempt to connect failed, and what to look at."""
-    peer = f'{settings.host}, port {settings.port},'
+    peer = f'{peer_of(settings)},'
     number = error.errno if isinstance(error, OSError) else None
     if number == errno.EADDRNOTAVAIL and settings.local_address:
         return f'this machine has no address {settings.local_address}: look at local_address'

@@ -9,20 +9,29 @@ team's nodes say and hands it to the link.
 from __future__ import annotations
 
 import concurrent.futures
+import dataclasses
 import math
 import random
 import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from evgp_kart_bridge.arbiter import Arbiter, Outcome, Settings, StopSource, Verdict
-from evgp_kart_bridge.link import Link, LinkClosedError, LinkSettings, LinkStatus, REPEAT
+from evgp_kart_bridge.arbiter import Arbiter, Names, Outcome, Settings, StopSource, Verdict
+from evgp_kart_bridge.link import (
+    Link,
+    LinkClosedError,
+    LinkSettings,
+    LinkStatus,
+    peer_of,
+    REPEAT,
+)
 from evgp_kart_bridge.watch import race_state_qos
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.stamps import stamp
 from evgp_node.states import state_message, state_of
+from evgp_protocol import clock
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
@@ -65,6 +74,15 @@ LATCHED_TSR_QOS = QoSProfile(
 LOOK_AROUND = 0.3
 """How often the bridge looks for a second node where there must be one, seconds."""
 
+LOG_AGAIN = 10.0
+"""Time before a reason that comes back while something is wrong is logged again, seconds."""
+
+UNREAD = 5.0
+"""Time without any reader of the race state after which the bridge says so, seconds."""
+
+ODOMETRY_DUE = 2.0
+"""Time after the start, or after its loss, when missing odometry is logged, seconds."""
+
 TEAM_TIMEOUT = 1.0
 """Time after which a bridge that has not looked around does not hear its team either, seconds."""
 
@@ -91,6 +109,9 @@ _ENDED = Verdict(
 )
 
 
+_NUMBERS = ', '.join(f'{state_message(each).state} {each.value}' for each in RaceState)
+
+
 class PublishError(RuntimeError):
     """The middleware does not take the race state."""
 
@@ -107,13 +128,25 @@ class KartBridge(StrictNode):
         """Read the parameters, offer the topics and services, and begin to connect."""
         super().__init__('kart_bridge', **node_options)
         link_settings, settings, lease = read_settings(Parameters(self))
-        self._peer = f'{link_settings.host}, port {link_settings.port}'
+        self._peer = peer_of(link_settings)
+        self._graph = f'ROS domain {self.context.get_domain_id()}'
+        self._odometry_topic = self.resolve_topic_name('~/odom')
+        # Who names a topic for it asks for it.
+        if self._odometry_topic != f'{self.get_fully_qualified_name()}/odom':
+            settings = dataclasses.replace(settings, odometry_required=True)
         qos = race_state_qos(lease)
         self._race_state = self.create_publisher(KartRaceState, '~/race_state', qos)
         self._stop = self.create_publisher(Bool, '~/stop', qos)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._told: Verdict | None = None
+        self._logged: dict[str, float] = {}  # what is wrong, and when it was logged
+        self._logged_last = ''
+        self._odometry_at: float | None = None
+        self._odometry_missed_at: float | None = None
+        self._odometry_was_missed = False
+        self._read = False
+        self._unread_at: float | None = clock.now()  # None: it is read, or that was logged
         self._until_diagnostics = 0
         self._until_look = 0
         # The link's thread asks; that the executor's answers shows that it hears the team. A
@@ -140,7 +173,15 @@ class KartBridge(StrictNode):
         # At random, so that a number of the bridge before this one fits no order of this one. The
         # time would not do: a kart's computer without a battery starts at the same one each time.
         first_order = random.SystemRandom().randint(1, MOST_FIRST_ORDER)
-        arbiter = Arbiter(settings, first_order)
+        names = Names(self._peer, self._odometry_topic, self._graph)
+        # The link owns it; from here it is only read, in the link's thread.
+        self._arbiter = arbiter = Arbiter(settings, first_order, names)
+        if not (settings.odometry_required or settings.auto_acknowledge_stop):
+            self.get_logger().warning(
+                f'Until odometry comes on {self._odometry_topic}, this bridge believes the stack '
+                'that the kart stands. Give it odometry: ODOM=/odom of make bridge, odom:=/odom '
+                'of the launch file'
+            )
         self._link = Link(arbiter, link_settings, self._tell, on_failure)
         self.create_service(Acknowledge, '~/acknowledge', self._acknowledge)
         self.create_service(SetBool, '~/team_stop', self._team_stop)
@@ -181,14 +222,17 @@ class KartBridge(StrictNode):
         state = state_of(request.reached)
         if state is None:
             response.message = (
-                f'{request.reached.state} is no race state: see evgp_rcs_msgs/msg/RaceState'
+                f'{request.reached.state} is no race state; `reached.state` is one of {_NUMBERS}'
             )
             return response
         order = request.order
         given = self._link.give(lambda arbiter, now: arbiter.acknowledge(state, order, now))
         try:
-            answer = given.result(ANSWER_TIMEOUT).answer
+            outcome = given.result(ANSWER_TIMEOUT)
+            answer = outcome.answer
             response.success, response.message = answer.accepted, answer.message
+            if not answer.accepted and outcome.verdict.commanded not in (None, state):
+                response.message += f'. `reached.state` is one of {_NUMBERS}'
         except (LinkClosedError, concurrent.futures.TimeoutError) as error:
             response.message = self._unanswered(error)
         return response
@@ -234,12 +278,32 @@ class KartBridge(StrictNode):
                 lambda arbiter, now, source=source: arbiter.team_stop(source, source in seen, now)
             )
         self._seen_double = seen
+        self._look_for_readers()
         self._link.give(Arbiter.team_heard)
+
+    def _look_for_readers(self) -> None:
+        """Say once that no stack reads the race state: it may be in another ROS domain."""
+        if self._race_state.get_subscription_count() > 0:
+            self._unread_at = None
+            self._read = True
+        elif self._read:
+            self._read, self._unread_at = False, clock.now()
+        elif self._unread_at is not None and clock.now() >= self._unread_at + UNREAD:
+            self._unread_at = None
+            self.get_logger().warning(
+                f'Nobody reads {self._race_state.topic_name} in {self._graph} for {UNREAD:g} s: '
+                'does the stack run, with the same ROS_DOMAIN_ID?'
+            )
 
     def _odometry(self, message: Odometry) -> None:
         velocity = message.twist.twist.linear
         speed = math.hypot(velocity.x, velocity.y)
-        given = self._link.give(lambda arbiter, now: arbiter.speed(speed, now))
+
+        def take(arbiter: Arbiter, now: float) -> Outcome:
+            self._odometry_at = now  # in the link's thread, as all that reads it
+            return arbiter.speed(speed, now)
+
+        given = self._link.give(take)
         given.add_done_callback(self._warn_of_odometry)
 
     def _warn_of_odometry(self, given: concurrent.futures.Future[Outcome]) -> None:
@@ -256,9 +320,9 @@ class KartBridge(StrictNode):
 
     def _tell(self, verdict: Verdict, status: LinkStatus) -> None:
         self._publish(verdict)
-        if verdict != self._told:
-            self._log(verdict)
-            self._told = verdict
+        self._log(verdict, status)
+        self._told = verdict
+        self._log_odometry()
         if status.malformed != self._malformed:
             self._malformed = status.malformed
             self.get_logger().warning(
@@ -295,23 +359,56 @@ class KartBridge(StrictNode):
                 'refuses every message from 19 January 2038 on'
             ) from error
 
-    def _log(self, verdict: Verdict) -> None:
+    def _log(self, verdict: Verdict, status: LinkStatus) -> None:
+        """Log what is new; what comes back with every attempt to connect, not every time."""
         told = self._told
-        if told is not None and (told.state, told.reason) == (verdict.state, verdict.reason):
-            if verdict.acknowledged and not told.acknowledged:
+        obeyed = f'Obey {verdict.state.value}'
+        if verdict.reason == '':
+            if told is None or told.reason or told.state is not verdict.state:
+                self._logged.clear()
+                self._logged_last = ''
+                self.get_logger().info(obeyed)
+            elif verdict.acknowledged and not told.acknowledged:
                 self.get_logger().info(f'{verdict.state.value} is acknowledged')
-            return
-        text = f'Obey {verdict.state.value}'
-        if verdict.reason:
-            self.get_logger().warning(f'{text}: {verdict.reason}')
+        elif status.failures == 0 and not status.heard_anything:  # nothing is wrong yet
+            if told is None:
+                self.get_logger().info(f'Starting: {obeyed} until {self._peer} is heard')
         else:
-            self.get_logger().info(text)
+            text = f'{obeyed}: {verdict.reason}'
+            now = clock.now()
+            # The last line of the log must be true: what is skipped and lasts is logged later.
+            if text != self._logged_last and now - self._logged.get(text, -LOG_AGAIN) >= LOG_AGAIN:
+                self._logged = {
+                    each: at for each, at in self._logged.items() if now - at < LOG_AGAIN
+                }
+                self._logged[text], self._logged_last = now, text
+                self.get_logger().warning(text)
+
+    def _log_odometry(self) -> None:
+        """Say, once each time, that odometry is missing, and that it is back."""
+        missing = self._arbiter.missing_odometry
+        now = clock.now()
+        if not missing:
+            if self._odometry_was_missed:
+                self.get_logger().info(f'Odometry is heard on {self._odometry_topic}')
+            self._odometry_was_missed, self._odometry_missed_at = False, None
+        elif self._odometry_missed_at is None:
+            self._odometry_missed_at = now
+        elif not self._odometry_was_missed and now >= self._odometry_missed_at + ODOMETRY_DUE:
+            self._odometry_was_missed = True
+            self.get_logger().warning(f'RED_FLAG and RED_RED cannot be acknowledged: {missing}')
+
+    def _odometry_heard(self) -> str:
+        """Return, for diagnostics, whether odometry is heard, and how old the last is."""
+        if self._odometry_at is None:
+            return f'not heard on {self._odometry_topic}'
+        return f'{clock.now() - self._odometry_at:.2f} s old on {self._odometry_topic}'
 
     def _diagnostic(self, verdict: Verdict, status: LinkStatus) -> DiagnosticArray:
         level = DiagnosticStatus.OK
         if not verdict.connected:
             level = DiagnosticStatus.ERROR
-        elif verdict.reason:
+        elif verdict.reason or self._arbiter.missing_odometry:
             level = DiagnosticStatus.WARN
         commanded = verdict.commanded.value if verdict.commanded is not None else 'nothing'
         array = DiagnosticArray()
@@ -320,7 +417,9 @@ class KartBridge(StrictNode):
             DiagnosticStatus(
                 level=level,
                 name=f'{self.get_fully_qualified_name().lstrip("/")}: race state',
-                message=verdict.reason or f'Obey {verdict.state.value}',
+                message=verdict.reason
+                or self._arbiter.missing_odometry
+                or f'Obey {verdict.state.value}',
                 hardware_id=self._peer,
                 values=[
                     KeyValue(key=key, value=value)
@@ -331,6 +430,7 @@ class KartBridge(StrictNode):
                         ('acknowledged', str(verdict.acknowledged).lower()),
                         ('team stop', str(verdict.team_stop).lower()),
                         ('may drive', str(verdict.may_drive).lower()),
+                        ('odometry', self._odometry_heard()),
                         ('connections so far', str(status.connections)),
                         ('malformed frames so far', str(status.malformed)),
                     )
@@ -375,6 +475,11 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
         frame_timeout=frame_timeout,
         tsr_timeout=tsr_timeout,
         team_timeout=TEAM_TIMEOUT,
+        odometry_required=declare(
+            'odometry_required',
+            False,
+            'Acknowledge no RED_FLAG or RED_RED unless ~/odom shows that the kart stands still.',
+        ),
         auto_acknowledge_stop=declare(
             'auto_acknowledge_stop',
             False,

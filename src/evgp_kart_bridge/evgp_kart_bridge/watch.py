@@ -48,6 +48,12 @@ FORGIVEN = 1.0
 """Maximum time, s, without knowing the state after which a stack still starts without a new
 GRID_ACTIVE."""
 
+UNHEARD = 2.0
+"""Time after the start without a bridge after which the node's log says so, seconds."""
+
+LOG_AGAIN = 10.0
+"""Time before a reason that comes back is logged again, seconds."""
+
 ASK_AGAIN = 0.2
 """Time after which an acknowledgement is sent again while the bridge has not taken it, s."""
 
@@ -156,6 +162,10 @@ class RaceStateWatch:
         self._asking: Future | None = None
         self._ask_again_at = -math.inf
         self._log = node.get_logger()
+        self._began = clock.now()
+        self._graph = f'ROS domain {node.context.get_domain_id()}'
+        self._logged: dict[str, float] = {}  # reasons, and when each was logged
+        self._logged_last = ''
         beside, slash, _ = topic.rpartition('/')
         self._bridge = node.create_client(
             Acknowledge, f'{beside}{slash}acknowledge', callback_group=group
@@ -352,10 +362,34 @@ class RaceStateWatch:
         if not self._doubt(now):
             self._armed = self._is_armed(now)
             self._sure_at = now
+        self._log_reason(now)
         state = self.order.state
         if state is not self._told:
             self._told = state
             self._on_change(state)
+
+    def _log_reason(self, now: float) -> None:
+        """Log each new reason, and that no bridge is heard."""
+        reason = self.reason
+        if self.message is None:
+            if now < self._began + UNHEARD or self._subscription is None:
+                return
+            reason = (
+                f'no bridge is heard on {self._subscription.topic_name} in {self._graph}: '
+                'is it running, with the same ROS_DOMAIN_ID?'
+            )
+        if not reason:
+            self._logged_last = ''
+        elif (
+            reason != self._logged_last and now - self._logged.get(reason, -LOG_AGAIN) >= LOG_AGAIN
+        ):
+            self._logged = {each: at for each, at in self._logged.items() if now - at < LOG_AGAIN}
+            self._logged[reason], self._logged_last = now, reason
+            text = f'The kart obeys {self.state.value}: {reason}'
+            if self._doubt(now):
+                self._log.warning(text)
+            else:  # the bridge's own reason, of which it has warned
+                self._log.info(text)
 
 
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)

@@ -38,7 +38,8 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 'odom',
                 default_value='~/odom',
-                description="The topic of the kart's odometry, nav_msgs/msg/Odometry.",
+                description="The topic of the kart's odometry, nav_msgs/msg/Odometry. The bridge "
+                'requires odometry when this names another topic than ~/odom.',
             ),
             DeclareLaunchArgument(
                 'params_file',

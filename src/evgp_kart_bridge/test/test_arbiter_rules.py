@@ -19,7 +19,7 @@ from types import ModuleType
 from typing import Any
 
 from evgp_kart_bridge import arbiter as arbiter_module
-from evgp_kart_bridge.arbiter import Arbiter, Settings, StopSource, Verdict
+from evgp_kart_bridge.arbiter import Arbiter, Names, Settings, StopSource, Verdict
 from evgp_protocol.states import RaceState
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
@@ -227,11 +227,14 @@ class Oracle:
         if state in (GRID, GREEN):
             return self.state is state
         speeds = [item for item in self.history if item.kind == 'speed']
-        moves = speeds and (
-            not speeds[-1].value <= self.settings.standstill_speed
+        by_odometry = self.settings.odometry_required or self.settings.auto_acknowledge_stop
+        if state not in (FLAG, RED) or not (by_odometry or speeds):
+            return True
+        return (
+            bool(speeds)
             and self.now - speeds[-1].at <= 0.5
+            and speeds[-1].value <= self.settings.standstill_speed
         )
-        return not (state in (FLAG, RED) and moves)
 
     @property
     def must_acknowledge_by_itself(self) -> bool:
@@ -333,6 +336,7 @@ WORLDS = {
     'remote required': dataclasses.replace(SMALL, tsr_timeout=1.0),
     'team must be heard': dataclasses.replace(SMALL, team_timeout=1.0),
     'acknowledges by itself': dataclasses.replace(SMALL, auto_acknowledge_stop=True),
+    'odometry required': dataclasses.replace(SMALL, odometry_required=True),
     'drives in garage': dataclasses.replace(SMALL, drive_in_garage=True),
 }
 LINK = [
@@ -358,7 +362,9 @@ def fingerprint(arbiter: Arbiter) -> tuple[Any, ...]:
     state: list[Any] = []
     for name, value in sorted(vars(arbiter).items()):
         # Of the numbers of orders, only whether there is one: the next is always a new one.
-        if name in ('_settings', '_now', '_absence', '_not_armed', '_next_order'):
+        if name in ('_settings', '_names', '_now', '_next_order'):
+            continue
+        if name in ('_absence', '_not_armed', '_starting'):  # for the reason only
             continue
         if name == '_heard_at' and not arbiter._open:
             continue
@@ -419,6 +425,7 @@ def explore(
         ('remote required', LINK + STOPS[2:4]),
         ('team must be heard', LINK + TEAM + STOPS[:2]),
         ('acknowledges by itself', LINK + SPEEDS),
+        ('odometry required', LINK + SPEEDS),
         ('drives in garage', LINK + STOPS[:2]),
     ],
     ids=list(WORLDS),
@@ -550,8 +557,28 @@ FAULTS = {
         'if',
     ),
     'acknowledges a red while moving': (
-        'if state.is_red and self._now - self._speed_at <= ODOMETRY_FRESH:',
-        'if False:',
+        'self.missing_odometry or self._motion() or None',
+        'self.missing_odometry or None',
+    ),
+    'no number is slow enough for a red': (
+        'if self._speed <= limit:',
+        'if not self._speed > limit:',
+    ),
+    'required odometry is not missed': (
+        'self._odometry_expected = settings.odometry_required or',
+        'self._odometry_expected =',
+    ),
+    'odometry that acknowledges is not missed': (
+        'settings.odometry_required or settings.auto_acknowledge_stop\n',
+        'settings.odometry_required\n',
+    ),
+    'odometry that was lost is not missed': (
+        '        self._odometry_expected = True\n',
+        '',
+    ),
+    'odometry of old shows a standstill': (
+        'return self.missing_odometry or',
+        'return (math.isinf(self._speed_at) and self.missing_odometry) or',
     ),
     'flag lets a standing kart drive': ('slows = was_driving and', 'slows ='),
     'flag lets drive for ever': (
@@ -603,6 +630,34 @@ def test_fault_is_found(old: str, new: str) -> None:
                 explore(module, settings, LINK + team + STOPS[:4] + SPEEDS, limit=limit)
     finally:
         del sys.modules[module.__name__]
+
+
+@pytest.mark.parametrize('commanded', [FLAG, RED])
+@pytest.mark.parametrize(
+    ('settings', 'speeds', 'accepted'),
+    [
+        (Settings(), [], True),
+        (Settings(odometry_required=True), [], False),
+        (Settings(auto_acknowledge_stop=True), [], False),
+        (Settings(), [6.0], False),
+        (Settings(), [0.0], False),
+        (Settings(odometry_required=True), [0.0], False),
+    ],
+    ids=['none is known', 'required', 'acknowledging', 'lost at speed', 'lost', 'required, lost'],
+)
+def test_no_red_is_acknowledged_without_odometry_where_there_must_be_some(
+    commanded: RaceState, settings: Settings, speeds: list[float], accepted: bool
+) -> None:
+    arbiter = Arbiter(settings, 1, Names(odometry='/odometry'))
+    arbiter.connected(0.0)
+    for speed in speeds:
+        arbiter.speed(speed, 0.0)
+    arbiter.heard(commanded, 0.25)
+    answer = arbiter.acknowledge(commanded, 1, 0.75).answer
+    assert answer is not None
+    assert answer.accepted == accepted
+    assert accepted or '/odometry' in answer.message
+    assert bool(arbiter.missing_odometry) != accepted
 
 
 def judge_numbers(arbiter: Arbiter, commands: list[RaceState | None], first: int) -> None:
@@ -682,8 +737,9 @@ def test_odometry_that_keeps_a_red_from_being_acknowledged_is_named(
 
 def judge_lateness(module: ModuleType, settings: Settings, inputs: list[tuple[str, Any]]) -> None:
     """
-    Give inputs, 1/8 s apart; ``acknowledge`` says what is commanded, and names an order by how
-    many were shown after it.
+    Give inputs, 1/8 s apart.
+
+    ``acknowledge`` says what is commanded, and names an order by how many were shown after it.
 
     :raises AssertionError: an accepted acknowledgement names an order that was shown before a
         team stop which has ended since.
@@ -745,6 +801,14 @@ def test_nothing_said_before_a_doubt_that_has_ended_is_accepted(
     judge_lateness(arbiter_module, settings, [('connected', None), *inputs])
 
 
+def test_the_documents_say_how_many_worlds_and_faults_there_are() -> None:
+    text = (Path(__file__).parents[3] / 'docs' / 'testing.md').read_text(encoding='utf-8')
+    words = {5: 'five', 6: 'six', 7: 'seven'}
+    assert f'every reachable state of {words[len(WORLDS)]} small worlds' in ' '.join(text.split())
+    # And the one of the numbers.
+    assert f'{len(FAULTS) + 1} faults put into `arbiter.py`' in ' '.join(text.split())
+
+
 class ArbiterAndOracle(RuleBasedStateMachine):
     """Random histories with times that fit no grid; the oracle looks on after each input."""
 
@@ -754,6 +818,7 @@ class ArbiterAndOracle(RuleBasedStateMachine):
             frame_timeout=st.sampled_from([0.25, 1.0]),
             tsr_timeout=st.sampled_from([0.0, 0.0, 0.375]),
             team_timeout=st.sampled_from([0.0, 0.0, 0.375]),
+            odometry_required=st.booleans(),
             auto_acknowledge_stop=st.booleans(),
             standstill_time=st.sampled_from([0.0, 0.5]),
             red_flag_drive_time=st.sampled_from([0.0, 1.0, 15.0]),

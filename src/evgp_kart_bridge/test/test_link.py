@@ -7,7 +7,7 @@ import contextlib
 import socket
 import threading
 
-from evgp_kart_bridge.arbiter import Arbiter, Outcome, Settings, Verdict
+from evgp_kart_bridge.arbiter import Arbiter, Names, Outcome, Settings, Verdict
 from evgp_kart_bridge.link import Link, LinkClosedError, LinkSettings, LinkStatus
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
@@ -29,7 +29,7 @@ class Running:
         self.failures: list[BaseException] = []
         self._news = threading.Condition()
         self.link = Link(
-            Arbiter(Settings(frame_timeout=frame_timeout), 1),
+            Arbiter(Settings(frame_timeout=frame_timeout), 1, Names(f'the host at {port}')),
             LinkSettings('127.0.0.1', port, local_address),
             self._hear,
             self._fail,
@@ -203,7 +203,7 @@ def test_malformed_frames_do_not_keep_a_connection_alive(
     babbling = threading.Thread(target=babble)
     babbling.start()
     try:
-        running.wait_for(lambda verdict: 'was silent' in verdict.reason)
+        running.wait_for(lambda verdict: 'sends no race state' in verdict.reason)
     finally:
         ended.set()
         babbling.join()
@@ -222,7 +222,8 @@ def test_silence_is_red_red_and_the_socket_is_given_up(
     since = len(running.verdicts)
     lost = running.wait_for(lambda verdict: not verdict.connected, since)
     assert (lost.state, lost.may_drive) == (RED_RED, False)
-    assert 'race control was silent for 0.3 s' in lost.reason
+    port = race_control.getsockname()[1]
+    assert f'the host at {port} was silent for 0.3 s' in lost.reason
     connection.recv(1024)  # the acknowledgement
     assert is_over(connection)
 
@@ -272,12 +273,53 @@ def test_a_closed_port_is_named_and_tried_until_it_opens(
     running.wait_for_state(IN_GARAGE)
 
 
-def test_a_connection_closed_at_once_points_to_the_roster(
+def test_a_connection_closed_at_once_names_its_ends_and_the_way_out(
+    start_link: StartLink, race_control: socket.socket, accept: Accept
+) -> None:
+    port = race_control.getsockname()[1]
+    running = start_link(race_control)
+    accept(race_control).close()
+    closed = running.wait_for(lambda verdict: 'roster' in verdict.reason)
+    assert f'127.0.0.1, port {port} closed the connection from 127.0.0.1 ' in closed.reason
+    assert 'local_address' in closed.reason
+    assert running.status.failures == 1
+
+
+def test_a_connection_closed_at_once_from_the_address_that_was_set_names_that(
+    start_link: StartLink, race_control: socket.socket, accept: Accept
+) -> None:
+    running = start_link(race_control, local_address='127.0.1.7')
+    accept(race_control).close()
+    closed = running.wait_for(lambda verdict: 'roster' in verdict.reason)
+    assert 'from 127.0.1.7 ' in closed.reason
+    assert 'local_address' not in closed.reason
+
+
+def test_race_control_that_was_heard_before_is_not_suspected_of_another_roster(
     start_link: StartLink, race_control: socket.socket, accept: Accept
 ) -> None:
     running = start_link(race_control)
-    accept(race_control).close()
-    running.wait_for(lambda verdict: "is this machine's address in its roster?" in verdict.reason)
+    connection = accept(race_control)
+    connection.sendall(encode(IN_GARAGE))
+    running.wait_for_state(IN_GARAGE)
+    connection.close()
+    for count in (2, 3):
+        accept(race_control).close()
+        running.wait_for(
+            lambda verdict, count=count: running.status.failures >= count, len(running.verdicts)
+        )
+    assert not any('roster' in verdict.reason for verdict in running.verdicts)
+
+
+def test_a_host_that_accepts_and_says_nothing_is_named(
+    start_link: StartLink, race_control: socket.socket, accept: Accept
+) -> None:
+    running = start_link(race_control, frame_timeout=0.3)
+    accept(race_control)
+    port = race_control.getsockname()[1]
+    running.wait_for(
+        lambda verdict: f'the host at {port} accepts but sends no race state' in verdict.reason
+    )
 
 
 def test_a_connection_closed_in_the_race_says_so(
@@ -288,7 +330,7 @@ def test_a_connection_closed_in_the_race_says_so(
     connection.sendall(encode(IN_GARAGE))
     running.wait_for_state(IN_GARAGE)
     connection.shutdown(socket.SHUT_WR)
-    running.wait_for(lambda verdict: 'race control closed the connection' in verdict.reason)
+    running.wait_for(lambda verdict: 'closed the connection' in verdict.reason)
 
 
 def test_it_connects_from_its_own_address(

@@ -29,6 +29,12 @@ INTERFACE = 'EVGP_GRAPH_INTERFACE'
 """Environment variable: the IPv4 address, on this machine, of the one interface that the graph is
 on besides loopback. Empty or not set: loopback only."""
 
+DOMAIN = 'ROS_DOMAIN_ID'
+"""Environment variable: the ROS domain."""
+
+LAST_DOMAIN = 232
+"""The last domain whose UDP ports (7400 + 250 for each domain) exist."""
+
 EVERY = '0.0.0.0'
 """In `reachable_at`: at every address of this machine."""
 
@@ -107,15 +113,31 @@ class NoInterfaceError(GraphError):
     """No interface has the address named by `INTERFACE` now; one may have it later."""
 
 
+def refuse_domain() -> None:
+    """
+    Refuse a ROS domain that DDS has no ports for; what is no number is ROS's own to refuse.
+
+    :raises GraphError: if ROS_DOMAIN_ID is such a number.
+    """
+    given = os.environ.get(DOMAIN, '')
+    with contextlib.suppress(ValueError):
+        if not 0 <= int(given, 0) <= LAST_DOMAIN:
+            raise GraphError(
+                f'{DOMAIN} is {given}, and there is no such ROS domain. '
+                f'Give a number from 0 to {LAST_DOMAIN}, better to 101'
+            )
+
+
 def bind_graph() -> None:
     """
     Have DDS open its sockets on loopback, and on the interface named by `INTERFACE`, only.
 
     Call it before ``rclpy.init``. It changes the environment of this process.
 
-    :raises GraphError: if no interface has that address, or if it is not known how to tell this
-        ROS middleware.
+    :raises GraphError: if no interface has that address, if there is no such ROS domain, or if it
+        is not known how to tell this ROS middleware.
     """
+    refuse_domain()
     interface = _named_interface()
     middleware = get_rmw_implementation_identifier()
     if not middleware.startswith(('rmw_fastrtps', 'rmw_cyclonedds')):

@@ -26,6 +26,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import ctypes
 import os
+import pathlib
 import select
 import signal
 import sys
@@ -229,13 +230,11 @@ def _ended_children(program: int) -> list[int]:
     """Return the children of the program that have ended and that it has not asked about."""
     ended = []
     try:
-        for thread in os.listdir(f'/proc/{program}/task'):  # noqa: PTH208
-            with open(f'/proc/{program}/task/{thread}/children', encoding='ascii') as file:  # noqa: PTH123
-                children = file.read().split()
-            for child in children:
-                with open(f'/proc/{child}/stat', encoding='ascii', errors='replace') as file:  # noqa: PTH123
-                    if file.read().rpartition(')')[2].split()[0] == 'Z':
-                        ended.append(int(child))
+        for task in pathlib.Path(f'/proc/{program}/task').iterdir():
+            for child in (task / 'children').read_text(encoding='ascii').split():
+                status = pathlib.Path(f'/proc/{child}/stat').read_text(errors='replace')
+                if status.rpartition(')')[2].split()[0] == 'Z':
+                    ended.append(int(child))
     except OSError:
         pass  # something has ended just now: the next look tells
     return ended
