@@ -69,7 +69,7 @@ def run(domain: int, *words: str) -> Done:
 def accepted(control: RaceControl, *words: str) -> str:
     """Give a command that must be accepted and return what race control said."""
     done = run(control.domain, *words, '--wait', str(PATIENCE))
-    while 'send it again' in done.stderr:  # race control asks for it, just after a stop
+    while 'send this command again' in done.stderr:  # race control asks for it, just after a stop
         done = run(control.domain, *words, '--wait', str(PATIENCE))
     assert done.returncode == ACCEPTED, f'{words}: {done.stdout}{done.stderr}'
     return done.stdout
@@ -129,12 +129,22 @@ def test_a_refusal_for_want_of_a_statement_names_the_flag(
     official.command('kart/red_red', kart=1)
 
     done = run(control.domain, 'kart-in-garage', '1', '--wait', str(PATIENCE))
-    while 'send it again' in done.stderr:
+    while 'send this command again' in done.stderr:
         done = run(control.domain, 'kart-in-garage', '1', '--wait', str(PATIENCE))
 
     assert done.returncode == REFUSED
     assert 'state that kart 1 (Team 1) was made safe by hand' in done.stderr
     assert '(--made-safe-by-hand)' in done.stderr
+
+
+def test_the_race_goes_to_the_garage_also_when_no_kart_is_left_in_it(
+    start_race_control: StartRaceControl,
+) -> None:
+    control = start_race_control(in_race=(1,), pause=0.5)
+    accepted(control, 'all-kill')
+    accepted(control, 'kart-in-garage', '1', '--made-safe-by-hand')
+
+    accepted(control, 'in-garage', '--track-is-safe')
 
 
 def test_without_kart_numbers_a_start_says_which_karts_it_would_start_and_sends_nothing(

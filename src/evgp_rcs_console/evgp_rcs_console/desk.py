@@ -127,9 +127,11 @@ def _give(client: Client, desk: Desk, wanted: argparse.Namespace, until: float) 
         if not desk.wait_for(lambda: desk.race is not None, until):
             return {'code': Exit.NOT_THERE, 'error': no_answer(command, wanted.wait, where)}
         assert desk.race is not None
-        if form.names_karts:
+        concerned = desk.race.commands.get(command, Available(False))
+        # Where it is for no kart, as IN GARAGE may be, there is none to name.
+        if form.names_karts and (concerned.karts or not concerned.yes or not wanted.stated):
             return _name_them(wanted, desk.race)
-        kart = desk.race.kart(wanted.kart)
+        kart = desk.race.kart(wanted.kart) if form.names_hold else None
         if kart is not None:
             hold = kart.hold
             offered = kart.commands.get(command, Available(False))
