@@ -85,7 +85,10 @@ def confirm(console: Console, key: str, condition: str, accepted: str) -> None:
     while time.monotonic() < ends:
         console.ask(key, text=condition)
         console.key('y')
-        if accepted in console.wait_for('status', text=f'{accepted}|send this command again')['text']:
+        if (
+            accepted
+            in console.wait_for('status', text=f'{accepted}|send this command again')['text']
+        ):
             return
     raise AssertionError(f'{key} is not accepted')
 
