@@ -25,6 +25,7 @@ from race_parts.process import PATIENCE
 from race_parts.screen import Screen
 
 DROPPED = 'while the window hung'
+CHANGED = 'has just changed'
 """Of what the window says of a key or a click that it dropped."""
 
 SLOW = 3.0
@@ -154,8 +155,12 @@ class Console:
                     widget: dict[str, Any] = answer['widget']
                     return widget
                 said = self.wait_for('status')['text']
-                if DROPPED in said and (said != before or time.monotonic() > slow):
+                if (DROPPED in said or CHANGED in said) and (
+                    said != before or time.monotonic() > slow
+                ):
                     break
+                if name == 'question' and time.monotonic() > slow:
+                    break  # the same key again so soon is taken for a slip, without a word
         return self.wait_for(name, **wanted)
 
     def ask(self, *names: str, **wanted: object) -> None:

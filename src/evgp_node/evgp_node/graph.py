@@ -303,11 +303,21 @@ def _private_file(content: str) -> str:
 _profiles: list[tempfile._TemporaryFileWrapper[str]] = []
 
 
+def _may_come(named: str) -> bool:
+    """Return whether an interface can have this address."""
+    try:
+        address = ipaddress.IPv4Address(named)
+    except ValueError:
+        return False
+    return not (address.is_unspecified or address.is_multicast)
+
+
 def _named_interface() -> str:
     """
     Return the address that `INTERFACE` names; empty: none but loopback.
 
-    :raises NoInterfaceError: if no interface of this machine has it.
+    :raises NoInterfaceError: if no interface of this machine has it now.
+    :raises GraphError: if none ever can.
     """
     named = os.environ.get(INTERFACE, '').strip()
     if not named:
@@ -315,7 +325,7 @@ def _named_interface() -> str:
     known = _interfaces()
     if named not in known:
         others = [each for each in known if not ipaddress.IPv4Address(each).is_loopback]
-        raise NoInterfaceError(
+        raise (NoInterfaceError if _may_come(named) else GraphError)(
             f"no interface of this machine has the officials' address {named!r} "
             f'({INTERFACE}). Name one of: {", ".join(others) or "(there is none)"}'
         )

@@ -130,11 +130,10 @@ def _run(
     except RCLInvalidROSArgsError as error:
         print(f'{name}: {error}', file=sys.stderr)
         return WRONG_SETTING, rclpy.try_shutdown
-    except (RCLError, NoInterfaceError, *obstacles) as error:
-        # Of an RCLError nobody can tell whether it will be there the next time.
+    except (NoInterfaceError, *obstacles) as error:
         print(f'{name}: {error}', file=sys.stderr)
         return IN_THE_WAY, rclpy.try_shutdown
-    except (GraphError, *refusals) as error:
+    except (RCLError, GraphError, *refusals) as error:
         print(f'{name}: {error}', file=sys.stderr)
         return WRONG_SETTING, rclpy.try_shutdown
     except BaseException:

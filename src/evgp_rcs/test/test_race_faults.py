@@ -221,11 +221,6 @@ FAULTS = {
         'if not kart.place:',
         ('sent-wrong', 'effect'),
     ),
-    'a red flag in the garage ends a race that is over': Fault(
-        '        if not self.starters:\n            return None  # the places',
-        '        if False:\n            return None  # the places',
-        ('effect', 'abstraction'),
-    ),
     'the race goes over when the first kart has finished': Fault(
         'if not kart.place or kart.finish_due is not None:\n                return None\n',
         'if not kart.place or kart.finish_due is not None:\n                continue\n',
