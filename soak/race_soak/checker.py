@@ -249,8 +249,9 @@ class Checker:
         self._links[link].ended = earliest
 
     def _paused(self, at: float, link: int) -> None:
-        known = self._links[link]
-        if known.paused is None:
+        # A link that has ended may be forgotten by now: its pause excuses nothing any more.
+        known = self._links.get(link)
+        if known is not None and known.paused is None:
             known.paused = at
 
     def _said(self, at: float, link: int, state: str, first: float) -> None:
