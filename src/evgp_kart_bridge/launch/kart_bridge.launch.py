@@ -1,32 +1,12 @@
 """Start a kart's bridge: ros2 launch evgp_kart_bridge kart_bridge.launch.py host:=10.0.0.1 ."""
 
-from collections.abc import Callable
-import time
-
-from evgp_node.restarting import Ends
-from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, EmitEvent
-from launch.events import matches_action
-from launch.events.process import ProcessExited, ShutdownProcess
+from evgp_node.launching import keep_trying_if_it_was_up
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
-
-OnExit = Callable[[ProcessExited, LaunchContext], list[EmitEvent] | None]
-
-
-def keep_trying_if_it_was_up() -> OnExit:
-    """Return what keeps the bridge from being started again to end in the same way."""
-    ends = Ends(time.monotonic())
-
-    def give_up_if_refused(event: ProcessExited, context: LaunchContext) -> list[EmitEvent] | None:
-        final = ends.is_final(event.returncode, time.monotonic())
-        if not final or event.returncode == 0:
-            return None
-        return [EmitEvent(event=ShutdownProcess(process_matcher=matches_action(event.action)))]
-
-    return give_up_if_refused
 
 
 def generate_launch_description() -> LaunchDescription:

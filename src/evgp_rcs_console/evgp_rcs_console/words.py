@@ -173,7 +173,6 @@ HEATS_CHANGED = 'The heats have just changed. Nothing was sent: open HEAT again.
 HEATS_CLOSE = 'CANCEL   (Esc)'
 HEAT = '{name}: {karts}'
 IN_RACE_NOW = '{text}  (in the race)'
-HEATS = 'Heats'
 RESULTS = 'Places'
 FIELD_KART = 'KART {number}'
 FIELD_BEGUN = '{number} …'
