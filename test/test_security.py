@@ -130,7 +130,7 @@ def test_race_control_does_not_start_where_security_is_demanded_and_cannot_be_ha
         {'roster': roster, 'record': tmp_path / 'record.sqlite3', 'port': 0},
         ('--enclave', '/rcs'),
     ) as control:
-        assert control.wait() == 3
+        assert control.wait() == 2
 
     assert 'SECURITY ERROR' in control.output
     assert 'listens for' not in control.output

@@ -21,7 +21,12 @@ from typing import Any, NoReturn
 from evgp_protocol.clock import now
 
 Report = Callable[..., None]
-"""Hands something over to who started the work: `report(name=value)`."""
+"""
+Hands something over to who started the work: `report(name=value)`.
+
+`last=True` says that nothing follows: from then on the work is not interrupted, as it only tidies
+up, but ended by force if that takes too long.
+"""
 
 _PR_SET_PDEATHSIG = 1  # of linux/prctl.h
 
@@ -87,7 +92,9 @@ class Apart:
 def _do(work: Callable[[Report], object], tell: int, parent: int) -> NoReturn:
     """Work, in the forked process, and never return."""
 
-    def report(**told: Any) -> None:
+    def report(last: bool = False, **told: Any) -> None:
+        if last:
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)
         os.write(tell, json.dumps(told).encode() + b'\n')
 
     def stop(number: int, frame: FrameType | None) -> NoReturn:

@@ -91,7 +91,7 @@ def attend(
     try:
         join_graph('rcs_ctl', given)
     except (GraphError, UnknownROSArgsError) as error:
-        report(code=Exit.USAGE, error=f'rcs_ctl: {error}')
+        report(last=True, code=Exit.USAGE, error=f'rcs_ctl: {error}')
         return
     desk = Desk()
     # To watch takes no permission to command: a spectators' screen has none.
@@ -99,14 +99,15 @@ def attend(
     try:
         client = Client('rcs_ctl', desk, commands=commands)
     except RCLError as error:
-        report(code=Exit.USAGE, error=f'rcs_ctl: {words.NOT_ALLOWED.format(error=error)}')
+        said = words.NOT_ALLOWED.format(error=error)
+        report(last=True, code=Exit.USAGE, error=f'rcs_ctl: {said}')
         return
     until = min(now() + float(wanted.wait), latest)
     try:
         if wanted.command == 'watch':
-            report(**_watch(client, desk, wanted, until, report))
+            report(last=True, **_watch(client, desk, wanted, until, report))
         else:
-            report(**_give(client, desk, wanted, until))
+            report(last=True, **_give(client, desk, wanted, until))
     finally:
         client.close()
         rclpy.try_shutdown()
