@@ -14,20 +14,14 @@ import statistics
 import sys
 import tempfile
 import time
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from race_parts.bad_peers import AttackedRace
-
-ROOT = pathlib.Path(__file__).resolve().parents[1]
+from evgp_protocol.states import RaceState
+from evgp_testing.bad_peers import AttackedRace, attacking, ATTACKS
+from evgp_testing.usage import resident
 
 
 def measure(race: AttackedRace, name: str, repetitions: int) -> None:
     """Print a line: the frames of the good karts and the time of ALL_KILL under an attack."""
-    from evgp_protocol.states import RaceState
-    from race_parts.bad_peers import attacking
-    from race_parts.usage import resident
-
     kills: list[float] = []
     gap = 0.0
     frames, seconds = 0, 0.0
@@ -68,10 +62,6 @@ def main() -> int:
     parser.add_argument('--repetitions', type=int, default=20, help='of each ALL_KILL (20)')
     parser.add_argument('--only', default='', help='only attacks whose name has this in it')
     options = parser.parse_args()
-    # The parts of a race live with the tests; they can be imported only from here on.
-    sys.path.insert(0, str(ROOT / 'test'))
-    from race_parts.bad_peers import AttackedRace, ATTACKS
-
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     print(
         '| bad peer | frames per second | worst gap, ms | ALL_KILL: call to last frame, ms, '

@@ -19,21 +19,18 @@ from collections.abc import Callable
 import contextlib
 import pathlib
 import statistics
-import sys
 import tempfile
 import time
 
-sys.path[:0] = [str(pathlib.Path(__file__).resolve().parent.parent / 'test')]
-
-from evgp_node.states import state_of  # noqa: E402
-from evgp_protocol.states import RaceState  # noqa: E402
-from race_parts.console import Console  # noqa: E402
-from race_parts.domains import Domain  # noqa: E402
-from race_parts.official import Official  # noqa: E402
-from race_parts.race_control import address_of, RaceControl  # noqa: E402
-from race_parts.screen import Screen  # noqa: E402
-from race_parts.usage import cpu_seconds  # noqa: E402
-from race_parts.wire_kart import Acknowledges, WireKart  # noqa: E402
+from evgp_node.states import state_of
+from evgp_protocol.states import RaceState
+from evgp_testing.console import Console
+from evgp_testing.domains import Domain
+from evgp_testing.official import Official
+from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.screen import Screen
+from evgp_testing.usage import cpu_seconds
+from evgp_testing.wire_kart import Acknowledges, WireKart
 
 
 def main() -> None:

@@ -21,26 +21,22 @@ import sys
 import tempfile
 import time
 
-HERE = pathlib.Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE.parent / 'test')]
-
-from evgp_protocol.states import RaceState  # noqa: E402
-from race_parts.domains import Domain  # noqa: E402
-from race_parts.official import Official  # noqa: E402
-from race_parts.process import Process  # noqa: E402
-from race_parts.punctual_kart import PunctualKart  # noqa: E402
-from race_parts.race_control import address_of, RaceControl  # noqa: E402
-from race_parts.wire_kart import Acknowledges  # noqa: E402
+from evgp_protocol.states import RaceState
+from evgp_testing.domains import Domain
+from evgp_testing.official import Official
+from evgp_testing.process import Process
+from evgp_testing.punctual_kart import PunctualKart
+from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.wire_kart import Acknowledges
 
 KARTS = range(1, 6)
 
 CALLER = """
-import sys, threading
-sys.path[:0] = {paths!r}
-from race_parts.official import Official
+import sys
+from evgp_testing.official import Official
 official = Official(int(sys.argv[1]), 'caller')
 while True:
-    official.call_all('kart/finish', [{{'kart': 60000}}] * 20)
+    official.call_all('kart/finish', [{'kart': 60000}] * 20)
 """
 """A client of services that never pauses: it asks for a finish of a kart that is not there."""
 
@@ -48,7 +44,7 @@ while True:
 def caller(domain: int, environment: dict[str, str]) -> subprocess.Popen[bytes]:
     """Start a client in traffic, with the transports that the environment asks for."""
     return subprocess.Popen(
-        [sys.executable, '-c', CALLER.format(paths=sys.path[:2]), str(domain)],
+        [sys.executable, '-c', CALLER, str(domain)],
         env={**os.environ, **environment},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,

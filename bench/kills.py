@@ -14,19 +14,15 @@ import os
 import pathlib
 import signal
 import statistics
-import sys
 import tempfile
 import time
 
-HERE = pathlib.Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE.parent / 'test')]
-
-from evgp_protocol.states import RaceState  # noqa: E402
-from evgp_rcs_msgs import msg  # noqa: E402
-from race_parts.domains import Domain  # noqa: E402
-from race_parts.official import Official  # noqa: E402
-from race_parts.race_control import address_of, RaceControl  # noqa: E402
-from race_parts.wire_kart import Acknowledges, WireKart  # noqa: E402
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs import msg
+from evgp_testing.domains import Domain
+from evgp_testing.official import Official
+from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.wire_kart import Acknowledges, WireKart
 
 RACING = (1, 2)
 OUTSIDE = 3

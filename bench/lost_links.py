@@ -15,12 +15,10 @@ import pathlib
 import statistics
 import sys
 import tempfile
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from race_parts.lost_links import NetworkRace, Noticed
-
-ROOT = pathlib.Path(__file__).resolve().parents[1]
+from evgp_testing import lost_links
+from evgp_testing.lost_links import NetworkRace, Noticed
+from evgp_testing.networks import NetworkError
 
 
 def figures(times: list[float | None]) -> str:
@@ -33,8 +31,6 @@ def figures(times: list[float | None]) -> str:
 
 def measure_faults(race: NetworkRace, repetitions: int, only: str) -> None:
     """Print a line per fault: how soon it was noticed."""
-    from race_parts import lost_links
-
     faults: dict[str, Callable[[NetworkRace], Noticed]] = {
         fault.name: functools.partial(lost_links.cut, fault=fault) for fault in lost_links.CUTS
     }
@@ -60,7 +56,7 @@ def measure_faults(race: NetworkRace, repetitions: int, only: str) -> None:
 
 def measure_bad_air(race: NetworkRace, loss: float, delay: float, minutes: float) -> int:
     """Print what became of a race in bad air; return how often a kart was lost."""
-    from race_parts.lost_links import race_in_bad_air
+    from evgp_testing.lost_links import race_in_bad_air
 
     stretch = race_in_bad_air(race, loss, delay, minutes * 60)
     gaps = sorted(stretch.gaps)
@@ -94,11 +90,6 @@ def main() -> int:
         '--congestion', default='', help="TCP's congestion control, such as cubic (the system's)"
     )
     options = parser.parse_args()
-    # The parts of a race live with the tests; they can be imported only from here on.
-    sys.path.insert(0, str(ROOT / 'test'))
-    from race_parts.lost_links import NetworkRace
-    from race_parts.networks import NetworkError
-
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     try:
         with (

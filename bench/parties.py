@@ -40,8 +40,9 @@ def floor(count: int) -> None:
 def rules(count: int) -> None:
     """Run the kart server and the rules without ROS; give commands, and answer with when."""
     from evgp_protocol import clock
+    from evgp_rcs.catalogue import CommandKind
     from evgp_rcs.kart_server import KartServer, ServerSettings
-    from evgp_rcs.race import Answer, Command, CommandKind, Kart, Race
+    from evgp_rcs.race import Answer, Command, Kart, Race
 
     class Outside:
         """No ROS half, and no record."""

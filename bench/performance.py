@@ -25,19 +25,18 @@ import time
 from types import FrameType
 from typing import Any
 
-HERE = pathlib.Path(__file__).parent
-sys.path[:0] = [str(HERE), str(HERE.parent / 'test')]
+from crowd import address_of
+from evgp_protocol.frames import encode
+from evgp_protocol.states import RaceState
+from evgp_testing.domains import Domain
+from evgp_testing.kart import Bridge, Team
+from evgp_testing.official import Official
+from evgp_testing.process import Process
+from evgp_testing.usage import cpu_seconds, family, resident
+from std_srvs.srv import Trigger
+import yaml
 
-from crowd import address_of  # noqa: E402
-from evgp_protocol.frames import encode  # noqa: E402
-from evgp_protocol.states import RaceState  # noqa: E402
-from race_parts.domains import Domain  # noqa: E402
-from race_parts.kart import Bridge, Team  # noqa: E402
-from race_parts.official import Official  # noqa: E402
-from race_parts.process import Process  # noqa: E402
-from race_parts.usage import cpu_seconds, family, resident  # noqa: E402
-from std_srvs.srv import Trigger  # noqa: E402
-import yaml  # noqa: E402
+HERE = pathlib.Path(__file__).parent
 
 RED_RED, IN_GARAGE = RaceState.RED_RED, RaceState.IN_GARAGE
 
@@ -524,8 +523,9 @@ def acknowledgement(folder: pathlib.Path, times: int) -> None:
 
 def growth(counts: Sequence[int]) -> None:
     """Measure what a snapshot and an event of the rules cost with N karts."""
+    from evgp_rcs.catalogue import CommandKind
     from evgp_rcs.messages import race_message
-    from evgp_rcs.race import Command, CommandKind, Kart, Race
+    from evgp_rcs.race import Command, Kart, Race
     from rclpy.serialization import serialize_message
 
     costs, steps = [], []

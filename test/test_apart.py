@@ -19,17 +19,17 @@ from evgp_node.states import state_of
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-import pytest
-from race_parts.fixtures import (
+from evgp_testing.fixtures import (
     ConnectKart,
     JoinOfficial,
     JoinTeam,
     StartBridge,
     StartRaceControl,
 )
-from race_parts.official import Official
-from race_parts.race_control import RaceControl
-from race_parts.wire_kart import Acknowledges, WireKart
+from evgp_testing.official import Official
+from evgp_testing.race_control import RaceControl
+from evgp_testing.wire_kart import Acknowledges, WireKart
+import pytest
 from std_srvs.srv import Trigger
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]

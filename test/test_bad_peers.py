@@ -14,12 +14,12 @@ import time
 
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
+from evgp_testing.bad_peers import AttackedRace, attacking, ATTACKS, BAD
+from evgp_testing.process import PATIENCE
+from evgp_testing.race_control import address_of
+from evgp_testing.usage import open_files, resident
+from evgp_testing.wire_kart import WireKart
 import pytest
-from race_parts.bad_peers import AttackedRace, attacking, ATTACKS, BAD
-from race_parts.process import PATIENCE
-from race_parts.race_control import address_of
-from race_parts.usage import open_files, resident
-from race_parts.wire_kart import WireKart
 
 GRID_ACTIVE = RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN

@@ -9,9 +9,9 @@ import pathlib
 import socket
 
 from evgp_node.process import IN_THE_WAY, WRONG_SETTING
+from evgp_testing.domains import Domain
+from evgp_testing.process import Process
 import pytest
-from race_parts.domains import Domain
-from race_parts.process import Process
 
 Refusal = Callable[..., str]
 

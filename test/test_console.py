@@ -21,16 +21,16 @@ from typing import Any
 
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
+from evgp_testing.console import Console
+from evgp_testing.domains import Domain
+from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from evgp_testing.official import latched
+from evgp_testing.process import PATIENCE, Process
+from evgp_testing.race_control import RaceControl
+from evgp_testing.ros_side import RosSide
+from evgp_testing.screen import Screen, why_no_screen
+from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
-from race_parts.console import Console
-from race_parts.domains import Domain
-from race_parts.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from race_parts.official import latched
-from race_parts.process import PATIENCE, Process
-from race_parts.race_control import RaceControl
-from race_parts.ros_side import RosSide
-from race_parts.screen import Screen, why_no_screen
-from race_parts.wire_kart import Acknowledges, WireKart
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE

@@ -15,11 +15,11 @@ from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs_msgs import msg
+from evgp_testing.domains import Domain
+from evgp_testing.official import Official
+from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
-from race_parts.domains import Domain
-from race_parts.official import Official
-from race_parts.race_control import address_of, RaceControl
-from race_parts.wire_kart import Acknowledges, WireKart
 
 GRID_ACTIVE = RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN

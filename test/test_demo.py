@@ -12,6 +12,7 @@ import sys
 from evgp_node.states import state_message
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
+from evgp_testing.official import Answer
 import pytest
 from race_demo.checks import (
     check_domains,
@@ -22,7 +23,6 @@ from race_demo.checks import (
     RACE_CONTROL_NODES,
 )
 from race_demo.record import Entrant, RaceRecord
-from race_parts.official import Answer
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 DEMO = (sys.executable, str(ROOT / 'demo' / 'run.py'))

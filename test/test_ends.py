@@ -12,9 +12,9 @@ import time
 
 from evgp_node.process import CLOSE_TIMEOUT, TEARDOWN_TIMEOUT
 from evgp_node.spinning import Spinning
+from evgp_testing.domains import Domain
+from evgp_testing.process import PATIENCE
 import pytest
-from race_parts.domains import Domain
-from race_parts.process import PATIENCE
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node

@@ -15,12 +15,12 @@ import time
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
+from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from evgp_testing.official import Official
+from evgp_testing.process import PATIENCE
+from evgp_testing.race_control import RaceControl
+from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
-from race_parts.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from race_parts.official import Official
-from race_parts.process import PATIENCE
-from race_parts.race_control import RaceControl
-from race_parts.wire_kart import Acknowledges, WireKart
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE

@@ -9,14 +9,14 @@ import random
 from typing import Any
 
 from evgp_rcs_msgs import msg, srv
+from evgp_testing.domains import Domain
+from evgp_testing.fixtures import StartBridge, StartRaceControl
+from evgp_testing.kart import ExampleStack
+from evgp_testing.official import SERVICES
+from evgp_testing.process import Process
+from evgp_testing.ros_side import RosSide
 from nav_msgs.msg import Odometry
 import pytest
-from race_parts.domains import Domain
-from race_parts.fixtures import StartBridge, StartRaceControl
-from race_parts.kart import ExampleStack
-from race_parts.official import SERVICES
-from race_parts.process import Process
-from race_parts.ros_side import RosSide
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import (
     DescribeParameters,

@@ -16,15 +16,15 @@ from typing import Any
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
+from evgp_testing.bare_race_control import BareRaceControl
+from evgp_testing.domains import Domain
+from evgp_testing.kart import Bridge, ExampleStack
+from evgp_testing.official import latched
+from evgp_testing.race_control import address_of
+from evgp_testing.ros_side import RosSide
+from evgp_testing.steppable_clock import SteppableClock
 from nav_msgs.msg import Odometry
 import pytest
-from race_parts.bare_race_control import BareRaceControl
-from race_parts.domains import Domain
-from race_parts.kart import Bridge, ExampleStack
-from race_parts.official import latched
-from race_parts.race_control import address_of
-from race_parts.ros_side import RosSide
-from race_parts.steppable_clock import SteppableClock
 
 GRID_ACTIVE = RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN

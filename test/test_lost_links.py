@@ -16,8 +16,7 @@ import time
 
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-import pytest
-from race_parts.lost_links import (
+from evgp_testing.lost_links import (
     cut,
     CUTS,
     Fault,
@@ -30,7 +29,8 @@ from race_parts.lost_links import (
     steal_address,
     wait_for_held,
 )
-from race_parts.networks import why_not
+from evgp_testing.networks import why_not
+import pytest
 
 pytestmark = pytest.mark.own_process
 

@@ -10,11 +10,11 @@ import signal
 import subprocess
 
 from evgp_protocol.states import RaceState
+from evgp_testing.bare_race_control import BareRaceControl
+from evgp_testing.domains import Domain
+from evgp_testing.kart import Team
+from evgp_testing.process import PATIENCE
 import pytest
-from race_parts.bare_race_control import BareRaceControl
-from race_parts.domains import Domain
-from race_parts.kart import Team
-from race_parts.process import PATIENCE
 
 ROOT = pathlib.Path(__file__).parents[1]
 

@@ -9,12 +9,12 @@ import threading
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from race_parts.domains import Domain
-from race_parts.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from race_parts.official import seen, SERVICES
-from race_parts.race_control import RaceControl
-from race_parts.ros_side import RosSide
-from race_parts.wire_kart import Acknowledges
+from evgp_testing.domains import Domain
+from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from evgp_testing.official import seen, SERVICES
+from evgp_testing.race_control import RaceControl
+from evgp_testing.ros_side import RosSide
+from evgp_testing.wire_kart import Acknowledges
 from std_srvs.srv import Trigger
 
 GREEN_GREEN = RaceState.GREEN_GREEN

@@ -12,11 +12,10 @@ import random
 import time
 
 from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.messages import race_message
 from evgp_rcs.race import (
     Command,
-    CommandKind,
-    COMMANDS,
     Kart,
     KartMemory,
     Race,
@@ -118,7 +117,7 @@ class Walk:
 
     def command(self, kind: CommandKind, number: int) -> None:
         """Give a command as one does who saw the race and states whatever is asked."""
-        one = COMMANDS[kind].to_one_kart
+        one = CATALOGUE[kind].to_one_kart
         offered = self.race.availability(kind, number)
         self.race.command(
             Command(

@@ -8,13 +8,13 @@ import time
 
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
+from evgp_testing.domains import Domain
+from evgp_testing.official import Official
+from evgp_testing.punctual_kart import PunctualKart
+from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.steppable_clock import SteppableClock
+from evgp_testing.wire_kart import Acknowledges
 import pytest
-from race_parts.domains import Domain
-from race_parts.official import Official
-from race_parts.punctual_kart import PunctualKart
-from race_parts.race_control import address_of, RaceControl
-from race_parts.steppable_clock import SteppableClock
-from race_parts.wire_kart import Acknowledges
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE

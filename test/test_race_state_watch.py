@@ -14,9 +14,9 @@ from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
 from evgp_rcs_msgs.msg import RaceState as RaceStateMessage
 from evgp_rcs_msgs.srv import Acknowledge
+from evgp_testing.domains import Domain
+from evgp_testing.ros_side import RosSide
 import pytest
-from race_parts.domains import Domain
-from race_parts.ros_side import RosSide
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE

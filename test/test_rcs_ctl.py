@@ -20,12 +20,12 @@ from evgp_rcs_console.ctl import COMMANDS, STARTING, TIDY
 from evgp_rcs_console.desk import Desk
 from evgp_rcs_console.snapshot import Command
 from evgp_rcs_console.standing import Standing
+from evgp_testing.domains import Domain
+from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from evgp_testing.process import PATIENCE
+from evgp_testing.race_control import RaceControl
+from evgp_testing.wire_kart import Acknowledges
 import pytest
-from race_parts.domains import Domain
-from race_parts.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from race_parts.process import PATIENCE
-from race_parts.race_control import RaceControl
-from race_parts.wire_kart import Acknowledges
 import rclpy
 from rclpy.context import Context
 

@@ -13,14 +13,14 @@ import time
 
 from evgp_kart_bridge import shortest_stack
 from evgp_protocol.states import RaceState
+from evgp_testing.bare_race_control import BareRaceControl
+from evgp_testing.base import SimulatedBase
+from evgp_testing.domains import Domain
+from evgp_testing.faulty_nodes import program_of, StackThatAnswersTheLatest
+from evgp_testing.kart import Bridge
+from evgp_testing.process import Process
+from evgp_testing.race_control import address_of
 import pytest
-from race_parts.bare_race_control import BareRaceControl
-from race_parts.base import SimulatedBase
-from race_parts.domains import Domain
-from race_parts.faulty_nodes import program_of, StackThatAnswersTheLatest
-from race_parts.kart import Bridge
-from race_parts.process import Process
-from race_parts.race_control import address_of
 
 ROOT = pathlib.Path(__file__).parents[1]
 STOPS = int(os.environ.get('EVGP_STOPS', '12'))

@@ -16,12 +16,12 @@ import time
 
 from evgp_node.restarting import delay_before, DELAYS, Ends, FIRST_TRIES
 from evgp_protocol.states import RaceState
+from evgp_testing.domains import Domain
+from evgp_testing.process import PATIENCE, Process
+from evgp_testing.race_control import address_of
+from evgp_testing.usage import family
+from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
-from race_parts.domains import Domain
-from race_parts.process import PATIENCE, Process
-from race_parts.race_control import address_of
-from race_parts.usage import family
-from race_parts.wire_kart import Acknowledges, WireKart
 import yaml
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -74,14 +74,21 @@ class Kept(Process):
         raise AssertionError(f'race control does not run:\n{self.output}')
 
     def connect(self) -> WireKart:
-        """Connect the kart, as soon as race control takes it."""
+        """
+        Connect the kart, and again until it is sent something.
+
+        The socket of a kart server that is being killed may still take a connection.
+        """
         ends = time.monotonic() + PATIENCE
         while True:
-            try:
-                return WireKart(address_of(1), self.port, Acknowledges.EACH_CHANGE)
-            except ConnectionRefusedError:
-                assert time.monotonic() < ends, self.output
-                time.sleep(0.002)
+            with contextlib.suppress(ConnectionError):
+                kart = WireKart(address_of(1), self.port, Acknowledges.EACH_CHANGE)
+                with contextlib.suppress(AssertionError):
+                    kart.wait_for_frames(1)
+                    return kart
+                kart.close()
+            assert time.monotonic() < ends, self.output
+            time.sleep(0.002)
 
 
 @pytest.fixture

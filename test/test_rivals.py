@@ -10,15 +10,15 @@ from evgp_node.process import IN_THE_WAY
 from evgp_protocol.states import RaceState
 from evgp_rcs.rival import look_for_rivals
 from evgp_rcs_msgs import msg
+from evgp_testing.domains import Domain
+from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from evgp_testing.networks import Namespace
+from evgp_testing.official import latched
+from evgp_testing.process import Process
+from evgp_testing.race_control import RaceControl
+from evgp_testing.ros_side import RosSide
+from evgp_testing.wire_kart import Acknowledges
 import pytest
-from race_parts.domains import Domain
-from race_parts.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from race_parts.networks import Namespace
-from race_parts.official import latched
-from race_parts.process import Process
-from race_parts.race_control import RaceControl
-from race_parts.ros_side import RosSide
-from race_parts.wire_kart import Acknowledges
 
 
 def second(folder: pathlib.Path, domain: int, *arguments: str, **parameters: object) -> Process:

@@ -10,11 +10,11 @@ import subprocess
 from xml.etree import ElementTree
 
 from ament_index_python.packages import get_package_prefix
+from evgp_testing.domains import Domain
+from evgp_testing.fixtures import JoinOfficial, StartRaceControl
+from evgp_testing.official import SERVICES
+from evgp_testing.process import Process
 import pytest
-from race_parts.domains import Domain
-from race_parts.fixtures import JoinOfficial, StartRaceControl
-from race_parts.official import SERVICES
-from race_parts.process import Process
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 PACKAGE = 'evgp_rcs_console'

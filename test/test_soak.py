@@ -59,8 +59,8 @@ FAULTS = {
         ('not connected', 'looser than a stop', 'held on the grid'),
     ),
     'a stop is refused': Fault(
-        '        refusal = refusal or self._refusal(rule, kart) or self._unknown_heat(command)\n',
-        '        refusal = refusal or self._refusal(rule, kart) or self._unknown_heat(command)\n'
+        'self._refusal(command.kind, kart) or self._unknown_heat(command)\n',
+        'self._refusal(command.kind, kart) or self._unknown_heat(command)\n'
         '        if command.kind is CommandKind.RED_FLAG and self.state is RED_FLAG:\n'
         "            refusal = 'the race has RED_FLAG already'\n",
         ('stop refused',),

@@ -13,11 +13,11 @@ from evgp_rcs.race import Event, EventKind, Kart, Race, StampedEvent
 from evgp_rcs.roster import Roster, RosterEntry
 from evgp_rcs.teller import MOST_UNTOLD, Teller
 from evgp_rcs_msgs import msg
+from evgp_testing.domains import Domain
+from evgp_testing.official import Official
+from evgp_testing.process import PATIENCE
+from evgp_testing.ros_side import RosSide
 import pytest
-from race_parts.domains import Domain
-from race_parts.official import Official
-from race_parts.process import PATIENCE
-from race_parts.ros_side import RosSide
 
 
 @dataclasses.dataclass

@@ -13,11 +13,11 @@ import threading
 import time
 
 from evgp_protocol.states import RaceState
+from evgp_testing.bare_race_control import BareRaceControl, BEAT
+from evgp_testing.fixtures import JoinOfficial, StartRaceControl
+from evgp_testing.networks import Namespace, NetworkError
+from evgp_testing.race_control import address_of
 import pytest
-from race_parts.bare_race_control import BareRaceControl, BEAT
-from race_parts.fixtures import JoinOfficial, StartRaceControl
-from race_parts.networks import Namespace, NetworkError
-from race_parts.race_control import address_of
 
 ROOT = pathlib.Path(__file__).parents[1]
 GRID_ACTIVE, GREEN_GREEN = RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN

@@ -10,13 +10,13 @@ import tempfile
 from typing import TypeVar
 import uuid
 
+from evgp_testing.domains import Domain
+from evgp_testing.kart import Bridge, ExampleStack, Team
+from evgp_testing.official import Official
+from evgp_testing.process import Process
+from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.wire_kart import Acknowledges, WireKart
 from race_demo.record import Entrant
-from race_parts.domains import Domain
-from race_parts.kart import Bridge, ExampleStack, Team
-from race_parts.official import Official
-from race_parts.process import Process
-from race_parts.race_control import address_of, RaceControl
-from race_parts.wire_kart import Acknowledges, WireKart
 
 P = TypeVar('P', bound=Process)
 

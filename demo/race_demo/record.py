@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from race_parts.official import Answer
+from evgp_testing.official import Answer
 
 CLOCK_SLACK = 0.05
 """

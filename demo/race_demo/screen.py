@@ -15,9 +15,9 @@ import threading
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
+from evgp_testing.official import Official
 from race_demo.checks import Finding
 from race_demo.record import Entrant, Order, RaceRecord, time_of
-from race_parts.official import Official
 from rich.console import Console
 from rich.live import Live
 from rich.padding import Padding

@@ -12,9 +12,9 @@ import tempfile
 import threading
 import time
 
-from race_parts.domains import Domain
-from race_parts.race_control import address_of, RaceControl
-from race_parts.usage import resident
+from evgp_testing.domains import Domain
+from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.usage import resident
 from race_soak.checker import Checker
 from race_soak.fleet import Fleet
 from race_soak.officials import Officials

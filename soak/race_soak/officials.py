@@ -9,8 +9,8 @@ import time
 from typing import Any
 
 from evgp_rcs_msgs import msg
-from race_parts.official import latched, seen, SERVICES
-from race_parts.ros_side import RosSide
+from evgp_testing.official import latched, seen, SERVICES
+from evgp_testing.ros_side import RosSide
 from race_soak.checker import Call, Checker, STOPS
 
 IN_GARAGE = msg.RaceState.IN_GARAGE

@@ -26,11 +26,10 @@ from typing import Protocol
 
 from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame, StateFrame
 from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.race import (
     Answer,
     Command,
-    CommandKind,
-    COMMANDS,
     Event,
     EventKind,
     Outcome,
@@ -583,7 +582,7 @@ class KartServer:
             waiting = (self._stops or self._commands).popleft()
             if waiting.withdrawn:
                 continue
-            if COMMANDS[waiting.command.kind].loosens and self._is_ending():
+            if CATALOGUE[waiting.command.kind].loosens and self._is_ending():
                 waiting.answered(_ENDING)
                 continue
             if waiting.command.kind in STOPS:
@@ -593,7 +592,7 @@ class KartServer:
 
     def _judge(self, waiting: Waiting, now: float) -> None:
         command = waiting.command
-        paused = COMMANDS[command.kind].loosens and waiting.came < self._paused_until
+        paused = CATALOGUE[command.kind].loosens and waiting.came < self._paused_until
         # A reason of the rules says more to the official than the pause does.
         if paused and not self._is_refused(command):
             reason = f'{self._paused_by}; look at the race, then send this command again'
@@ -610,7 +609,7 @@ class KartServer:
 
     def _is_refused(self, command: Command) -> bool:
         """Return whether the rules refuse a command, whatever the official states or saw."""
-        to_one_kart = COMMANDS[command.kind].to_one_kart
+        to_one_kart = CATALOGUE[command.kind].to_one_kart
         if to_one_kart and command.kart not in self._race.karts:
             return True
         return not self._race.availability(command.kind, command.kart or 0).available

@@ -13,7 +13,8 @@ from typing import Any
 from builtin_interfaces.msg import Duration, Time
 from evgp_node.stamps import stamp_of
 from evgp_node.states import state_message
-from evgp_rcs.race import AlertKind, CommandKind, COMMANDS, EventKind, Kart, Race, StampedEvent
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.race import AlertKind, EventKind, Kart, Race, StampedEvent
 from evgp_rcs_msgs import msg
 
 NS = 1_000_000_000
@@ -27,8 +28,8 @@ _COMMAND = _constants(CommandKind, msg.CommandAvailability)
 _EVENT = _constants(EventKind, msg.RaceEvent)
 _ALERT = _constants(AlertKind, msg.Alert)
 
-_TO_ONE_KART = [kind for kind, rule in COMMANDS.items() if rule.to_one_kart]
-_TO_ALL = [kind for kind, rule in COMMANDS.items() if not rule.to_one_kart]
+_TO_ONE_KART = [kind for kind, entry in CATALOGUE.items() if entry.to_one_kart]
+_TO_ALL = [kind for kind, entry in CATALOGUE.items() if not entry.to_one_kart]
 
 
 def failure_alert(text: str, since_ns: int) -> msg.Alert:

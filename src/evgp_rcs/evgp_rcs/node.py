@@ -26,9 +26,10 @@ from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.states import state_of
 from evgp_protocol import clock
+from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.kart_client import KartServerClient
 from evgp_rcs.kart_server import KartServerError
-from evgp_rcs.race import Answer, Command, CommandKind, URGENT
+from evgp_rcs.race import Answer, Command, URGENT
 from evgp_rcs.rival import (
     claim_the_graph,
     LOOK_AGAIN,

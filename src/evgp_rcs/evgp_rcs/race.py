@@ -39,33 +39,13 @@ import enum
 import operator
 
 from evgp_protocol.states import RaceState, stricter
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 
 IN_GARAGE = RaceState.IN_GARAGE
 GRID_ACTIVE = RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN
 RED_FLAG = RaceState.RED_FLAG
 RED_RED = RaceState.RED_RED
-
-
-class CommandKind(enum.Enum):
-    """What an official can command (§4.B); the value is its name in messages to officials."""
-
-    ALL_KILL = 'ALL_KILL'
-    RED_FLAG = 'RED_FLAG'
-    GRID_ACTIVE = 'GRID_ACTIVE'
-    GREEN_GREEN = 'GREEN_GREEN'
-    RACE_OVER = 'RACE_OVER'
-    IN_GARAGE = 'IN_GARAGE'
-    SET_HEAT = 'SET_HEAT'
-    OPEN_TRACK = 'OPEN_TRACK'
-    CLOSE_TRACK = 'CLOSE_TRACK'
-    RECORD_MSR = 'RECORD_MSR'
-    KART_RED_RED = 'KART_RED_RED'
-    KART_RED_FLAG = 'KART_RED_FLAG'
-    KART_FINISH = 'KART_FINISH'
-    KART_IN_GARAGE = 'KART_IN_GARAGE'
-    JOIN_RACE = 'JOIN_RACE'
-    LEAVE_RACE = 'LEAVE_RACE'
 
 
 class EventKind(enum.Enum):
@@ -534,11 +514,11 @@ class Race:
         rule = COMMANDS[command.kind]
         kart: Kart | None = None
         refusal = ''
-        if rule.to_one_kart:
+        if CATALOGUE[command.kind].to_one_kart:
             kart = self.karts.get(command.kart) if command.kart is not None else None
             if kart is None:
                 refusal = self._unknown_kart(command)
-        refusal = refusal or self._refusal(rule, kart) or self._unknown_heat(command)
+        refusal = refusal or self._refusal(command.kind, kart) or self._unknown_heat(command)
         statement = '' if refusal else rule.statement(self, kart)
         if statement and not command.statement:
             refusal = f'state that {statement}'
@@ -715,8 +695,8 @@ class Race:
         :raises KeyError: if the command is to one kart and the roster has no such kart.
         """
         rule = COMMANDS[kind]
-        kart = self.karts[number] if rule.to_one_kart else None
-        reason = self._refusal(rule, kart)
+        kart = self.karts[number] if CATALOGUE[kind].to_one_kart else None
+        reason = self._refusal(kind, kart)
         if reason:
             return Availability(kind, number, reason, '')
         karts = tuple(sorted(each.number for each in rule.karts(self, kart)))
@@ -964,10 +944,10 @@ class Race:
 
     # ----- why a command is refused: one phrase, or nothing -------------------------------
 
-    def _refusal(self, rule: Rule, kart: Kart | None) -> str:
-        if rule.loosens and self.has_rival:
+    def _refusal(self, kind: CommandKind, kart: Kart | None) -> str:
+        if CATALOGUE[kind].loosens and self.has_rival:
             return 'another race control is running; end it first. Every stop still works'
-        return rule.refusal(self, kart)
+        return COMMANDS[kind].refusal(self, kart)
 
     def _never(self, kart: Kart | None) -> str:
         return ''
@@ -1243,7 +1223,7 @@ class Race:
         if news:
             who = 'connected kart' if self.msr_used else 'kart'
             following, text = self._next()
-            obstacle = self._refusal(COMMANDS[following], None) if following else ''
+            obstacle = self._refusal(following, None) if following else ''
             self._events.append(
                 Event(
                     EventKind.ALL_ACKNOWLEDGED,
@@ -1436,12 +1416,11 @@ def _capital(kart: Kart) -> str:
 @dataclass(frozen=True)
 class Rule:
     """
-    One row of the table of commands (§4.B).
+    One row of the table of commands (§4.B); more about each says ``CATALOGUE``.
 
     :param effect: puts the command in force and returns what the official is told.
     :param refusal: why the command is refused now; empty if it is not.
     :param statement: what the official must state; empty if nothing.
-    :param to_one_kart: it concerns one kart of the roster.
     :param is_command: §4.B's "last button pressed": GREEN_GREEN is refused after it.
     :param karts: the karts it starts or releases. The official must have seen just these; of one
         kart, how it is held.
@@ -1452,10 +1431,8 @@ class Rule:
     effect: Callable[[Race, Kart | None, Command, float], str]
     refusal: Callable[[Race, Kart | None], str] = Race._never
     statement: Callable[[Race, Kart | None], str] = Race._nothing_to_state
-    to_one_kart: bool = False
     is_command: bool = True
     karts: Callable[[Race, Kart | None], Iterable[Kart]] = Race._nothing_to_see
-    loosens: bool = False
 
     def leaves_grid_last(self, race: Race) -> bool:
         """Return whether GRID_ACTIVE is the last command once this one has been accepted."""
@@ -1468,8 +1445,8 @@ COMMANDS: dict[CommandKind, Rule] = {
     # The stops: never refused.
     CommandKind.ALL_KILL: Rule(Race._all_kill),
     CommandKind.RED_FLAG: Rule(Race._red_flag),
-    CommandKind.KART_RED_RED: Rule(Race._kart_red_red, to_one_kart=True),
-    CommandKind.KART_RED_FLAG: Rule(Race._kart_red_flag, to_one_kart=True),
+    CommandKind.KART_RED_RED: Rule(Race._kart_red_red),
+    CommandKind.KART_RED_FLAG: Rule(Race._kart_red_flag),
     CommandKind.RECORD_MSR: Rule(Race._record_msr, statement=Race._state_msr_used),
     # The race.
     CommandKind.GRID_ACTIVE: Rule(
@@ -1477,14 +1454,12 @@ COMMANDS: dict[CommandKind, Rule] = {
         Race._no_grid_active,
         Race._state_track_clear,
         karts=Race._started,
-        loosens=True,
     ),
     CommandKind.GREEN_GREEN: Rule(
         Race._green_green,
         Race._no_green_green,
         Race._state_without_record,
         karts=Race._started,
-        loosens=True,
     ),
     CommandKind.RACE_OVER: Rule(Race._race_over, Race._no_race_over),
     CommandKind.IN_GARAGE: Rule(
@@ -1492,43 +1467,26 @@ COMMANDS: dict[CommandKind, Rule] = {
         Race._no_in_garage,
         Race._state_track_safe,
         karts=Race._released_by_garage,
-        loosens=True,
     ),
     # One kart.
-    CommandKind.KART_FINISH: Rule(Race._kart_finish, Race._no_finish, to_one_kart=True),
+    CommandKind.KART_FINISH: Rule(Race._kart_finish, Race._no_finish),
     CommandKind.KART_IN_GARAGE: Rule(
         Race._release_kart,
         Race._no_release,
         Race._state_made_safe,
-        to_one_kart=True,
         karts=Race._this_kart,
-        loosens=True,
     ),
     # Membership and the track are no commands to a kart: they leave GRID_ACTIVE the last one.
-    CommandKind.JOIN_RACE: Rule(
-        Race._join_race, Race._no_join, to_one_kart=True, is_command=False
-    ),
-    CommandKind.LEAVE_RACE: Rule(
-        Race._leave_race, Race._no_leave, to_one_kart=True, is_command=False
-    ),
+    CommandKind.JOIN_RACE: Rule(Race._join_race, Race._no_join, is_command=False),
+    CommandKind.LEAVE_RACE: Rule(Race._leave_race, Race._no_leave, is_command=False),
     CommandKind.SET_HEAT: Rule(Race._set_heat, Race._no_set_heat, is_command=False),
-    CommandKind.OPEN_TRACK: Rule(
-        Race._open_track, Race._no_open_track, is_command=False, loosens=True
-    ),
+    CommandKind.OPEN_TRACK: Rule(Race._open_track, Race._no_open_track, is_command=False),
     CommandKind.CLOSE_TRACK: Rule(Race._close_track, is_command=False),
 }
 """Every command of §4.B: what it does, when it is refused, what the official must state."""
 
-STOPS = frozenset(
-    {
-        CommandKind.ALL_KILL,
-        CommandKind.RED_FLAG,
-        CommandKind.KART_RED_RED,
-        CommandKind.KART_RED_FLAG,
-        CommandKind.RECORD_MSR,
-    }
-)
+STOPS = frozenset(kind for kind, entry in CATALOGUE.items() if entry.stop)
 """The commands that are never refused to a kart of the roster, and never wait behind another."""
 
-URGENT = STOPS | {CommandKind.RACE_OVER}
+URGENT = frozenset(kind for kind, entry in CATALOGUE.items() if entry.overtakes)
 """The commands that overtake every other on their way here; RACE_OVER may still be refused."""

@@ -17,6 +17,7 @@ from typing import Any
 from evgp_protocol import clock
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.channel import (
     Alive,
     Answered,
@@ -34,7 +35,7 @@ from evgp_rcs.channel import (
 )
 from evgp_rcs.kart_client import KartServerClient
 from evgp_rcs.kart_server import KartServerError, ServerSettings, SILENCE
-from evgp_rcs.race import Command, CommandKind, EventKind, RaceTimes
+from evgp_rcs.race import Command, EventKind, RaceTimes
 from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs.roster import Roster, RosterEntry
 import pytest

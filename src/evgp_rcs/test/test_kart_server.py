@@ -15,6 +15,7 @@ from evgp_protocol import clock
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 from evgp_rcs import kart_server
+from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.kart_server import (
     _KartLink,
     HELD_UP,
@@ -29,7 +30,6 @@ from evgp_rcs.kart_server import (
 from evgp_rcs.race import (
     Answer,
     Command,
-    CommandKind,
     Event,
     EventKind,
     Kart,

@@ -7,12 +7,11 @@ import dataclasses
 import pickle
 
 from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.race import (
     AlertKind,
     Answer,
     Command,
-    CommandKind,
-    COMMANDS,
     EventKind,
     Heat,
     Kart,
@@ -55,7 +54,7 @@ class Officials:
     def as_seen(self, kind: str, kart: int | None = None, stating: bool = True) -> Command:
         """Return a command with what an official names who sees the race as it is now."""
         known = kart if kart in self.race.karts else None
-        if COMMANDS[CommandKind[kind]].to_one_kart:
+        if CATALOGUE[CommandKind[kind]].to_one_kart:
             hold = self.race.karts[known].hold if known else None
             return Command(CommandKind[kind], kart, stating, hold=hold)
         karts = frozenset(self.race.availability(CommandKind[kind]).karts)
@@ -325,7 +324,7 @@ def test_a_stop_given_twice_changes_nothing_and_keeps_the_acknowledgement(
     kind: str, reach: Reach, officials: Officials
 ) -> None:
     reach(officials)
-    number = 1 if COMMANDS[CommandKind[kind]].to_one_kart else None
+    number = 1 if CATALOGUE[CommandKind[kind]].to_one_kart else None
     officials.does(kind, number)
     officials.acknowledge(*TEAMS)
     assert not officials.does(kind, number).orders
@@ -1723,7 +1722,7 @@ def test_while_another_race_control_runs_nothing_is_loosened_and_every_stop_work
     raised = officials.race.rival(True, officials.now)
     assert kinds(raised) == [EventKind.ALERT_RAISED]
     assert set(officials.alerts()) == {AlertKind.TWO_RACE_CONTROLS}
-    loosening = {kind.name for kind, rule in COMMANDS.items() if rule.loosens}
+    loosening = {kind.name for kind, entry in CATALOGUE.items() if entry.loosens}
     assert loosening == {'GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE', 'KART_IN_GARAGE', 'OPEN_TRACK'}
     for kind in loosening:
         assert officials.is_refused(kind, 1) == (
@@ -1740,7 +1739,7 @@ def test_while_another_race_control_runs_nothing_is_loosened_and_every_stop_work
 
 def test_what_overtakes_every_other_command_is_what_stops() -> None:
     assert set(URGENT) == {*STOPS, CommandKind.RACE_OVER}
-    assert not any(COMMANDS[kind].loosens for kind in URGENT)
+    assert not any(CATALOGUE[kind].loosens for kind in URGENT)
 
 
 def test_while_the_record_fails_green_needs_a_statement_of_its_own(officials: Officials) -> None:

@@ -12,15 +12,10 @@ that the search takes for one.
 from __future__ import annotations
 
 from collections.abc import Callable
-import importlib
-from pathlib import Path
-import sys
 
 from evgp_rcs import race
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
-oracle = importlib.import_module('race_oracle')
+import race_oracle as oracle
 
 
 def search(record: Callable[[str, object], None], most: int, **options: object) -> oracle.Report:

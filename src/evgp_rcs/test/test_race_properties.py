@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
-from pathlib import Path
-import sys
 from typing import Any
 
 from evgp_protocol.states import RaceState
@@ -13,9 +10,7 @@ from evgp_rcs import race as rules
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import initialize, invariant, precondition, rule, RuleBasedStateMachine
-
-sys.path.insert(0, str(Path(__file__).parent))
-oracle = importlib.import_module('race_oracle')
+import race_oracle as oracle
 
 MOST_KARTS = 8
 MOST_HEATS = 3

@@ -13,9 +13,9 @@ import subprocess
 import time
 
 from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.race import (
     Command,
-    CommandKind,
     Event,
     EventKind,
     Kart,

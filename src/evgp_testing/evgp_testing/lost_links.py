@@ -14,13 +14,13 @@ from evgp_kart_bridge.watch import RaceStateWatch
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from race_parts.domains import Domain
-from race_parts.kart import Bridge, Team
-from race_parts.networks import kart_address, Machine, RACE_CONTROL, Track
-from race_parts.official import Official
-from race_parts.punctual_kart import PunctualKart
-from race_parts.race_control import RaceControl
-from race_parts.wire_kart import Acknowledges
+from evgp_testing.domains import Domain
+from evgp_testing.kart import Bridge, Team
+from evgp_testing.networks import kart_address, Machine, RACE_CONTROL, Track
+from evgp_testing.official import Official
+from evgp_testing.punctual_kart import PunctualKart
+from evgp_testing.race_control import RaceControl
+from evgp_testing.wire_kart import Acknowledges
 import yaml
 
 FAULTY, GOOD = 1, 2

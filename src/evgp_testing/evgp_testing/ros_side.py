@@ -8,7 +8,7 @@ import time
 from typing import TypeVar
 
 from evgp_node.spinning import Spinning
-from race_parts.process import PATIENCE
+from evgp_testing.process import PATIENCE
 import rclpy
 from rclpy.client import Client
 from rclpy.context import Context

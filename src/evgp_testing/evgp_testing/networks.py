@@ -28,7 +28,7 @@ import sys
 import threading
 from typing import Any
 
-from race_parts.process import PATIENCE
+from evgp_testing.process import PATIENCE
 
 _CLONE_NEWNET = 0x40000000
 _SIOCETHTOOL = 0x8946

@@ -10,13 +10,13 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 import contextlib
 import pathlib
 
+from evgp_testing.base import SimulatedBase
+from evgp_testing.domains import Domain
+from evgp_testing.kart import Bridge, Team
+from evgp_testing.official import Official
+from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
-from race_parts.base import SimulatedBase
-from race_parts.domains import Domain
-from race_parts.kart import Bridge, Team
-from race_parts.official import Official
-from race_parts.race_control import address_of, RaceControl
-from race_parts.wire_kart import Acknowledges, WireKart
 
 StartRaceControl = Callable[..., RaceControl]
 JoinOfficial = Callable[[RaceControl], Official]

@@ -1,4 +1,8 @@
-"""The fixtures of the whole-system tests, and tests that need a process of their own."""
+"""
+The pytest plugin: the fixtures of a race, and tests that need a process of their own.
+
+pytest loads it by itself wherever the workspace is sourced.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +11,7 @@ import subprocess
 import sys
 import time
 
-import pytest
-from race_parts.fixtures import (  # noqa: F401 - pytest finds fixtures by name
+from evgp_testing.fixtures import (  # noqa: F401 - pytest finds fixtures by name
     connect_kart,
     join_official,
     join_team,
@@ -17,8 +20,14 @@ from race_parts.fixtures import (  # noqa: F401 - pytest finds fixtures by name
     start_bridge,
     start_race_control,
 )
+import pytest
 
 IN_OWN_PROCESS = 'EVGP_TEST_IN_OWN_PROCESS'
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Name the plugin's marker."""
+    config.addinivalue_line('markers', 'own_process: runs in another pytest (evgp_testing.plugin)')
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -10,12 +10,12 @@ import subprocess
 import sys
 
 from evgp_protocol.states import RaceState
-from race_parts.domains import Domain
-from race_parts.official import Official
-from race_parts.process import PATIENCE
-from race_parts.punctual_kart import PunctualKart
-from race_parts.race_control import address_of, RaceControl
-from race_parts.wire_kart import Acknowledges
+from evgp_testing.domains import Domain
+from evgp_testing.official import Official
+from evgp_testing.process import PATIENCE
+from evgp_testing.punctual_kart import PunctualKart
+from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.wire_kart import Acknowledges
 
 RACING = (1, 2)
 BAD = 3

@@ -84,8 +84,7 @@ def program_of(node: type, folder: pathlib.Path) -> str:
     path.write_text(
         f'#!{sys.executable}\n'
         'import sys\n'
-        f'sys.path.insert(0, {str(pathlib.Path(__file__).parents[1])!r})\n'
-        f'from race_parts.faulty_nodes import run, {node.__name__}\n'
+        f'from evgp_testing.faulty_nodes import run, {node.__name__}\n'
         f'sys.exit(run({node.__name__}))\n',
         encoding='utf-8',
     )

@@ -21,8 +21,8 @@ import threading
 import time
 from typing import Any
 
-from race_parts.process import PATIENCE
-from race_parts.screen import Screen
+from evgp_testing.process import PATIENCE
+from evgp_testing.screen import Screen
 
 DROPPED = 'while the window hung'
 CHANGED = 'has just changed'
@@ -59,7 +59,7 @@ class Console:
         listening.settimeout(PATIENCE)
         with self._output.open('w') as output:
             self.process = subprocess.Popen(
-                [sys.executable, __file__, str(address)],
+                [sys.executable, '-m', 'evgp_testing.console', str(address)],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
@@ -69,9 +69,6 @@ class Console:
                     'DISPLAY': screen.display,
                     'QT_QPA_PLATFORM': 'xcb',
                     'PYTHONUNBUFFERED': '1',
-                    'PYTHONPATH': os.pathsep.join(
-                        [str(pathlib.Path(__file__).parent.parent), *sys.path]
-                    ),
                     **(environment or {}),
                 },
             )

@@ -9,7 +9,7 @@ import time
 
 from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame, StateFrame
 from evgp_protocol.states import RaceState
-from race_parts.process import PATIENCE
+from evgp_testing.process import PATIENCE
 
 
 class Acknowledges(enum.Enum):

@@ -7,8 +7,8 @@ import os
 import pathlib
 import signal
 
-from race_parts.process import Process
-from race_parts.usage import family
+from evgp_testing.process import Process
+from evgp_testing.usage import family
 import yaml
 
 

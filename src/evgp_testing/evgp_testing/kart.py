@@ -11,10 +11,10 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg, srv
+from evgp_testing.official import Answer, latched
+from evgp_testing.process import Process
+from evgp_testing.ros_side import RosSide
 from nav_msgs.msg import Odometry
-from race_parts.official import Answer, latched
-from race_parts.process import Process
-from race_parts.ros_side import RosSide
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
 from rclpy.qos import qos_profile_sensor_data, QoSProfile

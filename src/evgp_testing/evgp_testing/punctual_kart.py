@@ -6,7 +6,7 @@ import itertools
 import time
 
 from evgp_protocol.frames import MalformedFrame, StateFrame
-from race_parts.wire_kart import Acknowledges, WireKart
+from evgp_testing.wire_kart import Acknowledges, WireKart
 
 
 class PunctualKart(WireKart):

@@ -13,7 +13,6 @@ import contextlib
 import dataclasses
 import json
 import os
-import pathlib
 import subprocess
 import sys
 import time
@@ -63,15 +62,12 @@ class Visitor:
         """Start it."""
         own = ('ROS_', 'RMW_', 'FASTRTPS_', 'FASTDDS_', 'CYCLONEDDS_', 'EVGP_')
         self._process = subprocess.Popen(
-            [sys.executable, __file__, str(seconds)],
+            [sys.executable, '-m', 'evgp_testing.visitor', str(seconds)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             text=True,
             env={
                 **{name: value for name, value in os.environ.items() if not name.startswith(own)},
-                'PYTHONPATH': os.pathsep.join(
-                    [str(pathlib.Path(__file__).parent.parent), *sys.path]
-                ),
                 'ROS_DOMAIN_ID': str(domain),
                 **environment,
             },
@@ -86,7 +82,7 @@ class Visitor:
 def look_around(seconds: float) -> Findings:
     """Look, call and listen for so long, or until a call was answered."""
     from evgp_rcs_msgs import msg, srv
-    from race_parts.official import latched, SERVICES
+    from evgp_testing.official import latched, SERVICES
     import rclpy
     from rclpy.node import Node, NodeNameNonExistentError
     from std_msgs.msg import Bool

@@ -7,9 +7,9 @@ from collections.abc import Callable
 import threading
 import time
 
+from evgp_testing.ros_side import RosSide
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
-from race_parts.ros_side import RosSide
 from rclpy.clock import Clock, ClockType
 
 COMMAND_TIMEOUT = 0.5

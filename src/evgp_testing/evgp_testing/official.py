@@ -11,7 +11,7 @@ from typing import Any
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg, srv
-from race_parts.ros_side import RosSide
+from evgp_testing.ros_side import RosSide
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import SetBool, Trigger
 

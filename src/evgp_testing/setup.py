@@ -1,0 +1,26 @@
+"""Build file of the ament_python package evgp_testing."""
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'evgp_testing'
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    packages=find_packages(exclude=['test']),
+    package_data={PACKAGE: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+    ],
+    install_requires=['setuptools'],
+    # By this colcon knows how to run the tests.
+    extras_require={'test': ['pytest']},
+    # pytest finds the fixtures by this.
+    entry_points={'pytest11': ['evgp_testing = evgp_testing.plugin']},
+    zip_safe=False,
+    maintainer='EVGP race control maintainers',
+    maintainer_email='maintainers@users.noreply.h-seed-31a65fc7.example',
+    description='The parts of a race for tests, as a pytest plugin; all real, none a mock.',
+    license='Apache-2.0',
+)
