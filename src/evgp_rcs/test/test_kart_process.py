@@ -382,3 +382,27 @@ def test_no_module_is_taken_from_the_working_directory(
     client = KartServerClient(begin, lambda e: None, lambda race, at: None, lambda why: None)
     client.start()
     client.stop(in_order=True)
+
+
+def test_a_kart_server_takes_no_share_of_the_processor_for_a_session_that_is_not_its_own() -> None:
+    share = pathlib.Path('/proc/self/autogroup')
+    if not share.exists():
+        pytest.skip('this kernel does not share the processor between sessions')
+    end, other = socket.socketpair()
+    with end, other:
+        end.shutdown(socket.SHUT_RDWR)  # there is no ROS half: the kart server ends at once
+        done = subprocess.run(
+            [
+                '/bin/sh',
+                '-c',
+                f'cat {share}; "$0" -m evgp_rcs.kart_process {other.fileno()}; cat {share}',
+                sys.executable,
+            ],
+            pass_fds=(other.fileno(),),
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            timeout=PATIENCE,
+        )
+    before, after = done.stdout.splitlines()
+    assert after == before
