@@ -11,6 +11,7 @@ from typing import Any
 from evgp_rcs_msgs import msg
 from evgp_testing.judge import Judge, STOPS
 from evgp_testing.official import Official, SERVICES
+from evgp_testing.part import Part
 
 IN_GARAGE = msg.RaceState.IN_GARAGE
 GRID_ACTIVE = msg.RaceState.GRID_ACTIVE
@@ -22,7 +23,7 @@ RACE_STOPS = ('all_kill', 'red_flag', 'record_msr')
 KART_STOPS = ('kart/red_red', 'kart/red_flag')
 
 
-class Officials:
+class Officials(Part):
     """
     Two officials: one goes through races, at random; the other calls a stop at the same moment.
 
