@@ -16,11 +16,12 @@ import tempfile
 import time
 
 from evgp_protocol.states import RaceState
-from evgp_testing.bad_peers import AttackedRace, attacking, ATTACKS
+from evgp_testing.bad_peers import attacked_race, attacking, ATTACKS
 from evgp_testing.usage import resident
+from evgp_testing.wire_race import WireRace
 
 
-def measure(race: AttackedRace, name: str, repetitions: int) -> None:
+def measure(race: WireRace, name: str, repetitions: int) -> None:
     """Print a line: the frames of the good karts and the time of ALL_KILL under an attack."""
     kills: list[float] = []
     gap = 0.0
@@ -31,7 +32,7 @@ def measure(race: AttackedRace, name: str, repetitions: int) -> None:
     with attack:
         began_all = time.monotonic()
         for _ in range(repetitions):
-            race.green()
+            race.bring_to(RaceState.GREEN_GREEN)
             began = time.monotonic()
             before = race.karts[0].frames
             race.karts[0].wait_for_frames(20)
@@ -43,7 +44,7 @@ def measure(race: AttackedRace, name: str, repetitions: int) -> None:
             kills.append(
                 max(kart.wait_for_state(RaceState.RED_RED) for kart in race.karts) - called
             )
-            race.home()
+            race.bring_to(RaceState.IN_GARAGE)
         took = time.monotonic() - began_all
     columns = (
         name or 'none',
@@ -70,7 +71,7 @@ def main() -> int:
     print('|---|---|---|---|---|---|')
     with (
         tempfile.TemporaryDirectory() as folder,
-        AttackedRace(pathlib.Path(folder)) as race,
+        attacked_race(pathlib.Path(folder)) as race,
     ):
         for name in ['', *(each for each in ATTACKS if options.only in each), '']:
             measure(race, name, options.repetitions)

@@ -22,15 +22,11 @@ import statistics
 import tempfile
 import time
 
-from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_testing.console import Console
-from evgp_testing.domains import Domain
-from evgp_testing.official import Official
-from evgp_testing.race_control import address_of, RaceControl
 from evgp_testing.screen import Screen
 from evgp_testing.usage import cpu_seconds
-from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.wire_race import WireRace
 
 
 def main() -> None:
@@ -48,13 +44,13 @@ def main() -> None:
 def measure_stops(rounds: int, count: int) -> None:
     """Print the time from a press to the last kart's socket, for each way of pressing."""
     with contextlib.ExitStack() as parts:
-        _, official, console, screen, karts = prepare(parts, count)
+        race, console, screen = prepare(parts, count)
         spot = console.place('all_kill')
         screen.move(*spot)
         times: dict[str, list[float]] = {'click': [], 'key': [], 'call': []}
 
         def call() -> None:
-            official.call('all_kill')
+            race.official.call('all_kill')
 
         def click() -> None:
             screen.press_button()
@@ -69,9 +65,9 @@ def measure_stops(rounds: int, count: int) -> None:
             for way, press in presses.items():
                 began = time.monotonic()
                 press()
-                last = max(kart.wait_for_state(RaceState.RED_RED) for kart in karts)
+                last = max(kart.wait_for_state(RaceState.RED_RED) for kart in race.karts)
                 times[way].append((last - began) * 1000)
-                bring_home(official, console, karts)
+                bring_home(race, console)
         print(f'ALL KILL, {rounds} rounds of each, {count} karts; from the press to the last kart')
         print(f'{"":8} {"median":>10} {"p99":>10} {"worst":>10}')
         for way, all_ in times.items():
@@ -82,16 +78,11 @@ def measure_stops(rounds: int, count: int) -> None:
         print(f'beside {statistics.median(times["call"]):.2f} ms (median)')
 
 
-def bring_home(official: Official, console: Console, karts: list[WireKart]) -> None:
+def bring_home(race: WireRace, console: Console) -> None:
     """Have every kart in IN_GARAGE again, and the window idle."""
-    numbers = range(1, len(karts) + 1)
-    official.wait_for_acks(RaceState.RED_RED, *numbers)
-    official.command('in_garage', track_safe=True)
-    for kart in karts:
+    race.bring_to(RaceState.IN_GARAGE)
+    for kart in race.karts:
         kart.wait_for_state(RaceState.IN_GARAGE)
-    official.wait_for_race(
-        lambda race: state_of(race.state) is RaceState.IN_GARAGE, 'the race in IN_GARAGE'
-    )
     console.wait_for('state', text='IN GARAGE')
     console.wait_for('all_kill', pressing='false')
 
@@ -99,38 +90,25 @@ def bring_home(official: Official, console: Console, karts: list[WireKart]) -> N
 def measure_idle(count: int, seconds: float) -> None:
     """Print how much of one core a window takes with which nobody does anything."""
     with contextlib.ExitStack() as parts:
-        _, _, console, _, _ = prepare(parts, count)
+        _, console, _ = prepare(parts, count)
         for state in ('IN GARAGE', 'GREEN GREEN'):
             if state == 'GREEN GREEN':
                 console.start_race()
             console.wait_for('state', text=state)
-            before = cpu_seconds(console.process.pid)
+            before = cpu_seconds(console.pid)
             time.sleep(seconds)
-            used = (cpu_seconds(console.process.pid) - before) / seconds
+            used = (cpu_seconds(console.pid) - before) / seconds
             print(f'idle window, {count} karts, {state}: {100 * used:.1f} % of one core')
 
 
-def prepare(
-    parts: contextlib.ExitStack, count: int
-) -> tuple[RaceControl, Official, Console, Screen, list[WireKart]]:
+def prepare(parts: contextlib.ExitStack, count: int) -> tuple[WireRace, Console, Screen]:
     """Start a race control, its karts, an official and a window."""
     folder = pathlib.Path(parts.enter_context(tempfile.TemporaryDirectory()))
-    domain = parts.enter_context(Domain()).number
-    control = RaceControl(folder, domain, range(1, count + 1), parameters={'pause': 0.5})
-    parts.callback(control.close)
-    official = Official(domain)
-    parts.callback(official.close)
-    screen = Screen()
-    parts.callback(screen.close)
-    console = Console(folder, domain, screen)
-    parts.callback(console.close)
-    karts = [
-        parts.enter_context(WireKart(address_of(n), control.port, Acknowledges.EACH_CHANGE))
-        for n in range(1, count + 1)
-    ]
-    official.wait_for_connected(*range(1, count + 1))
+    race = parts.enter_context(WireRace(folder, range(1, count + 1), parameters={'pause': 0.5}))
+    screen = parts.enter_context(Screen())
+    console = parts.enter_context(Console(folder, race.domain, screen))
     console.wait_for(f'kart_{count}', text='linked')
-    return control, official, console, screen, karts
+    return race, console, screen
 
 
 if __name__ == '__main__':

@@ -5,17 +5,12 @@ from __future__ import annotations
 import json
 import resource
 import selectors
-import socket
 import sys
 import time
 
-from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
-
-
-def address_of(number: int) -> str:
-    """Return the loopback address of the kart with this number, 1 to 60000."""
-    return f'127.{10 + number // 62500}.{number // 250 % 250}.{1 + number % 250}'
+from evgp_testing.race_control import address_of
+from evgp_testing.wire_kart import KartLink
 
 
 def main() -> None:
@@ -33,25 +28,15 @@ def main() -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, max(soft, count + 100)), hard))
     selector = selectors.DefaultSelector()
-    karts = []
-    for number in range(1, count + 1):
-        kart = socket.create_connection(
-            ('127.0.0.1', port), 10.0, source_address=(address_of(number), 0)
-        )
-        kart.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        kart.setblocking(False)
-        selector.register(kart, selectors.EVENT_READ, len(karts))
-        karts.append(kart)
-    selector.register(sys.stdin, selectors.EVENT_READ, -1)
-    last_state = [b''] * count
-    seen_at = [0.0] * count
-    waiting: set[int] = set()
-    unsaid: list[int] = []
-    wanted = b''
-    gaps_until = 0.0
-    heard_at = [0.0] * count
-    frames = [0] * count
-    worst = [0.0] * count
+    karts = [KartLink(address_of(number), ('127.0.0.1', port)) for number in range(1, count + 1)]
+    for kart in karts:
+        kart.socket.setblocking(False)
+        selector.register(kart.socket, selectors.EVENT_READ, kart)
+    selector.register(sys.stdin, selectors.EVENT_READ)
+    waiting: set[KartLink] = set()
+    unsaid: list[KartLink] = []
+    wanted: RaceState | None = None
+    gaps_since = gaps_until = 0.0
 
     def answer(value: object) -> None:
         print(json.dumps(value), flush=True)
@@ -62,52 +47,41 @@ def main() -> None:
         ready = selector.select(timeout)
         now = time.monotonic()
         for key, _ in ready:
-            index = key.data
-            if index < 0:
+            kart = key.data
+            if kart is None:
                 words = sys.stdin.readline().split()
                 if not words:
                     return
                 if words[0] == 'watch':
-                    wanted = encode(RaceState[words[1]])
-                    waiting = {n for n in range(count) if last_state[n] != wanted}
+                    wanted = RaceState[words[1]]
+                    waiting = {each for each in karts if each.state is not wanted}
                     if not waiting:
                         answer(now)
                 else:
-                    gaps_until = now + float(words[1])
-                    heard_at = [now] * count
-                    frames = [0] * count
-                    worst = [0.0] * count
+                    gaps_since, gaps_until = now, now + float(words[1])
+                    for each in karts:
+                        each.times.clear()
                 continue
-            try:
-                data = karts[index].recv(65536)
-            except BlockingIOError:
+            heard = kart.take(now)
+            if heard is None:
+                selector.unregister(kart.socket)
                 continue
-            if not data:
-                selector.unregister(karts[index])
-                continue
-            # Race control writes whole frames, and these sockets take them whole.
-            begin = data.rindex(b'$')
-            state = data[begin:]
-            if gaps_until:
-                frames[index] += data.count(b';')
-                worst[index] = max(worst[index], now - heard_at[index])
-                heard_at[index] = now
-            if state != last_state[index]:
-                last_state[index] = state
-                if acknowledges:
-                    unsaid.append(index)
-                if state == wanted and index in waiting:
-                    seen_at[index] = time.monotonic()
-                    waiting.discard(index)
+            for state, change in heard:
+                if change and acknowledges:
+                    unsaid.append(kart)
+                if state is wanted and kart in waiting:
+                    waiting.discard(kart)
                     if not waiting:
-                        answer(max(seen_at))
+                        answer(max(each.changes[-1][0] for each in karts))
         if unsaid and not waiting:
-            for index in unsaid:
-                karts[index].send(last_state[index])
+            for each in unsaid:
+                assert each.state is not None
+                each.say(each.state)
             unsaid.clear()
         if gaps_until and now >= gaps_until:
             gaps_until = 0.0
-            answer({'frames': frames, 'worst': worst})
+            frames = [len(each.times) for each in karts]
+            answer({'frames': frames, 'worst': [each.worst_gap(gaps_since) for each in karts]})
 
 
 if __name__ == '__main__':

@@ -11,23 +11,17 @@ from __future__ import annotations
 import argparse
 import contextlib
 import itertools
-import os
 import pathlib
 import random
 import signal
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
 
 from evgp_protocol.states import RaceState
-from evgp_testing.domains import Domain
-from evgp_testing.official import Official
-from evgp_testing.process import Process
-from evgp_testing.punctual_kart import PunctualKart
-from evgp_testing.race_control import address_of, RaceControl
-from evgp_testing.wire_kart import Acknowledges
+from evgp_testing.process import executable, Program
+from evgp_testing.wire_race import WireRace
 
 KARTS = range(1, 6)
 
@@ -41,16 +35,6 @@ while True:
 """A client of services that never pauses: it asks for a finish of a kart that is not there."""
 
 
-def caller(domain: int, environment: dict[str, str]) -> subprocess.Popen[bytes]:
-    """Start a client in traffic, with the transports that the environment asks for."""
-    return subprocess.Popen(
-        [sys.executable, '-c', CALLER, str(domain)],
-        env={**os.environ, **environment},
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-
-
 def worst(values: list[float]) -> str:
     """Return median and worst, ms."""
     if not values:
@@ -58,54 +42,35 @@ def worst(values: list[float]) -> str:
     return f'{statistics.median(values) * 1e3:.1f} / {max(values) * 1e3:.1f}'
 
 
-def race(
-    stack: contextlib.ExitStack, folder: pathlib.Path
-) -> tuple[int, RaceControl, Official, list[PunctualKart]]:
-    """Have race control on a domain, an official, and every kart connected."""
-    domain = stack.enter_context(Domain()).number
-    control = stack.enter_context(RaceControl(folder, domain, KARTS, parameters={'pause': 0.5}))
-    official = stack.enter_context(contextlib.closing(Official(domain)))
-    karts = [
-        stack.enter_context(
-            PunctualKart(address_of(number), control.port, Acknowledges.EACH_CHANGE)
-        )
-        for number in KARTS
-    ]
-    official.wait_for_connected(*KARTS)
-    return domain, control, official, karts
+def race(stack: contextlib.ExitStack, folder: pathlib.Path) -> WireRace:
+    """Have race control, an official, and every kart connected."""
+    return stack.enter_context(WireRace(folder, KARTS, parameters={'pause': 0.5}))
 
 
 def freeze_others(folder: pathlib.Path, times: int, what: str) -> None:
     """Freeze a program that race control's ROS half talks to."""
     gaps, stops = [], []
     with contextlib.ExitStack() as stack:
-        domain, _, official, karts = race(stack, folder)
+        parts = race(stack, folder)
+        domain, official, karts = parts.domain, parts.official, parts.karts
         official.command('all_kill')
         if what == 'watch':
-            victim = Process('evgp_rcs_console', 'rcs_ctl', domain)
-            victim.close()
-            command = [str(victim._process.args[3]), 'watch']  # type: ignore[index]
-            program = subprocess.Popen(
-                command,
-                env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-            )
+            command = [executable('evgp_rcs_console', 'rcs_ctl'), 'watch']
+            program = Program('rcs_ctl', command, domain)
         else:
-            program = caller(domain, {'ROS_DOMAIN_ID': str(domain)})
-        stack.callback(program.wait)
+            program = Program('caller', [sys.executable, '-c', CALLER, str(domain)], domain)
         stack.callback(program.kill)
         time.sleep(3.0)  # DDS meets, and the traffic begins
         for _ in range(times):
             since = time.monotonic()
             time.sleep(random.uniform(0.0, 0.05))  # noqa: S311 - no secret
-            program.send_signal(signal.SIGSTOP)
+            program.signal(signal.SIGSTOP)
             for _ in range(3):
                 time.sleep(random.uniform(0.02, 0.08))  # noqa: S311 - no secret
                 began = time.monotonic()
                 assert official.call('all_kill').success
                 stops.append(time.monotonic() - began)
-            program.send_signal(signal.SIGCONT)
+            program.signal(signal.SIGCONT)
             gaps.append(max(kart.worst_gap(since) for kart in karts))
             for kart in karts:
                 kart.times.clear()
@@ -121,7 +86,8 @@ def freeze_ros_half(folder: pathlib.Path, times: int) -> None:
     """Freeze the ROS half, for less than its limit: no kart may notice."""
     gaps = []
     with contextlib.ExitStack() as stack:
-        _, control, _, karts = race(stack, folder)
+        parts = race(stack, folder)
+        control, karts = parts.control, parts.karts
         for _ in range(times):
             since = time.monotonic()
             time.sleep(random.uniform(0.0, 0.05))  # noqa: S311 - no secret
@@ -145,7 +111,8 @@ def freeze_ros_half_for_good(folder: pathlib.Path, times: int) -> None:
         with contextlib.ExitStack() as stack:
             own = folder / f'run{number}'
             own.mkdir()
-            _, control, _, karts = race(stack, own)
+            parts = race(stack, own)
+            control, karts = parts.control, parts.karts
             since = time.monotonic()
             control.signal(signal.SIGSTOP)
             for kart in karts:

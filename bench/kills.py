@@ -20,34 +20,15 @@ import time
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
-from evgp_testing.official import Official
 from evgp_testing.race_control import address_of, RaceControl
-from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.wire_kart import WireKart
+from evgp_testing.wire_race import WireRace
 
 RACING = (1, 2)
 OUTSIDE = 3
 STATES = tuple(
     RaceState[name] for name in ('IN_GARAGE', 'GRID_ACTIVE', 'GREEN_GREEN', 'RED_FLAG', 'RED_RED')
 )
-
-
-def go_to(official: Official, state: RaceState) -> None:
-    """Bring the race to a state from the garage."""
-    if state is RaceState.IN_GARAGE:
-        return
-    if state is RaceState.RED_RED:
-        official.command('all_kill')
-        official.wait_for_acks(state, *RACING)
-        return
-    official.command('grid_active', track_clear=True)
-    official.wait_for_acks(RaceState.GRID_ACTIVE, *RACING)
-    if state is RaceState.GRID_ACTIVE:
-        return
-    official.command('green_green')
-    official.wait_for_acks(RaceState.GREEN_GREEN, *RACING)
-    if state is RaceState.RED_FLAG:
-        official.command('red_flag')
-        official.wait_for_acks(state, *RACING)
 
 
 class Figures:
@@ -64,17 +45,9 @@ class Figures:
 def one(folder: pathlib.Path, state: RaceState, kills_ros_half: bool, figures: Figures) -> None:
     """Kill once, and start again."""
     with contextlib.ExitStack() as stack:
-        domain = stack.enter_context(Domain()).number
-        control = stack.enter_context(RaceControl(folder, domain, RACING, [OUTSIDE]))
-        official = stack.enter_context(contextlib.closing(Official(domain)))
-        karts = [
-            stack.enter_context(
-                WireKart(address_of(number), control.port, Acknowledges.EACH_CHANGE)
-            )
-            for number in (*RACING, OUTSIDE)
-        ]
-        official.wait_for_connected(*RACING, OUTSIDE)
-        go_to(official, state)
+        race = stack.enter_context(WireRace(folder, RACING, [OUTSIDE]))
+        control, official, karts = race.control, race.official, race.karts
+        race.bring_to(state)
         at = time.monotonic()
         os.kill(control.pid if kills_ros_half else control.kart_server_pid, signal.SIGKILL)
         for kart in karts:

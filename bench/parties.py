@@ -9,9 +9,9 @@ import sys
 import time
 from typing import Any
 
-from crowd import address_of
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
+from evgp_testing.race_control import address_of
 
 
 def tell(value: object) -> None:

@@ -25,16 +25,14 @@ import time
 from types import FrameType
 from typing import Any
 
-from crowd import address_of
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
 from evgp_testing.kart import Bridge, Team
 from evgp_testing.official import Official
-from evgp_testing.process import Process
+from evgp_testing.race_control import address_of, RaceControl
 from evgp_testing.usage import cpu_seconds, family, resident
 from std_srvs.srv import Trigger
-import yaml
 
 HERE = pathlib.Path(__file__).parent
 
@@ -84,41 +82,19 @@ class Party:
         self._process.communicate()
 
 
-class Control(Process):
-    """A real race control with N karts in the race."""
-
-    def __init__(self, folder: pathlib.Path, domain: int, count: int) -> None:
-        """Start it, and wait until karts can connect."""
-        roster = folder / f'karts{count}.yaml'
-        karts = [
-            {
-                'number': number,
-                'team': f'Team {number}',
-                'address': address_of(number),
-                'in_race': True,
-            }
-            for number in range(1, count + 1)
-        ]
-        roster.write_text(yaml.safe_dump({'karts': karts}), encoding='utf-8')
-        self.domain = domain
-        parameters = {
-            'roster': roster,
-            'record': folder / f'record{count}.sqlite3',
-            'address': '127.0.0.1',
-            'port': 0,
-            'pause': 0.5,
-        }
-        super().__init__('evgp_rcs', 'rcs_node', domain, parameters)
-        self.port = int(self.wait_for_line(r'listens for .* port (\d+)')[1])
+def control_of(folder: pathlib.Path, domain: int, count: int) -> RaceControl:
+    """Start a real race control with N karts in the race, on a record of its own."""
+    own = pathlib.Path(tempfile.mkdtemp(dir=folder))
+    return RaceControl(own, domain, range(1, count + 1), parameters={'pause': 0.5})
 
 
 @contextlib.contextmanager
-def racing(folder: pathlib.Path, count: int) -> Iterator[tuple[Control, Official, Party]]:
+def racing(folder: pathlib.Path, count: int) -> Iterator[tuple[RaceControl, Official, Party]]:
     """Have race control, an official, and so many karts that acknowledge each change."""
     with (
         Domain() as domain,
-        Control(folder, domain.number, count) as control,
-        contextlib.closing(Official(domain.number)) as official,
+        control_of(folder, domain.number, count) as control,
+        Official(domain.number) as official,
         Party('crowd.py', control.port, count, 'acknowledge') as crowd,
     ):
         assert crowd.hear() == 'ready'
@@ -303,7 +279,7 @@ def bare_call(times: int) -> list[float]:
     with (
         Domain() as domain,
         Party('parties.py', 'service', domain.number) as party,
-        contextlib.closing(Official(domain.number)) as official,
+        Official(domain.number) as official,
     ):
         assert party.hear() == 'ready'
         client = official.node.create_client(Trigger, '/bare')
@@ -346,7 +322,7 @@ def beat_of(folder: pathlib.Path, count: int, seconds: float) -> Iterator[tuple[
             busy = threading.Thread(target=keep_busy, args=(official, ended))
             lasts = seconds / 3
             if what == 'racing':
-                start_race(official, count)
+                official.bring_to(RaceState.GREEN_GREEN)
             if what == 'commands':
                 lasts = seconds
                 busy.start()
@@ -377,15 +353,6 @@ def keep_to_one_core(pid: int) -> None:
             os.sched_setaffinity(int(thread.name), {0})
 
 
-def start_race(official: Official, count: int) -> None:
-    """Bring all karts to GREEN_GREEN, and wait until they have acknowledged it."""
-    karts = range(1, count + 1)
-    official.command('grid_active', track_clear=True)
-    official.wait_for_acks(RaceState.GRID_ACTIVE, *karts)
-    official.command('green_green')
-    official.wait_for_acks(RaceState.GREEN_GREEN, *karts)
-
-
 def keep_busy(official: Official, ended: threading.Event) -> None:
     """Stop every kart, bring it home and stop it again, with refused commands between."""
     while not ended.is_set():
@@ -403,7 +370,7 @@ def bridge_cost(seconds: float) -> None:
         Domain() as domain,
         socket.create_server(('127.0.0.1', 0)) as listening,
         Bridge(domain.number, listening.getsockname()[1], '127.0.1.1') as bridge,
-        contextlib.closing(Team(domain.number)) as team,
+        Team(domain.number) as team,
     ):
         connection, _ = listening.accept()
         with connection:
@@ -465,7 +432,7 @@ def frames_to_callbacks(
     domain: int, connect: Callable[[], socket.socket], times: int
 ) -> list[float]:
     """Return the times from the sending of a frame to the team's callback, s."""
-    with contextlib.closing(Team(domain)) as team, connect() as connection:
+    with Team(domain) as team, connect() as connection:
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         while not team.changes or team.changes[-1][1] is not RaceState.RED_FLAG:
             connection.sendall(encode(RaceState.RED_FLAG))
@@ -486,11 +453,11 @@ def acknowledgement(folder: pathlib.Path, times: int) -> None:
     answers, heard, shown = [], [], []
     with (
         Domain() as domain,
-        Control(folder, domain.number, 1) as control,
-        contextlib.closing(Official(domain.number)) as official,
+        control_of(folder, domain.number, 1) as control,
+        Official(domain.number) as official,
         Domain() as kart_domain,
         Bridge(kart_domain.number, control.port, address_of(1)),
-        contextlib.closing(Team(kart_domain.number)) as team,
+        Team(kart_domain.number) as team,
     ):
         official.wait_for_connected(1)
         for _ in range(times):

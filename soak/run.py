@@ -4,9 +4,138 @@ Soak race control with random faults, acknowledgements and commands; see ``--hel
     make soak ARGS='--seconds 600 --karts 100'
 """
 
-import sys
+from __future__ import annotations
 
-from race_soak.main import main
+import argparse
+import contextlib
+import pathlib
+import random
+import secrets
+import sys
+import tempfile
+import time
+
+from evgp_testing.domains import Domain
+from evgp_testing.judge import Judge
+from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.usage import resident
+from race_soak.fleet import Fleet
+from race_soak.officials import Officials
+
+STRANGERS = tuple(f'127.0.9.{number}' for number in range(1, 9))
+REPORT_EVERY = 30.0
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Soak race control for as long as asked; return 0 if no rule was broken, else 1."""
+    parser = argparse.ArgumentParser(
+        description='Soak a real race control with random faults, acknowledgements and commands.'
+    )
+    parser.add_argument('--seconds', type=float, default=600.0, help='for how long (600)')
+    parser.add_argument('--karts', type=int, default=100, help='how many, at most 250 (100)')
+    parser.add_argument('--seed', type=int, help='of what is random (another each time)')
+    parser.add_argument(
+        '--fault-every', type=float, default=4.0, help='mean time between faults of a kart, s (4)'
+    )
+    parser.add_argument(
+        '--until-violation', action='store_true', help='end at the first rule that is broken'
+    )
+    options = parser.parse_args(arguments)
+    if not 1 <= options.karts <= 250:
+        parser.error('--karts: from 1 to 250')
+    seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
+    print(f'seed {seed}, {options.karts} karts, {options.seconds:g} s', flush=True)
+    with contextlib.ExitStack() as stack:
+        return _soak(stack, options, random.Random(seed))
+
+
+def _soak(stack: contextlib.ExitStack, options: argparse.Namespace, rng: random.Random) -> int:
+    numbers = list(range(1, options.karts + 1))
+    in_race = set(rng.sample(numbers, min(10, len(numbers))))
+    folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
+    domain = stack.enter_context(Domain())
+    control = stack.enter_context(
+        RaceControl(
+            folder,
+            domain.number,
+            in_race,
+            set(numbers) - in_race,
+            {'finish_delays': '[0.5, 0.3, 0.1]', 'finish_stop': 2.0},
+        )
+    )
+    judge = Judge(in_race, set(numbers) - in_race, time.monotonic())
+    fleet = Fleet(
+        control.port,
+        {number: address_of(number) for number in numbers},
+        STRANGERS,
+        judge,
+        random.Random(rng.random()),
+        options.fault_every,
+    )
+    officials = stack.enter_context(
+        Officials(domain.number, numbers, judge, random.Random(rng.random()), fleet.disciplined)
+    )
+    fleet.start()
+    began = time.monotonic()
+    reported = began
+    memory_at_start = resident(control.pid) / 1024
+    trouble = ''
+    try:
+        while time.monotonic() - began < options.seconds and not trouble:
+            officials.step()
+            judge.judge(time.monotonic())
+            if fleet.failure is not None:
+                raise fleet.failure
+            if judge.violations and options.until_violation:
+                break
+            if time.monotonic() - reported > REPORT_EVERY:
+                reported = time.monotonic()
+                _tell(reported - began, fleet, officials, judge, resident(control.pid) / 1024)
+    except AssertionError as error:
+        trouble = f'race control does not answer: {error}\n{_last_lines(control)}'
+    elapsed = time.monotonic() - began
+    memory_at_end = 0.0 if trouble else resident(control.pid) / 1024
+    fleet.stop()
+    if fleet.failure is not None:
+        raise fleet.failure
+    judge.finish()
+
+    print(f'\n{elapsed:.0f} s of {options.karts} karts')
+    print(f'frames sent to karts   {judge.judged["frame"]}')
+    print(f'frames said by karts   {judge.judged["said"]}')
+    print(f'faults injected        {sum(fleet.faults.values())}: {_counts(fleet.faults)}')
+    print(f'commands               {officials.calls}, {officials.accepted} of them accepted')
+    print(f'races planned, started {officials.races}, {officials.greens}')
+    print(f'judged                 {_counts(judge.judged)}')
+    print(
+        f'seconds of good karts  {fleet.windows}, {fleet.slow_windows} of them below 10 frames/s,'
+        f' slowest {fleet.slowest:.1f}/s'
+    )
+    print(f'memory of rcs_node     {memory_at_start:.1f} MiB, then {memory_at_end:.1f} MiB')
+    print(f'violations             {len(judge.violations)}')
+    for violation in judge.violations[:50]:
+        print(f'  {violation.at - began:8.3f} s  {violation.rule}: {violation.text}')
+    if trouble:
+        print(trouble)
+    return 1 if judge.violations or trouble else 0
+
+
+def _tell(elapsed: float, fleet: Fleet, officials: Officials, judge: Judge, memory: float) -> None:
+    print(
+        f'{elapsed:6.0f} s  {judge.judged["frame"]} frames, {sum(fleet.faults.values())} faults, '
+        f'{officials.calls} commands, {officials.greens} races started, {memory:.1f} MiB, '
+        f'{len(judge.violations)} violations',
+        flush=True,
+    )
+
+
+def _last_lines(control: RaceControl) -> str:
+    return '\n'.join(control.lines[-15:])
+
+
+def _counts(counter: dict[str, int]) -> str:
+    return ', '.join(f'{name} {count}' for name, count in sorted(counter.items()))
+
 
 if __name__ == '__main__':
     sys.exit(main())

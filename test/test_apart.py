@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import os
 import pathlib
 import random
 import runpy
-import socket
 import subprocess
 import sys
 import threading
@@ -28,7 +28,7 @@ from evgp_testing.fixtures import (
 )
 from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl
-from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.wire_kart import Acknowledges, kart_socket, read_to_end, WireKart
 import pytest
 from std_srvs.srv import Trigger
 
@@ -234,23 +234,17 @@ def test_an_unknown_address_never_gets_a_frame(
 
 def said_to(address: str, control: RaceControl) -> bytes:
     """Return all that an address is sent until race control hangs up."""
-    said = b''
-    with socket.create_connection(
-        ('127.0.0.1', control.port), timeout=30, source_address=(address, 0)
-    ) as stranger:
-        try:
+    with kart_socket(address, ('127.0.0.1', control.port)) as stranger:
+        with contextlib.suppress(ConnectionError):
             stranger.sendall(b''.join(map(encode, RaceState)))
-            while True:
-                data = stranger.recv(4096)
-                if not data:
-                    return said
-                said += data
-        except ConnectionError:
-            return said
+        return read_to_end(stranger)
 
 
 def test_nothing_a_kart_sends_changes_anything_but_its_own_acknowledgement_and_report(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    connect_kart: ConnectKart,
+    dice: random.Random,
 ) -> None:
     control = start_race_control(in_race=(1, 2, 3), others=(4,))
     official = join_official(control)
@@ -258,33 +252,29 @@ def test_nothing_a_kart_sends_changes_anything_but_its_own_acknowledgement_and_r
     hostile = connect_kart(control, 1)
     official.wait_for_acks(RaceState.IN_GARAGE, 2, 3, 4)
     hostile.wait_for_state(RaceState.IN_GARAGE)
-    rng = random.Random(5)
 
-    send_everything(official, hostile, others, rng)
+    send_everything(official, hostile, others, dice)
     # It has said GREEN_GREEN, so it must say that it stands before anything begins.
     official.command('kart/red_red', kart=1)
     hostile.wait_for_state(RaceState.RED_RED)
     hostile.say(RaceState.RED_RED)
     official.wait_for_acks(RaceState.RED_RED, 1)
     official.command('kart/in_garage', kart=1)
-    official.command('grid_active', track_clear=True)
-    official.wait_for_acks(RaceState.GRID_ACTIVE, 2, 3)
-    send_everything(official, hostile, others, rng)
+    official.bring_to(RaceState.GRID_ACTIVE, 2, 3)
+    send_everything(official, hostile, others, dice)
     hostile.say(RaceState.GRID_ACTIVE)
     official.wait_for_acks(RaceState.GRID_ACTIVE, 1)
-    official.command('green_green')
-    official.wait_for_acks(RaceState.GREEN_GREEN, 2, 3)
-    send_everything(official, hostile, others, rng)
-    official.command('red_flag')
-    official.wait_for_acks(RaceState.RED_FLAG, 2, 3)
-    send_everything(official, hostile, others, rng)
-    official.command('all_kill')
-    official.wait_for_acks(RaceState.RED_RED, 2, 3, 4)
-    send_everything(official, hostile, others, rng)
+    for state, *further in (
+        (RaceState.GREEN_GREEN,),
+        (RaceState.RED_FLAG,),
+        (RaceState.RED_RED, 4),
+    ):
+        official.bring_to(state, 2, 3, *further)
+        send_everything(official, hostile, others, dice)
 
 
 def send_everything(
-    official: Official, hostile: WireKart, others: list[WireKart], rng: random.Random
+    official: Official, hostile: WireKart, others: list[WireKart], dice: random.Random
 ) -> None:
     """Send every frame, command, half and rubbish there is; nothing but the kart's own changes."""
     official.wait_for_kart(1, lambda kart: state_of(kart.sent) is hostile.state, 'what it is sent')
@@ -299,9 +289,9 @@ def send_everything(
     last = hostile.state
     for _ in range(4):
         # What it says last is heard last, and is news.
-        last = rng.choice([state for state in RaceState if state is not last])
-        said = [rng.choice([*words, rng.randbytes(9)]) for _ in range(60)]
-        hostile.send(b''.join([*rng.sample(words, len(words)), *said, encode(last)]))
+        last = dice.choice([state for state in RaceState if state is not last])
+        said = [dice.choice([*words, dice.randbytes(9)]) for _ in range(60)]
+        hostile.send(b''.join([*dice.sample(words, len(words)), *said, encode(last)]))
         race = official.wait_for_race(
             lambda race, state=last: state_of(race.karts[0].reported) is state,
             'what the kart said last',

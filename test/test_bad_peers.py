@@ -9,16 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import pathlib
 import resource
-import socket
 import time
 
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from evgp_testing.bad_peers import AttackedRace, attacking, ATTACKS, BAD
-from evgp_testing.process import PATIENCE
+from evgp_testing.bad_peers import attacked_race, attacking, ATTACKS, BAD
 from evgp_testing.race_control import address_of
 from evgp_testing.usage import open_files, resident
-from evgp_testing.wire_kart import WireKart
+from evgp_testing.wire_kart import kart_socket, WireKart
+from evgp_testing.wire_race import WireRace
 import pytest
 
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -38,7 +37,7 @@ MOST_MEMORY = 30 * 1024
 """So much more memory race control may need after an attack, KiB: one copy of what it has."""
 
 
-def check_frames(race: AttackedRace) -> float:
+def check_frames(race: WireRace) -> float:
     """Check that every good kart goes on to be sent frames, and return the least rate, Hz."""
     before = [kart.frames for kart in race.karts]
     began = time.monotonic()
@@ -52,7 +51,7 @@ def check_frames(race: AttackedRace) -> float:
     return min(rates)
 
 
-def check_all_kill(race: AttackedRace) -> None:
+def check_all_kill(race: WireRace) -> None:
     """Check that ALL_KILL reaches every good kart, and nothing else has."""
     race.official.command('all_kill')
     for kart in race.karts:
@@ -62,18 +61,18 @@ def check_all_kill(race: AttackedRace) -> None:
 
 
 @pytest.fixture(scope='module')
-def attacked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AttackedRace]:
+def attacked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[WireRace]:
     """Return the race that all attacks of this file meet, one after the other."""
-    with AttackedRace(tmp_path_factory.mktemp('attacked')) as race:
+    with attacked_race(tmp_path_factory.mktemp('attacked')) as race:
         yield race
 
 
 @pytest.mark.parametrize('attack', ATTACKS)
 def test_a_bad_peer_costs_only_itself(
-    attacked: AttackedRace, attack: str, record_property: Callable[[str, object], None]
+    attacked: WireRace, attack: str, record_property: Callable[[str, object], None]
 ) -> None:
     control = attacked.control
-    attacked.green()
+    attacked.bring_to(GREEN_GREEN)
     lines = len(control.lines)
     memory = resident(control.pid)
     with attacking(attack, control.port):
@@ -86,12 +85,12 @@ def test_a_bad_peer_costs_only_itself(
     record_property(attack, figures)
     assert len(told) <= MOST_LINES, '\n'.join(told)
     assert more <= MOST_MEMORY
-    attacked.home()
+    attacked.bring_to(RaceState.IN_GARAGE)
 
 
 def test_out_of_files_the_race_goes_on_and_karts_come_back_later(tmp_path: pathlib.Path) -> None:
-    with AttackedRace(tmp_path) as race:
-        race.green()
+    with attacked_race(tmp_path) as race:
+        race.bring_to(GREEN_GREEN)
         pid = race.control.kart_server_pid
         lines = len(race.control.lines)
         _, hard = resource.prlimit(pid, resource.RLIMIT_NOFILE)
@@ -106,7 +105,7 @@ def test_out_of_files_the_race_goes_on_and_karts_come_back_later(tmp_path: pathl
 
 
 def test_a_kart_that_reconnects_too_often_is_refused_and_told_of_seldom(
-    attacked: AttackedRace,
+    attacked: WireRace,
 ) -> None:
     official = attacked.official
     with attacking('reconnects', attacked.control.port):
@@ -120,8 +119,6 @@ def test_a_kart_that_reconnects_too_often_is_refused_and_told_of_seldom(
     # It is let in again soon: until then the connection ends without a frame.
     frames = 0
     while not frames:
-        with socket.create_connection(
-            ('127.0.0.1', attacked.control.port), PATIENCE, (address_of(BAD), 0)
-        ) as kart:
+        with kart_socket(address_of(BAD), ('127.0.0.1', attacked.control.port)) as kart:
             frames = len(kart.recv(64))
             time.sleep(0.0 if frames else 0.1)

@@ -11,6 +11,7 @@ import socket
 from evgp_node.process import IN_THE_WAY, WRONG_SETTING
 from evgp_testing.domains import Domain
 from evgp_testing.process import Process
+from evgp_testing.race_control import settings
 import pytest
 
 Refusal = Callable[..., str]
@@ -33,13 +34,7 @@ def refusal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Refusal:
     ) -> str:
         if roster_text is not None:
             good.write_text(roster_text, encoding='utf-8')
-        given = {
-            'roster': good,
-            'record': tmp_path / 'record.sqlite3',
-            'address': '127.0.0.1',
-            'port': 0,
-            **parameters,
-        }
+        given = {**settings(tmp_path, good), **parameters}
         control = parts.enter_context(
             Process('evgp_rcs', 'rcs_node', domain.number, given, arguments)
         )

@@ -436,8 +436,7 @@ def test_a_remote_that_was_pressed_before_the_bridge_began_stops_the_kart(
     team.latched_remote(True)
     team.wait_for(lambda state: state.team_stop, 'the stop')
     first.kill()
-    second = Bridge(first.domain, control.port, address_of(1))
-    parts.callback(second.close)
+    parts.enter_context(Bridge(first.domain, control.port, address_of(1)))
     team.wait_for(lambda state: state.connected and state.team_stop, 'the stop, again')
     assert team.states[-1] is RED_RED
 
@@ -455,8 +454,7 @@ def test_two_bridges_on_one_domain_stop_both_karts(
 ) -> None:
     control = start_race_control(in_race=[1, 2])
     first = start_bridge(control.port, 1)
-    second = Bridge(first.domain, control.port, address_of(2))
-    parts.callback(second.close)
+    second = parts.enter_context(Bridge(first.domain, control.port, address_of(2)))
     for bridge in (first, second):
         bridge.wait_for_line(f'another bridge runs in ROS domain {first.domain}: end one')
 
@@ -619,8 +617,7 @@ def test_its_names_are_private(
             ('-r', '__ns:=/kart1', '-r', '__node:=link'),
         )
     )
-    team = Team(domain.number, bridge='/kart1/link')
-    parts.callback(team.close)
+    team = parts.enter_context(Team(domain.number, bridge='/kart1/link'))
     team.wait_for_state(IN_GARAGE)
     team.wait_for_stop(True)
 

@@ -46,14 +46,15 @@ class Event:
     def start(self, connect: tuple[int, ...] = (*RACING, OUTSIDE)) -> None:
         """Start race control, and have these karts and the official with it."""
         self.run = contextlib.ExitStack()
-        self.control = RaceControl(
-            self._folder,
-            self._domain.number,
-            self.racing,
-            [OUTSIDE],
-            {'port': self._port, 'finish_delays': '[0.05]', 'auto_race_over': False},
+        self.control = self.run.enter_context(
+            RaceControl(
+                self._folder,
+                self._domain.number,
+                self.racing,
+                [OUTSIDE],
+                {'port': self._port, 'finish_delays': '[0.05]', 'auto_race_over': False},
+            )
         )
-        self.run.callback(self.control.close)
         self._port = self.control.port
         self.karts = {
             number: self.run.enter_context(
@@ -61,8 +62,7 @@ class Event:
             )
             for number in connect
         }
-        self.official = Official(self._domain.number)
-        self.run.callback(self.official.close)
+        self.official = self.run.enter_context(Official(self._domain.number))
         self.official.wait_for_connected(*connect)
 
     def kill(self) -> None:
@@ -84,12 +84,10 @@ class Event:
     # The steps of a race, each from where the one before it has left off.
 
     def grid(self) -> None:
-        self.official.command('grid_active', track_clear=True)
-        self.official.wait_for_acks(GRID_ACTIVE, *RACING)
+        self.official.bring_to(GRID_ACTIVE)
 
     def green(self) -> None:
-        self.official.command('green_green')
-        self.official.wait_for_acks(GREEN_GREEN, *RACING)
+        self.official.bring_to(GREEN_GREEN)
 
     def finish(self) -> None:
         self.official.command('kart/finish', kart=RACING[0])
@@ -156,11 +154,8 @@ def check_restart(meeting: Event) -> None:
 # Each kill takes about two seconds, most of it starting a process.
 @pytest.mark.timeout(600)
 def test_race_control_killed_at_random_comes_back_with_every_kart_held(
-    meeting: Event, record_property: Callable[[str, object], None]
+    meeting: Event, dice: random.Random, record_property: Callable[[str, object], None]
 ) -> None:
-    seed = time.time_ns()
-    print(f'seed {seed}')
-    dice = random.Random(seed)
     published = unrecorded = 0
     for _ in range(KILLS):
         steps = STEPS[: dice.randint(1, len(STEPS))]

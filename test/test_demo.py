@@ -12,6 +12,7 @@ import sys
 from evgp_node.states import state_message
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
+from evgp_testing.judge import Judge
 from evgp_testing.official import Answer
 import pytest
 from race_demo.checks import (
@@ -19,6 +20,7 @@ from race_demo.checks import (
     check_end,
     check_incident,
     check_race,
+    check_wire,
     Finding,
     RACE_CONTROL_NODES,
 )
@@ -59,7 +61,7 @@ def test_both_races_are_driven_and_nothing_is_missing() -> None:
         'kart 64 (Kettering) saw nothing but IN_GARAGE',
         'the race went over by itself',
         'kart 64 (Kettering) saw RED_RED > IN_GARAGE',
-        'no kart saw GREEN_GREEN after ALL_KILL',
+        'judged: none was against the rules',
         '4 ROS domains, none with a node of another',
         'all 7 processes ended in good order; none is left',
         'Nothing is missing',
@@ -295,7 +297,7 @@ def test_what_is_missing_in_a_race_is_said(
         (drop_event(ACKNOWLEDGED, 7, RED_RED), 'kart 7 (Purdue) did not see or acknowledge'),
         (
             lambda r: r.seen[5].append((120.0, GREEN_GREEN)),
-            'kart 5 (Kennesaw State) saw GREEN_GREEN after ALL_KILL',
+            'kart 5 (Kennesaw State) had to see',
         ),
     ],
 )
@@ -313,6 +315,14 @@ def test_a_node_on_the_domain_of_another_is_named() -> None:
     own[7].add('rcs')
     assert not check_domains(own).ok
     assert 'rcs' in check_domains(own).text
+
+
+def test_what_was_wrong_on_the_wire_is_said() -> None:
+    judge = Judge({5}, {64}, 0.0)
+    assert check_wire(judge).ok
+    judge.rubbish(5, b'$GO;', 1.0)
+    assert "kart 5 was sent b'$GO;'" in check_wire(judge).text
+    assert not check_wire(judge).ok
 
 
 def test_a_process_that_failed_or_is_left_is_named() -> None:

@@ -6,20 +6,19 @@ One has ROS (``rcs_node``), the other the rules and the karts' sockets. Neither 
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pathlib
 import signal
 import threading
-import time
 
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from evgp_testing.official import Official
-from evgp_testing.process import PATIENCE
-from evgp_testing.race_control import RaceControl
-from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.process import wait_until_ended
+from evgp_testing.wire_kart import Acknowledges
+from evgp_testing.wire_race import WireRace
 import pytest
 
 GREEN_GREEN = RaceState.GREEN_GREEN
@@ -32,75 +31,27 @@ RACING = (1, 2)
 OUTSIDE = 3
 
 
-class Scene:
-    """Race control with two karts in the race and one outside it, in one of the five states."""
-
-    def __init__(self, control: RaceControl, official: Official, karts: list[WireKart]) -> None:
-        self.control = control
-        self.official = official
-        self.karts = karts
-
-    def go_to(self, state: RaceState) -> None:
-        """Bring the race there from the garage."""
-        if state is IN_GARAGE:
-            return
-        if state is RED_RED:
-            self.official.command('all_kill')
-            self.official.wait_for_acks(RED_RED, *RACING, OUTSIDE)
-            return
-        self.official.command('grid_active', track_clear=True)
-        self.official.wait_for_acks(GRID_ACTIVE, *RACING)
-        if state is GRID_ACTIVE:
-            return
-        self.official.command('green_green')
-        self.official.wait_for_acks(GREEN_GREEN, *RACING)
-        if state is RED_FLAG:
-            self.official.command('red_flag')
-            self.official.wait_for_acks(RED_FLAG, *RACING)
-
-
 @pytest.fixture
-def scene(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
-) -> Scene:
-    control = start_race_control(RACING, [OUTSIDE])
-    official = join_official(control)
-    karts = [
-        connect_kart(control, number, Acknowledges.EACH_CHANGE) for number in (*RACING, OUTSIDE)
-    ]
-    official.wait_for_connected(*RACING, OUTSIDE)
-    return Scene(control, official, karts)
-
-
-def wait_until_gone(pid: int) -> None:
-    """Return once there is no such process any more, or it is a corpse nobody has buried."""
-    until = time.monotonic() + PATIENCE
-    while time.monotonic() < until:
-        try:
-            stat = pathlib.Path(f'/proc/{pid}/stat').read_text(encoding='ascii')
-        except OSError:
-            return
-        if stat.rpartition(')')[2].split()[0] == 'Z':
-            return
-        time.sleep(0.005)  # a process that is no child of ours has no event to await
-    raise AssertionError(f'process {pid} still runs')
+def scene(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> WireRace:
+    """Return a race of two karts, with one outside it."""
+    return parts.enter_context(WireRace(tmp_path, RACING, [OUTSIDE]))
 
 
 def test_every_kart_hears_red_red_when_the_ros_half_is_killed(
-    scene: Scene, each_state: RaceState
+    scene: WireRace, each_state: RaceState
 ) -> None:
-    scene.go_to(each_state)
+    scene.bring_to(each_state)
     scene.control.kill()
     for kart in scene.karts:
         kart.wait_for_end()
         assert kart.state is RED_RED
-    wait_until_gone(scene.control.kart_server_pid)
+    wait_until_ended(scene.control.kart_server_pid)
 
 
 def test_officials_are_told_to_use_the_msr_when_the_kart_server_is_killed(
-    scene: Scene, each_state: RaceState
+    scene: WireRace, each_state: RaceState
 ) -> None:
-    scene.go_to(each_state)
+    scene.bring_to(each_state)
     os.kill(scene.control.kart_server_pid, signal.SIGKILL)
     race = scene.official.wait_for_race(
         lambda race: any(alert.kind == msg.Alert.PART_FAILED for alert in race.alerts),
@@ -119,19 +70,19 @@ def each_state(request: pytest.FixtureRequest) -> RaceState:
     return state
 
 
-def test_every_kart_hears_red_red_when_the_ros_half_hangs(scene: Scene) -> None:
-    scene.go_to(GREEN_GREEN)
+def test_every_kart_hears_red_red_when_the_ros_half_hangs(scene: WireRace) -> None:
+    scene.bring_to(GREEN_GREEN)
     scene.control.signal(signal.SIGSTOP)
     for kart in scene.karts:
         kart.wait_for_end()
         assert kart.state is RED_RED
-    wait_until_gone(scene.control.kart_server_pid)
+    wait_until_ended(scene.control.kart_server_pid)
     scene.control.signal(signal.SIGCONT)
     assert scene.control.wait() == 1
 
 
-def test_a_ros_half_that_hangs_for_a_moment_costs_nothing(scene: Scene) -> None:
-    scene.go_to(GREEN_GREEN)
+def test_a_ros_half_that_hangs_for_a_moment_costs_nothing(scene: WireRace) -> None:
+    scene.bring_to(GREEN_GREEN)
     scene.control.signal(signal.SIGSTOP)
     for kart in scene.karts:
         kart.wait_for_frames(6)  # 0.3 s
@@ -142,8 +93,8 @@ def test_a_ros_half_that_hangs_for_a_moment_costs_nothing(scene: Scene) -> None:
         assert [state for _, state in kart.changes][-2:] == [GREEN_GREEN, RED_RED]
 
 
-def test_a_kart_server_that_is_told_to_end_sends_red_red_first(scene: Scene) -> None:
-    scene.go_to(GREEN_GREEN)
+def test_a_kart_server_that_is_told_to_end_sends_red_red_first(scene: WireRace) -> None:
+    scene.bring_to(GREEN_GREEN)
     os.kill(scene.control.kart_server_pid, signal.SIGTERM)
     for kart in scene.karts:
         kart.wait_for_end()
@@ -152,9 +103,9 @@ def test_a_kart_server_that_is_told_to_end_sends_red_red_first(scene: Scene) -> 
 
 
 def test_a_kart_server_that_hangs_is_ended_and_officials_are_told_to_use_the_msr(
-    scene: Scene,
+    scene: WireRace,
 ) -> None:
-    scene.go_to(GREEN_GREEN)
+    scene.bring_to(GREEN_GREEN)
     os.kill(scene.control.kart_server_pid, signal.SIGSTOP)
     answer = scene.official.call('all_kill')
     assert not answer.success
@@ -166,13 +117,13 @@ def test_a_kart_server_that_hangs_is_ended_and_officials_are_told_to_use_the_msr
     for kart in scene.karts:
         kart.wait_for_end()
     assert scene.control.wait() == 1
-    wait_until_gone(scene.control.kart_server_pid)
+    wait_until_ended(scene.control.kart_server_pid)
 
 
 def test_race_control_that_hangs_as_a_whole_goes_on_and_starts_nothing_that_waited(
-    scene: Scene,
+    scene: WireRace,
 ) -> None:
-    scene.go_to(GRID_ACTIVE)
+    scene.bring_to(GRID_ACTIVE)
     scene.control.freeze()
     wake = threading.Timer(3.0, scene.control.thaw)
     wake.start()
@@ -189,13 +140,13 @@ def mapped(pid: int) -> str:
     return pathlib.Path(f'/proc/{pid}/maps').read_text(encoding='utf-8')
 
 
-def test_the_process_that_stops_karts_has_no_ros(scene: Scene) -> None:
+def test_the_process_that_stops_karts_has_no_ros(scene: WireRace) -> None:
     assert 'rclpy' in mapped(scene.control.pid)  # or this would not be how it is seen
     for what in ('rclpy', 'librcl', 'librmw', 'fastrtps', 'fastdds', 'cyclone'):
         assert what not in mapped(scene.control.kart_server_pid)
 
 
-def test_race_control_shares_no_memory_with_other_programs_of_ros(scene: Scene) -> None:
+def test_race_control_shares_no_memory_with_other_programs_of_ros(scene: WireRace) -> None:
     for pid in (scene.control.pid, scene.control.kart_server_pid):
         assert 'shm/fast' not in mapped(pid)  # where Fast DDS has its shared memory
 
@@ -222,9 +173,7 @@ def test_a_start_without_a_record_needs_a_statement_and_is_not_forgotten_by_a_cr
     official = join_official(control)
     kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
     official.wait_for_acks(RED_RED, 1)
-    official.command('in_garage', track_safe=True)
-    official.command('grid_active', track_clear=True)
-    official.wait_for_acks(GRID_ACTIVE, 1)
+    official.bring_to(GRID_ACTIVE)
     race = official.wait_for_race(
         lambda race: any(alert.kind == msg.Alert.RECORD_FAILING for alert in race.alerts),
         'the alert that the record fails',

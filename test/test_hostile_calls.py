@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 import contextlib
 import ctypes
 import random
@@ -59,10 +59,10 @@ NUMBERS = {
 class Hostile(RosSide):
     """A node that calls whatever there is, with whatever can be sent."""
 
-    def __init__(self, domain: int, seed: int = 1) -> None:
+    def __init__(self, domain: int, dice: random.Random) -> None:
         """Join the domain."""
         super().__init__('hostile', domain)
-        self.rng = random.Random(seed)
+        self.dice = dice
         self.spin()
 
     def client(self, name: str, kind: Any) -> Any:
@@ -81,9 +81,9 @@ class Hostile(RosSide):
     def _value(self, message: Any, field: str, of: str) -> Any:
         if of.startswith('sequence<'):
             inner = of.removeprefix('sequence<').removesuffix('>').partition(',')[0]
-            count = self.rng.choice([0, 1, 2, 100])
+            count = self.dice.choice([0, 1, 2, 100])
             if inner == 'octet':
-                return [self.rng.choice(NUMBERS[inner]) for _ in range(count)]
+                return [self.dice.choice(NUMBERS[inner]) for _ in range(count)]
             return [self._single(message, field, inner) for _ in range(count)]
         if of.endswith(']'):
             return getattr(message, field)
@@ -91,9 +91,9 @@ class Hostile(RosSide):
 
     def _single(self, message: Any, field: str, of: str) -> Any:
         if of.startswith('string'):
-            return self.rng.choice(TEXTS)
+            return self.dice.choice(TEXTS)
         if of in NUMBERS:
-            return self.rng.choice(NUMBERS[of])
+            return self.dice.choice(NUMBERS[of])
         if of in ('Parameter', 'rcl_interfaces/Parameter'):
             return self.filled(Parameter)
         if of == 'rcl_interfaces/ParameterValue':
@@ -156,13 +156,21 @@ def attacked(
 
 
 @pytest.fixture
+def join_hostile(parts: contextlib.ExitStack, dice: random.Random) -> Callable[[int], Hostile]:
+    """Return a function that lets a hostile node join a domain."""
+
+    def join(domain: int) -> Hostile:
+        return parts.enter_context(Hostile(domain, dice))
+
+    return join
+
+
+@pytest.fixture
 def hostile(
-    attacked: tuple[Process, str, dict[str, Any], int],
-) -> Iterator[Hostile]:
+    attacked: tuple[Process, str, dict[str, Any], int], join_hostile: Callable[[int], Hostile]
+) -> Hostile:
     """Return a hostile node in the graph of the attacked one."""
-    side = Hostile(attacked[3])
-    yield side
-    side.close()
+    return join_hostile(attacked[3])
 
 
 def check_it_lives(process: Process, name: str, hostile: Hostile) -> None:
@@ -240,7 +248,7 @@ def test_a_name_that_is_no_text_and_random_messages_end_nothing(
             publisher = hostile.node.create_publisher(kind, f'/{name}/{topic}', 10)
             hostile.wait_until_polled(lambda p=publisher: p.get_subscription_count() > 0, topic)
             for _ in range(100):
-                body = hostile.rng.randbytes(hostile.rng.choice(sizes))
+                body = hostile.dice.randbytes(hostile.dice.choice(sizes))
                 publisher.publish(b'\0\1\0\0' + body)
 
     check_it_lives(process, name, hostile)
@@ -267,13 +275,13 @@ class Broken(RosSide):
 
 
 def test_a_service_of_ours_that_raises_answers_no_and_says_what_to_do(
-    parts: contextlib.ExitStack, capfd: pytest.CaptureFixture[str]
+    parts: contextlib.ExitStack,
+    join_hostile: Callable[[int], Hostile],
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     domain = parts.enter_context(Domain()).number
-    broken = Broken(domain)
-    parts.callback(broken.close)
-    hostile = Hostile(domain)
-    parts.callback(hostile.close)
+    broken = parts.enter_context(Broken(domain))
+    hostile = join_hostile(domain)
 
     for _ in range(2):
         answer: Any = hostile.request(hostile.client('/broken/call', Trigger), Trigger.Request())
@@ -284,13 +292,13 @@ def test_a_service_of_ours_that_raises_answers_no_and_says_what_to_do(
 
 
 def test_a_request_that_cannot_be_read_is_dropped_and_locks_no_other_callback(
-    parts: contextlib.ExitStack, capfd: pytest.CaptureFixture[str]
+    parts: contextlib.ExitStack,
+    join_hostile: Callable[[int], Hostile],
+    capfd: pytest.CaptureFixture[str],
 ) -> None:
     domain = parts.enter_context(Domain()).number
-    broken = Broken(domain)
-    parts.callback(broken.close)
-    hostile = Hostile(domain)
-    parts.callback(hostile.close)
+    broken = parts.enter_context(Broken(domain))
+    hostile = join_hostile(domain)
 
     for _ in range(2):
         hostile.client('/broken/unreadable', Trigger).call_async(Trigger.Request())
@@ -305,12 +313,11 @@ def test_a_request_that_cannot_be_read_is_dropped_and_locks_no_other_callback(
 
 
 def test_a_failure_that_no_call_made_is_told_and_ends_the_spinning(
-    parts: contextlib.ExitStack,
+    parts: contextlib.ExitStack, join_hostile: Callable[[int], Hostile]
 ) -> None:
     domain = parts.enter_context(Domain()).number
     broken = Broken(domain)
-    hostile = Hostile(domain)
-    parts.callback(hostile.close)
+    hostile = join_hostile(domain)
     publisher = hostile.node.create_publisher(Bool, '/broken/topic', 10)
 
     hostile.wait_until_polled(

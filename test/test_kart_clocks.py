@@ -13,15 +13,12 @@ import pathlib
 import time
 from typing import Any
 
-from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
 from evgp_testing.bare_race_control import BareRaceControl
 from evgp_testing.domains import Domain
-from evgp_testing.kart import Bridge, ExampleStack
-from evgp_testing.official import latched
+from evgp_testing.kart import Bridge, ExampleStack, Team
 from evgp_testing.race_control import address_of
-from evgp_testing.ros_side import RosSide
 from evgp_testing.steppable_clock import SteppableClock
 from nav_msgs.msg import Odometry
 import pytest
@@ -46,44 +43,25 @@ STEPS = {
 }
 
 
-class Onlooker(RosSide):
+class Onlooker(Team):
     """Keeps what the bridge and the stack publish, each with the monotonic time (s) it came."""
 
     def __init__(self, domain: int) -> None:
-        super().__init__('onlooker', domain)
         self.speeds: list[tuple[float, float]] = []
-        self.states: list[tuple[float, RaceState | None]] = []
-        self.reason = ''
         # How far the wall clock of each is ahead of the right time, s.
         self.bridge_ahead = self.stack_ahead = 0.0
-        self.node.create_subscription(
-            KartRaceState, '/kart_bridge/race_state', self._hear_state, latched(1)
-        )
-        self.node.create_subscription(Odometry, '/kart_bridge/odom', self._hear_speed, 10)
-        self.spin()
-
-    def wait_for_state(self, state: RaceState) -> None:
-        self.wait_until(
-            lambda: bool(self.states) and self.states[-1][1] is state,
-            lambda: f'{state}; the last was {self.states[-1:]}, {self.reason}',
-        )
+        super().__init__(domain, 'onlooker')
 
     def wait_for_state_since(self, since: float, state: RaceState) -> float:
         """Return how long after `since` the bridge first said this state, s."""
 
         def first() -> float | None:
-            return next((at for at, said in self.states if at >= since and said is state), None)
+            return next((at for at, said in self.changes if at >= since and said is state), None)
 
-        self.wait_until(first, lambda: f'{state}; the last was {self.states[-1:]}')
+        self.wait_until(first, lambda: f'{state}; the last was {self.changes[-1:]}')
         at = first()
         assert at is not None
         return at - since
-
-    def wait_for_speed(self, least: float) -> None:
-        self.wait_until(
-            lambda: bool(self.speeds) and self.speeds[-1][1] >= least,
-            lambda: f'{least:g} m/s; the last was {self.speeds[-1:]}, {self.reason}',
-        )
 
     def wait_for_braking(self, since: float) -> float:
         """Return how long after `since` the kart began to slow down, and wait until it stands."""
@@ -111,18 +89,15 @@ class Onlooker(RosSide):
             lambda: f'{offset:g} s; bridge {self.bridge_ahead:g}, stack {self.stack_ahead:g}',
         )
 
-    def _hear_state(self, message: KartRaceState) -> None:
-        with self.news:
-            self.states.append((time.monotonic(), state_of(message.state)))
-            self.reason = message.reason
-            self.bridge_ahead = message.stamp.sec - time.time()
-            self.news.notify_all()
+    def _hear_state(self, state: KartRaceState) -> None:
+        self.bridge_ahead = state.stamp.sec - time.time()
+        super()._hear_state(state)
 
-    def _hear_speed(self, message: Odometry) -> None:
+    def _hear_speed(self, odometry: Odometry) -> None:
         with self.news:
-            self.speeds.append((time.monotonic(), message.twist.twist.linear.x))
-            self.stack_ahead = message.header.stamp.sec - time.time()
-            self.news.notify_all()
+            self.speeds.append((time.monotonic(), odometry.twist.twist.linear.x))
+            self.stack_ahead = odometry.header.stamp.sec - time.time()
+        super()._hear_speed(odometry)
 
 
 class Kart:
@@ -136,11 +111,9 @@ class Kart:
         bridge_on_it: bool,
     ) -> None:
         self.clock = clock
-        self.control = BareRaceControl()
-        parts.callback(self.control.close)
+        self.control = parts.enter_context(BareRaceControl())
         domain = parts.enter_context(Domain()).number
-        self.onlooker = Onlooker(domain)
-        parts.callback(self.onlooker.close)
+        self.onlooker = parts.enter_context(Onlooker(domain))
         self._parts = parts
         self._domain = domain
         self._parameters = parameters
@@ -163,7 +136,7 @@ class Kart:
         self.control.wait_until_it_says(GRID_ACTIVE)
         self.control.say(GREEN_GREEN)
         self.onlooker.wait_for_state(GREEN_GREEN)
-        self.onlooker.wait_for_speed(2.0)
+        self.onlooker.wait_for_speed(lambda speed: speed >= 2.0)
 
 
 StartKart = Callable[..., Kart]
@@ -269,7 +242,7 @@ def test_a_suspended_kart_wakes_in_red_red_and_stays_there(start_kart: StartKart
     print(f'suspend: bridge in RED_RED after {said:.3f} s, braking after {braking:.3f} s')
     assert max(said, braking) < AT_ONCE
     kart.onlooker.wait_for_wall_clocks(30.0)
-    heard = [state for when, state in kart.onlooker.states if when >= at + said]
+    heard = [state for when, state in kart.onlooker.changes if when >= at + said]
     assert GREEN_GREEN not in heard
 
 
@@ -282,4 +255,4 @@ def test_a_suspended_stack_wakes_in_red_red_and_stays_there(start_kart: StartKar
     print(f'suspend of the stack only: braking after {braking:.3f} s')
     assert braking < AT_ONCE
     kart.stack.wait_for_line('RED_RED no GRID_ACTIVE was heard before GREEN_GREEN')
-    assert kart.onlooker.states[-1][1] is GREEN_GREEN
+    assert kart.onlooker.changes[-1][1] is GREEN_GREEN

@@ -8,8 +8,6 @@ printed. ``bench/lost_links.py`` measures it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-import functools
-import os
 import pathlib
 import signal
 import time
@@ -29,7 +27,7 @@ from evgp_testing.lost_links import (
     steal_address,
     wait_for_held,
 )
-from evgp_testing.networks import why_not
+from evgp_testing.networks import need_networks
 import pytest
 
 pytestmark = pytest.mark.own_process
@@ -37,16 +35,11 @@ pytestmark = pytest.mark.own_process
 RED_RED = RaceState.RED_RED
 Event = msg.RaceEvent
 
-why_no_networks = functools.cache(why_not)
-
 
 @pytest.fixture
 def networks() -> None:
     """Skip the test where no networks can be made, and say why; not where all tests must run."""
-    why = why_no_networks()
-    if why:
-        assert not os.environ.get('EVGP_ALL_TESTS'), f'EVGP_ALL_TESTS is set, but {why}'
-        pytest.skip(why)
+    need_networks()
 
 
 @pytest.fixture

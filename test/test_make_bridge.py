@@ -26,9 +26,7 @@ def domain(parts: contextlib.ExitStack) -> int:
 
 @pytest.fixture
 def race(parts: contextlib.ExitStack) -> BareRaceControl:
-    race = BareRaceControl()
-    parts.callback(race.close)
-    return race
+    return parts.enter_context(BareRaceControl())
 
 
 @pytest.fixture
@@ -64,8 +62,7 @@ def bridges(session: int) -> list[int]:
 def test_it_listens_to_the_odometry_it_is_told_of_and_comes_back_when_it_is_killed(
     made: subprocess.Popen[str], domain: int, race: BareRaceControl, parts: contextlib.ExitStack
 ) -> None:
-    team = Team(domain)
-    parts.callback(team.close)
+    team = parts.enter_context(Team(domain))
     first = team.wait_for_state(RaceState.IN_GARAGE)
     assert team.node.count_subscribers('/odom') == 1
     (bridge,) = bridges(made.pid)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import random
-import time
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
@@ -152,12 +151,10 @@ def numbers(karts: tuple[ShownKart, ...]) -> set[int]:
     return {kart.number for kart in karts}
 
 
-def walks() -> Iterator[Walk]:
+def walks(dice: random.Random) -> Iterator[Walk]:
     """Yield races, each at every step of its way."""
-    seed = time.time_ns()
-    print(f'seed {seed}')
-    for at in range(WALKS):
-        walk = Walk(random.Random(seed + at))
+    for _ in range(WALKS):
+        walk = Walk(dice)
         for _ in range(STEPS):
             walk.step()
             yield walk
@@ -193,9 +190,11 @@ def check(button: Button, said: Effects, walk: Walk) -> None:
         assert f'{number}' in button.consequence or button.kart or not now | later
 
 
-def test_a_question_says_which_karts_are_sent_what_and_which_stay_as_they_are() -> None:
+def test_a_question_says_which_karts_are_sent_what_and_which_stay_as_they_are(
+    dice: random.Random,
+) -> None:
     asked: dict[Shown, int] = dict.fromkeys(ASKING, 0)
-    for walk in walks():
+    for walk in walks(dice):
         for button, said, _ in walk.questions():
             asked[button.command] += 1
             check(button, said, walk)
@@ -203,9 +202,11 @@ def test_a_question_says_which_karts_are_sent_what_and_which_stay_as_they_are() 
     assert all(asked.values()), asked
 
 
-def test_a_question_that_lets_humans_near_says_what_the_screen_says_against_it() -> None:
+def test_a_question_that_lets_humans_near_says_what_the_screen_says_against_it(
+    dice: random.Random,
+) -> None:
     against = 0
-    for walk in walks():
+    for walk in walks(dice):
         for button, _, shown in walk.questions():
             if button.command not in (Shown.IN_GARAGE, Shown.KART_IN_GARAGE, Shown.OPEN_TRACK):
                 continue
@@ -220,9 +221,9 @@ def test_a_question_that_lets_humans_near_says_what_the_screen_says_against_it()
     assert against
 
 
-def test_a_start_under_an_open_track_says_so() -> None:
+def test_a_start_under_an_open_track_says_so(dice: random.Random) -> None:
     opened = 0
-    for walk in walks():
+    for walk in walks(dice):
         for button, _, shown in walk.questions():
             if button.command in (Shown.GRID_ACTIVE, Shown.GREEN_GREEN):
                 opened += shown.track.is_open

@@ -8,12 +8,9 @@ import time
 
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from evgp_testing.domains import Domain
-from evgp_testing.official import Official
-from evgp_testing.punctual_kart import PunctualKart
-from evgp_testing.race_control import address_of, RaceControl
 from evgp_testing.steppable_clock import SteppableClock
 from evgp_testing.wire_kart import Acknowledges
+from evgp_testing.wire_race import WireRace
 import pytest
 
 GREEN_GREEN = RaceState.GREEN_GREEN
@@ -23,24 +20,16 @@ RED_RED = RaceState.RED_RED
 YEAR = 365.25 * 86400.0
 
 
-class Scene:
+class Scene(WireRace):
     """A race in GREEN_GREEN with one kart, on clocks that the test steps."""
 
     def __init__(self, parts: contextlib.ExitStack, folder: pathlib.Path) -> None:
         self.clock = parts.enter_context(SteppableClock(folder))
-        domain = parts.enter_context(Domain()).number
         with self.clock.on_it():
-            self.control = RaceControl(folder, domain, [1], parameters={'green_alert': 600.0})
-        parts.callback(self.control.close)
-        self.official = parts.enter_context(contextlib.closing(Official(domain)))
-        self.kart = parts.enter_context(
-            PunctualKart(address_of(1), self.control.port, Acknowledges.EACH_CHANGE)
-        )
-        self.official.wait_for_connected(1)
-        self.official.command('grid_active', track_clear=True)
-        self.official.wait_for_acks(GRID_ACTIVE, 1)
-        self.official.command('green_green')
-        self.official.wait_for_acks(GREEN_GREEN, 1)
+            super().__init__(folder, [1], parameters={'green_alert': 600.0})
+        parts.callback(self.close)
+        (self.kart,) = self.karts
+        self.bring_to(GREEN_GREEN)
 
 
 @pytest.fixture
@@ -64,11 +53,8 @@ def test_a_wall_clock_that_is_set_ends_no_race_and_delays_no_stop(
 
 
 def test_after_a_suspend_nothing_is_started_that_was_sent_before(scene: Scene) -> None:
-    scene.official.command('all_kill')
-    scene.official.wait_for_acks(RED_RED, 1)
-    scene.official.command('in_garage', track_safe=True)
-    scene.official.command('grid_active', track_clear=True)
-    scene.official.wait_for_acks(GRID_ACTIVE, 1)
+    scene.bring_to(RED_RED)
+    scene.bring_to(GRID_ACTIVE)
 
     scene.clock.suspend(30.0)
     scene.kart.wait_for_frames(3)  # race control has noticed
@@ -80,11 +66,8 @@ def test_after_a_suspend_nothing_is_started_that_was_sent_before(scene: Scene) -
     scene.kart.wait_for_state(RED_RED)
 
 
-def test_an_alert_counts_the_time_of_a_suspend(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path
-) -> None:
-    scene = Scene(parts, tmp_path)
-    scene.kart._acknowledges = Acknowledges.NEVER
+def test_an_alert_counts_the_time_of_a_suspend(scene: Scene) -> None:
+    scene.kart.acknowledges = Acknowledges.NEVER
     scene.official.command('all_kill')
     scene.kart.wait_for_state(RED_RED)
     scene.clock.suspend(3600.0)

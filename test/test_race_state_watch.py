@@ -149,9 +149,7 @@ def start_bare(parts: contextlib.ExitStack, domain: Domain) -> StartBare:
     def start(
         name: str = 'kart_bridge', says: RaceState = GRID_ACTIVE, keeps: int = 1
     ) -> BareBridge:
-        bridge = BareBridge(domain.number, name, says, keeps)
-        parts.callback(bridge.close)
-        return bridge
+        return parts.enter_context(BareBridge(domain.number, name, says, keeps))
 
     return start
 
@@ -338,8 +336,7 @@ def test_what_a_bridge_said_before_a_stack_began_does_not_start_it(
     idle_stack.wait_for_state(GRID_ACTIVE)
     bridge.say(GREEN_GREEN)
     idle_stack.wait_for_state(GREEN_GREEN)
-    late = Stack(domain.number, 'late')
-    parts.callback(late.close)
+    late = parts.enter_context(Stack(domain.number, 'late'))
     # It may take Fast DDS a while to get over what such a stack did not ask for; the bridge keeps
     # one message only. Until then it stands, too.
     time.sleep(3.0)  # that time passes is itself what is awaited

@@ -22,7 +22,7 @@ from evgp_rcs_console.snapshot import Command
 from evgp_rcs_console.standing import Standing
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from evgp_testing.process import PATIENCE
+from evgp_testing.process import PATIENCE, wait_until_ended
 from evgp_testing.race_control import RaceControl
 from evgp_testing.wire_kart import Acknowledges
 import pytest
@@ -302,8 +302,7 @@ def test_a_stop_of_a_kart_is_pressed_until_race_control_is_there(
 ) -> None:
     domain = parts.enter_context(Domain()).number
     with start(domain, 'kart-red-red', '1', '--wait', '25') as stop:
-        control = RaceControl(tmp_path, domain, (1,))
-        parts.callback(control.close)
+        parts.enter_context(RaceControl(tmp_path, domain, (1,)))
         stdout, stderr = stop.communicate(timeout=2 * PATIENCE)
 
     assert stop.returncode == ACCEPTED, stderr
@@ -318,12 +317,7 @@ def test_a_command_that_is_killed_leaves_no_process_behind() -> None:
             time.sleep(0.05)  # until it has begun its work
         command.kill()
         command.wait(PATIENCE)
-        while pathlib.Path(f'/proc/{found[0]}/cmdline').exists() and time.monotonic() < ends:
-            if ') Z ' in pathlib.Path(f'/proc/{found[0]}/stat').read_text():
-                break  # ended; whoever inherited it has not asked yet
-            time.sleep(0.05)
-
-        assert time.monotonic() < ends
+        wait_until_ended(int(found[0]))
 
 
 @pytest.mark.parametrize(
@@ -419,14 +413,11 @@ def test_watch_shows_the_places_until_the_next_grid(
     for number in (1, 2):
         connect_kart(control, number, Acknowledges.EACH_CHANGE)
     official.wait_for_connected(1, 2)
-    official.command('grid_active', track_clear=True)
-    official.wait_for_acks(RaceState.GRID_ACTIVE, 1, 2)
-    official.command('green_green')
-    official.wait_for_acks(RaceState.GREEN_GREEN, 1, 2)
+    official.bring_to(RaceState.GREEN_GREEN)
     official.command('kart/finish', kart=2)
     official.command('kart/finish', kart=1)
     official.wait_for_acks(RaceState.RED_RED, 1, 2)
-    official.command('in_garage', track_safe=True)
+    official.bring_to(RaceState.IN_GARAGE)
     places = '1. kart 2 (Team 2), 2. kart 1 (Team 1)'
 
     in_garage = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import concurrent.futures
 import contextlib
 import os
@@ -48,18 +48,17 @@ class Kart:
         number: int,
         stack: str,
         bridge: tuple[str, ...],
+        dice: random.Random,
         base: tuple[float, float] = (0.0, 50.0),
     ) -> None:
         domain = parts.enter_context(Domain()).number
         # Accelerated: it gets to its full speed, and from there to a standstill, in 0.3 s.
-        self.base = SimulatedBase(domain, 20.0, 20.0, *base)
-        parts.callback(self.base.close)
+        self.base = parts.enter_context(SimulatedBase(domain, 20.0, 20.0, *base))
         self.rolling: list[tuple[RaceState, float]] = []
         self.moved = 0
         self.stops = 0
-        self._chance = random.Random(number)
-        self._race = BareRaceControl(self._hear)
-        parts.callback(self._race.close)
+        self._dice = random.Random(dice.random())  # each kart has a thread
+        self._race = parts.enter_context(BareRaceControl(self._hear))
         parts.enter_context(
             Bridge(domain, self._race.port, address_of(number), None, 'kart_bridge_node', bridge)
         )
@@ -71,9 +70,9 @@ class Kart:
         self._race.wait_until_it_says(RaceState.GRID_ACTIVE)
         self._race.say(RaceState.GREEN_GREEN)
         # The moment is what is tried; half of them fall into a dead time or soon after it.
-        longest = self._chance.choice([0.4, 0.8])
-        time.sleep(self._chance.uniform(0.05, longest))
-        stop = self._chance.choice([RaceState.RED_RED, RaceState.RED_FLAG])
+        longest = self._dice.choice([0.4, 0.8])
+        time.sleep(self._dice.uniform(0.05, longest))
+        stop = self._dice.choice([RaceState.RED_RED, RaceState.RED_FLAG])
         self.moved += self.base.speed_to_come > 0.0
         self._race.say(stop)
         self._race.wait_until_it_says(stop)
@@ -83,12 +82,6 @@ class Kart:
         speed = self.base.speed_to_come
         if state.is_red and speed > 0.0:
             self.rolling.append((state, speed))
-
-
-@pytest.fixture
-def parts() -> Iterator[contextlib.ExitStack]:
-    with contextlib.ExitStack() as stack:
-        yield stack
 
 
 def drive(karts: list[Kart], stops: int, enough: Callable[[], bool] = lambda: False) -> None:
@@ -106,10 +99,13 @@ def drive(karts: list[Kart], stops: int, enough: Callable[[], bool] = lambda: Fa
 @pytest.mark.timeout(120 + 2 * STOPS)
 @pytest.mark.parametrize('bridge', [(), TO_THE_BRIDGE], ids=['plain', 'bridge hears odometry'])
 def test_the_stack_of_readme_acknowledges_no_stop_while_the_kart_rolls(
-    parts: contextlib.ExitStack, bridge: tuple[str, ...], record_property: Callable[..., None]
+    parts: contextlib.ExitStack,
+    bridge: tuple[str, ...],
+    dice: random.Random,
+    record_property: Callable[..., None],
 ) -> None:
     karts = [
-        Kart(parts, number, 'shortest_stack', bridge, base)
+        Kart(parts, number, 'shortest_stack', bridge, dice, base)
         for number, base in enumerate(KARTS, start=1)
     ]
     drive(karts, STOPS)
@@ -122,10 +118,10 @@ def test_the_stack_of_readme_acknowledges_no_stop_while_the_kart_rolls(
 
 
 def test_a_stack_that_answers_the_latest_command_is_caught_rolling(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    parts: contextlib.ExitStack, dice: random.Random, tmp_path: pathlib.Path
 ) -> None:
     program = program_of(StackThatAnswersTheLatest, tmp_path)
-    karts = [Kart(parts, number, program, ()) for number in range(1, 4)]
+    karts = [Kart(parts, number, program, (), dice) for number in range(1, 4)]
     drive(karts, 300, lambda: any(kart.rolling for kart in karts))
     caught = [each for kart in karts for each in kart.rolling]
     print(f'after {sum(kart.stops for kart in karts)} stops: {caught}')
@@ -133,10 +129,10 @@ def test_a_stack_that_answers_the_latest_command_is_caught_rolling(
 
 
 def test_the_bridge_lets_no_stack_acknowledge_a_stop_while_odometry_shows_motion(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    parts: contextlib.ExitStack, dice: random.Random, tmp_path: pathlib.Path
 ) -> None:
     program = program_of(StackThatAnswersTheLatest, tmp_path)
-    karts = [Kart(parts, number, program, TO_THE_BRIDGE) for number in range(1, 4)]
+    karts = [Kart(parts, number, program, TO_THE_BRIDGE, dice) for number in range(1, 4)]
     drive(karts, 12)
     # It may take what is as slow as its `standstill_speed` for standing, and what it hears is old.
     assert max((speed for kart in karts for _, speed in kart.rolling), default=0.0) < 1.0

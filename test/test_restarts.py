@@ -17,8 +17,8 @@ import time
 from evgp_node.restarting import delay_before, DELAYS, Ends, FIRST_TRIES
 from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
-from evgp_testing.process import PATIENCE, Process
-from evgp_testing.race_control import address_of
+from evgp_testing.process import PATIENCE, Process, wait_until_ended
+from evgp_testing.race_control import address_of, settings, write_roster
 from evgp_testing.usage import family
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
@@ -41,19 +41,14 @@ class Kept(Process):
     """A race control that is kept running."""
 
     def __init__(self, folder: pathlib.Path, domain: int, **parameters: object) -> None:
-        """Start it, and wait until karts can connect."""
+        """Start it."""
         self.port = free_port()
-        roster = folder / 'karts.yaml'
-        karts = [{'number': 1, 'team': 'A', 'address': address_of(1), 'in_race': True}]
-        roster.write_text(yaml.safe_dump({'karts': karts}), encoding='utf-8')
         super().__init__(
             'evgp_rcs',
             'rcs_node',
             domain,
             {
-                'roster': roster,
-                'record': folder / 'record.sqlite3',
-                'address': '127.0.0.1',
+                **settings(folder, write_roster(folder, [1])),
                 'port': self.port,
                 **parameters,
             },
@@ -96,19 +91,11 @@ def start_kept(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Callable[
     """Return a function that starts a race control that is kept running."""
 
     def start(**parameters: object) -> Kept:
-        kept = Kept(tmp_path, parts.enter_context(Domain()).number, **parameters)
-        parts.callback(kept.close)
-        return kept
+        return parts.enter_context(
+            Kept(tmp_path, parts.enter_context(Domain()).number, **parameters)
+        )
 
     return start
-
-
-def end_of(pid: int) -> None:
-    """Return once a process has ended, whoever its parent is."""
-    with contextlib.suppress(ProcessLookupError):
-        descriptor = os.pidfd_open(pid)
-        with open(descriptor):  # noqa: PTH123 - to close it
-            assert select.select([descriptor], [], [], PATIENCE)[0], f'{pid} still runs'
 
 
 def is_there(pid: int) -> bool:
@@ -133,7 +120,7 @@ def test_race_control_that_was_killed_comes_back_in_red_red(
     os.kill(halves[half], signal.SIGKILL)
 
     before.wait_for_end()
-    with contextlib.closing(kept.connect()) as kart:
+    with kept.connect() as kart:
         back_at = kart.wait_for_state(RED_RED)
         assert [state for _, state in kart.changes] == [RED_RED]
     took = f'{back_at - killed_at:.2f} s'
@@ -154,8 +141,8 @@ def test_a_kart_server_that_hangs_does_not_keep_race_control_from_coming_back(
 
     os.kill(ros_half, signal.SIGKILL)
 
-    end_of(kart_server)
-    with contextlib.closing(kept.connect()) as kart:
+    wait_until_ended(kart_server)
+    with kept.connect() as kart:
         kart.wait_for_state(RED_RED)
 
 
@@ -209,7 +196,7 @@ def test_race_control_ends_when_the_one_that_keeps_it_running_is_killed(
     kept.kill()
 
     for pid in halves:
-        end_of(pid)
+        wait_until_ended(pid)
     kart.wait_for_end()
     assert kart.state is RED_RED
     kart.close()
@@ -224,9 +211,7 @@ class Terminal:
     def __init__(self, folder: pathlib.Path, domain: int) -> None:
         """Start it."""
         self.port = free_port()
-        roster, parameters = folder / 'karts.yaml', folder / 'rcs.yaml'
-        karts = [{'number': 1, 'team': 'A', 'address': address_of(1), 'in_race': True}]
-        roster.write_text(yaml.safe_dump({'karts': karts}), encoding='utf-8')
+        roster, parameters = write_roster(folder, [1]), folder / 'rcs.yaml'
         own = {'record': str(folder / 'record.sqlite3'), 'port': self.port, 'address': '127.0.0.1'}
         parameters.write_text(yaml.safe_dump({'/**': {'ros__parameters': own}}), encoding='utf-8')
         self.screen, inside = pty.openpty()
@@ -258,7 +243,7 @@ class Terminal:
         with contextlib.suppress(OSError):
             os.close(self.screen)
         for pid in self.inside:
-            end_of(pid)
+            wait_until_ended(pid)
         self.process.wait(PATIENCE)
 
 
@@ -285,7 +270,7 @@ def test_under_make_run_race_control_comes_back_and_ctrl_c_ends_all(terminal: Te
     os.write(terminal.screen, b'\x03')
 
     for pid in terminal.inside:
-        end_of(pid)
+        wait_until_ended(pid)
 
 
 def test_closing_the_terminal_ends_all(terminal: Terminal) -> None:
@@ -384,8 +369,8 @@ def test_a_ros_half_that_is_frozen_is_killed_and_race_control_comes_back(
     os.kill(ros_half, signal.SIGSTOP)
 
     kept.wait_for_line('rcs_node hangs: it is killed')
-    end_of(ros_half)
-    with contextlib.closing(kept.connect()) as kart:
+    wait_until_ended(ros_half)
+    with kept.connect() as kart:
         kart.wait_for_state(RED_RED)
     assert kart_server not in kept.halves
 
@@ -397,8 +382,9 @@ def test_a_second_race_control_that_is_started_by_mistake_ends_and_does_not_take
     first.wait_for_line('listens for')
     folder = tmp_path / 'second'
     folder.mkdir()
-    second = Kept(folder, parts.enter_context(Domain()).number, port=first.port)
-    parts.callback(second.close)
+    second = parts.enter_context(
+        Kept(folder, parts.enter_context(Domain()).number, port=first.port)
+    )
 
     second.wait_for_line('is not started again')
     assert second.wait() == 3

@@ -15,7 +15,7 @@ from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.networks import Namespace
 from evgp_testing.official import latched
 from evgp_testing.process import Process
-from evgp_testing.race_control import RaceControl
+from evgp_testing.race_control import RaceControl, settings, write_roster
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges
 import pytest
@@ -23,14 +23,13 @@ import pytest
 
 def second(folder: pathlib.Path, domain: int, *arguments: str, **parameters: object) -> Process:
     """Start another race control, at another port and with a record of its own."""
-    roster = folder / 'second.yaml'
-    roster.write_text('karts:\n- {number: 1, team: A, address: 127.0.1.1, in_race: true}\n')
-    record = folder / 'second.sqlite3'
+    own = folder / 'second'
+    own.mkdir()
     return Process(
         'evgp_rcs',
         'rcs_node',
         domain,
-        {'roster': roster, 'record': record, 'port': 0, **parameters},
+        {**settings(own, write_roster(own, [1])), **parameters},
         arguments,
     )
 
@@ -81,14 +80,13 @@ def test_a_second_race_control_on_the_officials_network_does_not_start(
     parts: contextlib.ExitStack, tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     domain = parts.enter_context(Domain()).number
-    machines = [parts.enter_context(contextlib.closing(Namespace())) for _ in range(2)]
+    machines = [parts.enter_context(Namespace()) for _ in range(2)]
     machines[0].ip(f'link add eth0 type veth peer name eth0 netns {machines[1].path}')
     for last, machine in enumerate(machines, 1):
         machine.ip(f'addr add 10.78.0.{last}/24 dev eth0', 'link set eth0 up')
     with machines[0].inside():
         monkeypatch.setenv(graph.INTERFACE, '10.78.0.1')
-        control = RaceControl(tmp_path, domain, [1])
-        parts.callback(control.close)
+        parts.enter_context(RaceControl(tmp_path, domain, [1]))
 
     with machines[1].inside():
         monkeypatch.setenv(graph.INTERFACE, '10.78.0.2')
@@ -113,8 +111,7 @@ def test_two_race_controls_that_meet_both_notice_and_notice_when_it_is_over(
     parts: contextlib.ExitStack,
 ) -> None:
     domain = parts.enter_context(Domain()).number
-    first = Publisher(domain)
-    parts.callback(first.close)
+    first = parts.enter_context(Publisher(domain))
     assert not look_for_rivals(first.node)
 
     other = Publisher(domain)

@@ -1,4 +1,4 @@
-"""The soak: a short one of the real race control, and proof that its checker finds faults."""
+"""The soak: a short one of the real race control, and proof that its judge finds faults."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ import os
 import pathlib
 import random
 import re
+import shutil
 import subprocess
 import sys
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 from evgp_rcs import race as rules
+from evgp_testing.faults import Fault, module_with, source_with
+from evgp_testing.judge import Call, Judge, STRICTNESS
 import pytest
-from race_soak.checker import Call, Checker, STRICTNESS
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 KARTS = range(1, 6)
@@ -32,14 +34,6 @@ SERVICES = {
     'kart/in_garage': 'KART_IN_GARAGE',
     'set_in_race': '',
 }
-
-
-class Fault(NamedTuple):
-    """A fault: what is put in place of what, and the rules one of which it must break."""
-
-    old: str
-    new: str
-    breaks: tuple[str, ...]
 
 
 FAULTS = {
@@ -146,7 +140,7 @@ class Simulation:
             module.RaceTimes(finish_delays=(0.5,), finish_stop=2.0),
             self.now,
         )
-        self.checker = Checker(in_race, set(KARTS) - in_race, self.now)
+        self.judge = Judge(in_race, set(KARTS) - in_race, self.now)
         self.links: dict[int, int] = {}
         self.sent: dict[int, tuple[Any, int]] = {}
         self.on_the_way: list[tuple[int, int, int, Any]] = []
@@ -163,10 +157,10 @@ class Simulation:
             for kart in self.links:
                 if self.rng.random() < 0.5:
                     self.hear(kart)
-            self.checker.judge(self.now)
-            if self.checker.violations:
+            self.judge.judge(self.now)
+            if self.judge.violations:
                 return
-        self.checker.finish()
+        self.judge.finish()
 
     def step(self) -> None:
         kart = self.rng.choice(KARTS)
@@ -219,7 +213,7 @@ class Simulation:
         statement = statement or service == 'record_msr'
         name = SERVICES[service] or ('JOIN_RACE' if statement else 'LEAVE_RACE')
         call = Call(service, kart, statement, statement, self.now)
-        self.checker.called(call)
+        self.judge.called(call)
         module = self.module
         kind = module.CommandKind[name]
         hold = self.race.karts[kart].hold if kart else None
@@ -228,19 +222,19 @@ class Simulation:
         self.deliver(outcome)
         call.ended = self.now + 0.0005
         call.success, call.message = outcome.answer.success, outcome.answer.message
-        self.checker.answered(call)
+        self.judge.answered(call)
 
     def connect(self, kart: int) -> None:
         self.opened += 1
         if kart in self.links:
-            self.checker.closed(self.links[kart], self.now, self.now)
+            self.judge.closed(self.links[kart], self.now, self.now)
         self.links[kart] = self.opened
-        self.checker.opened(self.opened, kart, self.now)
+        self.judge.opened(self.opened, kart, self.now)
         self.deliver(self.race.connected(kart, self.now))
 
     def disconnect(self, kart: int) -> None:
         if kart in self.links:
-            self.checker.closed(self.links.pop(kart), self.now, self.now)
+            self.judge.closed(self.links.pop(kart), self.now, self.now)
             self.deliver(self.race.disconnected(kart, 'it was closed', self.now))
 
     def say(self, kart: int, right: bool) -> None:
@@ -249,7 +243,7 @@ class Simulation:
         state, serial = self.sent[kart]
         if not right:
             state = self.rng.choice(list(self.module.RaceState))
-        self.checker.said(self.links[kart], state.value, self.now, self.now)
+        self.judge.said(self.links[kart], state.value, self.now, self.now)
         if not right and self.rng.random() < 0.5:
             # It is heard later, maybe behind a command that this kart has not seen.
             self.on_the_way.append((kart, self.links[kart], serial, state))
@@ -263,20 +257,7 @@ class Simulation:
 
     def hear(self, kart: int) -> None:
         state = self.sent[kart][0].value
-        self.checker.frame(self.links[kart], state, self.now - 0.0001, self.now + 0.0001)
-
-
-def with_fault(fault: Fault) -> ModuleType:
-    """Return the rules of the race with a fault in them."""
-    assert rules.__file__ is not None
-    text = pathlib.Path(rules.__file__).read_text(encoding='utf-8')
-    assert text.count(fault.old) == 1, 'the fault no longer fits the rules: put it in anew'
-    module = ModuleType('race_with_a_fault')
-    # Where dataclasses look for the types of their fields.
-    sys.modules[module.__name__] = module
-    code = compile(text.replace(fault.old, fault.new), module.__name__, 'exec')
-    exec(code, vars(module))  # noqa: S102
-    return module
+        self.judge.frame(self.links[kart], state, self.now - 0.0001, self.now + 0.0001)
 
 
 def run_soak(
@@ -293,29 +274,35 @@ def run_soak(
     )
 
 
-def test_race_control_breaks_no_rule_in_a_short_soak() -> None:
-    done = run_soak('--seconds', '12', '--karts', '20', '--seed', '1')
+def test_race_control_breaks_no_rule_in_a_short_soak(dice: random.Random) -> None:
+    seed = dice.randrange(1_000_000)
+    done = run_soak('--seconds', '12', '--karts', '20', '--seed', str(seed))
 
     assert done.returncode == 0, done.stdout
-    assert 'seed 1, 20 karts' in done.stdout
+    assert f'seed {seed}, 20 karts' in done.stdout
     assert re.search(r'^violations +0$', done.stdout, re.MULTILINE), done.stdout
     for counted in ('frames sent to karts', 'frames said by karts', 'faults injected', 'commands'):
         assert re.search(rf'^{counted} +[1-9]', done.stdout, re.MULTILINE), done.stdout
     assert re.search(r'memory of rcs_node +[\d.]+ MiB, then [\d.]+ MiB', done.stdout)
 
 
-def test_a_race_control_with_a_fault_does_not_pass_the_soak(tmp_path: pathlib.Path) -> None:
+def test_a_race_control_with_a_fault_does_not_pass_the_soak(
+    dice: random.Random, tmp_path: pathlib.Path
+) -> None:
     fault = FAULTS['GREEN_GREEN does not wait']
     assert rules.__file__ is not None
     package = pathlib.Path(rules.__file__).parent
     changed = tmp_path / 'evgp_rcs'
     changed.mkdir()
     for file in package.glob('*.py'):
-        text = file.read_text(encoding='utf-8')
-        (changed / file.name).write_text(text.replace(fault.old, fault.new), encoding='utf-8')
+        shutil.copy(file, changed)
+    faulty = source_with(rules, fault.old, fault.new)
+    (changed / 'race.py').write_text(faulty, encoding='utf-8')
 
     done = run_soak(
-        *('--seconds', '60', '--karts', '8', '--until-violation'), before_on_path=tmp_path
+        *('--seconds', '60', '--karts', '8', '--until-violation'),
+        *('--seed', str(dice.randrange(1_000_000))),
+        before_on_path=tmp_path,
     )
 
     assert done.returncode == 1, done.stdout
@@ -323,37 +310,37 @@ def test_a_race_control_with_a_fault_does_not_pass_the_soak(tmp_path: pathlib.Pa
 
 
 @pytest.mark.parametrize('seed', range(6))
-def test_the_checker_raises_no_false_alarm(seed: int) -> None:
+def test_the_judge_raises_no_false_alarm(seed: int) -> None:
     simulation = Simulation(rules, seed)
 
     simulation.run(3000)
 
-    assert simulation.checker.violations == []
-    assert simulation.checker.judged['frame'] > 3000
+    assert simulation.judge.violations == []
+    assert simulation.judge.judged['frame'] > 3000
 
 
 @pytest.mark.parametrize('name', FAULTS)
-def test_the_checker_finds_a_fault_in_the_rules(name: str) -> None:
-    module = with_fault(FAULTS[name])
+def test_the_judge_finds_a_fault_in_the_rules(name: str) -> None:
+    module = module_with(rules, FAULTS[name].old, FAULTS[name].new)
     for seed in range(30):
         simulation = Simulation(module, seed)
         simulation.run(1500)
-        if simulation.checker.violations:
+        if simulation.judge.violations:
             break
 
-    assert simulation.checker.violations, 'it was not found'
-    assert simulation.checker.violations[0].rule in FAULTS[name].breaks
+    assert simulation.judge.violations, 'it was not found'
+    assert simulation.judge.violations[0].rule in FAULTS[name].breaks
 
 
 def test_a_frame_to_somebody_who_is_not_in_the_roster_is_a_violation() -> None:
-    checker = Checker({1}, {2}, 0.0)
+    judge = Judge({1}, {2}, 0.0)
 
-    checker.stranger('127.0.9.1', b'$IN_GARAGE;', 1.0)
-    checker.rubbish(1, b'$IN_GARAGE', 1.0)
-    checker.finish()
+    judge.stranger('127.0.9.1', b'$IN_GARAGE;', 1.0)
+    judge.rubbish(1, b'$IN_GARAGE', 1.0)
+    judge.finish()
 
-    assert [violation.rule for violation in checker.violations] == ['stranger', 'rubbish']
+    assert [violation.rule for violation in judge.violations] == ['stranger', 'rubbish']
 
 
-def test_the_checker_knows_every_state() -> None:
+def test_the_judge_knows_every_state() -> None:
     assert set(STRICTNESS) == {state.value for state in rules.RaceState}

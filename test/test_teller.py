@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-import contextlib
 import dataclasses
 import threading
 import time
@@ -42,8 +41,8 @@ def telling() -> Iterator[Telling]:
 
     with (
         Domain() as domain,
-        contextlib.closing(RosSide('rcs', domain.number)) as rcs,
-        contextlib.closing(Official(domain.number)) as official,
+        RosSide('rcs', domain.number) as rcs,
+        Official(domain.number) as official,
     ):
         teller = Teller(rcs.node, roster, fail)
         yield Telling(teller, official, failed, failures)

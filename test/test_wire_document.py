@@ -7,7 +7,6 @@ import contextlib
 import pathlib
 import re
 import socket
-import subprocess
 import sys
 import threading
 import time
@@ -16,7 +15,9 @@ from evgp_protocol.states import RaceState
 from evgp_testing.bare_race_control import BareRaceControl, BEAT
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.networks import Namespace, NetworkError
+from evgp_testing.process import Program
 from evgp_testing.race_control import address_of
+from evgp_testing.wire_kart import kart_socket
 import pytest
 
 ROOT = pathlib.Path(__file__).parents[1]
@@ -36,8 +37,7 @@ class Track:
 
     def __init__(self, parts: contextlib.ExitStack) -> None:
         self._parts = parts
-        self._network = Namespace()
-        parts.callback(self._network.close)
+        self._network = parts.enter_context(Namespace())
         self._network.ip(f'addr add {RACE_CONTROL[0]}/32 dev lo')
         with self._network.inside():
             self.listening = parts.enter_context(socket.create_server(RACE_CONTROL))
@@ -47,10 +47,7 @@ class Track:
         text = (ROOT / 'docs/wire.md').read_text(encoding='utf-8')
         (client,) = re.findall(r'^```python\n(.*?)^```$', text, re.MULTILINE | re.DOTALL)
         with self._network.inside():
-            running = subprocess.Popen(
-                ['setpriv', '--pdeathsig', 'KILL', sys.executable, '-c', client]
-            )
-        self._parts.callback(running.wait)
+            running = Program('client', [sys.executable, '-c', client])
         self._parts.callback(running.kill)
 
 
@@ -105,23 +102,15 @@ def test_the_client_of_the_document_drives_a_race_of_the_real_race_control(
     kart, _ = track.listening.accept()
     with (
         kart,
-        socket.create_connection(
-            ('127.0.0.1', control.port), source_address=(address_of(1), 0)
-        ) as link,
+        kart_socket(address_of(1), ('127.0.0.1', control.port)) as link,
     ):
         ways = ((kart, link), (link, kart))
         carrying = [threading.Thread(target=carry, args=way, daemon=True) for way in ways]
         for each in carrying:
             each.start()
         official.wait_for_connected(1)
-        official.command('grid_active', track_clear=True)
-        official.wait_for_acks(GRID_ACTIVE, 1)
-        official.command('green_green')
-        official.wait_for_acks(GREEN_GREEN, 1)
-        official.command('red_flag')
-        official.wait_for_acks(RED_FLAG, 1)
-        official.command('all_kill')
-        official.wait_for_acks(RED_RED, 1)
+        for state in (GREEN_GREEN, RED_FLAG, RED_RED):
+            official.bring_to(state)
         for each in (kart, link):
             each.shutdown(socket.SHUT_RDWR)
         for thread in carrying:

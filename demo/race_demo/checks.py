@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
+from evgp_testing.judge import Judge
 from race_demo.record import CLOCK_SLACK, Entrant, Order, RaceRecord, time_of
 
 GREEN_GREEN = RaceState.GREEN_GREEN
@@ -53,7 +54,6 @@ def check_incident(record: RaceRecord) -> list[Finding]:
             others=(RED_RED, IN_GARAGE),
         ),
         _all_killed(record),
-        _no_green_after_all_kill(record),
         _in_garage(record),
     ]
 
@@ -72,6 +72,20 @@ def check_domains(nodes: Mapping[int, set[str]]) -> Finding:
         return Finding(False, f'nodes on a domain that is not theirs: {", ".join(foreign)}')
     return Finding(
         True, f'{len(nodes)} ROS domains, none with a node of another: only TCP joins them'
+    )
+
+
+def check_wire(judge: Judge) -> Finding:
+    """Return whether the karts without ROS were sent what they had to be, to the last frame."""
+    judge.finish()
+    if judge.violations:
+        first = judge.violations[0]
+        return Finding(False, f'on the wire, {first.rule}: {first.text}')
+    judged = judge.judged
+    return Finding(
+        True,
+        f'{judged["frame"]} frames to the karts without ROS and {judged["call_ended"]} commands '
+        'judged: none was against the rules',
     )
 
 
@@ -229,19 +243,6 @@ def _all_killed(record: RaceRecord) -> Finding:
         f'({max(seen)[1]}), to the last acknowledgement {max(acknowledged)[0]:.2f} s '
         f'({max(acknowledged)[1]})',
     )
-
-
-def _no_green_after_all_kill(record: RaceRecord) -> Finding:
-    killed = record.all_kill_called
-    if killed is None:
-        return Finding(False, 'ALL_KILL was not called')
-    for entrant in record.entrants:
-        stopped = False
-        for at, state in record.seen.get(entrant.number, []):
-            stopped = stopped or (state is RED_RED and at >= killed)
-            if stopped and state is GREEN_GREEN:
-                return Finding(False, f'{entrant} saw GREEN_GREEN after ALL_KILL')
-    return Finding(True, 'no kart saw GREEN_GREEN after ALL_KILL')
 
 
 def _order(record: RaceRecord, number: int, state: RaceState) -> Order | None:

@@ -7,10 +7,12 @@ import contextlib
 import os
 import pathlib
 import tempfile
+import time
 from typing import TypeVar
 import uuid
 
 from evgp_testing.domains import Domain
+from evgp_testing.judge import Judge
 from evgp_testing.kart import Bridge, ExampleStack, Team
 from evgp_testing.official import Official
 from evgp_testing.process import Process
@@ -56,6 +58,7 @@ class Paddock:
     Race control, an official, the karts and their teams; all real, none a mock.
 
     :ivar exit_codes: of each process, once it has ended.
+    :ivar judge: sees what is on the wire of the karts without ROS.
     :param stack: where every part is entered; what closes it ends them all.
     :param mute: a plain kart that never acknowledges, or None.
     """
@@ -83,8 +86,9 @@ class Paddock:
         ]
         self.domains = {number: stack.enter_context(Domain()).number for number in (0, *BRIDGED)}
         self.control = self._start('race control', self._race_control(teams))
-        self.official = Official(self.control.domain)
-        stack.callback(self.official.close)
+        racing = {number for number in plain if number not in NOT_IN_RACE}
+        self.judge = Judge(racing, NOT_IN_RACE, time.monotonic())
+        self.official = stack.enter_context(Official(self.control.domain, judge=self.judge))
         self.official.patience = PATIENCE
         # The processes first: they start beside each other, and beside what follows.
         for number, domain in self.domains.items():
@@ -96,7 +100,13 @@ class Paddock:
         self.teams: Mapping[int, Team] = {number: self._team(number) for number in BRIDGED}
         self.plain: Mapping[int, WireKart] = {
             number: stack.enter_context(
-                WireKart(address_of(number), self.control.port, acknowledges)
+                WireKart(
+                    address_of(number),
+                    self.control.port,
+                    acknowledges,
+                    judge=self.judge,
+                    kart=number,
+                )
             )
             for number, acknowledges in plain.items()
         }
@@ -142,8 +152,7 @@ class Paddock:
         )
 
     def _team(self, number: int) -> Team:
-        team = Team(self.domains[number], name=f'team_{number}')
-        self._stack.callback(team.close)
+        team = self._stack.enter_context(Team(self.domains[number], name=f'team_{number}'))
         team.patience = PATIENCE
         return team
 

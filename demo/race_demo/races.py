@@ -79,7 +79,6 @@ class Races:
 
     def _incident(self, record: RaceRecord) -> None:
         official = self._official
-        official.command('grid_active', track_clear=True)
         self._green()
         record.all_kill_called = time.monotonic()
         official.command('all_kill')
@@ -87,8 +86,7 @@ class Races:
         self._end(record, self._all)
 
     def _green(self) -> None:
-        self._wait_for(GRID_ACTIVE, self._racing)
-        self._official.command('green_green')
+        self._official.bring_to(GREEN_GREEN, *self._racing)
         self._wait_for(GREEN_GREEN, self._racing)
         time.sleep(RACING)
 

@@ -7,21 +7,18 @@ from collections.abc import Callable, Iterable
 import heapq
 import itertools
 import random
-import re
 import selectors
 import socket
-import struct
 import threading
 import time
 
-from race_soak.checker import Checker, STRICTNESS
+from evgp_protocol.frames import encode
+from evgp_protocol.states import RaceState
+from evgp_testing.judge import Judge
+from evgp_testing.wire_kart import FRAMES, kart_socket, KartLink
 
-FRAMES = {state: b'$%b;' % state.encode() for state in STRICTNESS}
-STATES = tuple(FRAMES)
-
-# What race control takes for what; `$READY;` stands for GRID_ACTIVE (§3.A).
-SAID = re.compile(rb'\$(GREEN_GREEN|GRID_ACTIVE|IN_GARAGE|RED_FLAG|RED_RED|READY);')
-LONGEST = 13
+GRID_ACTIVE = RaceState.GRID_ACTIVE
+STATES = tuple(RaceState)
 
 MOODS = {'right': 8, 'echo': 4, 'wrong': 2, 'late': 2, 'early': 2, 'mute': 1}
 """How a kart acknowledges, and how often."""
@@ -45,23 +42,19 @@ WINDOW = 1.0
 """Over how long the frames of a good kart are counted, s."""
 
 
-class _Link:
-    """One connection of a kart."""
+class _Link(KartLink):
+    """One connection of a kart; ``deaf``: with a tiny buffer."""
 
-    def __init__(self, kart: int, number: int, link: socket.socket, opened: float) -> None:
-        self.kart = kart
-        self.number = number
-        self.socket = link
-        self.empty_at = opened
+    def __init__(
+        self, kart: int, address: str, port: int, judge: Judge, mood: str, deaf: bool
+    ) -> None:
+        super().__init__(address, ('127.0.0.1', port), judge, kart, int(deaf), timeout=5.0)
+        self.socket.setblocking(False)
+        self.empty_at = self.opened
         self.reading = True
-        self.deaf = False
         self.ending: float | None = None
-        self.mood = 'right'
-        self.state = ''
-        self.previous = ''
-        self.unread = b''
-        self.tail: list[tuple[bytes, float]] = []
-        self.counted_since = opened
+        self.mood = mood
+        self.counted_since = self.opened
         self.counted = 0
 
 
@@ -72,7 +65,7 @@ class Fleet:
     :param port: race control's.
     :param addresses: the karts' addresses, by their numbers.
     :param strangers: addresses that are not in the roster.
-    :param checker: is told everything that is observed; only with ``lock`` held.
+    :param judge: is told everything that is observed.
     :param fault_every: how long a kart stays without a fault, on average, s.
     """
 
@@ -81,8 +74,7 @@ class Fleet:
         port: int,
         addresses: dict[int, str],
         strangers: Iterable[str],
-        checker: Checker,
-        lock: threading.Lock,
+        judge: Judge,
         rng: random.Random,
         fault_every: float = 4.0,
     ) -> None:
@@ -90,8 +82,6 @@ class Fleet:
         self.port = port
         self.disciplined = threading.Event()
         """While set, karts acknowledge what they are sent and hardly a fault comes."""
-        self.frames = 0
-        self.said = 0
         self.faults: Counter[str] = Counter()
         self.windows = 0
         self.slow_windows = 0
@@ -100,13 +90,11 @@ class Fleet:
         self.failure: BaseException | None = None
         self._addresses = addresses
         self._strangers = list(strangers)
-        self._checker = checker
-        self._lock = lock
+        self._judge = judge
         self._rng = rng
         self._fault_every = fault_every
         self._selector = selectors.DefaultSelector()
         self._links: dict[int, list[_Link]] = {number: [] for number in addresses}
-        self._numbers = itertools.count(1)
         self._timers: list[tuple[float, int, Callable[[], None]]] = []
         self._order = itertools.count()
         self._looked_at = 0.0
@@ -173,49 +161,29 @@ class Fleet:
         return connect
 
     def _connect(self, kart: int, deaf: bool = False) -> _Link | None:
-        began = time.monotonic()
-        new = socket.socket()
-        if deaf:
-            new.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
-        new.settimeout(5.0)
+        mood = self._rng.choices(list(MOODS), list(MOODS.values()))[0]
         try:
-            new.bind((self._addresses[kart], 0))
-            new.connect(('127.0.0.1', self.port))
+            link = _Link(kart, self._addresses[kart], self.port, self._judge, mood, deaf)
         except OSError:
-            new.close()
             self.refused += 1
             self._after(0.5, self._connector(kart))
             return None
-        new.setblocking(False)
-        new.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        link = _Link(kart, next(self._numbers), new, began)
-        link.mood = self._rng.choices(list(MOODS), list(MOODS.values()))[0]
-        link.deaf = deaf
         self._links[kart].append(link)
-        with self._lock:
-            self._checker.opened(link.number, kart, began)
-        self._selector.register(new, selectors.EVENT_READ, link)
+        self._selector.register(link.socket, selectors.EVENT_READ, link)
         if link.mood == 'early':
             self._after(self._rng.uniform(0, 1), lambda: self._say_early(link))
         return link
 
     def _close(self, link: _Link, reset: bool = False) -> None:
         """End a connection from this side."""
-        if link not in self._links[link.kart]:
-            return
-        before = time.monotonic()
-        if reset:
-            option = struct.pack('ii', 1, 0)
-            link.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, option)
-        self._forget(link, before)
+        if link in self._links[link.kart]:
+            self._forget(link, time.monotonic(), reset)
 
-    def _forget(self, link: _Link, earliest: float) -> None:
+    def _forget(self, link: _Link, earliest: float, reset: bool = False) -> None:
         if link.reading:
             self._selector.unregister(link.socket)
-        link.socket.close()
+        link.end(link.ending or earliest, reset)
         self._links[link.kart].remove(link)
-        with self._lock:
-            self._checker.closed(link.number, link.ending or earliest, time.monotonic())
         most = 0.3 if self.disciplined.is_set() else 2.0
         self._after(self._rng.uniform(0, most), self._connector(link.kart))
 
@@ -223,31 +191,17 @@ class Fleet:
 
     def _read(self, link: _Link) -> None:
         after = max(link.empty_at, self._looked_at)
-        try:
-            data = link.socket.recv(1 << 16)
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b''
-        now = time.monotonic()
-        if not data:
+        heard = link.take(after)
+        if heard is None:
             # Nothing was left to read when the socket was looked at last.
             self._forget(link, after)
             return
-        *frames, link.unread = (link.unread + data).split(b';')
-        states = [frame[1:].decode(errors='replace') for frame in frames]
-        with self._lock:
-            for state, frame in zip(states, frames, strict=True):
-                if FRAMES.get(state) == frame + b';':
-                    self._checker.frame(link.number, state, after, now)
-                else:
-                    self._checker.rubbish(link.kart, frame + b';', now)
+        if not heard:
+            return
         link.empty_at = 0.0
-        self.frames += len(states)
-        self._count(link, len(states), now)
-        for state in states:
-            if state in FRAMES:
-                self._answer(link, state)
+        self._count(link, len(heard), time.monotonic())
+        for state, change in heard:
+            self._answer(link, state, change)
 
     def _count(self, link: _Link, frames: int, now: float) -> None:
         """Count whole windows of a kart that read all the time, and was read all the time."""
@@ -263,10 +217,7 @@ class Fleet:
 
     # ----- what is said -------------------------------------------------------------------
 
-    def _answer(self, link: _Link, state: str) -> None:
-        change = state != link.state
-        if change:
-            link.previous, link.state = link.state, state
+    def _answer(self, link: _Link, state: RaceState, change: bool) -> None:
         mood = 'right' if self.disciplined.is_set() else link.mood
         if mood == 'echo':
             self._say(link, state)
@@ -276,8 +227,8 @@ class Fleet:
         elif change and mood == 'wrong':
             self._say(link, self._rng.choice(STATES))
         elif change and mood == 'late':
-            if link.previous:
-                self._say(link, link.previous)
+            if len(link.changes) > 1:
+                self._say(link, link.changes[-2][1])
             self._after(self._rng.uniform(0.5, 3.0), lambda: self._say_if(link, state))
         elif not change and mood == 'right' and self._rng.random() < 0.2:
             # It may not have been right when the state came.
@@ -288,46 +239,24 @@ class Fleet:
     def _say_early(self, link: _Link) -> None:
         if link not in self._links[link.kart]:
             return
-        self._say(link, self._rng.choice(('GRID_ACTIVE', 'GRID_ACTIVE', *STATES)))
+        self._say(link, self._rng.choice((GRID_ACTIVE, GRID_ACTIVE, *STATES)))
         self._after(self._rng.uniform(0, 0.5), lambda: self._say_early(link))
 
-    def _say_if(self, link: _Link, state: str) -> None:
-        if link.state == state:
+    def _say_if(self, link: _Link, state: RaceState) -> None:
+        if link.state is state:
             self._say(link, state)
 
-    def _say(self, link: _Link, state: str) -> None:
-        if state == 'GRID_ACTIVE' and self._rng.random() < 0.1:
-            self._send(link, b'$READY;')
-        else:
-            self._send(link, FRAMES[state])
+    def _say(self, link: _Link, state: RaceState) -> None:
+        ready = state is GRID_ACTIVE and self._rng.random() < 0.1
+        self._send(link, b'$READY;' if ready else encode(state))
 
     def _send(self, link: _Link, data: bytes) -> None:
-        """Send as much as goes, and tell the checker which frames were in it."""
-        if link not in self._links[link.kart]:
-            return
-        before = time.monotonic()
-        try:
-            data = data[: link.socket.send(data)]
-        except OSError:
-            return  # full, or gone: the reader is told next
-        after = time.monotonic()
-        kept = b''.join(piece for piece, _ in link.tail)
-        for match in SAID.finditer(kept + data):
-            if match.end() <= len(kept):
-                continue
-            at, first = match.start(), after
-            for piece, out in link.tail:
-                if at < len(piece):
-                    first = out
-                    break
-                at -= len(piece)
-            state = match[1].decode().replace('READY', 'GRID_ACTIVE')
-            self.said += 1
-            with self._lock:
-                self._checker.said(link.number, state, first, before)
-        link.tail.append((data, after))
-        while sum(len(piece) for piece, _ in link.tail[1:]) >= LONGEST:
-            del link.tail[0]
+        """Send as much as goes."""
+        if link in self._links[link.kart]:
+            try:
+                link.send(data)
+            except OSError:
+                pass  # full, or gone: the reader is told next
 
     # ----- what goes wrong ----------------------------------------------------------------
 
@@ -353,10 +282,7 @@ class Fleet:
     def _half_close(self, link: _Link) -> None:
         if link.ending is None:
             link.ending = time.monotonic()
-            try:
-                link.socket.shutdown(socket.SHUT_WR)
-            except OSError:
-                pass  # gone: the reader is told next
+            link.half_close()
 
     def _silence(self, link: _Link, longest: float = 0.9) -> None:
         """Read nothing for a while, which race control puts up with."""
@@ -366,8 +292,7 @@ class Fleet:
         self._selector.unregister(link.socket)
         # As of the last look at it the socket was empty, or as it was opened since.
         link.empty_at = max(self._looked_at, link.empty_at)
-        with self._lock:
-            self._checker.paused(link.number, link.empty_at)
+        self._judge.paused(link.number, link.empty_at)
         self._after(self._rng.uniform(0.1, longest), lambda: self._hear_again(link))
 
     def _hear_again(self, link: _Link) -> None:
@@ -388,20 +313,19 @@ class Fleet:
         if deaf is not None:
             deaf.reading = False
             self._selector.unregister(deaf.socket)
-            with self._lock:
-                self._checker.paused(deaf.number, deaf.empty_at)
+            self._judge.paused(deaf.number, deaf.empty_at)
             self._after(self._rng.uniform(1.0, 5.0), lambda: self._close(deaf))
 
     def _garbage(self, link: _Link) -> None:
         self._send(link, self._rng.randbytes(self._rng.choice((1, 7, 40, 3000))))
 
     def _flood(self, link: _Link) -> None:
-        frames = [self._rng.choice((*FRAMES.values(), b'$$', b';', b'\0')) for _ in range(1500)]
+        frames = [self._rng.choice((*FRAMES, b'$$', b';', b'\0')) for _ in range(1500)]
         self._send(link, b''.join(frames))
 
     def _half_frame(self, link: _Link) -> None:
         """Say one half of a frame now and the other half later."""
-        frame = FRAMES[self._rng.choice(('GRID_ACTIVE', 'RED_RED', *STATES))]
+        frame = encode(self._rng.choice((GRID_ACTIVE, RaceState.RED_RED, *STATES)))
         cut = self._rng.randint(1, len(frame) - 1)
         self._send(link, frame[:cut])
         self._after(self._rng.uniform(0.01, 2.0), lambda: self._send(link, frame[cut:]))
@@ -422,16 +346,11 @@ class Fleet:
     def _stranger(self, link: _Link) -> None:
         """Connect from an address that is not in the roster, which must be told nothing."""
         address = self._rng.choice(self._strangers)
-        data = b''
-        with socket.socket() as stranger:
-            stranger.settimeout(1.0)
-            try:
-                stranger.bind((address, 0))
-                stranger.connect(('127.0.0.1', self.port))
-                stranger.send(FRAMES['GREEN_GREEN'])
+        try:
+            with kart_socket(address, ('127.0.0.1', self.port), timeout=1.0) as stranger:
+                stranger.send(encode(RaceState.GREEN_GREEN))
                 data = stranger.recv(100)
-            except OSError:
-                pass  # closed, as it must be
+        except OSError:
+            return  # closed, as it must be
         if data:
-            with self._lock:
-                self._checker.stranger(address, data, time.monotonic())
+            self._judge.stranger(address, data, time.monotonic())

@@ -9,9 +9,9 @@ import time
 from typing import Any
 
 from evgp_rcs_msgs import msg
-from evgp_testing.official import latched, seen, SERVICES
-from evgp_testing.ros_side import RosSide
-from race_soak.checker import Call, Checker, STOPS
+from evgp_testing.judge import Judge, STOPS
+from evgp_testing.official import Official, SERVICES
+from evgp_testing.part import Part
 
 IN_GARAGE = msg.RaceState.IN_GARAGE
 GRID_ACTIVE = msg.RaceState.GRID_ACTIVE
@@ -23,57 +23,7 @@ RACE_STOPS = ('all_kill', 'red_flag', 'record_msr')
 KART_STOPS = ('kart/red_red', 'kart/red_flag')
 
 
-class _Caller(RosSide):
-    """An official's client of every service; two of them call at the same time."""
-
-    def __init__(self, name: str, domain: int, checker: Checker, lock: threading.Lock) -> None:
-        """Join race control's domain."""
-        super().__init__(name, domain)
-        self.calls = 0
-        self.accepted = 0
-        self._checker = checker
-        self._lock = lock
-        self._clients = {
-            service: self.node.create_client(kind, f'/rcs/{service}')
-            for service, kind in SERVICES.items()
-        }
-
-    def wait_for_services(self) -> None:
-        """
-        Return once every service is there.
-
-        :raises AssertionError: if one is not in time.
-        """
-        for client in self._clients.values():
-            assert client.wait_for_service(self.patience), client.srv_name
-
-    def call(self, service: str, **request: Any) -> bool:
-        """
-        Give a command and return whether it was accepted; the checker is told.
-
-        :raises AssertionError: if there is no answer.
-        """
-        statements = ('track_clear', 'track_safe', 'made_safe_by_hand', 'without_record')
-        call = Call(
-            command=service,
-            kart=request.get('kart'),
-            statement=any(request.get(name) for name in statements),
-            in_race=bool(request.get('in_race')),
-            began=time.monotonic(),
-        )
-        with self._lock:
-            self._checker.called(call)
-        response: Any = self.request(self._clients[service], SERVICES[service].Request(**request))
-        call.success, call.message = response.success, response.message
-        call.ended = time.monotonic()
-        with self._lock:
-            self._checker.answered(call)
-        self.calls += 1
-        self.accepted += call.success
-        return call.success
-
-
-class Officials:
+class Officials(Part):
     """
     Two officials: one goes through races, at random; the other calls a stop at the same moment.
 
@@ -85,45 +35,31 @@ class Officials:
         self,
         domain: int,
         numbers: list[int],
-        checker: Checker,
-        lock: threading.Lock,
+        judge: Judge,
         rng: random.Random,
         disciplined: threading.Event,
     ) -> None:
         """Join race control's domain."""
         self.races = 0
         self.greens = 0
+        self.calls = 0
+        self.accepted = 0
         self._numbers = numbers
         self._rng = rng
         self._disciplined = disciplined
         self._stop = threading.Event()
-        self._race: msg.Race | None = None
         self._wanted: set[int] = set()
         self._since = time.monotonic()
         self._patience = 0.0
         self._state = 0
-        self._first = _Caller('first_official', domain, checker, lock)
-        self._second = _Caller('second_official', domain, checker, lock)
-        self._first.node.create_subscription(msg.Race, '/rcs/race', self._hear, latched(1))
+        # What it does not need it does not hear: karts have this process's time.
+        self._first = Official(domain, 'first_official', judge, hears=['race'])
+        self._second = Official(domain, 'second_official', judge, hears=[])
         self._beside = concurrent.futures.ThreadPoolExecutor(1)
-        self._first.spin()
-        self._second.spin()
-        for caller in (self._first, self._second):
-            caller.wait_for_services()
-
-    @property
-    def calls(self) -> int:
-        """Return how many calls were answered."""
-        return self._first.calls + self._second.calls
-
-    @property
-    def accepted(self) -> int:
-        """Return how many calls were accepted."""
-        return self._first.accepted + self._second.accepted
 
     def step(self) -> None:
         """Do one thing, or wait a little for news."""
-        race = self._race
+        race = self._first.race
         if race is None:
             self._pause(0.1)
             return
@@ -236,19 +172,17 @@ class Officials:
         """Give a command, now and then with a stop of the other official at the same moment."""
         if self._stop.is_set():
             return False
-        request = {**seen(self._race, service, request.get('kart', 0)), **request}
         beside = None
         if service not in ('set_in_race', 'kart/in_garage') and self._rng.random() < 0.03:
             stop = self._rng.choice((*RACE_STOPS, *KART_STOPS))
             of_one = {'kart': self._rng.choice(self._numbers)} if stop in KART_STOPS else {}
             beside = self._beside.submit(self._second.call, stop, **of_one)
-        success = self._first.call(service, **request)
+        answers = [self._first.call(service, **request)]
         if beside is not None:
-            beside.result()
-        return success
+            answers.append(beside.result())
+        self.calls += len(answers)
+        self.accepted += sum(answer.success for answer in answers)
+        return answers[0].success
 
     def _pause(self, seconds: float) -> None:
         self._stop.wait(seconds)
-
-    def _hear(self, race: msg.Race) -> None:
-        self._race = race

@@ -14,13 +14,13 @@ import dataclasses
 import itertools
 import math
 from pathlib import Path
-import sys
 from types import ModuleType
 from typing import Any
 
 from evgp_kart_bridge import arbiter as arbiter_module
 from evgp_kart_bridge.arbiter import Arbiter, Names, Settings, StopSource, Verdict
 from evgp_protocol.states import RaceState
+from evgp_testing.faults import module_with
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
@@ -262,7 +262,7 @@ class Oracle:
 def apply(arbiter: Arbiter, kind: str, value: Any, at: float) -> Input:
     """Give one input to the arbiter and note it with its answer."""
     number = 0
-    stop_source = sys.modules[type(arbiter).__module__].StopSource
+    stop_source = type(arbiter).team_stop.__globals__['StopSource']
     if kind in ('tick', 'connected', 'team_heard'):
         outcome = getattr(arbiter, kind)(at)
     elif kind == 'team_stop':
@@ -608,28 +608,14 @@ FAULTS = {
 }
 
 
-def faulty(old: str, new: str) -> ModuleType:
-    path = Path(arbiter_module.__file__)
-    source = path.read_text(encoding='utf-8')
-    assert source.count(old) == 1, f'the fault no longer fits the source: {old!r}'
-    module = ModuleType('faulty_arbiter')
-    # dataclasses look their module up by its name.
-    sys.modules[module.__name__] = module
-    exec(compile(source.replace(old, new), str(path), 'exec'), vars(module))  # noqa: S102
-    return module
-
-
 @pytest.mark.parametrize(('old', 'new'), list(FAULTS.values()), ids=list(FAULTS))
 def test_fault_is_found(old: str, new: str) -> None:
-    module = faulty(old, new)
-    try:
-        with pytest.raises(AssertionError, match='after'):
-            # Most show soon, in one of the worlds.
-            for limit, settings in itertools.product((6_000, 60_000), WORLDS.values()):
-                team = TEAM if settings.team_timeout > 0 else []
-                explore(module, settings, LINK + team + STOPS[:4] + SPEEDS, limit=limit)
-    finally:
-        del sys.modules[module.__name__]
+    module = module_with(arbiter_module, old, new)
+    with pytest.raises(AssertionError, match='after'):
+        # Most show soon, in one of the worlds.
+        for limit, settings in itertools.product((6_000, 60_000), WORLDS.values()):
+            team = TEAM if settings.team_timeout > 0 else []
+            explore(module, settings, LINK + team + STOPS[:4] + SPEEDS, limit=limit)
 
 
 @pytest.mark.parametrize('commanded', [FLAG, RED])
@@ -695,12 +681,10 @@ def test_no_number_stands_for_two_commands_or_two_connections(
 
 def test_a_number_that_a_new_connection_uses_again_is_found() -> None:
     old = '        self._commanded = None\n        self._order = 0\n'
-    module = faulty(old, old + f'        self._next_order = {FIRST_ORDER}\n')
-    try:
-        with pytest.raises(AssertionError):
-            judge_numbers(module.Arbiter(module.Settings(), FIRST_ORDER), [RED, None, RED], 1)
-    finally:
-        del sys.modules[module.__name__]
+    new = f'        self._next_order = {FIRST_ORDER}\n'
+    module = module_with(arbiter_module, old, old + new)
+    with pytest.raises(AssertionError):
+        judge_numbers(module.Arbiter(module.Settings(), FIRST_ORDER), [RED, None, RED], 1)
 
 
 def test_an_acknowledgement_from_before_a_team_stop_does_not_count_after_it() -> None:

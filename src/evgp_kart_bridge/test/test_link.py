@@ -61,6 +61,14 @@ class Running:
         given = self.link.give(lambda arbiter, now: arbiter.acknowledge(state, order, now))
         return given.result(PATIENCE)
 
+    def obey(self, connection: socket.socket, *states: RaceState) -> None:
+        """Have race control command states, one after the other; acknowledge GRID_ACTIVE."""
+        for state in states:
+            connection.sendall(encode(state))
+            self.wait_for_state(state)
+            if state is GRID_ACTIVE:
+                self.acknowledge(state)
+
     def _hear(self, verdict: Verdict, status: LinkStatus) -> None:
         with self._news:
             self.verdicts.append(verdict)
@@ -151,8 +159,7 @@ def test_the_state_is_told_again_and_again(
     start_link: StartLink, race_control: socket.socket, accept: Accept
 ) -> None:
     running = start_link(race_control)
-    accept(race_control).sendall(encode(IN_GARAGE))
-    running.wait_for_state(IN_GARAGE)
+    running.obey(accept(race_control), IN_GARAGE)
     since = len(running.verdicts)
     running.wait_for(lambda verdict: len(running.verdicts) >= since + 3)
     assert {verdict.state for verdict in running.verdicts[since:]} == {IN_GARAGE}
@@ -189,8 +196,7 @@ def test_malformed_frames_do_not_keep_a_connection_alive(
 ) -> None:
     running = start_link(race_control, frame_timeout=0.3)
     connection = accept(race_control)
-    connection.sendall(encode(IN_GARAGE))
-    running.wait_for_state(IN_GARAGE)
+    running.obey(connection, IN_GARAGE)
     ended = threading.Event()
 
     def babble() -> None:
@@ -214,11 +220,7 @@ def test_silence_is_red_red_and_the_socket_is_given_up(
 ) -> None:
     running = start_link(race_control, frame_timeout=0.3)
     connection = accept(race_control)
-    connection.sendall(encode(GRID_ACTIVE))
-    running.wait_for_state(GRID_ACTIVE)
-    running.acknowledge(GRID_ACTIVE)
-    connection.sendall(encode(GREEN_GREEN))
-    running.wait_for_state(GREEN_GREEN)
+    running.obey(connection, GRID_ACTIVE, GREEN_GREEN)
     since = len(running.verdicts)
     lost = running.wait_for(lambda verdict: not verdict.connected, since)
     assert (lost.state, lost.may_drive) == (RED_RED, False)
@@ -233,11 +235,7 @@ def test_green_green_is_not_obeyed_on_a_new_connection(
 ) -> None:
     running = start_link(race_control)
     connection = accept(race_control)
-    connection.sendall(encode(GRID_ACTIVE))
-    running.wait_for_state(GRID_ACTIVE)
-    running.acknowledge(GRID_ACTIVE)
-    connection.sendall(encode(GREEN_GREEN))
-    running.wait_for_state(GREEN_GREEN)
+    running.obey(connection, GRID_ACTIVE, GREEN_GREEN)
     since = len(running.verdicts)
     connection.close()
     accept(race_control).sendall(encode(GREEN_GREEN))
@@ -300,8 +298,7 @@ def test_race_control_that_was_heard_before_is_not_suspected_of_another_roster(
 ) -> None:
     running = start_link(race_control)
     connection = accept(race_control)
-    connection.sendall(encode(IN_GARAGE))
-    running.wait_for_state(IN_GARAGE)
+    running.obey(connection, IN_GARAGE)
     connection.close()
     for count in (2, 3):
         accept(race_control).close()
@@ -327,8 +324,7 @@ def test_a_connection_closed_in_the_race_says_so(
 ) -> None:
     running = start_link(race_control)
     connection = accept(race_control)
-    connection.sendall(encode(IN_GARAGE))
-    running.wait_for_state(IN_GARAGE)
+    running.obey(connection, IN_GARAGE)
     connection.shutdown(socket.SHUT_WR)
     running.wait_for(lambda verdict: 'closed the connection' in verdict.reason)
 
@@ -353,8 +349,7 @@ def test_race_control_that_does_not_read_is_lost(
 ) -> None:
     race_control.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1)
     running = start_link(race_control)
-    accept(race_control).sendall(encode(IN_GARAGE))
-    running.wait_for_state(IN_GARAGE)
+    running.obey(accept(race_control), IN_GARAGE)
     outcome = running.acknowledge(IN_GARAGE)
     while outcome.verdict.connected:
         outcome = running.acknowledge(IN_GARAGE)

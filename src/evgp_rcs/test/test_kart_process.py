@@ -38,6 +38,7 @@ from evgp_rcs.kart_server import KartServerError, ServerSettings, SILENCE
 from evgp_rcs.race import Command, EventKind, RaceTimes
 from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs.roster import Roster, RosterEntry
+from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
 import pytest
 
 PATIENCE = 30.0
@@ -112,32 +113,12 @@ def connect(half: Half, begin: Begin) -> Iterator[Callable[[int], socket.socket]
     with contextlib.ExitStack() as stack:
 
         def kart(number: int) -> socket.socket:
-            client = stack.enter_context(socket.socket())
-            client.settimeout(PATIENCE)
-            client.bind((f'127.0.3.{number}', 0))
-            client.connect(address)
-            return client
+            return stack.enter_context(kart_socket(f'127.0.3.{number}', address))
 
         yield kart
 
 
 Connect = Callable[[int], socket.socket]
-
-
-def read_until(client: socket.socket, state: RaceState) -> None:
-    heard = b''
-    while encode(state) not in heard:
-        data = client.recv(4096)
-        assert data, f'the connection ended; heard {heard!r}'
-        heard += data
-
-
-def read_to_end(client: socket.socket) -> bytes:
-    heard = b''
-    with contextlib.suppress(ConnectionResetError):
-        while data := client.recv(4096):
-            heard += data
-    return heard
 
 
 def test_a_stop_is_answered_and_in_force(half: Half, connect: Connect) -> None:

@@ -37,6 +37,7 @@ from evgp_rcs.race import (
     RaceMemory,
     StampedEvent,
 )
+from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
 import pytest
 
 PATIENCE = 20.0
@@ -208,34 +209,10 @@ def connect(parts: contextlib.ExitStack) -> Callable[..., socket.socket]:
     """Return a function that connects from a kart's address, with a bounded receive buffer."""
 
     def connection(running: Running, kart: int, receive_buffer: int = 0) -> socket.socket:
-        client = parts.enter_context(socket.socket())
-        client.settimeout(PATIENCE)
-        if receive_buffer:
-            client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
-        client.bind((f'127.0.2.{kart}', 0))
-        client.connect(running.address)
-        return client
+        client = kart_socket(f'127.0.2.{kart}', running.address, receive_buffer)
+        return parts.enter_context(client)
 
     return connection
-
-
-def read_until(client: socket.socket, state: RaceState) -> bytes:
-    """Return everything up to and with the first frame of this state."""
-    wanted, heard = encode(state), b''
-    while wanted not in heard:
-        data = client.recv(4096)
-        assert data, f'the connection ended; heard {heard!r}'
-        heard += data
-    return heard
-
-
-def read_to_end(client: socket.socket) -> bytes:
-    """Return everything until the connection ends, in whatever way."""
-    heard = b''
-    with contextlib.suppress(ConnectionResetError):
-        while data := client.recv(4096):
-            heard += data
-    return heard
 
 
 Run = Callable[..., Running]
@@ -308,8 +285,8 @@ def test_a_second_connection_from_an_address_replaces_the_first(
 
 
 @pytest.fixture
-def green(run: Run, connect: Connect) -> tuple[Running, socket.socket, socket.socket]:
-    """Return a race in GREEN_GREEN with karts 1 and 2."""
+def grid(run: Run, connect: Connect) -> tuple[Running, socket.socket, socket.socket]:
+    """Return a race in GRID_ACTIVE with karts 1 and 2, which have acknowledged it."""
     running = run()
     one, two = connect(running, 1), connect(running, 2)
     running.wait_for(EventKind.CONNECTED, 1)
@@ -319,12 +296,19 @@ def green(run: Run, connect: Connect) -> tuple[Running, socket.socket, socket.so
         read_until(client, GRID_ACTIVE)
         client.sendall(encode(GRID_ACTIVE))
         running.wait_for(EventKind.ACKNOWLEDGED, number)
-    assert running.give(CommandKind.GREEN_GREEN).success
-    read_until(one, GREEN_GREEN)
     return running, one, two
 
 
 Green = tuple[Running, socket.socket, socket.socket]
+
+
+@pytest.fixture
+def green(grid: Green) -> Green:
+    """Return a race in GREEN_GREEN with karts 1 and 2."""
+    running, one, _ = grid
+    assert running.give(CommandKind.GREEN_GREEN).success
+    read_until(one, GREEN_GREEN)
+    return grid
 
 
 def test_a_kart_that_closes_in_a_race_is_held_in_red_red_when_it_is_back(
@@ -669,19 +653,10 @@ def test_a_port_in_use_is_refused_with_what_to_do() -> None:
 
 
 @pytest.fixture
-def ready(run: Run, connect: Connect) -> tuple[Running, socket.socket, socket.socket]:
+def ready(grid: Green) -> Green:
     """Return a race whose karts are ready, and whose record takes its time."""
-    running = run()
-    one, two = connect(running, 1), connect(running, 2)
-    running.wait_for(EventKind.CONNECTED, 1)
-    running.wait_for(EventKind.CONNECTED, 2)
-    running.give(CommandKind.GRID_ACTIVE)
-    for number, client in ((1, one), (2, two)):
-        read_until(client, GRID_ACTIVE)
-        client.sendall(encode(GRID_ACTIVE))
-        running.wait_for(EventKind.ACKNOWLEDGED, number)
-    running.record_works_at_once = False
-    return running, one, two
+    grid[0].record_works_at_once = False
+    return grid
 
 
 def test_a_start_goes_out_once_the_disk_knows_that_karts_may_move(ready: Green) -> None:

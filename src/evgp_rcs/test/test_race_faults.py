@@ -6,25 +6,15 @@ This is the test of the oracle. A property that no fault can break proves nothin
 
 from __future__ import annotations
 
-from pathlib import Path
-import sys
 from types import ModuleType
-from typing import NamedTuple
 
 from evgp_rcs import race
+from evgp_testing.faults import Fault, module_with
 import pytest
 import race_oracle as oracle
 
 # Of two karts, both in the race to begin with; every fault here is found well before.
 BOUND = 1500
-
-
-class Fault(NamedTuple):
-    """A fault: what is put in place of what, and the properties one of which it must break."""
-
-    old: str
-    new: str
-    breaks: tuple[str, ...]
 
 
 FAULTS = {
@@ -621,21 +611,6 @@ FAULTS = {
 """Each fault under what it would mean on the track."""
 
 
-def rules_with(old: str, new: str) -> ModuleType:
-    """Return the rules, a second time and with one fault."""
-    path = Path(race.__file__)
-    text = path.read_text(encoding='utf-8')
-    assert text.count(old) == 1, f'{text.count(old)} times in the rules: {old}'
-    module = ModuleType('faulty_race')
-    # A dataclass looks its module up by name.
-    sys.modules[module.__name__] = module
-    try:
-        exec(compile(text.replace(old, new), str(path), 'exec'), module.__dict__)  # noqa: S102
-    finally:
-        del sys.modules[module.__name__]
-    return module
-
-
 def search(rules: ModuleType) -> oracle.Report:
     """Search from the garage, and a little from where it would not come in time."""
     report = oracle.Search(rules, racing=2, outside=0).run(BOUND)
@@ -647,12 +622,12 @@ def search(rules: ModuleType) -> oracle.Report:
 
 def test_the_rules_without_a_fault_pass_the_same_search() -> None:
     # Otherwise a fault could be found for the way in which it is put in.
-    assert search(rules_with('class Race:\n', 'class Race:\n')).states == BOUND
+    assert search(module_with(race, 'class Race:\n', 'class Race:\n')).states == BOUND
 
 
 @pytest.mark.parametrize('fault', FAULTS.values(), ids=FAULTS.keys())
 def test_the_search_finds(fault: Fault) -> None:
-    rules = rules_with(fault.old, fault.new)
+    rules = module_with(race, fault.old, fault.new)
     with pytest.raises(oracle.RuleBrokenError) as caught:
         search(rules)
     assert caught.value.name in fault.breaks, caught.value

@@ -9,13 +9,9 @@ import select
 import subprocess
 import sys
 
-from evgp_protocol.states import RaceState
-from evgp_testing.domains import Domain
-from evgp_testing.official import Official
 from evgp_testing.process import PATIENCE
-from evgp_testing.punctual_kart import PunctualKart
-from evgp_testing.race_control import address_of, RaceControl
-from evgp_testing.wire_kart import Acknowledges
+from evgp_testing.race_control import address_of
+from evgp_testing.wire_race import WireRace
 
 RACING = (1, 2)
 BAD = 3
@@ -40,57 +36,9 @@ ATTACKS = {
 _SCRIPT = pathlib.Path(__file__).with_name('bad_peer.py')
 
 
-class AttackedRace:
-    """
-    Race control with two good karts in the race, and one in the roster that is not good.
-
-    :param folder: where race control's files are written.
-    """
-
-    def __init__(self, folder: pathlib.Path) -> None:
-        """Start everything, and wait until the good karts are connected."""
-        self._stack = contextlib.ExitStack()
-        try:
-            domain = self._stack.enter_context(Domain()).number
-            self.control = self._stack.enter_context(RaceControl(folder, domain, RACING, [BAD]))
-            self.official = Official(domain)
-            self._stack.callback(self.official.close)
-            self.karts = [
-                self._stack.enter_context(
-                    PunctualKart(address_of(number), self.control.port, Acknowledges.EACH_CHANGE)
-                )
-                for number in RACING
-            ]
-            self.official.wait_for_connected(*RACING)
-        except BaseException:
-            self.close()
-            raise
-
-    def green(self) -> None:
-        """Start the race from the garage."""
-        self.official.command('grid_active', track_clear=True)
-        self.official.wait_for_acks(RaceState.GRID_ACTIVE, *RACING)
-        self.official.command('green_green')
-        self.official.wait_for_acks(RaceState.GREEN_GREEN, *RACING)
-
-    def home(self) -> None:
-        """Bring the race to the garage from a stop."""
-        self.official.wait_for_acks(RaceState.RED_RED, *RACING)
-        self.official.command('in_garage', track_safe=True)
-        for kart in self.karts:
-            kart.wait_for_state(RaceState.IN_GARAGE)
-
-    def close(self) -> None:
-        """End everything."""
-        self._stack.close()
-
-    def __enter__(self) -> AttackedRace:
-        """Return this race."""
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        """End it."""
-        self.close()
+def attacked_race(folder: pathlib.Path) -> WireRace:
+    """Start a race with two good karts, and one in the roster that is not good."""
+    return WireRace(folder, RACING, [BAD], absent=[BAD])
 
 
 @contextlib.contextmanager

@@ -9,13 +9,14 @@ import time
 
 from evgp_protocol.frames import encode, FrameDecoder, StateFrame
 from evgp_protocol.states import RaceState
+from evgp_testing.part import Part
 from evgp_testing.process import PATIENCE
 
 BEAT = 0.05
 """Between two frames, seconds."""
 
 
-class BareRaceControl:
+class BareRaceControl(Part):
     """
     A socket that sends one state again and again to the kart that connected last.
 

@@ -11,17 +11,15 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 import json
-import os
 import pathlib
 import re
 import socket
-import subprocess
 import sys
 import threading
 import time
 from typing import Any
 
-from evgp_testing.process import PATIENCE
+from evgp_testing.process import PATIENCE, Program
 from evgp_testing.screen import Screen
 
 DROPPED = 'while the window hung'
@@ -32,11 +30,11 @@ SLOW = 3.0
 """Time after which a press was dropped with the same words as one before, in seconds."""
 
 
-class Console:
+class Console(Program):
     """
     An official's window on a screen of its own.
 
-    :param folder: where its socket, its output and its screenshots go.
+    :param folder: where its socket goes.
     :param environment: more environment variables of its process.
     """
 
@@ -49,29 +47,18 @@ class Console:
     ) -> None:
         """Open the window; it need not find race control."""
         self.screen = screen
-        self._folder = folder
-        self._output = folder / f'console{screen.display[1:]}.log'
         address = folder / f'probe{screen.display[1:]}'
         address.unlink(missing_ok=True)
         listening = socket.socket(socket.AF_UNIX)
         listening.bind(str(address))
         listening.listen(1)
         listening.settimeout(PATIENCE)
-        with self._output.open('w') as output:
-            self.process = subprocess.Popen(
-                [sys.executable, '-m', 'evgp_testing.console', str(address)],
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=subprocess.STDOUT,
-                env={
-                    **os.environ,
-                    'ROS_DOMAIN_ID': str(domain),
-                    'DISPLAY': screen.display,
-                    'QT_QPA_PLATFORM': 'xcb',
-                    'PYTHONUNBUFFERED': '1',
-                    **(environment or {}),
-                },
-            )
+        super().__init__(
+            'rcs_gui',
+            [sys.executable, '-m', 'evgp_testing.console', str(address)],
+            domain,
+            {'DISPLAY': screen.display, 'QT_QPA_PLATFORM': 'xcb', **(environment or {})},
+        )
         with listening:
             try:
                 self._probe, _ = listening.accept()
@@ -80,11 +67,6 @@ class Console:
                 raise AssertionError(f'the window did not open:\n{self.output}') from None
         self._probe.settimeout(PATIENCE)
         self._lines = self._probe.makefile('r')
-
-    @property
-    def output(self) -> str:
-        """Return all it has printed."""
-        return self._output.read_text()
 
     def widgets(self) -> dict[str, dict[str, Any]]:
         """Return every visible widget that has a name, by that."""
@@ -182,12 +164,7 @@ class Console:
 
     def close(self) -> int:
         """Close it in an orderly way, or by force if that takes too long; return its exit code."""
-        self.process.terminate()
-        try:
-            code = self.process.wait(10)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            code = self.process.wait()
+        code = super().close()
         if hasattr(self, '_lines'):
             self._lines.close()
             self._probe.close()

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import socket
 
+from evgp_testing.part import Part
+
 # Above 101 the ports of a domain reach into those the system gives out by itself.
 _DOMAINS = range(20, 60)
 
 
-class Domain:
+class Domain(Part):
     """
     A ROS domain of its own, until it is closed or the process ends.
 
@@ -35,11 +37,3 @@ class Domain:
     def close(self) -> None:
         """Let the domain go."""
         self._lock.close()
-
-    def __enter__(self) -> Domain:
-        """Return this domain."""
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        """Let the domain go."""
-        self.close()

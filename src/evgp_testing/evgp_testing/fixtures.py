@@ -2,6 +2,7 @@
 Pytest fixtures for the parts of a race.
 
 Each fixture starts parts and ends them after the test, in reverse order, also when it failed.
+What a fixture needs is imported when it is used: pytest loads this module in every run.
 """
 
 from __future__ import annotations
@@ -9,21 +10,30 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 import contextlib
 import pathlib
+import random
+from typing import TYPE_CHECKING, TypeAlias
 
-from evgp_testing.base import SimulatedBase
-from evgp_testing.domains import Domain
-from evgp_testing.kart import Bridge, Team
-from evgp_testing.official import Official
-from evgp_testing.race_control import address_of, RaceControl
-from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 
-StartRaceControl = Callable[..., RaceControl]
-JoinOfficial = Callable[[RaceControl], Official]
-ConnectKart = Callable[..., WireKart]
-StartBridge = Callable[..., Bridge]
-JoinTeam = Callable[[Bridge], Team]
-StartBase = Callable[..., SimulatedBase]
+if TYPE_CHECKING:
+    from evgp_testing.base import SimulatedBase
+    from evgp_testing.kart import Bridge, Team
+    from evgp_testing.official import Official
+    from evgp_testing.race_control import RaceControl
+    from evgp_testing.wire_kart import Acknowledges, WireKart
+
+StartRaceControl: TypeAlias = 'Callable[..., RaceControl]'
+JoinOfficial: TypeAlias = 'Callable[[RaceControl], Official]'
+ConnectKart: TypeAlias = 'Callable[..., WireKart]'
+StartBridge: TypeAlias = 'Callable[..., Bridge]'
+JoinTeam: TypeAlias = 'Callable[[Bridge], Team]'
+StartBase: TypeAlias = 'Callable[..., SimulatedBase]'
+
+
+@pytest.fixture
+def dice(request: pytest.FixtureRequest) -> random.Random:
+    """Return the test's own dice: they fall the same again with the same ``--seed``."""
+    return random.Random(f'{request.config.getoption("seed")} {request.node.name}')
 
 
 @pytest.fixture
@@ -36,6 +46,8 @@ def parts() -> Iterator[contextlib.ExitStack]:
 @pytest.fixture
 def start_race_control(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> StartRaceControl:
     """Return a function that starts a race control on a ROS domain of its own."""
+    from evgp_testing.domains import Domain
+    from evgp_testing.race_control import RaceControl
 
     def start(
         in_race: Iterable[int] = (1, 2),
@@ -46,9 +58,9 @@ def start_race_control(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> S
         domain = parts.enter_context(Domain())
         folder = tmp_path / f'domain_{domain.number}'
         folder.mkdir()
-        control = RaceControl(folder, domain.number, in_race, others, parameters, heats=heats)
-        parts.callback(control.close)
-        return control
+        return parts.enter_context(
+            RaceControl(folder, domain.number, in_race, others, parameters, heats=heats)
+        )
 
     return start
 
@@ -56,11 +68,10 @@ def start_race_control(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> S
 @pytest.fixture
 def join_official(parts: contextlib.ExitStack) -> JoinOfficial:
     """Return a function that lets an official join a race control's domain."""
+    from evgp_testing.official import Official
 
     def join(control: RaceControl) -> Official:
-        official = Official(control.domain)
-        parts.callback(official.close)
-        return official
+        return parts.enter_context(Official(control.domain))
 
     return join
 
@@ -68,6 +79,8 @@ def join_official(parts: contextlib.ExitStack) -> JoinOfficial:
 @pytest.fixture
 def connect_kart(parts: contextlib.ExitStack) -> ConnectKart:
     """Return a function that connects a plain TCP kart, by its number in the roster."""
+    from evgp_testing.race_control import address_of
+    from evgp_testing.wire_kart import Acknowledges, WireKart
 
     def connect(
         control: RaceControl, number: int, acknowledges: Acknowledges = Acknowledges.NEVER
@@ -80,6 +93,9 @@ def connect_kart(parts: contextlib.ExitStack) -> ConnectKart:
 @pytest.fixture
 def start_bridge(parts: contextlib.ExitStack) -> StartBridge:
     """Return a function that starts a kart's bridge on a ROS domain of its own."""
+    from evgp_testing.domains import Domain
+    from evgp_testing.kart import Bridge
+    from evgp_testing.race_control import address_of
 
     def start(
         port: int,
@@ -89,9 +105,9 @@ def start_bridge(parts: contextlib.ExitStack) -> StartBridge:
         **parameters: object,
     ) -> Bridge:
         domain = parts.enter_context(Domain())
-        bridge = Bridge(domain.number, port, address_of(number), parameters, program, arguments)
-        parts.callback(bridge.close)
-        return bridge
+        return parts.enter_context(
+            Bridge(domain.number, port, address_of(number), parameters, program, arguments)
+        )
 
     return start
 
@@ -99,11 +115,10 @@ def start_bridge(parts: contextlib.ExitStack) -> StartBridge:
 @pytest.fixture
 def start_base(parts: contextlib.ExitStack) -> StartBase:
     """Return a function that puts a simulated base on the domain of its bridge."""
+    from evgp_testing.base import SimulatedBase
 
     def start(bridge: Bridge, acceleration: float = 3.0, braking: float = 8.0) -> SimulatedBase:
-        base = SimulatedBase(bridge.domain, acceleration, braking)
-        parts.callback(base.close)
-        return base
+        return parts.enter_context(SimulatedBase(bridge.domain, acceleration, braking))
 
     return start
 
@@ -111,10 +126,9 @@ def start_base(parts: contextlib.ExitStack) -> StartBase:
 @pytest.fixture
 def join_team(parts: contextlib.ExitStack) -> JoinTeam:
     """Return a function that lets a team's stack join the domain of its bridge."""
+    from evgp_testing.kart import Team
 
     def join(bridge: Bridge) -> Team:
-        team = Team(bridge.domain)
-        parts.callback(team.close)
-        return team
+        return parts.enter_context(Team(bridge.domain))
 
     return join

@@ -18,10 +18,9 @@ from evgp_testing.domains import Domain
 from evgp_testing.kart import Bridge, Team
 from evgp_testing.networks import kart_address, Machine, RACE_CONTROL, Track
 from evgp_testing.official import Official
-from evgp_testing.punctual_kart import PunctualKart
+from evgp_testing.part import Part
 from evgp_testing.race_control import RaceControl
-from evgp_testing.wire_kart import Acknowledges
-import yaml
+from evgp_testing.wire_kart import Acknowledges, WireKart
 
 FAULTY, GOOD = 1, 2
 """The kart whose network fails, and the one that must not notice."""
@@ -30,7 +29,7 @@ RESTED = 0.3
 """How long a race goes on in GREEN_GREEN before a fault, s; no fault waits for it."""
 
 
-class RosKart:
+class RosKart(Part):
     """
     A kart with ROS on a machine of its own: its bridge, and a team's node beside it.
 
@@ -48,8 +47,7 @@ class RosKart:
         try:
             with machine.inside():
                 self.bridge = self._start(domain)
-                self.team = Team(domain)
-                self._stack.callback(self.team.close)
+                self.team = self._stack.enter_context(Team(domain))
                 RaceStateWatch(self.team.node, self._obey)
         except BaseException:
             self.close()
@@ -71,12 +69,12 @@ class RosKart:
 
     def _start(self, domain: int) -> Bridge:
         parameters = {'host': RACE_CONTROL}
-        bridge = Bridge(domain, self._port, self.machine.address, parameters)
-        self._stack.callback(bridge.close)
-        return bridge
+        return self._stack.enter_context(
+            Bridge(domain, self._port, self.machine.address, parameters)
+        )
 
 
-class NetworkRace:
+class NetworkRace(Part):
     """
     Race control, the ROS kart ``faulty`` and the plain kart ``good``, each on its own machine.
 
@@ -101,15 +99,6 @@ class NetworkRace:
     def _start(self, track: Track, parameters: dict[str, object]) -> None:
         enter = self._stack.enter_context
         self.track = enter(track)
-        roster = self._folder / 'track.yaml'
-        karts = [
-            {'number': each, 'team': f'Team {each}', 'address': kart_address(each)}
-            for each in (FAULTY, GOOD)
-        ]
-        roster.write_text(
-            yaml.safe_dump({'karts': [{**kart, 'in_race': True} for kart in karts]}),
-            encoding='utf-8',
-        )
         domain = enter(Domain()).number
         # Fast DDS asks for the network interfaces of a process once. Here, where there is but
         # the loopback, what it learns is true on every machine.
@@ -120,12 +109,12 @@ class NetworkRace:
                 RaceControl(
                     self._folder,
                     domain,
-                    (),
-                    parameters={'roster': roster, 'address': RACE_CONTROL, **parameters},
+                    (FAULTY, GOOD),
+                    parameters={'address': RACE_CONTROL, **parameters},
+                    addresses=kart_address,
                 )
             )
-            self.official = Official(domain)
-            self._stack.callback(self.official.close)
+            self.official = self._stack.enter_context(Official(domain))
         self.machine = self.track.machine('kart1', kart_address(FAULTY))
         self.good_machine = self.track.machine('kart2', kart_address(GOOD))
         self._faulty = enter(contextlib.ExitStack())
@@ -135,16 +124,14 @@ class NetworkRace:
 
     def start_ros_kart(self, machine: Machine) -> RosKart:
         """Start a kart with ROS on a machine."""
-        kart = RosKart(machine, self.control.port)
-        self._faulty.callback(kart.close)
-        return kart
+        return self._faulty.enter_context(RosKart(machine, self.control.port))
 
     def connect(
         self, machine: Machine, acknowledges: Acknowledges = Acknowledges.NEVER
-    ) -> PunctualKart:
+    ) -> WireKart:
         """Return a plain kart on a machine, connected."""
         with machine.inside():
-            return PunctualKart(machine.address, self.control.port, acknowledges, RACE_CONTROL)
+            return WireKart(machine.address, self.control.port, acknowledges, RACE_CONTROL)
 
     def is_connected(self, number: int) -> bool:
         """Return whether race control says that a kart is connected."""
@@ -175,27 +162,18 @@ class NetworkRace:
 
     def green(self) -> None:
         """Bring the race to GREEN_GREEN, whatever it was in, with both karts in it."""
-        official, team = self.official, self.faulty.team
-        assert official.race is not None
-        if state_of(official.race.state) is not RaceState.IN_GARAGE:
-            official.command('all_kill')
-            official.wait_for_connected(FAULTY, GOOD)
-            team.wait_for(
-                lambda heard: state_of(heard.commanded) is RaceState.RED_RED, 'commanded RED_RED'
-            )
-            self._acknowledge(RaceState.RED_RED)
-            official.command('in_garage', track_safe=True)
-        team.wait_for_state(RaceState.IN_GARAGE)
-        official.command('grid_active', track_clear=True)
-        self._acknowledge(RaceState.GRID_ACTIVE)
-        official.command('green_green')
-        self._acknowledge(RaceState.GREEN_GREEN)
+        self.official.wait_for_connected(FAULTY, GOOD)
+        for state in (RaceState.IN_GARAGE, RaceState.GREEN_GREEN):
+            self.official.bring_to(state, FAULTY, GOOD, acknowledge=self._acknowledge)
 
     def _acknowledge(self, state: RaceState) -> None:
-        self.faulty.team.wait_for_state(state)
-        answer = self.faulty.team.acknowledge(state)
-        assert answer.success, answer.message
-        self.official.wait_for_acks(state, FAULTY, GOOD)
+        self.faulty.team.wait_for(
+            lambda heard: state_of(heard.commanded) is state is state_of(heard.state),
+            f'{state.value}, commanded and obeyed',
+        )
+        if state is not RaceState.IN_GARAGE:
+            answer = self.faulty.team.acknowledge(state)
+            assert answer.success, answer.message
 
     def events(self, kind: int, kart: int, since: float = 0.0) -> list[msg.RaceEvent]:
         """Return the events of a kind about a kart since then (monotonic, s)."""
@@ -252,14 +230,6 @@ class NetworkRace:
     def close(self) -> None:
         """End everything and take the networks away."""
         self._stack.close()
-
-    def __enter__(self) -> NetworkRace:
-        """Return this race."""
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        """End it."""
-        self.close()
 
 
 def monotonic(event: msg.RaceEvent) -> float:
@@ -336,6 +306,18 @@ def wait_for_held(race: NetworkRace) -> None:
     )
 
 
+def come_back(
+    race: NetworkRace, began: float, mend: Callable[[], object], lost: float = 0.0
+) -> tuple[float, float]:
+    """Mend a fault that began then, see the kart come back held, and return ``back``, ``gap``."""
+    gap = race.good.worst_gap(began)
+    mended = time.monotonic()
+    mend()
+    back = race.wait_for_back(max(mended, lost))
+    wait_for_held(race)
+    return monotonic(back) - mended, gap
+
+
 def cut(race: NetworkRace, fault: Fault) -> Noticed:
     """
     Let a race meet a fault of the network, both ends notice, and the kart come back held.
@@ -349,16 +331,10 @@ def cut(race: NetworkRace, fault: Fault) -> Noticed:
     times = race.machine.times()
     assert times.came is not None
     assert times.arrived is not None
-    mended = time.monotonic()
-    gap = race.good.worst_gap(began)
-    fault.mend(race)
-    back = race.wait_for_back(max(mended, monotonic(lost)))
-    wait_for_held(race)
     return Noticed(
         monotonic(lost) - times.came,
         stopped - times.arrived,
-        monotonic(back) - mended,
-        gap,
+        *come_back(race, began, lambda: fault.mend(race), monotonic(lost)),
     )
 
 
@@ -372,12 +348,8 @@ def kill_bridge(race: NetworkRace) -> Noticed:
     race.faulty.bridge.kill()
     lost = race.wait_for_lost(began)
     stopped = race.wait_for_stopped(began)
-    gap = race.good.worst_gap(began)
-    mended = time.monotonic()
-    race.faulty.restart_bridge()
-    back = race.wait_for_back(mended)
-    wait_for_held(race)
-    return Noticed(monotonic(lost) - began, stopped - began, monotonic(back) - mended, gap)
+    back = come_back(race, began, race.faulty.restart_bridge)
+    return Noticed(monotonic(lost) - began, stopped - began, *back)
 
 
 def freeze_bridge(race: NetworkRace) -> Noticed:
@@ -393,12 +365,8 @@ def freeze_bridge(race: NetworkRace) -> Noticed:
     stopped = race.wait_for_stopped(began)
     race.good.wait_for_frames(30)
     assert not race.events(msg.RaceEvent.DISCONNECTED, FAULTY, began)
-    gap = race.good.worst_gap(began)
-    mended = time.monotonic()
-    race.faulty.bridge.signal(signal.SIGCONT)
-    back = race.wait_for_back(mended)
-    wait_for_held(race)
-    return Noticed(None, stopped - began, monotonic(back) - mended, gap)
+    back = come_back(race, began, lambda: race.faulty.bridge.signal(signal.SIGCONT))
+    return Noticed(None, stopped - began, *back)
 
 
 def reboot_machine(race: NetworkRace) -> Noticed:
@@ -413,12 +381,11 @@ def reboot_machine(race: NetworkRace) -> Noticed:
     machine.unplug()
     off = time.monotonic()
     lost = race.wait_for_lost(began)
-    gap = race.good.worst_gap(began)
-    mended = time.monotonic()
-    race.faulty = race.start_ros_kart(race.reboot(machine))
-    back = race.wait_for_back(mended)
-    wait_for_held(race)
-    return Noticed(monotonic(lost) - off, None, monotonic(back) - mended, gap)
+
+    def boot() -> None:
+        race.faulty = race.start_ros_kart(race.reboot(machine))
+
+    return Noticed(monotonic(lost) - off, None, *come_back(race, began, boot))
 
 
 def steal_address(race: NetworkRace) -> Noticed:
@@ -437,16 +404,15 @@ def steal_address(race: NetworkRace) -> Noticed:
         assert [state for _, state in thief.changes] == [RaceState.RED_RED]
     times = race.machine.times()
     assert times.arrived is not None
-    gap = race.good.worst_gap(began)
-    mended = time.monotonic()
-    race.track.remove(twin)
-    # As a machine does that joins the WLAN again: ask anew who has race control's address, and
-    # thereby tell who has its own. Else the thief is remembered for up to a minute.
-    race.machine.ip('neigh flush dev eth0')
-    back = race.wait_for_back(mended)
-    wait_for_held(race)
+
+    def leave() -> None:
+        race.track.remove(twin)
+        # As a machine does that joins the WLAN again: ask again who has race control's address,
+        # and thereby tell who has its own. Else the thief is remembered for up to a minute.
+        race.machine.ip('neigh flush dev eth0')
+
     return Noticed(
-        monotonic(lost) - stolen, stopped - times.arrived, monotonic(back) - mended, gap
+        monotonic(lost) - stolen, stopped - times.arrived, *come_back(race, began, leave)
     )
 
 

@@ -17,6 +17,7 @@ import contextlib
 import ctypes
 import dataclasses
 import fcntl
+import functools
 import json
 import os
 import pathlib
@@ -28,7 +29,9 @@ import sys
 import threading
 from typing import Any
 
+from evgp_testing.part import Part
 from evgp_testing.process import PATIENCE
+import pytest
 
 _CLONE_NEWNET = 0x40000000
 _SIOCETHTOOL = 0x8946
@@ -69,7 +72,7 @@ def _system_call(name: str, *arguments: int) -> None:
         raise NetworkError(f'{name} of a network namespace: {os.strerror(number)} (not root?)')
 
 
-class Namespace:
+class Namespace(Part):
     """A network namespace without a name; it lives until it is closed and nothing runs in it."""
 
     def __init__(self) -> None:
@@ -227,7 +230,7 @@ class Machine(Namespace):
             super().close()
 
 
-class Track:
+class Track(Part):
     """
     The network between race control and the karts.
 
@@ -300,15 +303,8 @@ class Track:
             except subprocess.TimeoutExpired:
                 relay.kill()
 
-    def __enter__(self) -> Track:
-        """Return this track."""
-        return self
 
-    def __exit__(self, *exc: object) -> None:
-        """Take it away."""
-        self.close()
-
-
+@functools.cache
 def why_not() -> str:
     """Return why no networks can be made on this machine; empty: they can."""
     try:
@@ -326,3 +322,11 @@ def _switch_offloads_off(interface: str) -> None:
             value = ctypes.create_string_buffer(struct.pack('II', command, 0))
             request = struct.pack('16sP', interface.encode(), ctypes.addressof(value))
             fcntl.ioctl(any_socket, _SIOCETHTOOL, request.ljust(40, b'\0'))
+
+
+def need_networks() -> None:
+    """Skip the test where no networks can be made, and say why; not where all tests must run."""
+    why = why_not()
+    if why:
+        assert not os.environ.get('EVGP_ALL_TESTS'), f'EVGP_ALL_TESTS is set, but {why}'
+        pytest.skip(why)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 import threading
 import time
@@ -11,6 +11,7 @@ from typing import Any
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg, srv
+from evgp_testing.judge import Call, Judge
 from evgp_testing.ros_side import RosSide
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import SetBool, Trigger
@@ -53,6 +54,16 @@ SEES = {
 """The commands that say which karts they start or release, as `~/race` has them."""
 
 
+_WAY: dict[RaceState, tuple[RaceState | None, str, dict[str, bool]]] = {
+    RaceState.RED_RED: (None, 'all_kill', {}),
+    RaceState.IN_GARAGE: (RaceState.RED_RED, 'in_garage', {'track_safe': True}),
+    RaceState.GRID_ACTIVE: (RaceState.IN_GARAGE, 'grid_active', {'track_clear': True}),
+    RaceState.GREEN_GREEN: (RaceState.GRID_ACTIVE, 'green_green', {}),
+    RaceState.RED_FLAG: (RaceState.GREEN_GREEN, 'red_flag', {}),
+}
+"""How officials bring a race to a state: from which (None: from any), by which command."""
+
+
 def seen(race: msg.Race | None, service: str, kart: int) -> dict[str, Any]:
     """Return the fields of a request that say what the official saw in a snapshot."""
     if race is None:
@@ -79,11 +90,21 @@ class Official(RosSide):
     A client of a running race control, on its domain.
 
     ``race`` is the newest snapshot, ``events`` every event heard, in order.
+
+    :param judge: is told every call, and its answer.
+    :param hears: which of race control's topics it listens to.
     """
 
-    def __init__(self, domain: int, name: str = 'official') -> None:
+    def __init__(
+        self,
+        domain: int,
+        name: str = 'official',
+        judge: Judge | None = None,
+        hears: Collection[str] = ('race', 'events'),
+    ) -> None:
         """Join race control's domain."""
         super().__init__(name, domain)
+        self._judge = judge
         self.race: msg.Race | None = None
         self.events: list[msg.RaceEvent] = []
         self._clients = {
@@ -93,8 +114,11 @@ class Official(RosSide):
             )
             for service, kind in SERVICES.items()
         }
-        self.node.create_subscription(msg.Race, '/rcs/race', self._hear_race, latched(1))
-        self.node.create_subscription(msg.RaceEvent, '/rcs/events', self._hear_event, latched(200))
+        subscribe = self.node.create_subscription
+        if 'race' in hears:
+            subscribe(msg.Race, '/rcs/race', self._hear_race, latched(1))
+        if 'events' in hears:
+            subscribe(msg.RaceEvent, '/rcs/events', self._hear_event, latched(200))
         self.spin()
 
     def call(self, service: str, **request: Any) -> Answer:
@@ -108,7 +132,20 @@ class Official(RosSide):
         if service in (*SEES, 'kart/in_garage'):
             self.wait_for_race(lambda race: True, 'a first look at the race')
         request = {**seen(self.race, service, request.get('kart', 0)), **request}
+        call = Call(
+            service,
+            request.get('kart'),
+            statement=any(value is True for value in request.values()),
+            in_race=bool(request.get('in_race')),
+            began=time.monotonic(),
+        )
+        if self._judge is not None:
+            self._judge.called(call)
         response: Any = self.request(self._clients[service], SERVICES[service].Request(**request))
+        call.ended = time.monotonic()
+        call.success, call.message = response.success, response.message
+        if self._judge is not None:
+            self._judge.answered(call)
         return Answer(response.success, response.message)
 
     def call_all(self, service: str, requests: Iterable[Mapping[str, Any]]) -> list[Answer]:
@@ -146,6 +183,42 @@ class Official(RosSide):
             answer = self.call(service, **request)
         assert answer.success, f'{service}: {answer.message}'
         return answer
+
+    def bring_to(
+        self,
+        state: RaceState,
+        *numbers: int,
+        acknowledge: Callable[[RaceState], object] = lambda state: None,
+    ) -> None:
+        """
+        Bring the race to a state, from whatever state it is in, as officials do.
+
+        :param numbers: the karts whose acknowledgement is awaited at each step; none: those in
+            the race.
+        :param acknowledge: called at each step with its state, where a kart does not acknowledge
+            by itself.
+        :raises AssertionError: if a step is refused, or a kart does not acknowledge in time.
+        """
+        race = self.wait_for_race(lambda race: True, 'a first look at the race')
+        numbers = numbers or tuple(kart.number for kart in race.karts if kart.in_race)
+        if state_of(race.state) is not state:
+            before, service, statement = _WAY[state]
+            if before is not None:
+                self.bring_to(before, *numbers, acknowledge=acknowledge)
+            self.command(service, **statement)
+            self.wait_for_race(
+                lambda race: state_of(race.state) is state, f'the race in {state.value}'
+            )
+        acknowledge(state)
+        for number in numbers:
+            self.wait_for_kart(
+                number,
+                lambda kart: (
+                    state_of(kart.sent) is state
+                    and (kart.acknowledged or state is RaceState.IN_GARAGE)
+                ),
+                f'{state.value}, and acknowledged',
+            )
 
     def wait_for_race(self, found: Callable[[msg.Race], object], what: str) -> msg.Race:
         """

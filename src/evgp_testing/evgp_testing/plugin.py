@@ -1,18 +1,22 @@
 """
-The pytest plugin: the fixtures of a race, and tests that need a process of their own.
+The pytest plugin: the fixtures of a race, seeds, and what processes printed where a test fails.
 
-pytest loads it by itself wherever the workspace is sourced.
+pytest loads it by itself wherever the workspace is sourced, so it imports neither ROS nor Qt.
 """
 
 from __future__ import annotations
 
+from collections.abc import Generator
 import os
+import secrets
 import subprocess
 import sys
 import time
+from typing import Any
 
 from evgp_testing.fixtures import (  # noqa: F401 - pytest finds fixtures by name
     connect_kart,
+    dice,
     join_official,
     join_team,
     parts,
@@ -20,14 +24,57 @@ from evgp_testing.fixtures import (  # noqa: F401 - pytest finds fixtures by nam
     start_bridge,
     start_race_control,
 )
+from evgp_testing.process import started
 import pytest
 
 IN_OWN_PROCESS = 'EVGP_TEST_IN_OWN_PROCESS'
 
+MOST_LINES = 200
+"""Lines of each process that are shown where a test fails: its last."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let a run's random numbers be given again."""
+    parser.addoption('--seed', type=int, help='of the tests that throw dice (another each time)')
+
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Name the plugin's marker."""
+    """Name the plugin's marker, and choose the seed: in a worker of pytest-xdist, that of all."""
     config.addinivalue_line('markers', 'own_process: runs in another pytest (evgp_testing.plugin)')
+    if config.option.seed is None:
+        shared: dict[str, Any] = getattr(config, 'workerinput', {})
+        config.option.seed = shared.get('seed', secrets.randbelow(2**32))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """Hand the seed to a worker of pytest-xdist."""
+    node.workerinput['seed'] = node.config.option.seed
+
+
+def pytest_report_header(config: pytest.Config) -> str:
+    """Say the seed."""
+    return f'dice: --seed {config.option.seed}'
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, None]:
+    """Have a failure show the seed, and what every process of the test has printed."""
+    outcome = yield
+    report: pytest.TestReport = outcome.get_result()
+    if not report.failed:
+        return
+    if 'dice' in getattr(item, 'fixturenames', ()):
+        report.sections.append(('dice', f'--seed {item.config.option.seed}'))
+    for each in started:
+        state = 'runs' if each.runs else 'has ended'
+        lines = each.output.splitlines()[-MOST_LINES:]
+        report.sections.append((f'{each.name} ({each.pid}, {state})', '\n'.join(lines)))
+
+
+def pytest_runtest_logfinish() -> None:
+    """Forget the processes that have ended; those of a wider fixture may go on in the next."""
+    started[:] = [each for each in started if each.runs]
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -44,7 +91,10 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     hook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
     began = time.time()
     done = subprocess.run(
-        [sys.executable, '-m', 'pytest', '-p', 'no:cacheprovider', '-p', 'no:xdist', item.nodeid],
+        [
+            *(sys.executable, '-m', 'pytest', '-p', 'no:cacheprovider', '-p', 'no:xdist'),
+            *(f'--seed={item.config.option.seed}', item.nodeid),
+        ],
         cwd=item.config.rootpath,
         env={**os.environ, IN_OWN_PROCESS: '1'},
         capture_output=True,

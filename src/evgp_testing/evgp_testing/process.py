@@ -1,53 +1,57 @@
-"""A node as a real process: what it prints is kept, and it always ends."""
+"""Programs as real processes: what they print is kept, and they always end."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 import contextlib
 import os
 import pathlib
 import re
+import select
 import signal
 import subprocess
 import threading
 
 from ament_index_python.packages import get_package_prefix
+from evgp_testing.part import Part
+from evgp_testing.patience import PATIENCE
 
-PATIENCE = 30.0
-"""How long anything is awaited before a test gives up, seconds: far more than it ever takes."""
+started: list[Program] = []
+"""What this process has started; the pytest plugin shows it where a test fails, and clears it."""
 
 
-class Process:
+def executable(package: str, name: str) -> str:
+    """Return the path of an executable of a package."""
+    return str(pathlib.Path(get_package_prefix(package), 'lib', package, name))
+
+
+class Program(Part):
     """
-    An executable of a package, started with ROS parameters on a ROS domain.
+    Any program, as a process: what it prints is kept, and it always ends.
 
-    :param parameters: ROS parameters, as ``-p name:=value``.
-    :param arguments: further arguments behind ``--ros-args``.
-    :param under: a command that runs it, with its own arguments.
+    ``lines`` are what it has printed.
+
+    :param name: what it is called where a test fails.
+    :param domain: its ROS domain; None: that of the environment.
+    :param environment: more environment variables.
+    :param end: the signal it gets if whoever started it is killed. It must not live on, on a
+        domain that others then take.
     """
 
     def __init__(
         self,
-        package: str,
-        executable: str,
-        domain: int,
-        parameters: Mapping[str, object] | None = None,
-        arguments: tuple[str, ...] = (),
-        under: tuple[str, ...] = (),
+        name: str,
+        command: Sequence[str],
+        domain: int | None = None,
+        environment: Mapping[str, str] | None = None,
+        end: str = 'KILL',
     ) -> None:
-        """Start the process."""
-        path = pathlib.Path(get_package_prefix(package), 'lib', package, executable)
-        # Whoever started it may be killed; it must not live on, on a domain that others then take.
-        command = ['setpriv', '--pdeathsig', 'TERM' if under else 'KILL', *under, str(path)]
-        command += ['--ros-args', *arguments]
-        for name, value in (parameters or {}).items():
-            text = str(value).lower() if isinstance(value, bool) else str(value)
-            command += ['-p', f'{name}:={text}']
-        self.name = executable
+        """Start it."""
+        self.name = name
         self.lines: list[str] = []
         self._news = threading.Condition()
-        self._process = subprocess.Popen(
-            command,
+        self.process = subprocess.Popen(
+            ['setpriv', '--pdeathsig', end, *command],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -55,10 +59,12 @@ class Process:
             errors='replace',
             env={
                 **os.environ,
-                'ROS_DOMAIN_ID': str(domain),
+                **({} if domain is None else {'ROS_DOMAIN_ID': str(domain)}),
                 'PYTHONUNBUFFERED': '1',
+                **(environment or {}),
             },
         )
+        started.append(self)
         self._ended = False
         self._take_output = threading.Event()
         self._take_output.set()
@@ -68,7 +74,12 @@ class Process:
     @property
     def pid(self) -> int:
         """Return the process number."""
-        return self._process.pid
+        return self.process.pid
+
+    @property
+    def runs(self) -> bool:
+        """Return whether it still runs."""
+        return self.process.poll() is None
 
     @property
     def output(self) -> str:
@@ -96,7 +107,7 @@ class Process:
 
     def wait(self) -> int:
         """Return its exit code once it has ended by itself (negative: the signal's number)."""
-        code = self._process.wait(PATIENCE)
+        code = self.process.wait(PATIENCE)
         self._reader.join(PATIENCE)
         return code
 
@@ -111,27 +122,27 @@ class Process:
 
     def signal(self, number: signal.Signals) -> None:
         """Send it a signal."""
-        self._process.send_signal(number)
+        self.process.send_signal(number)
 
     def kill(self) -> None:
         """End it as a crash does."""
-        self._process.kill()
+        self.process.kill()
         self.wait()
 
     def close(self) -> int:
         """End it in an orderly way, or by force if that takes too long; return its exit code."""
-        if self._process.poll() is None:
-            self._process.send_signal(signal.SIGCONT)
-            self._process.terminate()
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGCONT)
+            self.process.terminate()
             try:
-                self._process.wait(10)
+                self.process.wait(10)
             except subprocess.TimeoutExpired:
-                self._process.kill()
+                self.process.kill()
         return self.wait()
 
     def _read(self) -> None:
-        assert self._process.stdout is not None
-        with self._process.stdout as output:
+        assert self.process.stdout is not None
+        with self.process.stdout as output:
             for line in output:
                 self._take_output.wait()
                 with self._news:
@@ -141,10 +152,40 @@ class Process:
             self._ended = True
             self._news.notify_all()
 
-    def __enter__(self) -> Process:
-        """Return this process."""
-        return self
 
-    def __exit__(self, *exc: object) -> None:
-        """End it."""
-        self.close()
+class Process(Program):
+    """
+    An executable of a package, started with ROS parameters on a ROS domain.
+
+    :param parameters: ROS parameters, as ``-p name:=value``.
+    :param arguments: further arguments behind ``--ros-args``.
+    :param under: a command that runs it, with its own arguments.
+    """
+
+    def __init__(
+        self,
+        package: str,
+        name: str,
+        domain: int,
+        parameters: Mapping[str, object] | None = None,
+        arguments: tuple[str, ...] = (),
+        under: tuple[str, ...] = (),
+    ) -> None:
+        """Start the process."""
+        command = [*under, executable(package, name), '--ros-args', *arguments]
+        for parameter, value in (parameters or {}).items():
+            text = str(value).lower() if isinstance(value, bool) else str(value)
+            command += ['-p', f'{parameter}:={text}']
+        super().__init__(name, command, domain, end='TERM' if under else 'KILL')
+
+
+def wait_until_ended(pid: int) -> None:
+    """
+    Return once a process has ended, whoever its parent is.
+
+    :raises AssertionError: if it does not in time.
+    """
+    with contextlib.suppress(ProcessLookupError):
+        descriptor = os.pidfd_open(pid)
+        with open(descriptor):  # noqa: PTH123 - to close it
+            assert select.select([descriptor], [], [], PATIENCE)[0], f'process {pid} still runs'

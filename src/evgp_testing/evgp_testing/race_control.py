@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 import os
 import pathlib
 import signal
@@ -13,8 +13,48 @@ import yaml
 
 
 def address_of(number: int) -> str:
-    """Return the loopback address of a kart, by which race control knows it."""
-    return f'127.0.1.{number}'
+    """Return the loopback address of a kart (1 to 60000), by which race control knows it."""
+    if number < 255:
+        return f'127.0.1.{number}'
+    return f'127.{10 + number // 62500}.{number // 250 % 250}.{1 + number % 250}'
+
+
+def write_roster(
+    folder: pathlib.Path,
+    in_race: Iterable[int],
+    others: Iterable[int] = (),
+    teams: Mapping[int, str] | None = None,
+    heats: Mapping[str, Iterable[int]] | None = None,
+    addresses: Callable[[int], str] = address_of,
+) -> pathlib.Path:
+    """Write a roster into a folder, and return its path; see ``RaceControl``."""
+    racing = set(in_race)
+    content: dict[str, object] = {
+        'karts': [
+            {
+                'number': number,
+                'team': (teams or {}).get(number, f'Team {number}'),
+                'address': addresses(number),
+                'in_race': number in racing,
+            }
+            for number in sorted(racing | set(others))
+        ]
+    }
+    if heats:
+        content['heats'] = {name: list(chosen) for name, chosen in heats.items()}
+    roster = folder / 'karts.yaml'
+    roster.write_text(yaml.safe_dump(content, sort_keys=False), encoding='utf-8')
+    return roster
+
+
+def settings(folder: pathlib.Path, roster: pathlib.Path) -> dict[str, object]:
+    """Return the parameters of a race control at a port of its own, with its files in a folder."""
+    return {
+        'roster': roster,
+        'record': folder / 'record.sqlite3',
+        'address': '127.0.0.1',
+        'port': 0,
+    }
 
 
 class RaceControl(Process):
@@ -22,12 +62,13 @@ class RaceControl(Process):
     A real ``rcs_node`` on a domain, listening at a port the system chose.
 
     :param folder: where its roster is written.
-    :param in_race: the numbers (1 to 254) of the karts in the first race.
+    :param in_race: the numbers of the karts in the first race.
     :param others: the numbers of the karts that are in the roster only.
     :param parameters: more ROS parameters of the node.
     :param teams: the names of teams, by the numbers of their karts.
     :param arguments: more ROS arguments of the node.
     :param heats: the heats of the roster, each of its karts.
+    :param addresses: returns the address of a kart in the roster.
     """
 
     def __init__(
@@ -40,35 +81,16 @@ class RaceControl(Process):
         teams: Mapping[int, str] | None = None,
         arguments: tuple[str, ...] = (),
         heats: Mapping[str, Iterable[int]] | None = None,
+        addresses: Callable[[int], str] = address_of,
     ) -> None:
         """Start race control and wait until karts can connect."""
-        racing = set(in_race)
-        karts = [
-            {
-                'number': number,
-                'team': (teams or {}).get(number, f'Team {number}'),
-                'address': address_of(number),
-                'in_race': number in racing,
-            }
-            for number in sorted(racing | set(others))
-        ]
-        roster = folder / 'karts.yaml'
-        content: dict[str, object] = {'karts': karts}
-        if heats:
-            content['heats'] = {name: list(chosen) for name, chosen in heats.items()}
-        roster.write_text(yaml.safe_dump(content, sort_keys=False), encoding='utf-8')
+        roster = write_roster(folder, in_race, others, teams, heats, addresses)
         self.domain = domain
         super().__init__(
             'evgp_rcs',
             'rcs_node',
             domain,
-            {
-                'roster': roster,
-                'record': folder / 'record.sqlite3',
-                'address': '127.0.0.1',
-                'port': 0,
-                **(parameters or {}),
-            },
+            {**settings(folder, roster), **(parameters or {})},
             arguments,
         )
         try:

@@ -8,6 +8,7 @@ import time
 from typing import TypeVar
 
 from evgp_node.spinning import Spinning
+from evgp_testing.part import Part
 from evgp_testing.process import PATIENCE
 import rclpy
 from rclpy.client import Client
@@ -17,7 +18,7 @@ from rclpy.node import Node
 T = TypeVar('T')
 
 
-class RosSide:
+class RosSide(Part):
     """
     A node on a domain, in this process, and a place to await what it hears.
 

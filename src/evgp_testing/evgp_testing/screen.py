@@ -8,6 +8,8 @@ import os
 import shutil
 import subprocess
 
+from evgp_testing.part import Part
+
 # Of X11/X.h
 _SUBSTRUCTURE_NOTIFY = 1 << 19
 _MAP_NOTIFY = 19
@@ -21,7 +23,7 @@ def why_no_screen() -> str:
     return f"there is no lib{missing[0]}: 'apt-get install libxtst6'" if missing else ''
 
 
-class Screen:
+class Screen(Part):
     """
     An X server of its own (Xvfb), with its mouse and keyboard.
 

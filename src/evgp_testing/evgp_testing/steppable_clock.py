@@ -8,12 +8,13 @@ import os
 import pathlib
 import struct
 import subprocess
-from types import TracebackType
+
+from evgp_testing.part import Part
 
 SOURCE = pathlib.Path(__file__).with_suffix('.c')
 
 
-class SteppableClock:
+class SteppableClock(Part):
     """
     The wall clock and the boot-time clock of the processes that are started inside `on_it`.
 
@@ -68,15 +69,6 @@ class SteppableClock:
         nanoseconds = (round(each * 1e9) for each in (self._wall, self._boot))
         os.pwrite(self._file, struct.pack('=qq', *nanoseconds), 0)
 
-    def __enter__(self) -> SteppableClock:
-        """Return these clocks."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
         """Let the file go."""
         os.close(self._file)

@@ -1,15 +1,36 @@
-"""A kart without ROS: a TCP client, as teams have them today."""
+"""
+A kart without ROS: a TCP client, as teams have them today, well-behaved or not.
+
+It reads what race control sends by itself, whole frames and nothing else: the decoder that race
+control and the bridge share has no part in what a test believes of the wire.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import enum
+import itertools
+import re
+import select
 import socket
+import struct
 import threading
 import time
 
-from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame, StateFrame
+from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
-from evgp_testing.process import PATIENCE
+from evgp_testing.judge import Judge
+from evgp_testing.part import Part
+from evgp_testing.patience import PATIENCE
+
+FRAMES = {encode(state): state for state in RaceState}
+"""Every frame that race control may send."""
+
+# What race control takes for what; `$READY;` stands for GRID_ACTIVE (§3.A).
+_SAID = re.compile(rb'\$(GREEN_GREEN|GRID_ACTIVE|IN_GARAGE|RED_FLAG|RED_RED|READY);')
+_LONGEST = max(map(len, FRAMES))
+
+_links = itertools.count(1)
 
 
 class Acknowledges(enum.Enum):
@@ -20,15 +41,203 @@ class Acknowledges(enum.Enum):
     EACH_FRAME = enum.auto()
 
 
-class WireKart:
+def kart_socket(
+    address: str, to: tuple[str, int], receive_buffer: int = 0, timeout: float = PATIENCE
+) -> socket.socket:
     """
-    A plain TCP kart, bound to an address of its own.
+    Connect to race control from a kart's address.
+
+    :param receive_buffer: in bytes; 0: as large as usual.
+    :param timeout: of this and all that is done with the socket, s.
+    :raises OSError: if race control cannot be reached.
+    """
+    kart = socket.socket()
+    try:
+        kart.settimeout(timeout)
+        if receive_buffer:
+            kart.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
+        kart.bind((address, 0))
+        kart.connect(to)
+        kart.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    except BaseException:
+        kart.close()
+        raise
+    return kart
+
+
+def read_until(kart: socket.socket, state: RaceState) -> bytes:
+    """Return everything up to and with the first frame of this state."""
+    wanted, heard = encode(state), b''
+    while wanted not in heard:
+        data = kart.recv(4096)
+        assert data, f'the connection ended; heard {heard!r}'
+        heard += data
+    return heard
+
+
+def read_to_end(kart: socket.socket) -> bytes:
+    """Return everything until the connection ends, in whatever way."""
+    heard = b''
+    with contextlib.suppress(ConnectionError):
+        while data := kart.recv(4096):
+            heard += data
+    return heard
+
+
+class KartLink:
+    """
+    One connection of a plain kart, which whoever owns it reads: see ``take``.
 
     ``changes`` are the states it was sent, each with the monotonic time (s) of its first frame;
-    ``frames`` counts all frames; ``ended`` is true once the connection is gone.
+    ``times`` has the time of every frame, ``frames`` counts them; ``malformed`` is what it was
+    sent that is no frame.
 
     :param address: its own address, by which race control knows it.
+    :param to: race control's address and port.
+    :param judge: is told what is seen on this connection; `kart` is the kart's number there.
     :raises OSError: if race control cannot be reached.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        to: tuple[str, int],
+        judge: Judge | None = None,
+        kart: int = 0,
+        receive_buffer: int = 0,
+        timeout: float = PATIENCE,
+    ) -> None:
+        """Connect."""
+        began = time.monotonic()
+        self.socket = kart_socket(address, to, receive_buffer, timeout)
+        self.address = address
+        self.kart = kart
+        self.number = next(_links)
+        self.opened = began
+        self.changes: list[tuple[float, RaceState]] = []
+        self.times: list[float] = []
+        self.frames = 0
+        self.malformed: list[bytes] = []
+        self._judge = judge
+        self._unread = b''
+        self._tail: list[tuple[bytes, float]] = []
+        if judge is not None:
+            judge.opened(self.number, kart, began)
+
+    @property
+    def state(self) -> RaceState | None:
+        """Return the state it was sent last; None before the first frame."""
+        return self.changes[-1][1] if self.changes else None
+
+    def worst_gap(self, since: float) -> float:
+        """Return the longest time between two frames since then, s."""
+        times = [at for at in [*self.times, time.monotonic()] if at >= since]
+        return max((late - early for early, late in itertools.pairwise(times)), default=0.0)
+
+    def take(self, after: float) -> list[tuple[RaceState, bool]] | None:
+        """
+        Read what there is, and return each state, and whether it is a change.
+
+        :param after: a time (monotonic, s) at which nothing was left to be read.
+        :return: None at the end of the connection.
+        """
+        data = self.receive()
+        return None if data == b'' else self.note(data or b'', after)
+
+    def receive(self) -> bytes | None:
+        """Return what there is to be read: nothing at the end; None: only not yet."""
+        try:
+            return self.socket.recv(1 << 16)
+        except BlockingIOError:
+            return None
+        except OSError:
+            return b''
+
+    def note(self, data: bytes, after: float) -> list[tuple[RaceState, bool]]:
+        """Take note of what was read; see ``take``."""
+        now = time.monotonic()
+        *frames, self._unread = (self._unread + data).split(b';')
+        heard = []
+        for frame in frames:
+            state = FRAMES.get(frame + b';')
+            if state is None:
+                self.malformed.append(frame + b';')
+                if self._judge is not None:
+                    self._judge.rubbish(self.kart, frame + b';', now)
+                continue
+            change = state is not self.state
+            if change:
+                self.changes.append((now, state))
+            self.times.append(now)
+            self.frames += 1
+            heard.append((state, change))
+            if self._judge is not None:
+                self._judge.frame(self.number, state.value, after, now)
+        return heard
+
+    def say(self, *states: RaceState) -> None:
+        """Send frames, asked or unasked."""
+        self.send(b''.join(map(encode, states)))
+
+    def send(self, data: bytes) -> None:
+        """
+        Send bytes, whatever they are.
+
+        :raises OSError: if not all of it could be sent, such as on a full socket that may not
+            block.
+        """
+        while data:
+            before = time.monotonic()
+            sent = self.socket.send(data)
+            if self._judge is not None:
+                self._note_said(data[:sent], before, time.monotonic(), self._judge)
+            data = data[sent:]
+
+    def half_close(self) -> None:
+        """Say that nothing more will be said, and go on to listen."""
+        with contextlib.suppress(OSError):  # gone: the reader is told next
+            self.socket.shutdown(socket.SHUT_WR)
+
+    def end(self, earliest: float, reset: bool = False) -> None:
+        """
+        Let the connection go.
+
+        :param earliest: a time (monotonic, s) before which it had not ended.
+        :param reset: as a machine does that has lost it.
+        """
+        if reset:
+            self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
+        self.socket.close()
+        if self._judge is not None:
+            self._judge.closed(self.number, earliest, time.monotonic())
+
+    def _note_said(self, data: bytes, before: float, after: float, judge: Judge) -> None:
+        """Tell the judge which frames are complete now, whatever pieces they went out in."""
+        kept = b''.join(piece for piece, _ in self._tail)
+        for match in _SAID.finditer(kept + data):
+            if match.end() <= len(kept):
+                continue
+            at, first = match.start(), after
+            for piece, out in self._tail:
+                if at < len(piece):
+                    first = out
+                    break
+                at -= len(piece)
+            state = match[1].decode().replace('READY', 'GRID_ACTIVE')
+            judge.said(self.number, state, first, before)
+        self._tail.append((data, after))
+        while sum(len(piece) for piece, _ in self._tail[1:]) >= _LONGEST:
+            del self._tail[0]
+
+
+class WireKart(KartLink, Part):
+    """
+    A plain TCP kart that reads all the time; see ``KartLink`` for what it knows.
+
+    ``ended`` is true once the connection is gone.
+
+    :param acknowledges: when it says back what it is sent; may be changed at any time.
+    :param host: race control's address.
     """
 
     def __init__(
@@ -37,36 +246,17 @@ class WireKart:
         port: int,
         acknowledges: Acknowledges = Acknowledges.NEVER,
         host: str = '127.0.0.1',
+        judge: Judge | None = None,
+        kart: int = 0,
     ) -> None:
         """Connect."""
-        self.address = address
-        self.changes: list[tuple[float, RaceState]] = []
-        self.frames = 0
-        self.malformed: list[MalformedFrame] = []
+        super().__init__(address, (host, port), judge, kart)
+        self.acknowledges = acknowledges
         self.ended = False
-        self._acknowledges = acknowledges
         self._news = threading.Condition()
-        self.socket = socket.create_connection(
-            (host, port), timeout=PATIENCE, source_address=(address, 0)
-        )
         self.socket.settimeout(None)
-        self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
-
-    @property
-    def state(self) -> RaceState | None:
-        """Return the state it was sent last; None before the first frame."""
-        with self._news:
-            return self.changes[-1][1] if self.changes else None
-
-    def say(self, *states: RaceState) -> None:
-        """Send frames, asked or unasked."""
-        self.send(b''.join(encode(state) for state in states))
-
-    def send(self, data: bytes) -> None:
-        """Send bytes, whatever they are."""
-        self.socket.sendall(data)
 
     def wait_for_state(self, state: RaceState) -> float:
         """
@@ -75,9 +265,7 @@ class WireKart:
         :raises AssertionError: if it is not sent in time.
         """
         with self._news:
-            self._news.wait_for(
-                lambda: bool(self.changes) and self.changes[-1][1] is state, PATIENCE
-            )
+            self._news.wait_for(lambda: self.state is state, PATIENCE)
             assert self.changes, f'{self.address} was sent nothing'
             at, last = self.changes[-1]
             assert last is state, f'{self.address} is sent {last.value}, not {state.value}'
@@ -105,49 +293,33 @@ class WireKart:
 
     def close(self) -> None:
         """Disconnect."""
-        try:
+        with contextlib.suppress(OSError):  # the other end was quicker
             self.socket.shutdown(socket.SHUT_RDWR)
-        except OSError:
-            pass  # the other end was quicker
         self._thread.join(PATIENCE)
         self.socket.close()
 
     def _read(self) -> None:
-        decoder = FrameDecoder()
-        data = b' '
-        while data:
-            try:
-                data = self.socket.recv(4096)
-            except OSError:
-                data = b''
-            for heard in decoder.feed(data):
-                self._hear(heard)
+        empty_at = self.opened
+        look = select.poll()
+        look.register(self.socket, select.POLLIN)
+        while True:
+            before = time.monotonic()
+            if self._judge is not None and not look.poll(0):
+                empty_at = before
+            data = self.receive()
+            if not data:
+                break
+            with self._news:
+                heard = self.note(data, empty_at)
+                self._news.notify_all()
+            for state, change in heard:
+                if self.acknowledges is Acknowledges.EACH_FRAME or (
+                    change and self.acknowledges is Acknowledges.EACH_CHANGE
+                ):
+                    with contextlib.suppress(OSError):  # it is gone: the reader is told next
+                        self.say(state)
+        if self._judge is not None:
+            self._judge.closed(self.number, empty_at, time.monotonic())
         with self._news:
             self.ended = True
             self._news.notify_all()
-
-    def _hear(self, heard: StateFrame | MalformedFrame) -> None:
-        with self._news:
-            if isinstance(heard, MalformedFrame):
-                self.malformed.append(heard)
-                return
-            change = not self.changes or self.changes[-1][1] is not heard.state
-            if change:
-                self.changes.append((time.monotonic(), heard.state))
-            self.frames += 1
-            self._news.notify_all()
-        if self._acknowledges is Acknowledges.EACH_FRAME or (
-            change and self._acknowledges is Acknowledges.EACH_CHANGE
-        ):
-            try:
-                self.say(heard.state)
-            except OSError:
-                pass  # the connection is gone: the reader is told next
-
-    def __enter__(self) -> WireKart:
-        """Return this kart."""
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        """Disconnect."""
-        self.close()

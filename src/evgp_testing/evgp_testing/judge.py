@@ -1,11 +1,12 @@
 """
-Judge race control from outside: by what karts are sent and say, and how calls are answered.
+The judge of what was on the wire: by what karts are sent and say, and how calls are answered.
 
 Rules of what lives here:
 
 - Nothing of race control is used, its rules least of all. What is known are the frames that
   arrived, the frames that were said, when connections began and ended, and officials' calls.
-- No clock, socket, thread or ROS: every input brings its time, s of one monotonic clock.
+- No clock, socket or ROS: every input brings its time, s of one monotonic clock. Inputs may come
+  from any thread.
 - Never a false alarm. What is observed from outside has no instant but an interval: a call took
   force somewhere between its beginning and its answer; a frame was written somewhere between the
   last moment at which the socket was seen empty and the moment it was read. A rule speaks only
@@ -24,9 +25,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 import heapq
 import itertools
-from typing import Literal
-
-State = Literal['GREEN_GREEN', 'GRID_ACTIVE', 'IN_GARAGE', 'RED_FLAG', 'RED_RED']
+import threading
 
 # Loosest first.
 STRICTNESS: dict[str, int] = {
@@ -155,11 +154,9 @@ class _Kart:
     in_garage: float = 0.0
 
 
-class Checker:
+class Judge:
     """
     Takes what is observed, in any order within ``SETTLE``, and collects the violations.
-
-    Not safe for threads: whoever shares it locks.
 
     :param in_race: the karts that are in the race at first.
     :param others: the other karts of the roster.
@@ -181,6 +178,7 @@ class Checker:
         self._under_way: float | None = None
         self._grid: Call | None = None
         self._judged_until = now
+        self._lock = threading.Lock()
 
     # ----- inputs -------------------------------------------------------------------------
 
@@ -214,30 +212,34 @@ class Checker:
 
     def called(self, call: Call) -> None:
         """Take note that a call begins; to be called before it is sent."""
-        self._unanswered.append(call)
+        with self._lock:
+            self._unanswered.append(call)
 
     def answered(self, call: Call) -> None:
         """Take note of the answer, which is in the call."""
         assert call.ended is not None
-        self._unanswered.remove(call)
         self._put(call.began, 'call_began', call)
         self._put(call.ended, 'call_ended', call)
+        with self._lock:
+            self._unanswered.remove(call)
 
     def judge(self, now: float) -> None:
         """Judge what can be judged by now."""
-        horizon = min([now - SETTLE, *(call.began for call in self._unanswered)])
-        while self._inputs and self._inputs[0][0] < horizon:
-            at, _, kind, arguments = heapq.heappop(self._inputs)
-            self._judged_until = at
-            self.judged[kind] += 1
-            getattr(self, f'_{kind}')(at, *arguments)
+        with self._lock:
+            horizon = min([now - SETTLE, *(call.began for call in self._unanswered)])
+            while self._inputs and self._inputs[0][0] < horizon:
+                at, _, kind, arguments = heapq.heappop(self._inputs)
+                self._judged_until = at
+                self.judged[kind] += 1
+                getattr(self, f'_{kind}')(at, *arguments)
 
     def finish(self) -> None:
         """Judge all that is left."""
         self.judge(float('inf'))
 
     def _put(self, at: float, kind: str, *arguments: object) -> None:
-        heapq.heappush(self._inputs, (at, next(self._order), kind, arguments))
+        with self._lock:
+            heapq.heappush(self._inputs, (at, next(self._order), kind, arguments))
 
     # ----- connections --------------------------------------------------------------------
 

@@ -1,0 +1,62 @@
+"""A race of plain karts: race control, an official, and karts that acknowledge each change."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+import contextlib
+import pathlib
+
+from evgp_protocol.states import RaceState
+from evgp_testing.domains import Domain
+from evgp_testing.official import Official
+from evgp_testing.part import Part
+from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.wire_kart import Acknowledges, WireKart
+
+
+class WireRace(Part):
+    """
+    Race control, an official, and a plain kart for each number but the absent ones.
+
+    ``karts`` has those in the race first.
+
+    :param folder: where race control's files are written.
+    :param racing: the numbers of the karts in the race.
+    :param others: those in the roster only.
+    :param absent: those of the roster that do not connect.
+    :param parameters: more ROS parameters of race control.
+    """
+
+    def __init__(
+        self,
+        folder: pathlib.Path,
+        racing: Collection[int],
+        others: Collection[int] = (),
+        absent: Collection[int] = (),
+        parameters: Mapping[str, object] | None = None,
+    ) -> None:
+        """Start everything, and wait until the karts are connected."""
+        self.racing = tuple(racing)
+        present = [number for number in (*racing, *others) if number not in absent]
+        with contextlib.ExitStack() as stack:
+            self.domain = stack.enter_context(Domain()).number
+            self.control = stack.enter_context(
+                RaceControl(folder, self.domain, racing, others, parameters)
+            )
+            self.official = stack.enter_context(Official(self.domain))
+            self.karts = [
+                stack.enter_context(
+                    WireKart(address_of(number), self.control.port, Acknowledges.EACH_CHANGE)
+                )
+                for number in present
+            ]
+            self.official.wait_for_connected(*present)
+            self._stack = stack.pop_all()
+
+    def bring_to(self, state: RaceState) -> None:
+        """Bring the race to a state, from whatever state it is in; see ``Official.bring_to``."""
+        self.official.bring_to(state, *self.racing)
+
+    def close(self) -> None:
+        """End everything."""
+        self._stack.close()

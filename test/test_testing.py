@@ -1,0 +1,102 @@
+"""What teams get with ``evgp_testing``: a plugin that needs little, and failures that say much."""
+
+from __future__ import annotations
+
+import itertools
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import time
+
+from evgp_protocol.states import RaceState
+from evgp_rcs import race
+from evgp_testing.bare_race_control import BareRaceControl
+from evgp_testing.faults import module_with
+from evgp_testing.judge import Judge
+from evgp_testing.wire_kart import Acknowledges, WireKart
+from evgp_testing.wire_race import WireRace
+import pytest
+
+
+def test_the_plugin_loads_neither_ros_nor_qt_nor_the_officials_window() -> None:
+    code = (
+        'import sys, evgp_testing.plugin\n'
+        'names = {name.partition(".")[0] for name in sys.modules}\n'
+        'print(*sorted(names & {"rclpy", "evgp_rcs_console", "evgp_rcs_msgs", "PyQt5", "PyQt6", '
+        '"PySide2", "PySide6", "python_qt_binding"}))\n'
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, '\n'), done.stderr
+
+
+FAILING = """
+def test_that_fails(start_race_control, dice):
+    start_race_control(in_race=[7])
+    assert not dice.randrange(10**9), 'the dice fell'
+"""
+
+
+def run_failing(folder: pathlib.Path, *arguments: str) -> str:
+    """Run a test that fails beside a race control, with dice; return what pytest printed."""
+    (folder / 'test_failing.py').write_text(FAILING, encoding='utf-8')
+    done = subprocess.run(
+        [sys.executable, '-m', 'pytest', '-p', 'no:cacheprovider', *arguments, 'test_failing.py'],
+        cwd=folder,
+        env={**os.environ, 'PYTEST_ADDOPTS': ''},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize('workers', [[], ['-n', '1']], ids=['alone', 'in a worker'])
+def test_a_failure_shows_what_its_processes_printed_and_the_seed_that_gives_it_again(
+    tmp_path: pathlib.Path, workers: list[str]
+) -> None:
+    printed = run_failing(tmp_path, *workers)
+    assert re.search(r'^-+ rcs_node \(\d+, runs\) -+$', printed, re.MULTILINE)
+    assert re.search(r'listens for .* port \d+', printed)
+    (seed,) = {*re.findall(r'--seed (\d+)', printed)}
+    fell = re.findall(r'assert not (\d+)', printed)
+    again = run_failing(tmp_path, *workers, '--seed', seed)
+    assert re.findall(r'assert not (\d+)', again) == fell
+
+
+def test_a_fault_that_fits_its_source_not_exactly_once_is_an_error() -> None:
+    for old in ('this stands nowhere', 'def '):
+        with pytest.raises(AssertionError, match='times in'):
+            module_with(race, old, 'anything')
+
+
+def test_an_official_brings_the_race_from_every_state_to_every_other(
+    tmp_path: pathlib.Path,
+) -> None:
+    states = list(RaceState)
+    # Round by round with a wider stride: each of the 20 ways once.
+    way = [states[at * stride % 5] for stride in range(1, 5) for at in range(1, 6)]
+    assert len({*itertools.pairwise([states[0], *way])}) == 20
+    with WireRace(tmp_path, [1, 2], [3], parameters={'pause': 0.5}) as race:
+        race.bring_to(states[0])
+        for state in way:
+            race.bring_to(state)
+            for kart in race.karts[:2]:
+                kart.wait_for_state(state)
+
+
+def test_the_judge_sees_what_a_plain_kart_is_sent_and_says() -> None:
+    judge = Judge({1}, (), time.monotonic())
+    with BareRaceControl() as control:
+        with WireKart(
+            '127.0.1.1', control.port, Acknowledges.EACH_CHANGE, judge=judge, kart=1
+        ) as kart:
+            kart.wait_for_state(RaceState.IN_GARAGE)
+            control.say(RaceState.GREEN_GREEN)  # without GRID_ACTIVE
+            control.wait_until_it_says(RaceState.GREEN_GREEN)
+        judge.finish()
+    assert {each.rule for each in judge.violations} == {'unexplained GREEN_GREEN'}
+    assert {judge.judged[kind] for kind in ('opened', 'closed')} == {1}
+    assert judge.judged['said'] == 2
+    assert judge.judged['frame'] == kart.frames
