@@ -40,7 +40,7 @@ FIRST_WAIT = 0.1
 LAST_WAIT = 2.0
 """How long to wait between two attempts: at first, and at most after doubling, seconds."""
 
-END_TIMEOUT = 2.0
+LINK_END_TIMEOUT = 2.0
 """How long the thread may take to end, seconds."""
 
 READ_BYTES = 4096
@@ -137,7 +137,7 @@ class Link:
             if self._loop is not None:
                 self._loop.call_soon_threadsafe(self._end, None)
         if self._thread.ident is not None:
-            self._thread.join(END_TIMEOUT)
+            self._thread.join(LINK_END_TIMEOUT)
 
     def give(self, take: Input) -> concurrent.futures.Future[Outcome]:
         """

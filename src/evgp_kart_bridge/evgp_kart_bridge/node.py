@@ -25,7 +25,7 @@ from evgp_kart_bridge.link import (
     peer_of,
     REPEAT,
 )
-from evgp_kart_bridge.watch import race_state_qos
+from evgp_kart_bridge.watch import LEASE, LOG_AGAIN, race_state_qos
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
@@ -52,7 +52,7 @@ except ImportError:  # ROS 2 Humble has it there
 LAST_WORD = 0.5
 """How long the bridge waits at its end for its last word to be heard, seconds."""
 
-ANSWER_TIMEOUT = 1.0
+LINK_ANSWER_TIMEOUT = 1.0
 """How long a call of the team waits for the link before it says so, seconds."""
 
 TSR_QOS = QoSProfile(
@@ -73,9 +73,6 @@ LATCHED_TSR_QOS = QoSProfile(
 
 LOOK_AROUND = 0.3
 """How often the bridge looks for a second node where there must be one, seconds."""
-
-LOG_AGAIN = 10.0
-"""Time before a reason that comes back while something is wrong is logged again, seconds."""
 
 UNREAD = 5.0
 """Time without any reader of the race state after which the bridge says so, seconds."""
@@ -228,7 +225,7 @@ class KartBridge(StrictNode):
         order = request.order
         given = self._link.give(lambda arbiter, now: arbiter.acknowledge(state, order, now))
         try:
-            outcome = given.result(ANSWER_TIMEOUT)
+            outcome = given.result(LINK_ANSWER_TIMEOUT)
             answer = outcome.answer
             response.success, response.message = answer.accepted, answer.message
             if not answer.accepted and outcome.verdict.commanded not in (None, state):
@@ -243,7 +240,7 @@ class KartBridge(StrictNode):
             lambda arbiter, now: arbiter.team_stop(StopSource.SERVICE, engaged, now)
         )
         try:
-            verdict = given.result(ANSWER_TIMEOUT).verdict
+            verdict = given.result(LINK_ANSWER_TIMEOUT).verdict
             response.success = verdict.team_stop or not engaged
             response.message = f'The kart obeys {verdict.state.value}' + (
                 f': {verdict.reason}' if verdict.reason else ''
@@ -255,7 +252,7 @@ class KartBridge(StrictNode):
     def _unanswered(self, error: BaseException) -> str:
         if isinstance(error, LinkClosedError):
             return f'Not taken: {error}.'
-        return f'The bridge has not answered for {ANSWER_TIMEOUT:g} s; the kart must stop.'
+        return f'The bridge has not answered for {LINK_ANSWER_TIMEOUT:g} s; the kart must stop.'
 
     def _stop_by_topic(self, engaged: bool) -> None:
         self._link.give(lambda arbiter, now: arbiter.team_stop(StopSource.TOPIC, engaged, now))
@@ -448,6 +445,7 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
     :raises ParameterError: if a parameter is wrong.
     """
     declare = parameters.declare
+    rules = Settings()
     host = declare('host', '', 'The IPv4 address of race control.')
     port = declare('port', DEFAULT_PORT, 'The TCP port of race control.', (1, 65535))
     local = declare(
@@ -455,19 +453,19 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
     )
     frame_timeout = declare(
         'frame_timeout',
-        1.0,
+        rules.frame_timeout,
         'Time without a frame after which the link is lost, s (§3.E).',
         (0.2, 1.0),
     )
     lease = declare(
         'liveliness_lease',
-        0.5,
+        LEASE,
         'Time of silence of the bridge after which a subscriber must stop, s.',
         (0.2, 2.0),
     )
     tsr_timeout = declare(
         'tsr_timeout',
-        0.0,
+        rules.tsr_timeout,
         'Time without ~/tsr after which it is a team stop, s; 0: no remote is required.',
         (0.0, 10.0),
     )
@@ -477,32 +475,35 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
         team_timeout=TEAM_TIMEOUT,
         odometry_required=declare(
             'odometry_required',
-            False,
+            rules.odometry_required,
             'Acknowledge no RED_FLAG or RED_RED unless ~/odom shows that the kart stands still.',
         ),
         auto_acknowledge_stop=declare(
             'auto_acknowledge_stop',
-            False,
+            rules.auto_acknowledge_stop,
             'Acknowledge RED_FLAG and RED_RED once ~/odom shows that the kart stands still.',
         ),
         standstill_speed=declare(
-            'standstill_speed', 0.05, 'Maximum speed of a kart that stands still, m/s.', (0.0, 0.5)
+            'standstill_speed',
+            rules.standstill_speed,
+            'Maximum speed of a kart that stands still, m/s.',
+            (0.0, 0.5),
         ),
         standstill_time=declare(
             'standstill_time',
-            0.5,
+            rules.standstill_time,
             'Time at standstill after which the kart has stopped, s.',
             (0.1, 10.0),
         ),
         red_flag_drive_time=declare(
             'red_flag_drive_time',
-            15.0,
+            rules.red_flag_drive_time,
             'Time for which ~/stop lets a driving kart roll out under RED_FLAG, s (§3.A).',
             (0.0, 30.0),
         ),
         drive_in_garage=declare(
             'drive_in_garage',
-            False,
+            rules.drive_in_garage,
             'Under IN_GARAGE, ~/stop lets the team drive its kart (§3.A).',
         ),
     )

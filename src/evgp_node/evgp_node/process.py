@@ -12,6 +12,7 @@ from typing import Protocol
 from evgp_node.ending import end_within
 from evgp_node.graph import bind_graph, GraphError, NoInterfaceError
 from evgp_node.output import unwaiting_output
+from evgp_node.restarting import ENDING, IN_THE_WAY, WRONG_SETTING
 from evgp_node.spinning import Spinning
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
@@ -28,16 +29,7 @@ because their connections are gone."""
 TEARDOWN_TIMEOUT = 2.0
 """Maximum time for ROS to be taken down after that, seconds. Then the process ends anyway."""
 
-WRONG_SETTING = 2
-"""Exit code of a node that a setting keeps from starting: to start it again changes nothing."""
-
-IN_THE_WAY = 3
-"""Exit code of a node that something around it keeps from starting, and that may start later."""
-
 OnFailure = Callable[[BaseException], None]
-
-ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-"""What ends a node in good order: also a terminal that is closed."""
 
 
 class ClosableNode(Protocol):

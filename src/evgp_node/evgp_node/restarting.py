@@ -25,6 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import ctypes
+import math
 import os
 import pathlib
 import select
@@ -34,22 +35,22 @@ import time
 from typing import NoReturn
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-"""What ends the program and this process, such as Ctrl-C. A terminal that is closed does, too."""
+"""The signals that end a program of ours in good order; a terminal that is closed sends one."""
 
 DELAYS = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0)
 """Time before the first, second, ... restart in a row, in seconds; the last serves all further."""
 
-SETTLED = 30.0
+HEALTHY = 30.0
 """Time after which a program that runs counts as healthy again, in seconds."""
 
 LEFT_BEHIND = 5.0
 """Maximum time that processes of the program may outlive it, in seconds; then they are killed."""
 
-END_TIMEOUT = 15.0
+PROGRAM_END_TIMEOUT = 15.0
 """Maximum time the program may take to end when it was told to, in seconds; then it is killed.
 A node of ours takes 10 s at most."""
 
-LOOK = 1.0
+TERMINAL_LOOK = 1.0
 """Time between two looks whether the terminal is still there, in seconds. The kernel tells only
 the first process of a terminal when it is closed, and that one may be make, which tells nobody."""
 
@@ -60,11 +61,12 @@ FIRST_TRIES = 10.0
 """Maximum time for which a program that was never up is started again and again because something
 is in the way, in seconds. What an earlier one has left behind ends sooner."""
 
-REFUSED = 2
-"""The exit code of a program that says that a setting is wrong."""
+WRONG_SETTING = 2
+"""The exit code of a program that a setting keeps from starting: to start it again changes
+nothing."""
 
 IN_THE_WAY = 3
-"""The exit code of a program that says that something else keeps it from starting."""
+"""The exit code of a program that something around it keeps from starting; it may start later."""
 
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36  # of linux/prctl.h
 _LIBC = ctypes.CDLL(None)
@@ -91,7 +93,7 @@ class Ends:
 
     def is_final(self, code: int, now: float) -> bool:
         """Take note of an end (negative: a signal); return whether no start follows it."""
-        if code not in (REFUSED, IN_THE_WAY):
+        if code not in (WRONG_SETTING, IN_THE_WAY):
             # Not refused: what refuses it later may be what it has left behind, or what has
             # changed around it. The settings are those with which it was up.
             self._was_up = True
@@ -99,7 +101,7 @@ class Ends:
             return True
         if self._was_up:
             return False
-        return code == REFUSED or now - self._began >= FIRST_TRIES
+        return code == WRONG_SETTING or now - self._began >= FIRST_TRIES
 
 
 def keep_running(command: Sequence[str]) -> int:
@@ -133,7 +135,7 @@ def keep_running(command: Sequence[str]) -> int:
                     'above. It is not started again.'
                 )
             return code if code >= 0 else 128 - code
-        failures = 1 if time.monotonic() - began >= SETTLED else failures + 1
+        failures = 1 if time.monotonic() - began >= HEALTHY else failures + 1
         _say(_what_happened(_name(command), code, failures))
         if _wait(delay_before(failures), ENDING) is not None:
             return 0
@@ -147,13 +149,13 @@ def _run(command: Sequence[str]) -> tuple[int, bool]:
     ends: float | None = None
     unnoticed: dict[int, float] = {}
     while True:
-        left = LOOK if ends is None else max(0.0, ends - time.monotonic())
+        left = TERMINAL_LOOK if ends is None else max(0.0, ends - time.monotonic())
         came = _wait(left, _AWAITED)
         if came in ENDING:
             told = True
             if code is None:
                 _send(program, signal.Signals(came))
-                ends = ends or time.monotonic() + END_TIMEOUT
+                ends = ends or time.monotonic() + PROGRAM_END_TIMEOUT
         ended, orphans = _reap(program)
         if ended is not None:
             code = ended
@@ -194,15 +196,15 @@ def _become(command: Sequence[str], parent: int) -> NoReturn:
     except OSError as error:
         _say(f'{command[0]} cannot be started: {error.strerror}')
     finally:
-        os._exit(REFUSED)
+        os._exit(WRONG_SETTING)
 
 
 def _wait(seconds: float | None, awaited: Sequence[int]) -> int | None:
     """Return the signal that came, None after so many seconds without one (None: for ever)."""
     until = None if seconds is None else time.monotonic() + seconds
     while True:
-        left = LOOK if until is None else max(0.0, min(LOOK, until - time.monotonic()))
-        came = signal.sigtimedwait(awaited, left)
+        left = math.inf if until is None else max(0.0, until - time.monotonic())
+        came = signal.sigtimedwait(awaited, min(TERMINAL_LOOK, left))
         if came is not None:
             return came.si_signo
         if _terminal.poll(0):

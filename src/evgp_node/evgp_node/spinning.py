@@ -18,7 +18,7 @@ from rclpy.executors import (
 from rclpy.node import Node
 from rclpy.service import Service
 
-LOG_AGAIN = 1.0
+UNREADABLE_LOG_AGAIN = 1.0
 """Minimum time between two log lines about calls that cannot be read, seconds."""
 
 
@@ -125,7 +125,7 @@ class _Executor(SingleThreadedExecutor):
     def _dropped(self, what: str, error: BaseException) -> None:
         self._log.error(
             f'{what}, and was dropped: {type(error).__name__}: {error}',
-            throttle_duration_sec=LOG_AGAIN,
+            throttle_duration_sec=UNREADABLE_LOG_AGAIN,
         )
 
 
@@ -139,7 +139,7 @@ def _refusing(node: Node, service: Service) -> Callable[[Any, Any], Any]:
         except Exception as error:  # noqa: BLE001 - a call from afar must not end this process
             log.error(
                 f'A call of {name} was refused because it failed here:\n{traceback.format_exc()}',
-                throttle_duration_sec=LOG_AGAIN,
+                throttle_duration_sec=UNREADABLE_LOG_AGAIN,
             )
             return _refusal(request, type(response)(), f'{type(error).__name__}: {error}')
 

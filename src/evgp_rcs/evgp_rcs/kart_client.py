@@ -37,14 +37,14 @@ from evgp_rcs.channel import (
 from evgp_rcs.kart_server import KartServerError
 from evgp_rcs.race import Answer, Command, Race, StampedEvent
 
-END_TIMEOUT = 5.0
+KART_SERVER_END_TIMEOUT = 5.0
 """Maximum time the kart server's process may take to end, in seconds; then it is killed."""
 
 START_TIMEOUT = 20.0
 """Maximum time the kart server may take to start, in seconds. A disk may be slow; one that hangs
 must not keep officials without an answer."""
 
-SILENCE = 1.5
+KART_SERVER_SILENCE = 1.5
 """Time after which a kart server that says nothing counts as hung, in seconds. A copy of the race
 comes every 0.5 s at least."""
 
@@ -54,7 +54,8 @@ LOOKS = 10
 SEND_TIMEOUT = 0.5
 """Maximum time a message may wait for a kart server that reads nothing, in seconds."""
 
-READ_BYTES = 1 << 20
+FROM_KART_SERVER_BYTES = 1 << 20
+"""Maximum read from the kart server at a time, in bytes: a copy of a large race in one go."""
 
 _CHILD = (
     'import sys; sys.path[:] = sys.argv[2:]; '
@@ -187,11 +188,11 @@ class KartServerClient:
     def _clear_away(self) -> None:
         self._stopping = True
         try:
-            self._process.wait(END_TIMEOUT)
+            self._process.wait(KART_SERVER_END_TIMEOUT)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._thread.join(END_TIMEOUT)
+        self._thread.join(KART_SERVER_END_TIMEOUT)
         self._end.close()
 
     def _send(self, message: object) -> None:
@@ -228,15 +229,15 @@ class KartServerClient:
         why = 'its process has ended'
         silent = 0
         while True:
-            if not select.select([self._end], [], [], SILENCE / LOOKS)[0]:
+            if not select.select([self._end], [], [], KART_SERVER_SILENCE / LOOKS)[0]:
                 silent += self._listening.done() and not self._stopping
                 if silent < LOOKS:
                     continue
                 self._process.kill()  # so that the karts lose their connections
-                return f'it said nothing for {SILENCE:g} s and was killed'
+                return f'it said nothing for {KART_SERVER_SILENCE:g} s and was killed'
             silent = 0
             try:
-                data = self._end.recv(READ_BYTES)
+                data = self._end.recv(FROM_KART_SERVER_BYTES)
             except OSError:
                 return why
             if not data:

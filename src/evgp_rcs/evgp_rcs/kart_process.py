@@ -2,8 +2,8 @@
 The kart server's process: rules, karts' sockets, beat and record, without ROS.
 
 The ROS half (``node``) starts it, and the two are joined by one local socket pair (``channel``).
-Neither outlives the other. When the ROS half ends, or is silent for `SILENCE`, no official could
-stop a kart any more: every kart is sent RED_RED, and this process ends.
+Neither outlives the other. When the ROS half ends, or is silent for `ROS_HALF_SILENCE`, no
+official could stop a kart any more: every kart is sent RED_RED, and this process ends.
 
 Two threads: the main one runs the kart server's loop, the other writes the record to the disk.
 When the ROS half is slow, events for it wait here; copies of the race are left out.
@@ -47,7 +47,7 @@ from evgp_rcs.kart_server import (
 from evgp_rcs.race import Answer, Event, EventKind, Kart, Race, RaceMemory, StampedEvent
 from evgp_rcs.record import Record, RecordError
 
-SWITCH_INTERVAL = 0.00001
+LOOP_SWITCH_INTERVAL = 0.00001
 """Time after which the record's thread hands the interpreter to the loop's, in seconds. With
 Python's usual 5 ms, a stop waits as long while the record prepares what it writes."""
 
@@ -64,13 +64,15 @@ GATHER = 0.002
 """Time for which events are gathered for one message to the ROS half, in seconds. Of a thousand
 karts that acknowledge, each as a message of its own would keep both processes busy."""
 
-END_TIMEOUT = 2.0
-"""Maximum time the record may take to be finished at the end, in seconds."""
+LAST_WORDS_TIMEOUT = 2.0
+"""Maximum time at the end for the record to be finished, and for the ROS half to take the last
+messages, each, in seconds."""
 
-MOST_UNSENT = 64 * 2**20
+TO_ROS_HALF_BYTES = 64 * 2**20
 """Maximum backlog to the ROS half, in bytes; beyond it, the ROS half counts as gone."""
 
-READ_BYTES = 65536
+FROM_ROS_HALF_BYTES = 65536
+"""Maximum read from the ROS half at a time, in bytes."""
 
 
 class RosHalf:
@@ -99,7 +101,7 @@ class RosHalf:
         :raises EOFError: if the ROS half ends before.
         """
         while True:
-            data = self._end.recv(READ_BYTES)
+            data = self._end.recv(FROM_ROS_HALF_BYTES)
             if not data:
                 raise EOFError('the ROS half ended before it began')
             for message in self._unpacker.feed(data):
@@ -117,7 +119,7 @@ class RosHalf:
         """Take in what has come, without waiting."""
         while not self._gone:
             try:
-                data = self._end.recv(READ_BYTES)
+                data = self._end.recv(FROM_ROS_HALF_BYTES)
             except BlockingIOError:
                 return
             except OSError as error:
@@ -128,7 +130,7 @@ class RosHalf:
                 return
             for message in self._unpacker.feed(data):
                 self._take(message)
-            if len(data) < READ_BYTES:
+            if len(data) < FROM_ROS_HALF_BYTES:
                 return
 
     def expect(self, allowance: float) -> None:
@@ -145,7 +147,7 @@ class RosHalf:
             return
         self._unsent += pack(message)
         self._flush()
-        if len(self._unsent) > MOST_UNSENT:
+        if len(self._unsent) > TO_ROS_HALF_BYTES:
             self._lose('it takes nothing any more')
 
     def show(self, race: Race, at: float) -> None:
@@ -332,7 +334,7 @@ def main(arguments: list[str] | None = None) -> int:
     :return: 0 after an orderly end, 1 after a failure, 2 if it could not start.
     """
     (descriptor,) = sys.argv[1:] if arguments is None else arguments
-    sys.setswitchinterval(SWITCH_INTERVAL)
+    sys.setswitchinterval(LOOP_SWITCH_INTERVAL)
     _come_first()
     with socket.socket(fileno=int(descriptor)) as end:
         ros_half = RosHalf(end)
@@ -343,23 +345,23 @@ def main(arguments: list[str] | None = None) -> int:
         try:
             record = Record(begin.record)
         except RecordError as error:
-            ros_half.send_the_rest(Refused(str(error)), timeout=END_TIMEOUT)
+            ros_half.send_the_rest(Refused(str(error)), timeout=LAST_WORDS_TIMEOUT)
             return 2
         try:
             clock.run(serve(begin, ros_half, World(ros_half, record), record))
         except KartServerError as error:
             # No kart was sent anything: what the last run left is what this one leaves.
-            record.end(END_TIMEOUT, in_order=True)
-            ros_half.send_the_rest(Refused(str(error)), timeout=END_TIMEOUT)
+            record.end(LAST_WORDS_TIMEOUT, in_order=True)
+            ros_half.send_the_rest(Refused(str(error)), timeout=LAST_WORDS_TIMEOUT)
             return 2
         except BaseException as error:
-            record.end(END_TIMEOUT, in_order=False)
-            ros_half.send_the_rest(Failed(_in_words(error)), timeout=END_TIMEOUT)
+            record.end(LAST_WORDS_TIMEOUT, in_order=False)
+            ros_half.send_the_rest(Failed(_in_words(error)), timeout=LAST_WORDS_TIMEOUT)
             if not isinstance(error, RosHalfGoneError):
                 raise
             return 1
-        record.end(END_TIMEOUT, in_order=True)
-        ros_half.send_the_rest(timeout=END_TIMEOUT)
+        record.end(LAST_WORDS_TIMEOUT, in_order=True)
+        ros_half.send_the_rest(timeout=LAST_WORDS_TIMEOUT)
         return 0
 
 

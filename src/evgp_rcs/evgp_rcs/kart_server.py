@@ -16,17 +16,16 @@ from __future__ import annotations
 import asyncio
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
-import ctypes
 from dataclasses import dataclass
 import itertools
 import socket
-import termios
 import time
 from typing import Protocol
 
-from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame, StateFrame
-from evgp_protocol.states import RaceState
+from evgp_protocol.frames import DEFAULT_PORT, MalformedFrame
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.hearing import Heard
+from evgp_rcs.kart_link import in_words, KartLink
 from evgp_rcs.race import (
     Answer,
     Command,
@@ -40,18 +39,6 @@ from evgp_rcs.race import (
     URGENT,
 )
 
-READ_BYTES = 4096
-"""Maximum read from one kart per beat, in bytes. A kart says some 15 bytes a beat at most."""
-
-FLOOD_BEATS = 40
-"""Maximum number of beats in a row in which a kart may say `READ_BYTES`; then it is dropped."""
-
-DEAF_BEATS = 20
-"""Number of beats after a flood for which nothing a kart says counts as an acknowledgement."""
-
-UNSENT_BYTES = 4096
-"""Maximum backlog to a kart that does not read, in bytes; beyond it, the kart is dropped."""
-
 HELD_UP = 1.0
 """Delay of a beat after which race control counts as held up, in seconds."""
 
@@ -59,11 +46,15 @@ PAUSE_AFTER_HELD_UP = 5.0
 """Time after that for which commands that loosen or start anything are refused, in seconds. What
 officials sent meanwhile comes late: DDS delivered it up to 3 s later."""
 
-TCP_THIN_LINEAR_TIMEOUTS = 16
-"""An option of Linux (since 2.6.34) that Python does not name."""
-
 CONNECTIONS = (10, 2.0)
 """Limit of a kart's connections: how many at once, and how many a second after that."""
+
+CONNECTION_QUEUE = 4096
+"""Maximum number of connections that wait to be taken; the kernel may allow fewer (somaxconn). A
+kart that finds the queue full tries again after 1, 3, 7, ... s, and is left out until then."""
+
+CONNECTIONS_AT_ONCE = 16
+"""Maximum number of connections taken before a stop or a beat has its turn."""
 
 COPY_PER_KART = 0.0002
 """Minimum time between two copies of the race, for each of its karts, in seconds. The ROS half
@@ -75,24 +66,10 @@ REMEMBER_TIMEOUT = 1.0
 KARTS_BETWEEN_LOOKS = 8
 """Number of karts that a beat writes to before it looks again whether a command has come."""
 
-FRAMES = {state: encode(state) for state in RaceState}
+ROS_HALF_SILENCE = 1.0
+"""Time after which a silent ROS half counts as gone, in seconds."""
 
 _ENDING = Answer(False, 'Race control is stopping; if a kart still moves, use the MSR.')
-
-# Python gives the interpreter's lock away with every call of the system, and gets it back when the
-# record's thread lets go: with a thousand karts, a thousand times for one stop. These two never
-# wait in the kernel, so they keep it.
-_LIBC = ctypes.PyDLL(None)
-_SEND = _LIBC.send
-_SEND.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_size_t, ctypes.c_int)
-_SEND.restype = ctypes.c_ssize_t
-_IOCTL = _LIBC.ioctl
-_IOCTL.argtypes = (ctypes.c_int, ctypes.c_ulong, ctypes.POINTER(ctypes.c_int))
-_NOW = socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
-
-
-SILENCE = 1.0
-"""Time after which a silent ROS half counts as gone, in seconds."""
 
 
 class KartServerError(RuntimeError):
@@ -100,7 +77,7 @@ class KartServerError(RuntimeError):
 
 
 class RosHalfGoneError(RuntimeError):
-    """The ROS half was not heard for longer than `SILENCE`, or is gone."""
+    """The ROS half was not heard for longer than `ROS_HALF_SILENCE`, or is gone."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +85,7 @@ class ServerSettings:
     """
     How the kart server listens and sends.
 
-    :param host: the address to listen at; an empty one is every address of the machine.
+    :param host: the IPv4 address to listen at; 0.0.0.0 is every address of the machine.
     :param port: the TCP port; 0 lets the system choose one (for tests).
     :param beat_rate: frames per second to each kart; §4.C wants at least 10 Hz.
     :param send_timeout: how long a kart may leave bytes unanswered before it counts as lost, s.
@@ -119,8 +96,8 @@ class ServerSettings:
     :param copy_at_least: the most time between two copies, even if nothing changed, s.
     """
 
-    host: str = ''
-    port: int = 12017
+    host: str = '0.0.0.0'
+    port: int = DEFAULT_PORT
     beat_rate: float = 20.0
     send_timeout: float = 1.0
     pause: float = 1.0
@@ -197,193 +174,6 @@ class _Allowance:
         return f' ({withheld} more not reported)' if withheld else ''
 
 
-class _KartLink(asyncio.BufferedProtocol):
-    """One connection of one kart: bytes in, frames out."""
-
-    def __init__(self, server: KartServer) -> None:
-        self._server = server
-        self._buffer = bytearray(READ_BYTES)
-        self._decoder = FrameDecoder(ready_is_grid_active=True)
-        self._transport: asyncio.Transport | None = None
-        self._socket: socket.socket | None = None
-        self._read_this_beat = 0
-        self._paused = False
-        self._throttled_beats = 0
-        self._open_beats = DEAF_BEATS
-        # Bytes that arrived before the present order: what they say cannot be about it.
-        self._unprocessed = 0
-        self._stale = 0
-        self._stale_frame = False
-        # How many bytes were written; how many of them were answered, and when that last grew.
-        self._written = 0
-        self._answered = 0
-        self._answered_at = 0.0
-        self._ask_at = 0.0
-        self._send_timeout = 0.0
-        self.number = 0
-        self.serial = 0
-        self.frame = b''
-        self.reason = 'the connection ended'
-
-    # ----- asyncio's side -----------------------------------------------------------------
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
-        self._socket = transport.get_extra_info('socket')
-        self._server.link_made(self, transport.get_extra_info('peername'))
-
-    def set_up(self, settings: ServerSettings) -> None:
-        """Make the socket prompt: no Nagle, little in flight, and a vanished kart noticed."""
-        assert self._socket is not None
-        self._send_timeout = settings.send_timeout
-        self._answered_at = self._server.now()
-        option = self._socket.setsockopt
-        option(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        try:
-            # It does not take lost packets for a sign to send less. With the usual ones, where
-            # 5 % are lost a kart hears nothing for a second every twenty minutes.
-            option(socket.IPPROTO_TCP, socket.TCP_CONGESTION, b'bbr')
-        except OSError:
-            pass  # this kernel does not have it, or not for everyone
-        # What was lost is sent again at an even pace (where it is not bbr that decides). With
-        # ever longer waits, a link that fails for half a second is silent for more than one.
-        option(socket.IPPROTO_TCP, TCP_THIN_LINEAR_TIMEOUTS, 1)
-        # Only for the case that `_is_unanswered` is not asked: the kernel counts from when it
-        # first had to send anything again, even if that has been answered since.
-        option(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(3 * settings.send_timeout * 1000))
-        option(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        option(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 1)
-        option(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 1)
-        # A kart that reads late must not find seconds of old states before the stop.
-        option(socket.SOL_SOCKET, socket.SO_SNDBUF, 2048)
-
-    def get_buffer(self, sizehint: int) -> bytearray:
-        return self._buffer
-
-    def buffer_updated(self, nbytes: int) -> None:
-        self._unprocessed = nbytes
-        self._server.take_commands()
-        stale = min(self._stale, nbytes)
-        view = memoryview(self._buffer)
-        if stale:
-            self._stale -= stale
-            self._hear(view[:stale], 0)
-            self._stale_frame = self._decoder.in_frame
-        self._unprocessed = 0
-        # Bytes queued by a flood have unknown age, so they do not count.
-        self._hear(view[stale:nbytes], self.serial if self._open_beats >= DEAF_BEATS else 0)
-        self._read_this_beat += nbytes
-        if self._read_this_beat >= READ_BYTES and self._transport is not None:
-            self._paused = True
-            self._transport.pause_reading()
-
-    def _hear(self, data: memoryview, serial: int) -> None:
-        for heard in self._decoder.feed(data):
-            if serial and self._stale_frame:
-                # It began before the order: its beginning lies in what was stale.
-                self._stale_frame = False
-                self._server.link_heard(self, heard, 0)
-            else:
-                self._server.link_heard(self, heard, serial)
-
-    def eof_received(self) -> bool:
-        # At once, whatever waits to be written: a kart that closed hears nothing any more.
-        self.drop('the kart closed the connection')
-        return False
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        if exc is not None:
-            self.reason = _plain(exc)
-        self._transport = None
-        self._server.link_lost(self)
-
-    # ----- the server's side --------------------------------------------------------------
-
-    def order(self, frame: bytes, serial: int) -> None:
-        """Send a new state at once; what has arrived by now is no answer to it."""
-        self._stale = self._unprocessed + self._unread()
-        self._stale_frame = self._decoder.in_frame
-        self.serial = serial
-        self.frame = frame
-        self._write()
-
-    def beat(self) -> None:
-        """Send the state again, unless the kart has not taken the last one yet."""
-        self._read_this_beat = 0
-        if self._transport is None:
-            return
-        if self._is_unanswered():
-            self.drop('its network link stopped answering')
-            return
-        if self._paused:
-            self._paused = False
-            self._open_beats = 0
-            self._throttled_beats += 1
-            if self._throttled_beats > FLOOD_BEATS:
-                self.drop('the kart floods race control')
-                return
-            self._transport.resume_reading()
-        else:
-            self._throttled_beats = 0
-            self._open_beats = min(self._open_beats + 1, DEAF_BEATS)
-        if not self._transport.get_write_buffer_size():
-            self._write()
-
-    def drop(self, reason: str) -> None:
-        """Give the connection up now; what waits to be written is thrown away."""
-        self.reason = reason
-        if self._transport is not None:
-            self._transport.abort()
-
-    def farewell(self) -> None:
-        """Send RED_RED and close: race control is going away."""
-        self.reason = 'race control ended'
-        if self._transport is not None:
-            self._transport.write(FRAMES[RaceState.RED_RED])
-            self._transport.close()
-
-    def _write(self) -> None:
-        if self._transport is None or self._socket is None:
-            return
-        frame = self.frame
-        self._written += len(frame)
-        if not self._transport.get_write_buffer_size():
-            # What the kernel takes now goes out without giving the interpreter to the record.
-            sent = _SEND(self._socket.fileno(), frame, len(frame), _NOW)
-            if sent == len(frame):
-                return
-            taken = max(sent, 0)
-            frame = frame[taken:]  # the rest; or all of it, and asyncio meets the error
-        self._transport.write(frame)
-        if self._transport.get_write_buffer_size() > UNSENT_BYTES:
-            self.drop('the kart does not read what it is sent')
-
-    def _is_unanswered(self) -> bool:
-        """Return whether the kart has answered nothing of what it was sent for too long (§4.D)."""
-        now = self._server.now()
-        if self._transport is None or now < self._ask_at:
-            return False
-        self._ask_at = now + self._send_timeout / 8  # to ask the kernel at every beat is too dear
-        unanswered = self._transport.get_write_buffer_size() + self._in_kernel(termios.TIOCOUTQ)
-        answered = self._written - unanswered
-        if not unanswered or answered > self._answered:
-            self._answered = answered
-            self._answered_at = now
-        return now - self._answered_at >= self._send_timeout
-
-    def _unread(self) -> int:
-        """Return how many bytes lie in the kernel, read by nobody yet."""
-        return self._in_kernel(termios.FIONREAD)
-
-    def _in_kernel(self, which: int) -> int:
-        if self._socket is None or self._transport is None:
-            return 0
-        count = ctypes.c_int(0)
-        _IOCTL(self._socket.fileno(), which, ctypes.byref(count))
-        return count.value
-
-
 class KartServer:
     """
     The karts' sockets and the race, in one asyncio loop.
@@ -409,7 +199,7 @@ class KartServer:
         self._settings = settings
         self._outside = outside
         self._first_events = tuple(first_events)
-        self._links: dict[int, _KartLink] = {}
+        self._links: dict[int, KartLink] = {}
         self._stops: deque[Waiting] = deque()
         self._commands: deque[Waiting] = deque()
         self._starting: Waiting | None = None
@@ -445,17 +235,20 @@ class KartServer:
         loop.set_exception_handler(self._fail)
         try:
             server = await loop.create_server(
-                lambda: _KartLink(self),
-                self._settings.host or None,
+                lambda: KartLink(self, self._settings.beat_rate, self._settings.send_timeout),
+                self._settings.host,
                 self._settings.port,
                 family=socket.AF_INET,
-                backlog=1024,
+                backlog=CONNECTIONS_AT_ONCE,
                 reuse_address=True,
             )
+            # asyncio knows one number for both, and sets the queue to it.
+            with server.sockets[0].dup() as taking:
+                taking.listen(CONNECTION_QUEUE)
         except OSError as error:
-            where = f'{self._settings.host or "any address"}, port {self._settings.port}'
+            where = f'{self._settings.host}, port {self._settings.port}'
             raise KartServerError(
-                f'race control cannot listen for karts at {where}: {_plain(error)}; '
+                f'race control cannot listen for karts at {where}: {in_words(error)}; '
                 'is another race control still running here? Stop the program that has the port, '
                 'or choose another address or port'
             ) from error
@@ -525,7 +318,7 @@ class KartServer:
         if isinstance(error, OSError) and str(context.get('message')).startswith('socket.accept'):
             # Out of file descriptors: asyncio tries again in a second, the race goes on.
             if self._refusals.take(self.now()):
-                text = f'No further connection can be taken now: {_plain(error)}'
+                text = f'No further connection can be taken now: {in_words(error)}'
                 self._tell([Event(EventKind.REFUSED_CONNECTION, text, success=False)])
             return
         self.end(
@@ -570,7 +363,7 @@ class KartServer:
             return
         # While race control itself was held up, nobody could have been heard.
         silent_for = now - max(since, self._began_again_at)
-        if silent_for > SILENCE:
+        if silent_for > ROS_HALF_SILENCE:
             self.end(RosHalfGoneError(f'the ROS half was silent for {silent_for:.1f} s'))
 
     def take_commands(self) -> None:
@@ -713,7 +506,7 @@ class KartServer:
         for order in outcome.orders:
             link = self._links.get(order.kart)
             if link is not None:
-                link.order(FRAMES[order.state], order.serial)
+                link.order(order.state, order.serial)
 
     def _tell(self, events: Iterable[Event]) -> None:
         now = self.now()
@@ -752,15 +545,15 @@ class KartServer:
 
     # ----- what the links tell ------------------------------------------------------------
 
-    def link_made(self, link: _KartLink, peer: tuple[str, int]) -> None:
+    def link_made(self, link: KartLink, address: str) -> None:
         """Take a new connection, or refuse it if its address is not in the roster (§4.A)."""
-        number = self._addresses.get(peer[0])
+        number = self._addresses.get(address)
         now = self.now()
         if number is None:
             link.drop('its address is not in the roster')
             if self._refusals.take(now):
                 text = (
-                    f'A connection from {peer[0]} was refused: no kart of the roster has that '
+                    f'A connection from {address} was refused: no kart of the roster has that '
                     f'address{self._refusals.mention()}'
                 )
                 self._tell([Event(EventKind.REFUSED_CONNECTION, text, success=False)])
@@ -780,11 +573,11 @@ class KartServer:
         if old is not None:
             old.drop('a new connection from its address took its place')
         link.number = number
-        link.set_up(self._settings)
+        link.set_up()
         self._links[number] = link
         self._apply(self._race.connected(number, now))
 
-    def link_heard(self, link: _KartLink, heard: StateFrame | MalformedFrame, serial: int) -> None:
+    def link_heard(self, link: KartLink, heard: Heard, serial: int) -> None:
         """Take a frame, or what should have been one, from a kart."""
         if self._links.get(link.number) is not link:
             return
@@ -798,7 +591,7 @@ class KartServer:
             return
         self._apply(self._race.heard(link.number, serial, heard.state, now))
 
-    def link_lost(self, link: _KartLink) -> None:
+    def link_lost(self, link: KartLink) -> None:
         """Take note that a connection ended; one that was replaced has been told already."""
         if self._links.get(link.number) is link:
             del self._links[link.number]
@@ -811,14 +604,5 @@ def _ended(failure: BaseException | None) -> Event:
     if failure is None:
         text = f'Race control ends because it was told to (Ctrl-C or a signal): {follows}'
     else:
-        text = f'Race control ends because of a failure ({_plain(failure)}): {follows}'
+        text = f'Race control ends because of a failure ({in_words(failure)}): {follows}'
     return Event(EventKind.ENDED, text, success=failure is None)
-
-
-def _plain(error: BaseException) -> str:
-    """Return what an operating system error says, without its number."""
-    if isinstance(error, TimeoutError):
-        return 'its network link stopped answering'
-    if isinstance(error, OSError) and error.strerror:
-        return error.strerror.lower()
-    return str(error) or type(error).__name__

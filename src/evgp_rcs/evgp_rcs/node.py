@@ -112,11 +112,6 @@ class RcsNode(StrictNode):
         )
         self.get_logger().info(where_reachable())
 
-    @property
-    def kart_port(self) -> int:
-        """Return the TCP port at which karts connect."""
-        return self._server.address[1]
-
     def close(self) -> None:
         """Send every kart RED_RED, close their connections, and tell what is left to tell."""
         if self._failure:

@@ -175,20 +175,13 @@ class _Remember:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Flush:
-    """Whoever waits until all that came before is on the disk."""
-
-    done: Callable[[bool], None]
-
-
-@dataclasses.dataclass(frozen=True)
 class _End:
     """The run ends."""
 
     in_order: bool
 
 
-_Given = Sequence[StampedEvent] | _Remember | _Flush | _End
+_Given = Sequence[StampedEvent] | _Remember | _End
 
 
 class Record:
@@ -301,25 +294,6 @@ class Record:
         lost = f', {self._lost} are lost' if self._lost else ''
         return f'The record {self._path} fails: {reason}; {waiting} events wait{lost}'
 
-    def flush(self, timeout: float) -> bool:
-        """
-        Wait until all that was given is written; return whether it is.
-
-        :param timeout: wait no longer than this, s.
-        """
-        until = clock.now() + timeout
-        while True:
-            answer: queue.SimpleQueue[bool] = queue.SimpleQueue()
-            self._given.put(_Flush(answer.put))
-            try:
-                if answer.get(timeout=max(0.0, until - clock.now())):
-                    return True
-            except queue.Empty:
-                return False
-            if clock.now() >= until:
-                return False
-            time.sleep(RETRY / 10)  # the disk takes nothing now: later it may
-
     def end(self, timeout: float, in_order: bool = True) -> None:
         """
         Write what is left and that this run has ended.
@@ -397,8 +371,6 @@ class Record:
                 newest = self._remembered if self._memory is None else self._memory.memory
                 if given.memory != newest or given.done is not None:
                     self._memory = given
-        elif isinstance(given, _Flush):
-            self._confirm.append(given.done)
         elif isinstance(given, _End):
             self._end = given
         else:

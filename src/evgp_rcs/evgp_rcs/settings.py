@@ -20,6 +20,7 @@ def read_settings(parameters: Parameters) -> Begin:
     :raises RosterError: if the roster is.
     """
     declare = parameters.declare
+    server, rules = ServerSettings(), RaceTimes()
 
     def seconds(name: str, default: float, meaning: str) -> float:
         return declare(name, default, f'{meaning}, s.', (0.1, 3600))
@@ -32,21 +33,26 @@ def read_settings(parameters: Parameters) -> Begin:
     )
     settings = ServerSettings(
         host=declare(
-            'address', '0.0.0.0', 'The IPv4 address at which karts connect; 0.0.0.0: every one.'
+            'address', server.host, 'The IPv4 address at which karts connect; 0.0.0.0: every one.'
         ),
-        port=declare('port', 12017, 'The TCP port at which karts connect; 0: any.', (0, 65535)),
+        port=declare(
+            'port', server.port, 'The TCP port at which karts connect; 0: any.', (0, 65535)
+        ),
         beat_rate=declare(
-            'beat_rate', 20.0, 'Frames per second to each kart, Hz (§4.C: at least 10).', (10, 100)
+            'beat_rate',
+            server.beat_rate,
+            'Frames per second to each kart, Hz (§4.C: at least 10).',
+            (10, 100),
         ),
         send_timeout=declare(
             'send_timeout',
-            1.0,
+            server.send_timeout,
             'Time after which a kart that leaves bytes unanswered is lost, s.',
             (0.2, 10),
         ),
         pause=declare(
             'pause',
-            1.0,
+            server.pause,
             'After a stop, commands that loosen or start anything are refused for this long, s.',
             (0.5, 10),
         ),
@@ -55,27 +61,39 @@ def read_settings(parameters: Parameters) -> Begin:
         finish_delays=tuple(
             declare(
                 'finish_delays',
-                list(RaceTimes().finish_delays),
+                list(rules.finish_delays),
                 'From FINISH to RED_FLAG for place 1, 2, …; the last for all further, s, 0-60.',
             )
         ),
         finish_stop=seconds(
-            'finish_stop', 15.0, 'Time that a finished kart has to acknowledge its RED_FLAG'
+            'finish_stop',
+            rules.finish_stop,
+            'Time that a finished kart has to acknowledge its RED_FLAG',
         ),
         auto_race_over=declare(
-            'auto_race_over', True, 'Once every kart has finished, the race goes over by itself.'
+            'auto_race_over',
+            rules.auto_race_over,
+            'Once every kart has finished, the race goes over by itself.',
         ),
         ready_alert=seconds(
-            'ready_alert', 120.0, 'Time until the alert that GRID_ACTIVE is not acknowledged'
+            'ready_alert',
+            rules.ready_alert,
+            'Time until the alert that GRID_ACTIVE is not acknowledged',
         ),
         green_alert=seconds(
-            'green_alert', 30.0, 'Time until the alert that GREEN_GREEN is not acknowledged'
+            'green_alert',
+            rules.green_alert,
+            'Time until the alert that GREEN_GREEN is not acknowledged',
         ),
         flag_alert=seconds(
-            'flag_alert', 15.0, 'Time until the alert that RED_FLAG is not acknowledged'
+            'flag_alert',
+            rules.flag_alert,
+            'Time until the alert that RED_FLAG is not acknowledged',
         ),
         red_alert=seconds(
-            'red_alert', 5.0, 'Time until the alert that RED_RED is not acknowledged'
+            'red_alert',
+            rules.red_alert,
+            'Time until the alert that RED_RED is not acknowledged',
         ),
     )
     parameters.refuse_unknown()

@@ -34,7 +34,7 @@ from evgp_rcs.channel import (
     Withdraw,
 )
 from evgp_rcs.kart_client import KartServerClient
-from evgp_rcs.kart_server import KartServerError, ServerSettings, SILENCE
+from evgp_rcs.kart_server import KartServerError, ROS_HALF_SILENCE, ServerSettings
 from evgp_rcs.race import Command, EventKind, RaceTimes
 from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs.roster import Roster, RosterEntry
@@ -145,7 +145,7 @@ def test_a_silence_of_the_ros_half_means_red_red_to_every_kart(
     read_until(client, IN_GARAGE)
     half.say(Alive(False))
     assert read_to_end(client).endswith(encode(RED_RED))
-    assert f'silent for {SILENCE:.0f}' in half.wait_for(Failed).text
+    assert f'silent for {ROS_HALF_SILENCE:.0f}' in half.wait_for(Failed).text
 
 
 def test_a_ros_half_that_reads_nothing_holds_nobody_up_and_loses_no_event(

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 import concurrent.futures
 import contextlib
 import queue
+import resource
 import socket
 import threading
 import time
@@ -16,15 +17,15 @@ from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 from evgp_rcs import kart_server
 from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.hearing import FLOOD_BYTES
+from evgp_rcs.kart_link import KartLink
 from evgp_rcs.kart_server import (
-    _KartLink,
     HELD_UP,
     KartServer,
     KartServerError,
-    READ_BYTES,
+    ROS_HALF_SILENCE,
     RosHalfGoneError,
     ServerSettings,
-    SILENCE,
     Waiting,
 )
 from evgp_rcs.race import (
@@ -49,14 +50,18 @@ IN_GARAGE = RaceState.IN_GARAGE
 RED_RED = RaceState.RED_RED
 
 
+def address_of(kart: int) -> str:
+    return f'127.0.{2 + kart // 250}.{1 + kart % 250}'
+
+
 class Running:
     """
-    A server in a thread, with three karts in its roster, 1 and 2 in the race, and what it told.
+    A server in a thread, with its karts, of which 1 and 2 are in the race, and what it told.
 
     It is the server's ``Outside`` itself: instead of a ROS half and a record, the test.
     """
 
-    def __init__(self, beat_rate: float, pause: float) -> None:
+    def __init__(self, beat_rate: float, pause: float, karts: int) -> None:
         self.events: list[Event] = []
         self.on_event: Callable[[Event], None] = lambda event: None
         self.failure: BaseException | None = None
@@ -70,10 +75,10 @@ class Running:
         self.ros_half_heard_at: float | None = None
         self._given: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._news = threading.Condition()
-        self.race = Race([Kart(1, 'A', True), Kart(2, 'B', True), Kart(3, 'C')])
+        self.race = Race([Kart(number, '', number <= 2) for number in range(1, karts + 1)])
         self.server = KartServer(
             self.race,
-            {f'127.0.2.{number}': number for number in (1, 2, 3)},
+            {address_of(number): number for number in self.race.karts},
             ServerSettings(host='127.0.0.1', port=0, beat_rate=beat_rate, pause=pause),
             self,
         )
@@ -196,8 +201,8 @@ def parts() -> Iterator[contextlib.ExitStack]:
 
 @pytest.fixture
 def run(parts: contextlib.ExitStack) -> Callable[..., Running]:
-    def start(beat_rate: float = 50.0, pause: float = 0.0) -> Running:
-        running = Running(beat_rate, pause)
+    def start(beat_rate: float = 50.0, pause: float = 0.0, karts: int = 3) -> Running:
+        running = Running(beat_rate, pause, karts)
         parts.callback(running.stop)
         return running
 
@@ -209,7 +214,7 @@ def connect(parts: contextlib.ExitStack) -> Callable[..., socket.socket]:
     """Return a function that connects from a kart's address, with a bounded receive buffer."""
 
     def connection(running: Running, kart: int, receive_buffer: int = 0) -> socket.socket:
-        client = kart_socket(f'127.0.2.{kart}', running.address, receive_buffer)
+        client = kart_socket(address_of(kart), running.address, receive_buffer)
         return parts.enter_context(client)
 
     return connection
@@ -255,7 +260,7 @@ def test_an_address_outside_the_roster_gets_no_frame(run: Run, connect: Connect)
     running = run()
     assert read_to_end(connect(running, 9)) == b''
     (event,) = running.wait_for(EventKind.REFUSED_CONNECTION)
-    assert '127.0.2.9' in event.text
+    assert address_of(9) in event.text
 
 
 def test_an_address_that_hammers_the_port_is_told_of_a_bounded_number_of_times(
@@ -282,6 +287,35 @@ def test_a_second_connection_from_an_address_replaces_the_first(
     assert len(running.wait_for(EventKind.DISCONNECTED, 1)) == 1
     running.give(CommandKind.ALL_KILL)
     read_until(second, RED_RED)
+
+
+@pytest.fixture
+def many_files() -> Iterator[None]:
+    """Have this process open as many files as it may."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def test_no_kart_is_left_out_that_connects_while_race_control_is_busy(
+    run: Run, connect: Connect, many_files: None
+) -> None:
+    running = run(karts=1100)
+    all_there = threading.Event()
+
+    def be_busy(event: Event) -> None:
+        if event.kind is EventKind.CONNECTED:
+            all_there.wait(2 * PATIENCE)
+
+    running.on_event = be_busy
+    try:
+        # Each waits until the kernel has taken it; one that finds the queue full waits in vain.
+        clients = [connect(running, kart) for kart in running.race.karts]
+    finally:
+        all_there.set()
+    for client in clients:
+        assert client.recv(4096).startswith(encode(IN_GARAGE))
 
 
 @pytest.fixture
@@ -380,6 +414,24 @@ def test_an_acknowledgement_that_began_before_the_command_counts_for_nothing(
     assert len(acknowledged) == 1
 
 
+def test_a_stop_that_lies_unread_is_judged_before_what_a_kart_says(
+    run: Run, connect: Connect
+) -> None:
+    running = run(NO_BEAT)
+    client = connect(running, 1)
+    read_until(client, IN_GARAGE)
+    answers: list[Answer] = []
+    # Nothing wakes the server but the kart.
+    running._given.put(
+        lambda: running.server.submit(Command(CommandKind.ALL_KILL), answers.append)
+    )
+    client.sendall(encode(RED_RED))
+    read_until(client, RED_RED)
+    running.wait_for(EventKind.REPORTED, 1)
+    assert [answer.success for answer in answers] == [True]
+    assert not running.race.karts[1].acknowledged
+
+
 def test_ready_counts_as_grid_active(run: Run, connect: Connect) -> None:
     running = run()
     client = connect(running, 1)
@@ -436,7 +488,7 @@ def test_what_a_flood_left_behind_is_no_acknowledgement(run: Run, connect: Conne
     client = connect(running, 1)
     running.wait_for(EventKind.CONNECTED, 1)
     # More than is read in a beat, and less than what ends the connection.
-    client.sendall(encode(RED_RED) * (5 * READ_BYTES // len(encode(RED_RED))))
+    client.sendall(encode(RED_RED) * (5 * FLOOD_BYTES // len(encode(RED_RED))))
     running.wait_for(EventKind.REPORTED, 1)
     running.give(CommandKind.ALL_KILL)
     assert not running.race.karts[1].acknowledged
@@ -509,10 +561,10 @@ def test_a_stop_waits_for_no_beat_that_has_begun(
     green: Green, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     running, _, other = green
-    beat = _KartLink.beat
+    beat = KartLink.beat
     taken = threading.Event()
 
-    def beat_amid_which_a_stop_comes(link: _KartLink) -> None:
+    def beat_amid_which_a_stop_comes(link: KartLink) -> None:
         beat(link)
         if link.number == 1 and not taken.is_set():
             with contextlib.suppress(BlockingIOError):  # what the beats before have sent
@@ -521,7 +573,7 @@ def test_a_stop_waits_for_no_beat_that_has_begun(
             taken.set()
 
     monkeypatch.setattr(kart_server, 'KARTS_BETWEEN_LOOKS', 1)
-    monkeypatch.setattr(_KartLink, 'beat', beat_amid_which_a_stop_comes)
+    monkeypatch.setattr(KartLink, 'beat', beat_amid_which_a_stop_comes)
     assert taken.wait(PATIENCE)
     assert other.recv(4096).startswith(encode(RED_RED))
 
@@ -795,7 +847,8 @@ def test_a_kart_server_that_was_held_up_does_not_take_the_ros_half_for_silent(
     def hold_up(event: Event) -> None:
         if event.kind is EventKind.CONNECTED:
             running.ros_half_heard_at = clock.now()
-            time.sleep(HELD_UP + SILENCE)  # as a process that was stopped, and the other as well
+            # As a process that was stopped, and the other as well.
+            time.sleep(HELD_UP + ROS_HALF_SILENCE)
             running.on_event = lambda event: None
 
     running.on_event = hold_up

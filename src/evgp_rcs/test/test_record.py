@@ -89,6 +89,21 @@ def begin(path: pathlib.Path) -> Iterator[Begin]:
         yield start
 
 
+def wait_for(found: Callable[[], object]) -> None:
+    """Return once `found` is true; a disk has no event to await."""
+    until = time.monotonic() + PATIENCE
+    while not found():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+def remembered(path: pathlib.Path) -> str:
+    """Return the state of the race that the newest run has written."""
+    with contextlib.closing(open_read_only(path)) as database:
+        ((state,),) = database.execute('SELECT state FROM memory ORDER BY session DESC LIMIT 1')
+    return str(state)
+
+
 def event(sequence: int, text: str = 'something', **more: object) -> StampedEvent:
     kind = EventKind.CONNECTED
     return StampedEvent(sequence, time.time_ns(), sequence / 10, Event(kind, text, **more))
@@ -96,8 +111,14 @@ def event(sequence: int, text: str = 'something', **more: object) -> StampedEven
 
 def crash(record: Record) -> None:
     """Leave the file as a killed process does: written, but not ended."""
-    assert record.flush(PATIENCE)
     record.end(PATIENCE, in_order=False)
+
+
+def have_written(record: Record, memory: RaceMemory) -> None:
+    """Have this on the disk for the next run."""
+    told: queue.SimpleQueue[bool] = queue.SimpleQueue()
+    record.make_sure(memory, 0.0, told.put)
+    assert told.get(timeout=PATIENCE)
 
 
 def texts(path: pathlib.Path, run: int) -> list[str]:
@@ -109,7 +130,7 @@ def test_every_event_is_there_once_and_in_order(begin: Begin, path: pathlib.Path
     record = begin()
     for first in range(1, 1000, 10):
         record.put([event(first + n, f'event {first + n}') for n in range(10)])
-    assert record.flush(PATIENCE)
+    record.end(PATIENCE)
     assert texts(path, 1) == [f'event {n}' for n in range(1, 1001)]
 
 
@@ -119,7 +140,7 @@ def test_all_of_an_event_is_written(begin: Begin, path: pathlib.Path) -> None:
     begin_ns = time.time_ns()
     record = begin()
     record.put([StampedEvent(1, begin_ns, 1.5, told)])
-    assert record.flush(PATIENCE)
+    record.end(PATIENCE)
     with contextlib.closing(open_read_only(path)) as database:
         (found,) = events(database, 1)
     assert (found.sequence, found.wall_ns, found.monotonic) == (1, begin_ns, 1.5)
@@ -146,7 +167,6 @@ def test_a_run_that_was_not_at_home_leaves_its_race(begin: Begin, in_order: bool
     record = begin()
     record.remember(HOME, 0.0)
     record.remember(RACING, 0.0)
-    assert record.flush(PATIENCE)
     record.end(PATIENCE, in_order)
     assert begin().left_behind == RACING
 
@@ -155,7 +175,6 @@ def test_an_older_race_does_not_take_the_place_of_a_newer_one(begin: Begin) -> N
     record = begin()
     record.remember(RACING, 2.0)
     record.remember(HOME, 1.0)
-    assert record.flush(PATIENCE)
     crash(record)
     assert begin().left_behind == RACING
 
@@ -164,9 +183,8 @@ def test_what_was_last_is_left_behind_although_it_was_so_before_what_came_betwee
     path: pathlib.Path, begin: Begin
 ) -> None:
     record = Record(path)
-    record.remember(RACING, 0.0)
     record.start(lambda error: pytest.fail(f'the writer failed: {error!r}'))
-    assert record.flush(PATIENCE)
+    have_written(record, RACING)
     record._take(_Remember(HOME, 1.0))  # both before the writer comes to write
     record._take(_Remember(RACING, 2.0))
     crash(record)
@@ -263,12 +281,9 @@ def test_a_crash_is_known_although_all_that_lay_beside_the_record_was_deleted(
 ) -> None:
     begin().end(PATIENCE)  # an earlier run, that ended in order
     record = begin()
-    record.remember(HOME, 0.0)
-    assert record.flush(PATIENCE)
-    record.make_sure(RACING, 1.0, lambda there: None)
-    assert record.flush(PATIENCE)
+    have_written(record, RACING)
     record.remember(HOME, 2.0)
-    assert record.flush(PATIENCE)
+    wait_for(lambda: remembered(path) == HOME.state.value)
     # What a machine finds that lost its power, and whose -wal somebody deleted then.
     copy = tmp_path / 'copy'
     copy.mkdir()
@@ -313,13 +328,12 @@ def test_what_a_start_must_leave_behind_is_told_to_be_there_once_it_is(begin: Be
 def test_a_reader_beside_the_writer_disturbs_neither(begin: Begin, path: pathlib.Path) -> None:
     record = begin()
     record.put([event(1)])
-    assert record.flush(PATIENCE)
+    wait_for(lambda: len(texts(path, 1)) == 1)
     with contextlib.closing(open_read_only(path)) as database:
         database.execute('BEGIN')
         assert len(list(events(database, 1))) == 1
         record.put([event(2)])
-        assert record.flush(PATIENCE)
-    assert len(texts(path, 1)) == 2
+        wait_for(lambda: len(texts(path, 1)) == 2)
 
 
 def test_a_run_that_is_over_is_told_from_one_that_crashed(
@@ -355,21 +369,13 @@ def small_disk(tmp_path: pathlib.Path) -> Iterator[pathlib.Path]:
         subprocess.run(['umount', '-l', str(folder)], check=True)
 
 
-def wait_for(found: Callable[[], object]) -> None:
-    """Return once `found` is true; a disk has no event to await."""
-    until = time.monotonic() + PATIENCE
-    while not found():
-        assert time.monotonic() < until
-        time.sleep(0.01)
-
-
 def test_a_full_disk_is_trouble_until_there_is_room_and_no_event_is_lost(
     small_disk: pathlib.Path,
 ) -> None:
     path = small_disk / 'record.sqlite3'
     record = started(path)
     record.put([event(1)])
-    assert record.flush(PATIENCE)
+    wait_for(lambda: texts(path, 1))
     ballast = small_disk / 'ballast'
     with pytest.raises(OSError, match='No space left'):
         ballast.write_bytes(bytes(1 << 20))
@@ -384,7 +390,6 @@ def test_a_full_disk_is_trouble_until_there_is_room_and_no_event_is_lost(
     record.make_sure(RACING, 0.0, told.put)
     assert not told.get(timeout=PATIENCE)
     ballast.unlink()
-    assert record.flush(PATIENCE)
     wait_for(lambda: not record.trouble())
     record.end(PATIENCE)
     assert len(texts(path, 1)) == count
@@ -396,7 +401,6 @@ def test_a_disk_that_turns_read_only_is_trouble_until_it_can_be_written(
     path = small_disk / 'record.sqlite3'
     record = started(path)
     record.put([event(1)])
-    assert record.flush(PATIENCE)
     record.end(PATIENCE, in_order=False)
     subprocess.run(['mount', '-o', 'remount,ro', str(small_disk)], check=True)
     second = started(path)
@@ -404,7 +408,7 @@ def test_a_disk_that_turns_read_only_is_trouble_until_it_can_be_written(
     assert second.left_behind is not None
     second.put([event(1, 'while it could not be written')])
     subprocess.run(['mount', '-o', 'remount,rw', str(small_disk)], check=True)
-    assert second.flush(PATIENCE)
+    wait_for(lambda: not second.trouble())
     second.end(PATIENCE)
     assert texts(path, 2) == ['while it could not be written']
 
@@ -416,7 +420,6 @@ def test_a_folder_that_cannot_be_made_is_trouble_and_the_end_does_not_hang(
     record = started(tmp_path / 'folder' / 'record.sqlite3')
     assert record.trouble()
     record.put([event(1)])
-    assert not record.flush(0.0)
     record.end(PATIENCE)
 
 
@@ -425,8 +428,7 @@ def test_a_run_whose_record_began_to_fail_is_not_known_to_the_next(
 ) -> None:
     path = small_disk / 'record.sqlite3'
     record = started(path)
-    record.remember(HOME, 0.0)
-    assert record.flush(PATIENCE)
+    have_written(record, HOME)
     ballast = small_disk / 'ballast'
     with pytest.raises(OSError, match='No space left'):
         ballast.write_bytes(bytes(1 << 20))
@@ -450,7 +452,7 @@ def test_a_run_whose_record_works_again_is_known_to_the_next(small_disk: pathlib
     wait_for(lambda: record.trouble())
     ballast.unlink()
     record.remember(RACING, 0.0)
-    assert record.flush(PATIENCE)
+    wait_for(lambda: not record.trouble())
     crash(record)
     again = started(path)
     again.end(PATIENCE)
@@ -517,8 +519,7 @@ def test_a_start_without_a_record_may_be_missing_from_what_is_left_behind(begin:
 def test_a_start_is_noted_although_the_disk_takes_nothing(small_disk: pathlib.Path) -> None:
     path = small_disk / 'record.sqlite3'
     record = started(path)
-    record.remember(GRID, 0.0)
-    assert record.flush(PATIENCE)
+    have_written(record, GRID)
     ballast = small_disk / 'ballast'
     with pytest.raises(OSError, match='No space left'):
         ballast.write_bytes(bytes(1 << 20))
@@ -551,8 +552,7 @@ def test_after_a_start_without_a_record_nobody_knows_which_karts_were_started(
     begin: Begin, vouchers: pathlib.Path, memory: RaceMemory, voucher: str
 ) -> None:
     record = begin()
-    record.remember(memory, 0.0)
-    assert record.flush(PATIENCE)
+    have_written(record, memory)
     if voucher == 'missing':
         for each in vouchers.iterdir():
             each.unlink()
@@ -626,8 +626,7 @@ def test_a_start_that_a_record_of_the_garage_does_not_have_means_that_nothing_is
     begin: Begin, witnesses: pathlib.Path
 ) -> None:
     record = begin()
-    record.remember(HOME, 0.0)
-    assert record.flush(PATIENCE)
+    have_written(record, HOME)
     assert record.note_unrecorded_start()
     record.end(PATIENCE, in_order=False)  # and the witness could not be changed any more
     left_behind = begin().left_behind
@@ -664,7 +663,7 @@ def test_the_timeline_tells_the_last_run_in_order(
     crash(begin())
     record = begin()
     record.put([event(1, 'first'), event(2, 'refused', success=False), event(4, 'last')])
-    assert record.flush(PATIENCE)
+    record.end(PATIENCE)
     assert print_timeline([str(path)]) == 0
     before, head, *lines = capsys.readouterr().out.splitlines()
     assert 'The run before this one, 1, was not ended in good order' in before
@@ -694,7 +693,7 @@ def test_the_timeline_of_one_kart_leaves_the_others_out(
 ) -> None:
     record = begin()
     record.put([event(1, 'of 7', kart=7), event(2, 'of 8', kart=8), event(3, 'of all')])
-    assert record.flush(PATIENCE)
+    record.end(PATIENCE)
     assert print_timeline([str(path), '--kart', '7']) == 0
     out = capsys.readouterr().out
     assert 'of 7' in out
@@ -741,7 +740,7 @@ def test_a_finish_of_an_older_record_is_told_once(
     record = begin()
     record.put([event(1, 'Kart 7 finished', kart=7), event(2, 'Kart 7 finished', kart=7)])
     record.put([event(3, 'after')])
-    assert record.flush(PATIENCE)
+    record.end(PATIENCE)
     with contextlib.closing(sqlite3.connect(path)) as database:
         database.execute("UPDATE event SET kind = 'FINISHED' WHERE sequence = 2")
         database.commit()
@@ -764,7 +763,7 @@ def test_the_default_record_is_read_and_help_says_where_it_is(
     assert str(default) in capsys.readouterr().err
     record = begin()
     record.put([event(1, 'something')])
-    assert record.flush(PATIENCE)
+    record.end(PATIENCE)
     default.parent.mkdir()
     default.symlink_to(path)
     assert print_timeline([]) == 0

@@ -1,0 +1,144 @@
+"""What race control says of its own health on ``/diagnostics``, and of its record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+import pathlib
+import sqlite3
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from evgp_node.diagnostics import DIAGNOSTICS_QOS
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs import msg
+from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.ros_side import RosSide
+from evgp_testing.wire_kart import Acknowledges
+import pytest
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+class Health(RosSide):
+    """Whoever looks at the diagnostics: ``statuses`` has the newest by its name."""
+
+    def __init__(self, domain: int) -> None:
+        super().__init__('health', domain)
+        self.statuses: dict[str, DiagnosticStatus] = {}
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._hear, DIAGNOSTICS_QOS)
+        self.spin()
+
+    def wait_for(self, name: str, level: bytes) -> DiagnosticStatus:
+        """
+        Return the first status of this name at this level, heard already or still to come.
+
+        :raises AssertionError: if none comes in time.
+        """
+
+        def found() -> DiagnosticStatus | None:
+            status = self.statuses.get(name)
+            return status if status is not None and status.level == level else None
+
+        status = self.wait_until(found, lambda: f'{name} at {level!r}; heard {self.statuses}')
+        assert status is not None
+        return status
+
+    def _hear(self, array: DiagnosticArray) -> None:
+        with self.news:
+            self.statuses = {status.name: status for status in array.status}
+            self.news.notify_all()
+
+
+Look = Callable[[RaceControl], Health]
+
+
+@pytest.fixture
+def look(parts: contextlib.ExitStack) -> Look:
+    """Return a function that looks at the diagnostics of a race control."""
+
+    def listen(control: RaceControl) -> Health:
+        health = Health(control.domain)
+        parts.callback(health.close)
+        return health
+
+    return listen
+
+
+def values(status: DiagnosticStatus) -> dict[str, str]:
+    return {each.key: each.value for each in status.values}
+
+
+def test_a_record_that_cannot_be_written_is_an_alert_and_an_error_until_it_can(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    look: Look,
+    tmp_path: pathlib.Path,
+) -> None:
+    record = tmp_path / 'record.sqlite3'
+    control = start_race_control([], [1], record=record)
+    official, health = join_official(control), look(control)
+    health.wait_for('rcs: race', OK)
+    with contextlib.closing(sqlite3.connect(record, isolation_level=None)) as other:
+        other.execute('BEGIN IMMEDIATE')  # nobody else can write the file now
+        official.command('set_track_open', data=False)  # something to be written
+        race = official.wait_for_race(lambda race: race.alerts, 'an alert')
+        (alert,) = race.alerts
+        assert (alert.kind, alert.use_msr) == (msg.Alert.RECORD_FAILING, False)
+        assert str(record) in alert.text
+        status = health.wait_for('rcs: race', ERROR)
+        assert str(record) in status.message
+        assert values(status)['alerts'] == '1'
+    official.wait_for_race(lambda race: not race.alerts, 'the end of the alert')
+    health.wait_for('rcs: race', OK)
+
+
+def test_diagnostics_have_the_level_of_the_gravest_alert(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    connect_kart: ConnectKart,
+    look: Look,
+) -> None:
+    control = start_race_control([1, 2], red_alert=0.1)
+    official, health = join_official(control), look(control)
+    karts = [connect_kart(control, number, Acknowledges.EACH_CHANGE) for number in (1, 2)]
+    official.wait_for_connected(1, 2)
+    status = health.wait_for('rcs: race', OK)
+    assert (status.hardware_id, values(status)['race state']) == ('rcs', 'IN_GARAGE')
+    official.command('grid_active', track_clear=True)
+    karts[0].close()
+    race = official.wait_for_race(lambda race: race.alerts, 'an alert')
+    assert {each.kind for each in race.alerts} == {msg.Alert.KART_LOST}
+    assert health.wait_for('rcs: race', WARN).message == race.alerts[0].text
+    connect_kart(control, 1)  # it acknowledges nothing any more
+    official.wait_for_connected(1)
+    official.command('all_kill')
+    race = official.wait_for_race(
+        lambda race: any(each.use_msr for each in race.alerts), 'an alert to use the MSR'
+    )
+    gravest = [each.text for each in race.alerts if each.use_msr]
+    assert health.wait_for('rcs: race', ERROR).message in gravest
+
+
+def test_diagnostics_have_every_kart(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    connect_kart: ConnectKart,
+    look: Look,
+) -> None:
+    control = start_race_control([1], [2])
+    official, health = join_official(control), look(control)
+    missing = health.wait_for('rcs: kart 1', WARN)
+    assert (missing.hardware_id, values(missing)['team']) == (address_of(1), 'Team 1')
+    health.wait_for('rcs: kart 2', OK)  # it is not in the race
+    connect_kart(control, 1, Acknowledges.EACH_CHANGE)
+    health.wait_for('rcs: kart 1', OK)
+    official.command('all_kill')
+    official.wait_for_acks(RaceState.RED_RED, 1)
+    health.wait_until(
+        lambda: (
+            values(health.statuses['rcs: kart 1'])
+            == {'team': 'Team 1', 'sent': 'RED_RED', 'acknowledged': 'true'}
+        ),
+        lambda: f'kart 1 as it stands; heard {health.statuses}',
+    )

@@ -1,0 +1,205 @@
+"""
+Numbers that people read, held against the one place in the code that each of them has.
+
+The home of a race's times is ``race.RaceTimes``, of the kart server's ``ServerSettings``, of the
+bridge's ``arbiter.Settings``, of the port ``frames.DEFAULT_PORT``. Parameters, configuration files
+and documents have copies of them.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable
+import dataclasses
+import pathlib
+import re
+from typing import Any
+
+from evgp_kart_bridge.node import read_settings as read_bridge_settings
+from evgp_protocol.frames import MAX_FRAME_BYTES
+from evgp_rcs.hearing import DEAF, FLOOD, FLOOD_BYTES
+from evgp_rcs.kart_client import KART_SERVER_SILENCE
+from evgp_rcs.kart_link import UNSENT_BYTES
+from evgp_rcs.kart_server import ROS_HALF_SILENCE
+from evgp_rcs.race import RaceTimes
+from evgp_rcs.settings import read_settings as read_race_control_settings
+import pytest
+import yaml
+
+ROOT = pathlib.Path(__file__).parents[1]
+RACE_CONTROL = 'src/evgp_rcs/config/rcs.yaml'
+BRIDGE = 'src/evgp_kart_bridge/config/kart_bridge.yaml'
+ROSTER = ROOT / 'src/evgp_rcs/config/karts.yaml'
+
+Limits = tuple[float, float] | None
+
+
+class Declared:
+    """What a node declares, in the place of its parameters: name, default, limits."""
+
+    def __init__(self, given: dict[str, Any]) -> None:
+        self.defaults: dict[str, Any] = {}
+        self.limits: dict[str, Limits] = {}
+        self._given = given
+
+    def declare(self, name: str, default: Any, meaning: str, limits: Limits = None) -> Any:
+        self.defaults[name] = default
+        self.limits[name] = limits
+        return self._given.get(name, default)
+
+    def refuse_unknown(self) -> None:
+        pass
+
+
+def declared(read: Callable[[Any], object], **given: Any) -> Declared:
+    """Return what is declared where these parameters are given."""
+    parameters = Declared(given)
+    read(parameters)
+    return parameters
+
+
+race_control = declared(read_race_control_settings, roster=str(ROSTER))
+race_control.declare('accept_open_graph', False, 'by the node itself')
+bridge = declared(read_bridge_settings, host='10.0.0.1')
+NODES = pytest.mark.parametrize(
+    ('node', 'config', 'section'),
+    [(race_control, RACE_CONTROL, '## rcs'), (bridge, BRIDGE, '## kart_bridge')],
+    ids=['race control', 'bridge'],
+)
+
+
+def text_of(path: str) -> str:
+    return (ROOT / path).read_text(encoding='utf-8')
+
+
+@NODES
+def test_a_configuration_file_has_every_parameter_with_its_default(
+    node: Declared, config: str, section: str
+) -> None:
+    (parameters,) = yaml.safe_load(text_of(config)).values()
+    written = parameters['ros__parameters']
+    left_out = re.findall(r'^ +# (\w+): \S', text_of(config), re.MULTILINE)
+    assert {*written, *left_out} == set(node.defaults)
+    assert written == {name: node.defaults[name] for name in written}
+    assert [type(value) for value in written.values()] == [
+        type(node.defaults[name]) for name in written
+    ]
+
+
+@NODES
+def test_the_document_has_every_parameter_with_its_default_and_range(
+    node: Declared, config: str, section: str
+) -> None:
+    _, _, own = text_of('docs/ros-interface.md').partition(f'\n{section}\n')
+    table, _, _ = own.partition('### Parameters')[2].partition('### Diagnostics')
+    rows = re.findall(r'^\| `(\w+)` \| (.*?) \| (.*?) ?\|', table, re.MULTILINE)
+    defaults = {
+        name: '' if cell in ('empty', 'none, required') else yaml.safe_load(cell.strip('`'))
+        for name, cell, _ in rows
+    }
+    assert defaults == node.defaults
+    ranges = {
+        name: tuple(map(float, cell.split('-')))
+        for name, _, cell in rows
+        if re.fullmatch(r'[\d.]+-[\d.]+', cell)
+    }
+    assert ranges == {name: limits for name, limits in node.limits.items() if limits is not None}
+
+
+@pytest.mark.parametrize(
+    'path', ['README.md', *(f'docs/{each.name}' for each in sorted(ROOT.glob('docs/*.md')))]
+)
+def test_a_number_beside_the_name_of_a_parameter_is_its_default(path: str) -> None:
+    beside = (
+        r'`(\w+)`\)? \(?(\d[\d.]*) s\b'
+        r'|\b(\d[\d.]*) s(?: after a stop)? \((?:parameter )?`(\w+)`\)'
+    )
+    for name, after, before, named in re.findall(beside, text_of(path)):
+        default = (race_control.defaults | bridge.defaults).get(name or named)
+        assert default is None or float(after or before) == default, (path, name or named)
+
+
+RATE = race_control.defaults['beat_rate']
+SILENCE_OF_RACE_CONTROL = bridge.defaults['frame_timeout']
+PORT = race_control.defaults['port']
+
+WRITTEN = [
+    ('README.md', r'TCP port (\d+)', PORT),
+    ('README.md', r'(\d+) times a second', RATE),
+    ('README.md', r'If nothing comes for ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
+    ('docs/rules.md', r'\((\d+) times a second\)', RATE),
+    ('docs/wire.md', r'\*\*port (\d+)\*\*', PORT),
+    ('docs/wire.md', r"RACE_CONTROL = \('[\d.]+', (\d+)\)", PORT),
+    ('docs/wire.md', r'\*\*(\d+) times a second\*\*', RATE),
+    ('docs/wire.md', r'never below (\d+)', race_control.limits['beat_rate'][0]),
+    ('docs/wire.md', r'within (\d+) bytes', MAX_FRAME_BYTES),
+    ('docs/wire.md', r'after (\d+) s without a whole', SILENCE_OF_RACE_CONTROL),
+    ('docs/wire.md', r'nothing for \*\*(\d+) s\*\*', SILENCE_OF_RACE_CONTROL),
+    ('docs/wire.md', r'heard_at >= ([\d.]+):', SILENCE_OF_RACE_CONTROL),
+    ('docs/wire.md', r'uses: (\d+) missed frames', RATE * SILENCE_OF_RACE_CONTROL),
+    ('docs/wire.md', r'more than (\d+) bytes wait', UNSENT_BYTES),
+    ('docs/wire.md', r'reads about (\d+) bytes a beat', FLOOD_BYTES),
+    ('docs/wire.md', r'during the flood and for (\d+) s after', DEAF),
+    ('docs/wire.md', r'drops it after (\d+) s', FLOOD),
+    ('docs/safety.md', r'no frame for ([\d.]+) s is RED_RED', SILENCE_OF_RACE_CONTROL),
+    ('docs/safety.md', r'by itself after ([\d.]+) s without a frame', SILENCE_OF_RACE_CONTROL),
+    ('docs/safety.md', r'lease of ([\d.]+) s', bridge.defaults['liveliness_lease']),
+    ('docs/safety.md', r'for (\d+) s after a stop', race_control.defaults['pause']),
+    ('docs/safety.md', r'after (\d+) s of its silence', ROS_HALF_SILENCE),
+    ('docs/decisions.md', r'so (\d+) s of its silence is RED_RED', ROS_HALF_SILENCE),
+    ('docs/decisions.md', r'says nothing for ([\d.]+) s is killed', KART_SERVER_SILENCE),
+    ('docs/decisions.md', r'no longer than the (\d+) s', RaceTimes().finish_stop),
+    ('docs/decisions.md', r'only be shortened, from ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
+]
+
+
+@pytest.mark.parametrize(('path', 'pattern', 'figure'), WRITTEN)
+def test_a_document_says_what_the_code_does(path: str, pattern: str, figure: float) -> None:
+    found = re.findall(pattern, text_of(path))
+    assert found, f'{path} no longer says {pattern}: take it out here, or mend it'
+    assert {float(each) for each in found} == {figure}
+
+
+def test_the_rules_have_the_delays_of_the_places() -> None:
+    (first, last) = re.search(
+        r'`finish_delays` \[place\]: ([\d, ]+),\s+then (\d+) s', text_of('docs/rules.md')
+    ).groups()
+    delays = [float(each) for each in f'{first},{last}'.split(',')]
+    assert delays == race_control.defaults['finish_delays']
+
+
+def test_the_times_of_a_race_are_parameters_by_the_same_name_and_default() -> None:
+    for name, default in dataclasses.asdict(RaceTimes()).items():
+        if name in race_control.defaults:
+            wanted = list(default) if isinstance(default, tuple) else default
+            assert race_control.defaults[name] == wanted
+
+
+# ----- one name, one meaning ---------------------------------------------------------------
+
+NAMESPACES = ('words.py', 'style.py')
+"""Modules whose names are always read with the module's before them: texts, colours."""
+
+
+def constants() -> dict[str, dict[str, Any]]:
+    """Return the plain constants of the product: by name, in which module, which value."""
+    found: dict[str, dict[str, Any]] = {}
+    for path in sorted(ROOT.glob('src/evgp_*/evgp_*/*.py')):
+        if path.name in NAMESPACES or path.parent.name == 'evgp_testing':
+            continue
+        for node in ast.parse(path.read_text(encoding='utf-8')).body:
+            if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
+                continue
+            name = node.targets[0].id
+            if re.fullmatch(r'[A-Z][A-Z0-9_]+', name):  # one letter is a type variable
+                found.setdefault(name, {})[f'{path.parent.name}.{path.stem}'] = ast.unparse(
+                    node.value
+                )
+    return found
+
+
+def test_no_two_constants_of_one_name_have_different_values() -> None:
+    different = {
+        name: values for name, values in constants().items() if len(set(values.values())) > 1
+    }
+    assert different == {}
