@@ -295,8 +295,11 @@ def test_a_stop_to_a_race_control_that_is_frozen_ends_by_its_deadline(
     done = run(control.domain, 'kart-red-flag', '1', '--wait', '2')
 
     assert done.returncode == NOT_THERE
-    assert 'no answer within 2 s' in done.stderr
-    assert re.search(r'ROS had started, which took \d+\.\d s', done.stderr)
+    # On a busy machine ROS takes longer to start, and then less of the 2 s is left.
+    assert re.search(
+        r'no answer within [0-2](\.\d)? s \(once ROS had started, which took \d+\.\d s',
+        done.stderr,
+    )
     assert 'USE THE MSR' in done.stderr
     assert time.monotonic() - began < 2 + STARTING + TIDY + 3.0
 

@@ -174,7 +174,7 @@ def _give(
 
 
 def _next_step(wanted: argparse.Namespace, order: Order, race: Race) -> list[str]:
-    """Return what to type next after a refusal; empty if the command is not possible now."""
+    """Return what to type in place of a refused command, if it lacked karts or a statement."""
     form = FORMS[order.command]
     kart = race.kart(order.kart) if form.to_one_kart else None
     if form.to_one_kart and kart is None:
@@ -184,8 +184,10 @@ def _next_step(wanted: argparse.Namespace, order: Order, race: Race) -> list[str
         return []
     karts = offered.karts if form.names_karts else ()
     others = set(karts) != set(order.karts)
-    said = said_of(order.command, race, offered, kart) if others else []
     unsaid = offered.statement if not order.stated else ''
+    if not others and not unsaid:
+        return []
+    said = said_of(order.command, race, offered, kart) if others else []
     condition = f'If you state that {unsaid}' if unsaid else 'To send it'
     again = _line(wanted, karts, order.stated or bool(unsaid))
     return [*said, f'{condition}, type: {again}']
