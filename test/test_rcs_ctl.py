@@ -6,6 +6,7 @@ import contextlib
 from dataclasses import dataclass
 import os
 import pathlib
+import re
 import signal
 import subprocess
 import sys
@@ -119,7 +120,7 @@ def test_a_refusal_is_the_sentence_of_race_control(start_race_control: StartRace
     )
 
 
-def test_a_refusal_for_want_of_a_statement_names_the_flag(
+def test_a_refusal_for_want_of_a_statement_gives_the_line_to_type(
     start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
 ) -> None:
     control = start_race_control(in_race=(1,))
@@ -134,7 +135,7 @@ def test_a_refusal_for_want_of_a_statement_names_the_flag(
 
     assert done.returncode == REFUSED
     assert 'state that kart 1 (Team 1) was made safe by hand' in done.stderr
-    assert '(--made-safe-by-hand)' in done.stderr
+    assert done.stderr.endswith('type: rcs_ctl kart-in-garage 1 --made-safe-by-hand\n')
 
 
 def test_the_race_goes_to_the_garage_also_when_no_kart_is_left_in_it(
@@ -189,7 +190,7 @@ def test_the_next_line_is_printed_as_make_takes_it(
     assert 'make ctl ARGS="grid-active 1 2 --track-is-clear"' in done.stderr
 
 
-def test_a_start_of_other_karts_than_those_of_the_race_is_refused(
+def test_a_start_of_other_karts_than_those_of_the_race_is_refused_with_the_line_to_type(
     start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
 ) -> None:
     control = start_race_control(in_race=(1, 2))
@@ -201,7 +202,8 @@ def test_a_start_of_other_karts_than_those_of_the_race_is_refused(
     done = run(control.domain, 'grid-active', '1', '--track-is-clear', '--wait', str(PATIENCE))
 
     assert done.returncode == REFUSED
-    assert 'you did not name 2' in done.stderr or 'kart 2' in done.stderr
+    assert 'GRID ACTIVE now to 2 karts: 1, 2' in done.stderr
+    assert done.stderr.endswith('type: rcs_ctl grid-active 1 2 --track-is-clear\n')
     assert kart.state is RaceState.IN_GARAGE
 
 
@@ -264,7 +266,8 @@ def test_a_command_ends_by_its_deadline_when_ros_hangs(words: tuple[str, ...], w
         done, seconds = run_hanging(domain.number, where, *words, '--wait', '0.5')
 
     assert done.returncode == NOT_THERE
-    assert 'no answer within 0.5 s' in done.stderr
+    # What is waited for is ROS, which may take its own time to start.
+    assert f'no answer within {0.5 + STARTING:g} s' in done.stderr
     assert ('USE THE MSR' in done.stderr) is (words[0] != 'leave')
     assert seconds < 0.5 + STARTING + TIDY + 3.0  # the interpreter's own start and end
 
@@ -292,7 +295,11 @@ def test_a_stop_to_a_race_control_that_is_frozen_ends_by_its_deadline(
     done = run(control.domain, 'kart-red-flag', '1', '--wait', '2')
 
     assert done.returncode == NOT_THERE
-    assert 'no answer within 2 s' in done.stderr
+    # On a busy machine ROS takes longer to start, and then less of the 2 s is left.
+    assert re.search(
+        r'no answer within [0-2](\.\d)? s \(once ROS had started, which took \d+\.\d s',
+        done.stderr,
+    )
     assert 'USE THE MSR' in done.stderr
     assert time.monotonic() - began < 2 + STARTING + TIDY + 3.0
 

@@ -1,4 +1,4 @@
-"""The alerts: a place of their own, that is there whether there are alerts or not."""
+"""The alerts, in an area that is always there, also while there are none."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from evgp_rcs_console.view import Cell, Tone
 from evgp_rcs_console.widgets import column, Fitted, Label, set_property, set_text
 
 PLACES = 3
-"""So many alerts are shown at once; the others are counted, with their karts."""
+"""Number of alerts that are shown at once; of the others, the number and the karts are shown."""
 
 
 class AlertPlace(QtWidgets.QFrame):
-    """One alert: what to do and for which kart, then the sentence, then SEEN."""
+    """One alert: what to do, the kart, the sentence, and SEEN."""
 
     def __init__(self, place: int) -> None:
         """Be empty."""
@@ -51,7 +51,7 @@ class AlertPlace(QtWidgets.QFrame):
         self._text.fit(by)
 
     def show_notice(self, notice: Notice | None, key: str) -> None:
-        """Show an alert, or none; the key presses SEEN."""
+        """Show an alert, or none, and the key that presses its SEEN."""
         look = 'none'
         if notice is not None:
             look = 'msr' if notice.use_msr else 'other' if notice.standing else 'ended'
@@ -70,15 +70,15 @@ class AlertPlace(QtWidgets.QFrame):
 
 class AlertsArea(QtWidgets.QWidget):
     """
-    The alerts that are not marked as seen, and those that still stand.
+    The alerts that are not marked as seen, and those whose cause still exists.
 
-    A SEEN that is pressed just after another alert has taken its place marks nothing.
+    If SEEN is pressed just after another alert has come to its line, it marks nothing.
     """
 
     seen = Signal(int)
     all_seen = Signal()
     changed = Signal()
-    """SEEN was pressed, and what is shown has just changed."""
+    """SEEN was pressed just after the alerts had changed: nothing was marked."""
     mute = Signal()
 
     def __init__(self) -> None:
@@ -130,8 +130,8 @@ class AlertsArea(QtWidgets.QWidget):
         """
         Show alerts, the most important first.
 
-        :param own: they are others because the official has marked some as seen.
-        :param known: race control is heard: without any, there is none.
+        :param own: the official has just marked some as seen, so nothing moved by itself.
+        :param known: race control is heard; otherwise no alerts does not mean that all is well.
         """
         before = self._unseen()
         self._notices = list(notices)
@@ -153,13 +153,13 @@ class AlertsArea(QtWidgets.QWidget):
         set_property(self._see_all, 'barred', 'false' if first else 'true')
 
     def press_first(self) -> None:
-        """Mark the first one that is not seen as seen, if it was there to be read."""
+        """Mark the first alert that is not seen as seen, if it could be read long enough."""
         unseen = next((n for n, each in enumerate(self._notices) if not each.seen), None)
         if unseen is not None:
             self._press(unseen)
 
     def _unseen(self) -> list[int]:
-        """Return which notice each place has, 0 where there is nothing to be marked."""
+        """Return the number of the unseen notice in each line, 0 for a line without one."""
         return [0 if notice.seen else notice.number for notice in self._notices]
 
     def _go_down(self, place: int) -> None:

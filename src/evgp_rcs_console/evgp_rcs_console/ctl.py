@@ -1,11 +1,11 @@
 """
 The officials' terminal client: `rcs_ctl`, one command per command of an official, and `watch`.
 
-It knows no rule either. What must be stated is stated by a flag of its own, and which karts a
-command starts or releases is said by their numbers.
+It knows no rule of the race either. The official makes each statement by a flag of its own, and
+names the karts that a command starts or releases by their numbers.
 
 This module has no ROS: it reads the command line, keeps the deadline and prints the answer. What
-needs ROS is done by ``desk`` in a process of its own, which is given up when it does not answer.
+needs ROS is done by ``desk`` in a process of its own, which is killed if it does not answer.
 """
 
 from __future__ import annotations
@@ -24,33 +24,34 @@ from evgp_rcs_console.exits import Exit
 from evgp_rcs_console.snapshot import Command
 
 STARTING = 5.0
-"""Maximum time that ROS may take to start, before what ``--wait`` allows, in seconds."""
+"""Maximum time for ROS to start, before the time of ``--wait`` begins, in seconds."""
 
 GRACE = 0.5
-"""Time that is kept back to report that no answer came, in seconds."""
+"""Time reserved for reporting that no answer came, in seconds."""
 
 TIDY = 1.0
-"""Time to leave the ROS domain in good order, once the answer is printed, in seconds."""
+"""Maximum time to leave the ROS domain once the answer is printed, in seconds."""
 
 STALLED = 5.0
-"""Time after which a `watch` that shows nothing new hangs, in seconds; it shows every second."""
+"""Time without anything new after which a `watch` counts as hanging, in seconds. It shows the race
+once a second."""
 
 COMMANDS: dict[str, tuple[Command, str]] = {
     'all-kill': (Command.ALL_KILL, 'RED_RED to every kart'),
-    'red-flag': (Command.RED_FLAG, 'RED_FLAG to the race'),
+    'red-flag': (Command.RED_FLAG, 'RED_FLAG to the karts of the race'),
     'kart-red-red': (Command.KART_RED_RED, 'RED_RED to one kart'),
     'kart-red-flag': (Command.KART_RED_FLAG, 'RED_FLAG to one kart'),
     'record-msr': (Command.RECORD_MSR, 'record that you used the MSR; also RED_RED to every kart'),
     'join': (Command.JOIN_RACE, 'put a kart into the race'),
     'leave': (Command.LEAVE_RACE, 'take a kart out of the race'),
-    'heat': (Command.SET_HEAT, 'put a heat of the roster into the race, and all others out'),
-    'grid-active': (Command.GRID_ACTIVE, 'GRID_ACTIVE to the race'),
-    'green-green': (Command.GREEN_GREEN, 'GREEN_GREEN to the race'),
-    'kart-finish': (Command.KART_FINISH, 'a kart has crossed the line'),
-    'race-over': (Command.RACE_OVER, 'RED_RED to the race, which is over'),
+    'heat': (Command.SET_HEAT, 'put the karts of a heat into the race, and take all others out'),
+    'grid-active': (Command.GRID_ACTIVE, 'GRID_ACTIVE to the karts of the race'),
+    'green-green': (Command.GREEN_GREEN, 'GREEN_GREEN to the karts of the race'),
+    'kart-finish': (Command.KART_FINISH, 'mark a kart as finished'),
+    'race-over': (Command.RACE_OVER, 'end the race: RED_RED to its karts'),
     'open-track': (Command.OPEN_TRACK, 'open the track to humans'),
     'close-track': (Command.CLOSE_TRACK, 'close the track to humans'),
-    'in-garage': (Command.IN_GARAGE, 'IN_GARAGE to the race'),
+    'in-garage': (Command.IN_GARAGE, 'IN_GARAGE to the karts of the race'),
     'kart-in-garage': (Command.KART_IN_GARAGE, 'release one kart from its hold'),
 }
 """Every command of an official, by its name on the command line."""
@@ -64,7 +65,7 @@ STATEMENTS: dict[Command, tuple[str, str, bool]] = {
     ),
     Command.GREEN_GREEN: (
         '--without-record',
-        'you state that the race may start without a record; needed only while the record fails',
+        'you state that the race may start without a record; needed only if the record has failed',
         False,
     ),
     Command.IN_GARAGE: ('--track-is-safe', 'you declare the track safe for humans', True),
@@ -74,7 +75,7 @@ STATEMENTS: dict[Command, tuple[str, str, bool]] = {
         False,
     ),
 }
-"""The flag of each statement: its name, what it says, and whether the command needs it always."""
+"""The flag of each statement: its name, its help, and whether the command always needs it."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -85,52 +86,61 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     wanted = parser().parse_args(without_ros_arguments(given))
-    # A shell that puts it into the background has SIGINT ignored, which Python would leave so.
+    # A shell that starts it in the background makes it ignore SIGINT, and Python keeps that.
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    ends = now() + STARTING + wanted.wait
+    began = now()
 
     def work(report: Report) -> None:
         from evgp_rcs_console.desk import attend
 
-        attend(given, wanted, ends - GRACE, report)
+        attend(given, wanted, began, report)
 
     apart = Apart(work)
     try:
-        return _answer(apart, wanted, ends)
+        return _answer(apart, wanted, began)
     except KeyboardInterrupt:
         return Exit.ACCEPTED if wanted.command == 'watch' else Exit.NOT_THERE
     finally:
         apart.end(TIDY)
 
 
-def _answer(apart: Apart, wanted: argparse.Namespace, ends: float) -> int:
-    """Print the answer, also that there is none, before anything is torn down."""
+def _answer(apart: Apart, wanted: argparse.Namespace, began: float) -> int:
+    """Print the answer, or that there is none, before anything is torn down."""
+    ends = began + STARTING + wanted.wait
     told = apart.report(ends - now())
     while told is not None and 'code' not in told:  # a `watch` that shows the race by itself
         told = apart.report(STALLED)
     if told is None:
-        told = {'code': Exit.NOT_THERE, 'error': _no_answer(wanted)}
+        waited = min(now(), ends) - began
+        told = {'code': Exit.NOT_THERE, 'error': _no_answer(wanted, waited)}
     for text, stream in ((told.get('output'), sys.stdout), (told.get('error'), sys.stderr)):
         if text:
             print(text, file=stream, flush=True)
     return int(told['code'])
 
 
-def _no_answer(wanted: argparse.Namespace) -> str:
+def _no_answer(wanted: argparse.Namespace, waited: float) -> str:
     where = f'ROS domain {os.environ.get("ROS_DOMAIN_ID", "0")}'
     if wanted.command == 'watch':
         return f'{words.NOT_YET}: {words.USE_MSR} (ROS hangs; {where})'
-    return no_answer(COMMANDS[wanted.command][0], wanted.wait, f'ROS hangs; {where}')
+    return no_answer(COMMANDS[wanted.command][0], waited, f'ROS hangs; {where}')
 
 
-def no_answer(command: Command, wait: float, where: str) -> str:
-    """Return what is said when race control has not answered in time."""
+def no_answer(command: Command, waited: float, details: str) -> str:
+    """
+    Return what to say when race control has not answered in time.
+
+    :param waited: how long it had to answer, in seconds.
+    :param details: what else is known of the wait.
+    """
     advice = 'USE THE MSR.' if FORMS[command].stop else 'Check the race to see if it took effect.'
-    return f'{words.LABELS[command]}: no answer within {wait:g} s ({where}). {advice}'
+    return (
+        f'{words.LABELS[command]}: no answer within {round(waited, 1):g} s ({details}). {advice}'
+    )
 
 
 def without_ros_arguments(given: Sequence[str]) -> list[str]:
-    """Return a command line without what stands between `--ros-args` and `--`."""
+    """Return a command line without the part between `--ros-args` and `--`."""
     own = []
     ros = False
     for argument in given:
@@ -149,7 +159,7 @@ def parser() -> argparse.ArgumentParser:
         prog='rcs_ctl',
         description='Command an EVGP race from the terminal. This is not the MSR.',
         epilog='Exit codes: 0 accepted, 1 refused, 2 wrong usage, 3 race control is not there '
-        'or did not answer. ROS arguments go behind --ros-args.',
+        'or did not answer. ROS arguments go after --ros-args.',
     )
     waiting = argparse.ArgumentParser(add_help=False)
     waiting.add_argument(
@@ -157,7 +167,8 @@ def parser() -> argparse.ArgumentParser:
         type=float,
         default=5.0,
         metavar='SECONDS',
-        help='how long to wait for race control, once ROS has started (default: %(default)s)',
+        help='how long to wait for race control (default: %(default)s); ROS may take '
+        f'up to {STARTING:g} s before that to start',
     )
     commands = whole.add_subparsers(dest='command', required=True, metavar='command')
     for name, (command, meaning) in COMMANDS.items():
@@ -171,7 +182,7 @@ def parser() -> argparse.ArgumentParser:
                 'karts',
                 type=_kart_number,
                 nargs='*',
-                help='the karts it is for; without any, it says which, and sends nothing',
+                help='the karts that you mean; without any, it lists them and sends nothing',
             )
         if command in STATEMENTS:
             flag, statement, needed = STATEMENTS[command]
@@ -181,10 +192,10 @@ def parser() -> argparse.ArgumentParser:
     watch = commands.add_parser(
         'watch', help='show the race until Ctrl-C', parents=[waiting], description='show the race'
     )
-    watch.add_argument('--once', action='store_true', help='show it once and end')
+    watch.add_argument('--once', action='store_true', help='show it once and exit')
     watch.add_argument('--events', action='store_true', help='print what happens, line by line')
     watch.add_argument(
-        '--kart', type=_kart_number, default=0, help='with --events: only what concerns this kart'
+        '--kart', type=_kart_number, default=0, help='with --events: those of this kart only'
     )
     return whole
 

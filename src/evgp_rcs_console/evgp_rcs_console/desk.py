@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 import os
+import shlex
 import sys
 import threading
 
@@ -14,7 +15,7 @@ from evgp_rcs_console import words
 from evgp_rcs_console.apart import Report
 from evgp_rcs_console.client import Client, domain_of, join_graph, looking
 from evgp_rcs_console.commands import FORMS, Order
-from evgp_rcs_console.ctl import COMMANDS, no_answer, STATEMENTS
+from evgp_rcs_console.ctl import COMMANDS, GRACE, no_answer, STARTING, STATEMENTS
 from evgp_rcs_console.effects import effects, nobody_is_heard
 from evgp_rcs_console.exits import Exit
 from evgp_rcs_console.snapshot import Answer, Available, Command, Event, Kart, Race, State
@@ -25,13 +26,13 @@ import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 
 SETTLED = 1.0
-"""Time without a further event after which the past ones have all come, in seconds."""
+"""Time without another event after which all past events have come, in seconds."""
 
 Told = dict[str, object]
 
 
 class Desk:
-    """What the client hears, for one who waits for it."""
+    """What the client hears, for a caller that waits for it."""
 
     def __init__(self) -> None:
         """Begin with nothing heard."""
@@ -70,7 +71,7 @@ class Desk:
                 self.standing = stops
 
     def wait_for(self, found: Callable[[], object], until: float) -> bool:
-        """Return whether something is so, once it is or the time has come."""
+        """Return whether something is true, once it is or the time is up."""
         with self.news:
             while not found():
                 left = until - now()
@@ -80,13 +81,11 @@ class Desk:
             return True
 
 
-def attend(
-    given: Sequence[str], wanted: argparse.Namespace, latest: float, report: Report
-) -> None:
+def attend(given: Sequence[str], wanted: argparse.Namespace, began: float, report: Report) -> None:
     """
     Do what a command line asks for, report how it ended, and leave the ROS domain.
 
-    :param latest: when to report at the latest; before that, `--wait` counts from here.
+    :param began: when `rcs_ctl` was called, in seconds; `--wait` counts once ROS has started.
     """
     try:
         join_graph('rcs_ctl', given)
@@ -94,7 +93,7 @@ def attend(
         report(last=True, code=Exit.USAGE, error=f'rcs_ctl: {error}')
         return
     desk = Desk()
-    # To watch takes no permission to command: a spectators' screen has none.
+    # Watching needs no permission to command: a spectators' screen has none.
     commands = () if wanted.command == 'watch' else (COMMANDS[wanted.command][0],)
     try:
         client = Client('rcs_ctl', desk, commands=commands)
@@ -102,21 +101,33 @@ def attend(
         said = words.NOT_ALLOWED.format(error=error)
         report(last=True, code=Exit.USAGE, error=f'rcs_ctl: {said}')
         return
-    until = min(now() + float(wanted.wait), latest)
+    ready = now()
+    until = min(ready + float(wanted.wait), began + STARTING + float(wanted.wait) - GRACE)
     try:
         if wanted.command == 'watch':
             report(last=True, **_watch(client, desk, wanted, until, report))
         else:
-            report(last=True, **_give(client, desk, wanted, until))
+            report(last=True, **_give(client, desk, wanted, until, ready - began))
     finally:
         client.close()
         rclpy.try_shutdown()
 
 
-def _give(client: Client, desk: Desk, wanted: argparse.Namespace, until: float) -> Told:
+def _give(
+    client: Client, desk: Desk, wanted: argparse.Namespace, until: float, starting: float
+) -> Told:
+    """
+    Send a command and return the answer.
+
+    :param until: when to give up, in seconds.
+    :param starting: how long ROS took to start, in seconds.
+    """
     command, _ = COMMANDS[wanted.command]
     form = FORMS[command]
     where = f'{client.topic}, ROS domain {domain_of()}'
+    unanswered = no_answer(
+        command, until - now(), f'once ROS had started, which took {starting:.1f} s; {where}'
+    )
     if not form.stop and not client.wait_for(command, until - now()):
         said = words.NOT_THERE.format(command=words.LABELS[command])
         error = f'{said} ({where})'
@@ -126,10 +137,10 @@ def _give(client: Client, desk: Desk, wanted: argparse.Namespace, until: float) 
     released = ''
     if (form.names_karts and not karts) or form.names_hold:
         if not desk.wait_for(lambda: desk.race is not None, until):
-            return {'code': Exit.NOT_THERE, 'error': no_answer(command, wanted.wait, where)}
+            return {'code': Exit.NOT_THERE, 'error': unanswered}
         assert desk.race is not None
         concerned = desk.race.commands.get(command, Available(False))
-        # Where it is for no kart, as IN GARAGE may be, there is none to name.
+        # IN GARAGE may be for no kart; then there is none to name.
         if form.names_karts and (concerned.karts or not concerned.yes or not wanted.stated):
             return _name_them(wanted, desk.race)
         kart = desk.race.kart(wanted.kart) if form.names_hold else None
@@ -149,54 +160,67 @@ def _give(client: Client, desk: Desk, wanted: argparse.Namespace, until: float) 
     desk.wait_for(lambda: desk.answer is not None, until)
     if desk.answer is None:
         said = ''.join(f' Race control said: {stop.said}' for stop in desk.standing if stop.said)
-        return {
-            'code': Exit.NOT_THERE,
-            'error': f'{no_answer(command, wanted.wait, where)}{said}',
-        }
+        return {'code': Exit.NOT_THERE, 'error': f'{unanswered}{said}'}
     answer = desk.answer[1]
     if answer.success:
         return {
             'code': Exit.ACCEPTED,
             'output': f'{released}\n{answer.message}' if released else answer.message,
         }
-    hint = ''
-    if not order.stated and command in STATEMENTS and _asks(desk.race, order):
-        hint = f' ({STATEMENTS[command][0]})'
-    return {'code': Exit.REFUSED, 'error': f'{answer.message}{hint}'}
+    # The race is heard from the start on: this only bounds the wait where it is not.
+    desk.wait_for(lambda: desk.race is not None, min(until, now() + SETTLED))
+    steps = [] if desk.race is None else _next_step(wanted, order, desk.race)
+    return {'code': Exit.REFUSED, 'error': '\n'.join([answer.message, *steps])}
 
 
-def _asks(race: Race | None, order: Order) -> bool:
-    """Return whether race control asks for a statement with a command."""
-    if race is None:
-        return False
-    commands = race.commands
-    for kart in race.karts:
-        if order.kart == kart.number:
-            commands = kart.commands
-    return order.command in commands and bool(commands[order.command].statement)
+def _next_step(wanted: argparse.Namespace, order: Order, race: Race) -> list[str]:
+    """Return what to type in place of a refused command, if it lacked karts or a statement."""
+    form = FORMS[order.command]
+    kart = race.kart(order.kart) if form.to_one_kart else None
+    if form.to_one_kart and kart is None:
+        return []
+    offered = (kart.commands if kart else race.commands).get(order.command, Available(False))
+    if not offered.yes:
+        return []
+    karts = offered.karts if form.names_karts else ()
+    others = set(karts) != set(order.karts)
+    unsaid = offered.statement if not order.stated else ''
+    if not others and not unsaid:
+        return []
+    said = said_of(order.command, race, offered, kart) if others else []
+    condition = f'If you state that {unsaid}' if unsaid else 'To send it'
+    again = _line(wanted, karts, order.stated or bool(unsaid))
+    return [*said, f'{condition}, type: {again}']
 
 
 def _name_them(wanted: argparse.Namespace, race: Race) -> Told:
-    """Say which karts a command would start or release; nothing is sent."""
+    """Say which karts a command would start or release, and send nothing."""
     command, _ = COMMANDS[wanted.command]
     offered = race.commands.get(command)
     label = words.LABELS[command]
     if offered is None or not offered.yes:
         reason = offered.reason if offered else 'race control does not offer it'
-        return {'code': Exit.USAGE, 'error': f'{label}: nothing was sent, and not now: {reason}.'}
+        said = f'{label}: nothing was sent. It is not possible now: {reason}.'
+        return {'code': Exit.USAGE, 'error': said}
     names = ', '.join(_name(race.karts, number) for number in offered.karts) or 'no kart'
-    flags = [STATEMENTS[command][0]] if wanted.stated else []
-    again = ' '.join([wanted.command, *map(str, offered.karts), *flags])
     return {
         'code': Exit.USAGE,
         'error': '\n'.join(
             [
                 f'{label}: nothing was sent. It is for {names}.',
                 *said_of(command, race, offered, None),
-                f'To send it, name them: {as_called(again)}',
+                f'To send it, name them: {_line(wanted, offered.karts, wanted.stated)}',
             ]
         ),
     }
+
+
+def _line(wanted: argparse.Namespace, karts: Sequence[int], stated: bool) -> str:
+    """Return the line that sends a command again, naming these karts."""
+    flag = STATEMENTS.get(COMMANDS[wanted.command][0], ('',))[0]
+    parts = [wanted.command, getattr(wanted, 'kart', ''), getattr(wanted, 'heat', ''), *karts]
+    parts.append(flag if stated else '')
+    return as_called(shlex.join(str(part) for part in parts if part != ''))
 
 
 def as_called(arguments: str) -> str:
@@ -206,7 +230,7 @@ def as_called(arguments: str) -> str:
 
 
 def said_of(command: Command, race: Race, offered: Available, kart: Kart | None) -> list[str]:
-    """Return what a command would do, and what speaks against it, as sentences."""
+    """Return what a command would do, and why not to confirm it, as sentences."""
     said = words.consequences(command, effects(command, race, offered, kart), race, kart)
     warning = words.warning(command, race, nobody_is_heard(race))
     return [*said, words.ASK_WARNING.format(warning=warning)] if warning else said
@@ -255,7 +279,7 @@ def _watch_events(desk: Desk, wanted: argparse.Namespace, until: float, report: 
     shown = 0
     kept: list[str] = []
     while True:
-        # The past events come one by one: it is over when no further one follows.
+        # The past events come one by one: they have all come when no other one follows.
         pause = now() + SETTLED
         known = shown
         desk.wait_for(

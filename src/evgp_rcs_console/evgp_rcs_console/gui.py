@@ -32,8 +32,9 @@ def main(
         If ROS does not end in time, the process exits with 1 and says on stderr where it hung.
     """
     try:
+        from evgp_rcs_console.inbox import Inbox
         from evgp_rcs_console.qt import QtCore, QtWidgets
-        from evgp_rcs_console.window import ConsoleWindow, Inbox
+        from evgp_rcs_console.window import ConsoleWindow
     except ImportError as error:
         print(f'{words.NO_QT} ({error})', file=sys.stderr)
         return 2

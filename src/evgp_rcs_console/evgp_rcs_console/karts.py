@@ -18,10 +18,11 @@ from evgp_rcs_console.widgets import (
     set_property,
 )
 
-Scrolling = Callable[[], AbstractContextManager[None]]
+Scrolling = Callable[[QtWidgets.QScrollBar], AbstractContextManager[None]]
+"""Is entered while the window itself scrolls, with the bar that moves."""
 
 OVERVIEW_FROM = 9
-"""From so many karts on there is an overview of all of them."""
+"""Minimum number of karts for which there is an overview."""
 
 WIDTHS = {
     'number': 58,
@@ -32,8 +33,9 @@ WIDTHS = {
     'button': 80,
 }
 ROW_HEIGHT = 46
+"""Height of a row where there are many karts."""
 FEW_KARTS = (44, 60)
-"""Heights of a row: where there are many, and the least and the most where all of them fit."""
+"""Minimum and maximum height of a row where there are few karts."""
 
 
 class KartRow(QtWidgets.QFrame):
@@ -227,7 +229,7 @@ class Rows(QtWidgets.QScrollArea):
     """
     What the rows are scrolled in.
 
-    :param scrolling: around every scrolling that is not by the official's own hand.
+    :param scrolling: is entered around every scrolling that the official's hand does not do.
     """
 
     def __init__(self, scrolling: Scrolling) -> None:
@@ -237,12 +239,12 @@ class Rows(QtWidgets.QScrollArea):
 
     def focusNextPrevChild(self, following: bool) -> bool:  # noqa: N802 - Qt's name
         """Move the focus, and scroll to where it is."""
-        with self._scrolling():
+        with self._scrolling(self.verticalScrollBar()):
             return bool(super().focusNextPrevChild(following))
 
     def bring_into_view(self, row: QtWidgets.QWidget) -> None:
         """Scroll to a row."""
-        with self._scrolling():
+        with self._scrolling(self.verticalScrollBar()):
             self.ensureWidgetVisible(row, 0, 0)
 
 

@@ -17,17 +17,16 @@ from evgp_rcs_console.snapshot import Command
 from evgp_rcs_console.view import Cell, CHOSEN_KART_KEYS, FINISH_KEYS, KEYS, Tone
 
 KILL_KEYS = frozenset({'Space', 'F12'})
-"""ALL KILL; with any modifier held, too."""
+"""The keys of ALL KILL, also with any modifier held."""
 
 FORGOTTEN = 5.0
 """Time after the last digit when the number of a kart is cleared, in seconds."""
 
 MOST_DIGITS = 6
-"""Maximum number of digits that are shown; a kart's number has four at most."""
-
+"""Maximum number of digits that are shown; a kart's number has at most four."""
 
 _ROWS_OF_LETTERS = ((24, 'QWERTYUIOP'), (38, 'ASDFGHJKL'), (52, 'ZXCVBNM'))
-"""The letters of a keyboard by their places: the code of the first key of each row, on Linux."""
+"""The rows of letters of a keyboard: the code of the first key on Linux, and the letters."""
 
 _LETTER_AT = {
     code + place: letter for code, row in _ROWS_OF_LETTERS for place, letter in enumerate(row)
@@ -36,11 +35,11 @@ _LETTER_AT = {
 
 def key_name(name: str, text: str, code: int) -> str:
     """
-    Return what a key is called here, whatever the layout of the keyboard.
+    Return the name of a key, whatever the layout of the keyboard.
 
-    :param name: what Qt calls it.
+    :param name: its name in Qt.
     :param text: what it types; empty with Ctrl, Alt or Meta.
-    :param code: its place on the keyboard, as the display server numbers it.
+    :param code: the number of its place on the keyboard, from the display server.
     """
     if len(text) == 1 and text in string.digits:
         return text  # some layouts need Shift for digits
@@ -51,7 +50,7 @@ def key_name(name: str, text: str, code: int) -> str:
 
 
 class Act(enum.Enum):
-    """What a key does besides giving a command."""
+    """What a key does other than sending a command."""
 
     HELP = enum.auto()
     SEEN = enum.auto()
@@ -86,9 +85,11 @@ class Stroke:
     """
     What a key means.
 
-    :param commands: the first of them that the screen has a button for is given.
+    :param commands: of these, the first for which the screen has a button is sent.
+    :param to_chosen: the command goes to the chosen kart.
     :param finish: the place in the roster of the kart that has finished; None if none has.
-    :param digit: it is part of a kart's number.
+    :param digit: the digit, if it is part of a kart's number.
+    :param act: what else it does.
     """
 
     commands: tuple[Command, ...] = ()
@@ -99,7 +100,7 @@ class Stroke:
 
     @property
     def stop(self) -> bool:
-        """Return whether it gives a stop."""
+        """Return whether it sends a stop."""
         return bool(self.commands) and all(FORMS[command].stop for command in self.commands)
 
     @property
@@ -125,11 +126,11 @@ def meaning(key: str) -> Stroke | None:
 
 class KartField:
     """
-    The kart that a command by key acts on: the one that stands in the window's field, or none.
+    The kart that a command by key acts on: the one in the window's field, or none.
 
-    A digit shows as soon as it is typed. A kart that was chosen in the list stands in the field
-    until a digit is typed. Every command clears the digits, and so does ``FORGOTTEN``: then the
-    field is empty, and a command acts on no kart.
+    A digit shows as soon as it is typed. A kart that was chosen in the list stays in the field
+    until a digit is typed. Every command clears the digits, and so does a pause of ``FORGOTTEN``:
+    then the field is empty, and a command acts on no kart.
     """
 
     def __init__(self) -> None:
@@ -142,12 +143,12 @@ class KartField:
         self._refused_at = 0.0
 
     def show_roster(self, teams: Mapping[int, str]) -> None:
-        """Take the karts that there are, with their teams."""
+        """Take the karts of the roster, with their teams."""
         self._teams = teams
 
     @property
     def digits(self) -> str:
-        """Return what is typed."""
+        """Return the digits that are typed."""
         return self._digits
 
     @property
@@ -159,32 +160,32 @@ class KartField:
     def add(self, digit: str, at: float) -> None:
         """Take a digit that was typed at a time (s)."""
         self.expire(at)
-        # Nothing is pushed out at the front: what stands there is what was typed.
+        # A digit too many is left out: the field never shows the end of a longer number.
         self._digits += digit if len(self._digits) < MOST_DIGITS else ''
         self._typed_at = at
         self._chosen = 0
         self._refusal = ''
 
     def erase(self, at: float) -> None:
-        """Take back the last digit."""
+        """Delete the last digit."""
         self.expire(at)
         self._digits = self._digits[:-1]
         self._typed_at = at
         self._refusal = ''
 
     def choose(self, kart: int) -> None:
-        """Have a kart stand there that was chosen in the list."""
+        """Take a kart that was chosen in the list."""
         self._digits = ''
         self._chosen = kart
         self._refusal = ''
 
     def clear(self) -> None:
-        """Forget what is typed; a kart that was chosen in the list stays."""
+        """Clear what is typed; a kart that was chosen in the list stays."""
         self._digits = ''
         self._refusal = ''
 
     def expire(self, now: float) -> None:
-        """Forget what is too old at a time (s)."""
+        """Clear what is too old at a time (s)."""
         if self._digits and now - self._typed_at >= FORGOTTEN:
             self._digits = ''
         if self._refusal and now - self._refused_at >= FORGOTTEN:
@@ -194,9 +195,9 @@ class KartField:
         """
         Return the kart for a command given at a time (s), or 0 and why there is none.
 
-        Either way what was typed is cleared.
+        It clears what was typed in both cases.
 
-        :param command: what officials call it.
+        :param command: its name for officials.
         """
         before = self._digits
         self.expire(at)
@@ -216,7 +217,7 @@ class KartField:
         return 0, why
 
     def cells(self) -> tuple[Cell, Cell]:
-        """Return what stands in the field: in large type, and below."""
+        """Return what the field shows: in large type, and below."""
         if self._refusal:
             return Cell(self._refusal, Tone.BAD), Cell(words.FIELD_REFUSED, Tone.BAD)
         number = int(self._digits) if self._digits else self._chosen

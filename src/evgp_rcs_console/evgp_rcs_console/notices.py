@@ -1,5 +1,5 @@
 """
-What an official is told besides the race itself: alerts until they are seen, and the event log.
+What an official is told besides the state of the race: alerts until seen, and the event log.
 
 Pure: the newest snapshot goes in, lines come out.
 """
@@ -19,11 +19,11 @@ Key = tuple[str, int]
 @dataclass(frozen=True)
 class Notice:
     """
-    An alert as the official has it in front of them.
+    An alert as it is shown to the official.
 
-    :param number: counts them; a higher one is newer.
+    :param number: the alert's number; a higher one is newer.
     :param seen: the official has marked it as seen.
-    :param standing: its cause is there still.
+    :param standing: its cause still exists.
     """
 
     number: int
@@ -33,7 +33,7 @@ class Notice:
 
     @property
     def use_msr(self) -> bool:
-        """Return whether to use the Master Safety Remote: not once the cause is gone."""
+        """Return whether to use the Master Safety Remote; never once the cause is gone."""
         return self.standing and self.alert.use_msr
 
     @property
@@ -46,7 +46,7 @@ class Notice:
     @property
     def text(self) -> str:
         """Return the alert's sentence, without what the heading says."""
-        # Race control begins so, for screens that have no heading.
+        # Race control begins its sentence with that, for screens that have no heading.
         text = self.alert.text.removeprefix(words.MSR_PREFIX)
         return text[:1].upper() + text[1:]
 
@@ -57,9 +57,9 @@ class Notice:
 
 class AlertBook:
     """
-    The alerts that an official has not seen yet, and those that still stand.
+    The alerts that an official has not seen yet, and those whose cause still exists.
 
-    An alert whose cause went away and came back is a new one, to be seen anew.
+    If the cause of an alert goes away and comes back, that is a new alert.
     """
 
     def __init__(self) -> None:
@@ -71,8 +71,8 @@ class AlertBook:
         """
         Take the alerts of a snapshot, newest first; return whether there is a new one.
 
-        :param two: snapshots come from two race controls in turn: what this one does not tell,
-            the other one may.
+        :param two: snapshots come from two race controls in turn: an alert that is missing in
+            this one may be in the next.
         """
         now: dict[Key, Alert] = {(alert.kind, alert.kart): alert for alert in alerts}
         kept: list[Notice] = []
@@ -115,7 +115,7 @@ class AlertBook:
 
     @property
     def shown(self) -> list[Notice]:
-        """Return every notice: the unseen ones first, with those that need the MSR at the top."""
+        """Return every notice: the unseen first, and of those the ones that need the MSR."""
 
         def rank(notice: Notice) -> tuple[int, int]:
             group = 2 if not notice.standing else 3 * notice.seen + (not notice.use_msr)
@@ -142,14 +142,13 @@ def summary(notices: Sequence[Notice], places: int) -> str:
         those = [notice for notice in more if notice.use_msr is msr and notice.standing]
         karts = sorted({notice.alert.kart for notice in those if notice.alert.kart})
         if those:
-            names = f'kart {", ".join(map(str, karts))}' if karts else words.NO_SINGLE_KART
-            told.append(text.format(karts=names))
+            told.append(text.format(karts=words.kart_numbers(karts) or words.NO_SINGLE_KART))
     return words.ALERTS.format(told='; '.join(told))
 
 
 @dataclass(frozen=True)
 class Line:
-    """A line of the event log; `kart` 0 is no single kart."""
+    """A line of the event log; `kart` is 0 if it concerns no single kart."""
 
     clock: str
     kart: int
@@ -165,7 +164,7 @@ class EventLog:
     """
     The newest events, in order.
 
-    :param most: how many are kept.
+    :param most: maximum number of lines.
     """
 
     def __init__(self, most: int = 2000) -> None:
@@ -184,10 +183,10 @@ class EventLog:
         return added
 
     def lines(self, kart: int = 0) -> list[Line]:
-        """Return what concerns one kart or every kart (0: everything), oldest first."""
+        """Return the lines that concern one kart (0: all lines), oldest first."""
         return [line for line in self._lines if concerns(line, kart)]
 
 
 def concerns(line: Line, kart: int) -> bool:
-    """Return whether a line belongs into the log of one kart (0: of all)."""
+    """Return whether a line concerns a kart; lines without a kart concern every one."""
     return not kart or line.kart in (0, kart)

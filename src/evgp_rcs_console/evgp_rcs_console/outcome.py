@@ -1,9 +1,9 @@
 """
-Whether the answer to a command still describes what is so.
+Whether the answer to a command is still true.
 
-An answer is true when it is given: "GREEN_GREEN is sent to karts 1, 2". A moment later
-another official may have sent RED FLAG. So what the command has brought about is compared with
-each snapshot that comes, and once it has changed, the answer must not stand there any more.
+An answer is true when it comes: "GREEN_GREEN is sent to karts 1, 2". A moment later another
+official may send RED FLAG. So the effect of the command is compared with each new snapshot, and
+once the effect has changed, the answer must no longer be shown.
 
 Pure: snapshots and times go in.
 """
@@ -14,7 +14,7 @@ from evgp_rcs_console.commands import Order
 from evgp_rcs_console.snapshot import Command, Kart, Race, State
 
 SETTLED = 1.0
-"""Time after an answer from which on every snapshot is newer than it, in seconds. Race control
+"""Time after an answer when every snapshot that comes is newer than it, in seconds. Race control
 publishes one every 0.5 s at least."""
 
 _STATES = {
@@ -26,34 +26,34 @@ _STATES = {
     Command.GREEN_GREEN: (State.GREEN_GREEN,),
     Command.IN_GARAGE: (State.IN_GARAGE,),
 }
-"""The states of the race that the commands to it bring about."""
+"""The states of the race after each command to it."""
 
 _HOLDS = {
     Command.KART_RED_RED: (State.RED_RED,),
     Command.KART_RED_FLAG: (State.RED_FLAG, State.RED_RED),
     Command.KART_IN_GARAGE: (State.UNKNOWN,),
 }
-"""The holds that the commands to one kart bring about."""
+"""The holds of a kart after each command to it."""
 
 
 class Outcome:
     """
-    What an accepted command has brought about.
+    The effect of an accepted command.
 
-    :param at: when it was answered, in seconds.
+    :param at: time of its answer, in seconds.
     """
 
     def __init__(self, order: Order, at: float) -> None:
-        """Wait for a snapshot that shows it."""
+        """Wait for a snapshot that shows the effect."""
         self.order = order
         self._at = at
         self._seen: object = None
 
     def stands(self, race: Race, at: float) -> bool:
         """
-        Return whether a snapshot, and every one before it, fits the answer.
+        Return whether a snapshot, like every one before it, agrees with the answer.
 
-        :param at: when the snapshot came, in seconds.
+        :param at: time when the snapshot came, in seconds.
         """
         shown = self._shown(race)
         if self._seen is None and self._is_done(race):
@@ -63,7 +63,7 @@ class Outcome:
         return shown == self._seen
 
     def _shown(self, race: Race) -> object:
-        """Return what a snapshot shows of that with which the command deals."""
+        """Return the part of a snapshot that the command can change."""
         command = self.order.command
         if command in (Command.OPEN_TRACK, Command.CLOSE_TRACK):
             return race.track.is_open

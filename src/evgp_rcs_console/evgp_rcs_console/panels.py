@@ -1,4 +1,4 @@
-"""The areas of the window around the karts: what is so now, the commands to the race, events."""
+"""The areas of the window around the karts: the race now, the commands to it, the events."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from evgp_rcs_console.widgets import (
 )
 
 TOP_HEIGHT = 128
-"""Height of the uppermost area, whatever it says."""
+"""Height of the uppermost area on a 1366 by 768 screen, in pixels."""
 
 REASON_LINES = (2, 4, 0, 2, 4)
-"""How many lines the reason below each command to the race may have; a stop has none."""
+"""Number of lines for the reason below each command to the race; a stop needs none."""
 
 
 class NowPanel(QtWidgets.QWidget):
@@ -64,7 +64,7 @@ class NowPanel(QtWidgets.QWidget):
         self._humans_reason.fit(by)
 
     def show_screen(self, screen: Screen, stale: bool) -> None:
-        """Show what is so now."""
+        """Show the race as it is now."""
         self._state.show_cell(screen.state, stale)
         set_text(self._since, screen.since)
         self._humans.show_cell(screen.humans, stale)
@@ -75,7 +75,7 @@ class NowPanel(QtWidgets.QWidget):
 
 
 class KillBox(QtWidgets.QWidget):
-    """ALL KILL, and below it which keys press it, or how long it has been pressed in vain."""
+    """ALL KILL, and below it its keys, or for how long it has had no answer."""
 
     def __init__(self) -> None:
         """Be ready."""
@@ -97,7 +97,7 @@ class KillBox(QtWidgets.QWidget):
         self.setFixedSize(round(340 * by), round(TOP_HEIGHT * by))
 
     def show_hint(self, hint: Cell, pressing: bool) -> None:
-        """Show what stands below ALL KILL, and whether it is being pressed in vain."""
+        """Show a text below ALL KILL, and whether ALL KILL has no answer yet."""
         set_property(self.button, 'pressing', 'true' if pressing else 'false')
         self._hint.show_cell(hint)
 
@@ -148,7 +148,7 @@ class EventPanel(QtWidgets.QWidget):
     """What happened, of all karts or of one."""
 
     toggled = Signal()
-    """One kart alone is wanted, or all again."""
+    """The official wants the events of one kart only, or of all again."""
 
     def __init__(self) -> None:
         """Begin with nothing."""
@@ -163,8 +163,8 @@ class EventPanel(QtWidgets.QWidget):
         self._view.setTextInteractionFlags(QtCore.Qt.TextInteractionFlag.NoTextInteraction)
         self._view.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
         self._view.setTabChangesFocus(True)
+        # Lines are wrapped, as they are by default: a bar below them would hide the newest one.
         self._view.setMaximumBlockCount(2000)
-        self._view.setLineWrapMode(QtWidgets.QPlainTextEdit.LineWrapMode.NoWrap)
         # No list that opens: while one is open, it takes every key and click, also those of stops.
         self._filter = QtWidgets.QPushButton()
         self._filter.setObjectName('filter')
@@ -194,14 +194,14 @@ class EventPanel(QtWidgets.QWidget):
                 self._view.appendPlainText(str(line))
 
     def show_karts(self, rows: tuple[Row, ...]) -> None:
-        """Take the karts that there are; a roster without the kart that is shown shows all."""
+        """Take the karts of the roster; if the kart that is shown is gone, all are shown."""
         teams = {row.number: row.team for row in rows}
         if teams != self._teams:
             self._teams = teams
             self._show_one(self._kart)
 
     def toggle(self, kart: int) -> bool:
-        """Show one kart alone, or all again; return whether there was anything to show."""
+        """Show the events of one kart only, or of all again; return False without such a kart."""
         if not self._kart and kart not in self._teams:
             return False
         self._show_one(0 if self._kart else kart)

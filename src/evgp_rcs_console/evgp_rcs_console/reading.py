@@ -50,7 +50,6 @@ def read_race(race: msg.Race) -> Race:
                 kart=alert.kart,
                 use_msr=alert.use_msr,
                 text=alert.text,
-                age=stamp - _seconds(alert.since),
             )
             for alert in race.alerts
         ),

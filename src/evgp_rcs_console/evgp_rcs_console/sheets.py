@@ -25,7 +25,7 @@ class Sheet(QtWidgets.QFrame):
     """
     A panel over the karts: a question, the heats, or the keys.
 
-    It is no window of its own, so nothing that it lies beside is ever blocked by it.
+    It is not a window of its own, so it blocks nothing beside it.
     """
 
     def __init__(self, parent: QtWidgets.QWidget, name: str) -> None:
@@ -56,7 +56,7 @@ class Sheet(QtWidgets.QFrame):
 
 
 class Question(Sheet):
-    """Asks an official to confirm what loosens, in the words of the condition."""
+    """Asks an official to confirm a command that loosens something, or the use of the MSR."""
 
     answered = Signal(bool)
 
@@ -74,7 +74,7 @@ class Question(Sheet):
         self._consequence = Label('question_consequence', sheet_text='true')
         self._warning = Label('question_warning', sheet_text='true', tone='bad')
         self._statement = Label('question_statement', sheet_text='true')
-        # It has its room from the beginning: YES and NO never move.
+        # It always keeps its room, so that YES and NO never move.
         self._problem = Fitted('question_problem', (20, 17, 15, 13))
         for label in (self._consequence, self._warning, self._statement):
             label.setWordWrap(True)
@@ -105,12 +105,12 @@ class Question(Sheet):
             button.setFixedHeight(round(39 * by))
 
     def ask(self, button: Button) -> None:
-        """Ask whether a command is meant; the keyboard is on NO."""
+        """Ask for the confirmation of a command; NO has the focus."""
         self.button = button
         self.shown_at = clock.now()
         self._spoilt = False
         self.yes.setDown(False)  # held down since another question
-        # A click on YES counts once it can have been meant: not the second one of a double click.
+        # A click on YES does not count at first: it may be the second one of a double click.
         self._settling.start(round(SEEN * 1000))
         set_text(
             self._title,
@@ -127,9 +127,9 @@ class Question(Sheet):
 
     def update_button(self, button: Button | None) -> None:
         """
-        Take what race control says of the command meanwhile; None: it no longer offers it.
+        Take the command as race control offers it now; None: it no longer does.
 
-        Once that is not what was asked, YES is off, also if it is the same again later.
+        Once it differs from what was asked, YES stays off, also if it becomes the same again.
         """
         assert self.button is not None
         if FORMS[self.button.command].stop:
@@ -151,19 +151,19 @@ class Question(Sheet):
         warning = words.ASK_WARNING.format(warning=button.warning) if button.warning else ''
         set_text(self._warning, warning)
         for label in (self._consequence, self._warning, self._statement):
-            # What has to be hidden later keeps its room, for the same reason.
+            # A text that is hidden later keeps its room, for the same reason.
             policy = label.sizePolicy()
             policy.setRetainSizeWhenHidden(bool(label.text()))
             label.setSizePolicy(policy)
 
     @property
     def settled(self) -> bool:
-        """Return whether it has been there long enough for a click on YES to be meant."""
+        """Return whether it has been there long enough for a click on YES to count."""
         return not self._settling.isActive()
 
     def _show_problem(self) -> None:
         problem = self._problem_text
-        # What it said before is not so any more.
+        # The texts of the question are no longer true.
         for label in (self._consequence, self._warning, self._statement):
             label.setVisible(bool(label.text()) and not problem)
         self._problem.show_cell(Cell(problem, Tone.BAD if problem else Tone.PLAIN))
@@ -203,7 +203,7 @@ class Heats(Sheet):
             widget.setVisible(place < len(buttons))
 
     def open_sheet(self) -> None:
-        """Be there; the keyboard is on the first heat."""
+        """Show it; the first heat has the focus."""
         self.show()
         self.raise_()
         self._heats[0].setFocus()

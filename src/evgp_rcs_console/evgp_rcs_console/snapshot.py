@@ -98,7 +98,6 @@ class Alert:
     kart: int
     use_msr: bool
     text: str
-    age: float
 
 
 @dataclass(frozen=True)

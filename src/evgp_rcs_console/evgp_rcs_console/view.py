@@ -29,9 +29,9 @@ from evgp_rcs_console.snapshot import (
 
 GONE_AFTER = 0.9
 """
-Race control that is not heard for so long counts as gone, seconds.
+Time without a snapshot after which race control counts as gone, in seconds.
 
-It is heard every 0.5 s at least; an official is to know within 1 s.
+It publishes one every 0.5 s at least, and an official must know within 1 s.
 """
 
 RACE_COMMANDS = (
@@ -41,26 +41,26 @@ RACE_COMMANDS = (
     Command.RACE_OVER,
     Command.IN_GARAGE,
 )
-"""To the karts of the race, in the order of a race (§4.B)."""
+"""The commands to the karts of the race, in the order of a race (§4.B)."""
 
 ANSWER_KEYS = ('Y', 'N')
-"""The letters that answer a question. They mean nothing else: one typed too late does nothing."""
+"""The letters that answer a question, and do nothing else: one typed too late has no effect."""
 
 _LETTERS = tuple(letter for letter in string.ascii_uppercase if letter not in ANSWER_KEYS)
 
 FINISH_KEYS = (*_LETTERS, *(f'Shift+{letter}' for letter in _LETTERS))
-"""The keys that mark a kart as finished, by its place in the roster: they never change hands."""
+"""The keys that mark a kart as finished, by its place in the roster: a kart keeps its key."""
 
 PART_FAILED = 'PART_FAILED'
 TWO_RACE_CONTROLS = 'TWO_RACE_CONTROLS'
-"""The alerts that are shown in the largest type, by the names of their constants."""
+"""The kinds of alert that are shown in the largest type."""
 
 Pending = Mapping[tuple[Command, int], float]
-"""Which commands wait for an answer, to which kart (0: none), and for how many seconds."""
+"""The time that each command to each kart (0: none) has waited for its answer, in seconds."""
 
 
 class Tone(enum.Enum):
-    """How a text stands out; every tone is a colour *and* goes with a word or a symbol."""
+    """How a text stands out: by a colour, and always also by a word or a symbol."""
 
     PLAIN = 'plain'
     FAINT = 'faint'
@@ -99,12 +99,12 @@ class Button:
 
     :param enabled: pressing it sends the command, or asks for its confirmation.
     :param reason: why it is not enabled, with how long that has been so; empty if it is.
-    :param condition: what the official confirms; empty if the command asks for nothing.
-    :param consequence: what it would do to which kart, and to which it would do nothing.
+    :param condition: what the official confirms; empty if the command needs no confirmation.
+    :param consequence: what it would do to each kart of the roster.
     :param statement: what race control asks the official to state; empty if nothing.
     :param karts: the karts that it would start or release, as race control says, or of its heat.
     :param hold: the hold that it would end; UNKNOWN for none.
-    :param warning: what speaks against it, as the screen shows it; empty if nothing is known.
+    :param warning: why not to confirm it; empty if nothing is known against it.
     :param heat: the heat that it puts into the race, by its name.
     :param key: the key that presses it; empty if none does.
     """
@@ -127,7 +127,7 @@ class Button:
         """
         Return the command as given by an official who saw this button and confirmed its condition.
 
-        Race control is told of a statement only if it asked for that one, in its own words.
+        Race control gets a statement only if it asked for it and the question showed its words.
         """
         return Order(
             self.command,
@@ -139,7 +139,7 @@ class Button:
         )
 
     def asks_the_same(self, other: Button) -> bool:
-        """Return whether who confirms this button confirms what the other one would do."""
+        """Return whether both would do the same, so that one confirmation is good for both."""
 
         def seen(button: Button) -> tuple[object, ...]:
             said = button.condition, button.consequence, button.warning
@@ -148,9 +148,14 @@ class Button:
         return seen(self) == seen(other)
 
     @property
+    def is_stop(self) -> bool:
+        """Return whether it is a stop."""
+        return FORMS[self.command].stop
+
+    @property
     def is_instant(self) -> bool:
         """Return whether it is a stop that asks nothing: it acts when the button goes down."""
-        return FORMS[self.command].stop and not self.condition
+        return self.is_stop and not self.condition
 
     def is_same_command(self, other: Button) -> bool:
         """Return whether the other one is the same command for the same kart or heat."""
@@ -158,7 +163,7 @@ class Button:
 
     @property
     def explanation(self) -> str:
-        """Return what hovering over it says."""
+        """Return why it is not possible; empty if it is."""
         name = words.command_name(self.command, self.kart)
         return words.BARRED.format(command=name, reason=self.reason) if self.reason else ''
 
@@ -187,8 +192,8 @@ class Danger:
     What the screen says in the largest type, instead of the state of the race.
 
     :param detail: what is known, in a sentence or two.
-    :param barred: why nothing but stops can be pressed; empty if that is race control's to say.
-    :param stale: what the screen shows is no longer known to be true.
+    :param barred: why only stops can be pressed; empty if race control says what is possible.
+    :param stale: the rest of the screen is out of date.
     """
 
     title: str
@@ -220,7 +225,6 @@ class Screen:
     all_karts: tuple[Button, ...]
     track_button: Button | None
     rows: tuple[Row, ...]
-    danger: Danger | None
 
     def button(self, command: Command, kart: int = 0) -> Button | None:
         """Return the button of a command, if this screen has it."""
@@ -245,7 +249,7 @@ KEYS = {
     Command.RECORD_MSR: 'F9',
     Command.SET_HEAT: 'Ctrl+H',
 }
-"""The keys of the commands that concern no single kart; ALL KILL's are everywhere."""
+"""The keys of the commands that concern no single kart, without ALL KILL."""
 
 CHOSEN_KART_KEYS = {
     'R': (Command.KART_RED_RED,),
@@ -285,13 +289,13 @@ def silence(
     notes: tuple[str, str] = ('', ''),
 ) -> Danger | None:
     """
-    Return what is to be said of race control's silence, None while it is heard.
+    Return what to say of race control's silence, None while it is heard.
 
-    :param silent_for: since when it is not heard, seconds; None: it never was.
-    :param looking_for: how long it has been looked for, seconds.
+    :param silent_for: time since it was last heard, in seconds; None: it never was.
+    :param looking_for: time since the search for it began, in seconds.
     :param looking: where it is looked for, as a sentence says it.
     :param state: the state of the race when it was heard last.
-    :param notes: what else is said before it is found, and once it is gone.
+    :param notes: what to add before it is found, and once it is gone.
     """
     if not is_gone(silent_for):
         return None
@@ -309,7 +313,7 @@ def silence(
 
 def danger(race: Race, two: bool) -> Danger | None:
     """
-    Return what is to be said of a race control that is heard, but must not be relied on.
+    Return what to say of a race control that is heard, but must not be relied on.
 
     :param two: snapshots come from two race controls.
     """
@@ -324,11 +328,11 @@ def danger(race: Race, two: bool) -> Danger | None:
 
 
 WORTH_A_FIGURE = 2.0
-"""Time from which on the screen says for how long a command has not been possible, in seconds."""
+"""Time after which the screen says for how long a command has not been possible, in seconds."""
 
 
 class ReasonTimes:
-    """For how long each command has not been possible for the reason that is given now."""
+    """The time for which each command has not been possible for its present reason."""
 
     def __init__(self) -> None:
         """Have seen no reason."""
@@ -354,11 +358,11 @@ def show(
     """
     Return what a screen shows of a snapshot.
 
-    :param age: how long ago the snapshot came, seconds.
+    :param age: time since the snapshot came, in seconds.
     :param pending: the commands that wait for an answer.
-    :param danger: what is to be said if race control is gone or must not be relied on.
-    :param reasons: for how long the reason why a command to the race is not possible has been
-        that one, in seconds.
+    :param danger: what to say if race control is gone or must not be relied on.
+    :param reasons: the time for which each command to the race has not been possible for its
+        present reason, in seconds.
     """
     barred = danger.barred if danger else ''
     buttons = _Buttons(race, pending, barred, reasons or {})
@@ -378,7 +382,6 @@ def show(
         all_karts=(buttons.race(Command.RECORD_MSR),),
         track_button=buttons.race(Command.CLOSE_TRACK if track.is_open else Command.OPEN_TRACK),
         rows=tuple(_row(kart, place, age, buttons) for place, kart in enumerate(race.karts)),
-        danger=danger,
     )
 
 
@@ -479,7 +482,7 @@ class _Buttons:
         since = self.reasons.get(command, 0.0) if kart is None else 0.0
         if reason and since >= WORTH_A_FIGURE:
             reason = words.WITH_AGE.format(reason=reason, age=words.age(since))
-        # A stop may be pressed into silence, and again while it waits: it can do no harm.
+        # A stop can always be pressed, also while one waits or nobody answers: it does no harm.
         if not form.stop and self.barred:
             reason = self.barred
         elif not form.stop and waits is not None:

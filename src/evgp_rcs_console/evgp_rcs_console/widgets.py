@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from evgp_rcs_console.commands import FORMS
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.view import Button, Cell, Danger
 
 Pressed = Callable[[Button, Button], None]
-"""Takes which command a button had when it went down, and which one it has when it is let go."""
+"""Takes the command that a button had when it went down, and the one it has when it is let go."""
 
 WRAP = QtCore.Qt.TextFlag.TextWordWrap.value
 
@@ -51,7 +50,7 @@ class Fitted(Label):
     A text that takes the room it is given: no text moves what is beside it.
 
     It is shown in the largest type in which all of it fits, wrapped. If it fits in none, it ends
-    after a word with dots, and all of it is its tip.
+    after a word with dots, and the bottom line shows all of it when it is pointed at.
 
     :param sizes: the sizes of type to try, in pixels on a 1366 by 768 screen.
     """
@@ -192,7 +191,7 @@ class CommandButton(QtWidgets.QPushButton):
         name = button.command.value.lower()
         self.setObjectName(f'{name}_{button.kart}' if button.kart else name)
         set_text(self, f'{button.label}  {button.key}' if button.key else button.label)
-        set_property(self, 'stop', 'true' if FORMS[button.command].stop else 'false')
+        set_property(self, 'stop', 'true' if button.is_stop else 'false')
         set_property(self, 'barred', 'false' if button.enabled else 'true')
         tip = button.explanation
         self.setToolTip(tip)

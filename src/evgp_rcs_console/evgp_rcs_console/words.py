@@ -1,10 +1,12 @@
 """
-Every text that the console shows and race control did not write, in one place.
+Every text that the console itself writes, in one place.
 
-Sentences of race control (reasons, answers, alerts, events) are shown as they come.
+Sentences of race control (reasons, answers, alerts, events) are shown as they are.
 """
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 from evgp_rcs_console.commands import Order
 from evgp_rcs_console.effects import Effects
@@ -29,7 +31,7 @@ SYMBOLS = {
     State.RED_FLAG: '⚑',
     State.RED_RED: '■',
 }
-"""A state is told by its word and its symbol, never by its colour alone."""
+"""Every state has a word and a symbol: it is never shown by its colour alone."""
 
 LABELS = {
     Command.ALL_KILL: 'ALL KILL',
@@ -52,12 +54,12 @@ LABELS = {
 
 IN_RACE = 'IN RACE'
 ALL_KARTS = 'ALL KARTS'
-COLUMNS = ('Kart', 'Team', 'Race', 'Link', 'Is sent', 'Since', 'Acknowledged', 'Says', 'Place', '')
+COLUMNS = ('Kart', 'Team', 'Race', 'Link', 'Sent', 'For', 'Acknowledged', 'Says', 'Place', '')
 HEADINGS = {
     'number': 'Kart',
     'team': 'Team, why it is held',
     'race': 'Race, link',
-    'sent': 'Is sent, since',
+    'sent': 'State sent, time',
     'acknowledged': 'Acknowledged, says',
     'place': 'Place',
     'buttons': 'Commands to this kart',
@@ -76,7 +78,7 @@ OVER = 'race over'
 HUMANS_ALLOWED = '✓ HUMANS ALLOWED'
 HUMANS_NOT_ALLOWED = '✗ NO HUMANS ON TRACK'
 HUMANS_UNKNOWN = '? NO KART CONNECTED'
-HUMANS_UNKNOWN_REASON = 'race control hears no kart: look where each one is'
+HUMANS_UNKNOWN_REASON = 'race control cannot tell what the karts do: check each one'
 TRACK_OPEN = 'Track is OPEN'
 TRACK_CLOSED = 'Track is closed'
 
@@ -88,7 +90,7 @@ ALERTS = 'Alerts: {told}'
 ALERTS_NEW = '{count} new'
 ALERTS_SEEN = '{count} seen, still there'
 ALERTS_ENDED = '{count} ended'
-MORE_MSR = 'not shown: USE THE MSR, {karts}'
+MORE_MSR = 'not shown: USE THE MSR for {karts}'
 MORE_OTHER = 'not shown: {karts}'
 NO_SINGLE_KART = 'the whole race'
 ALERT_MSR = '⚠ USE THE MSR'
@@ -105,7 +107,7 @@ SOUND_OFF = '✗ SOUND OFF'
 LOG = 'Events'
 EVERY_KART = 'all karts'
 ONE_KART = 'kart {number} {team}'
-WHOSE_EVENTS = 'To see the events of one kart alone, type its number or click its row first.'
+WHOSE_EVENTS = 'To see the events of one kart only, type its number or click its row first.'
 NEW_RUN = '— race control was started again —'
 DONE = '✓ '
 REFUSED = '✗ '
@@ -115,9 +117,9 @@ NOT_YET = 'NO RACE CONTROL YET'
 USE_MSR = 'USE THE MSR'
 GONE_SINCE = (
     'Last heard {age} ago, in {state}. What is shown below is out of date. '
-    'The network to it may be broken: ask at the other window.'
+    'Perhaps only the network is broken: check another window.'
 )
-NOT_YET_DETAIL = 'Looking for {looking}, for {age}.'
+NOT_YET_DETAIL = 'Looking for {looking}: not found after {age}.'
 LOOKING = '{topic} in ROS domain {domain}, {where}'
 ON_THIS_MACHINE = 'on this machine only (OFFICIALS= is not set)'
 AT_ADDRESSES = 'at {addresses}'
@@ -125,18 +127,18 @@ EVERY_ADDRESS = 'every address of this machine'
 GONE_REASON = 'race control is gone'
 FAILED = 'RACE CONTROL HAS FAILED'
 TWO = 'TWO RACE CONTROLS'
-TWO_ADVICE = 'ALL KILL, THEN END ONE'
+TWO_ADVICE = 'ALL KILL, THEN SHUT ONE DOWN'
 TWO_DETAIL = 'Two race controls are running in this ROS domain.'
 TWO_WHAT_TO_DO = 'Stops go to both. No other command can be sent.'
-TWO_REASON = 'there are two race controls: end one'
+TWO_REASON = 'two race controls are running: shut one down'
 STATE_SINCE = 'for {age}'
 KILL_HINT = 'SPACE BAR or F12'
-KILL_PRESSING = 'PRESSING, {count} times, {age}: no answer'
+KILL_UNANSWERED = 'SENT {count} times in {age}: no answer'
 KILL_NOTE_GONE = 'Press a stop once: it is sent again until race control accepts it.'
 KILL_NOTE_NOT_YET = (
     'Press a stop once: it is sent again until race control is found and accepts it.'
 )
-STOP_PRESSING = '{command}: pressed {count} times in {age}, {why}. USE THE MSR.'
+STOP_UNANSWERED = '{command}: sent {count} times in {age}, {why}. USE THE MSR.'
 NO_ANSWER = 'no answer'
 KEYS_OFF = 'KEYS OFF: click this window'
 
@@ -144,16 +146,16 @@ GIVEN = '{clock}  {command} sent'
 ANSWERED = '{clock}  {mark}{answer}'
 CHANGED = 'Changed at {clock}: {what}'
 READY = 'Ready.  F1 shows the keys.'
-PENDING = '{command}: no answer yet, {age}'
-PENDING_REASON = 'no answer yet, {age}'
+PENDING = '{command}: no answer yet ({age})'
+PENDING_REASON = 'no answer yet ({age})'
 GAVE_UP = '{command}: no answer within {age}. Check the race to see whether it took effect.'
 NOT_THERE = '{command} was not sent: race control is not there.'
 NOT_ALLOWED = (
-    'ROS does not let this program command race control. With SROS2, that needs the enclave '
-    '/officials; with /watchers there is rcs_ctl watch. ({error})'
+    'ROS does not allow this program to command race control. With SROS2, use the enclave '
+    '/officials; the enclave /watchers allows only rcs_ctl watch. ({error})'
 )
 TOO_OLD = '{name}: pressed {age} ago, while the window hung. Nothing was sent: press it again.'
-TOO_EARLY = '{name}: pressed before the question was there. Read it and answer now.'
+TOO_EARLY = '{name}: pressed before the question appeared. Read it, then answer.'
 ANSWER_FIRST = 'Answer the question first: Y or N'
 CLICK = 'Mouse button'
 BARRED = '{command}: {reason}'
@@ -163,12 +165,12 @@ ASK_TITLE = '{command}?'
 ASK_STATE = 'I state: {condition}.'
 ASK_YES = 'YES: {condition}   (Y)'
 ASK_NO = 'NO   (N or Esc)'
-ASK_WARNING = 'But: {warning}.'
+ASK_WARNING = 'Warning: {warning}.'
 ASK_CHANGED = 'What you are asked to confirm has changed. Press NO and begin again.'
 ASK_AGAIN = '{reason}. Press NO and begin again.'
 
 HEATS_TITLE = 'Which heat?'
-HEATS_CONSEQUENCE = 'Puts its karts into the race, and takes all others out.'
+HEATS_CONSEQUENCE = 'Puts the karts of the heat into the race, and takes all others out.'
 HEATS_CHANGED = 'The heats have just changed. Nothing was sent: open HEAT again.'
 HEATS_CLOSE = 'CANCEL   (Esc)'
 HEAT = '{name}: {karts}'
@@ -179,13 +181,13 @@ FIELD_BEGUN = '{number} …'
 FIELD_NO_KART = 'NO KART {number}'
 FIELD_EMPTY = 'KART -'
 FIELD_TYPE = 'type a number for Ctrl+R, F, G, J'
-FIELD_NOT_YET = 'no kart {number} so far'
-FIELD_NOT_THERE = 'it is not in the roster'
+FIELD_NOT_YET = 'no kart {number}: type on'
+FIELD_NOT_THERE = 'not in the roster'
 FIELD_REFUSAL = 'NO KART {number}'
 FIELD_REFUSED = 'nothing was sent'
 NOT_GIVEN_UNKNOWN = '{command} WAS NOT SENT: there is no kart {number}. Type another number.'
 NOT_GIVEN_FORGOTTEN = '{command} WAS NOT SENT: {number} was typed too long ago. Type it again.'
-NOT_GIVEN_EMPTY = '{command} WAS NOT SENT: no kart is named. Type its number first.'
+NOT_GIVEN_EMPTY = '{command} WAS NOT SENT: no kart is chosen. Type its number first.'
 ROWS_CHANGED = '{name} WAS NOT SENT: the list of karts has just changed. Look, and press again.'
 
 HELP_TITLE = 'Keys'
@@ -199,16 +201,16 @@ KEY_HELP = (
     ('F6', 'IN GARAGE'),
     ('F7, F8', 'open, close the track'),
     ('F9', 'the MSR was used'),
-    ('F10', 'newest alert seen'),
+    ('F10', 'mark the first alert as seen'),
     ('F11', 'sound on, off'),
-    ('A letter', 'FINISH of the kart that shows it'),
-    ('A number, arrows', 'choose a kart: it is shown below ALL KILL'),
+    ('A letter', 'FINISH for the kart that shows it'),
+    ('A number, arrows', 'choose a kart: see below ALL KILL'),
     ('Backspace, Esc', 'delete a digit, the whole number'),
     ('Ctrl+R, Ctrl+F', 'RED RED, RED FLAG to that kart'),
-    ('Ctrl+G', 'that kart to the garage'),
-    ('Ctrl+J', 'that kart joins or leaves the race'),
+    ('Ctrl+G', 'release that kart to the garage'),
+    ('Ctrl+J', 'put that kart into the race, or take it out'),
     ('Ctrl+H', 'put a heat into the race'),
-    ('Ctrl+L', 'show events of that kart, of all karts'),
+    ('Ctrl+L', 'events of that kart only, or of all'),
     ('Tab, Enter', 'go to the next button, press it'),
     ('Y, N', 'answer a question'),
 )
@@ -221,7 +223,7 @@ NO_DISPLAY = 'rcs_gui: there is no screen to open a window on (DISPLAY, WAYLAND_
 
 
 def age(seconds: float) -> str:
-    """Return a time that has passed, as an official says it."""
+    """Return a time that has passed, rounded down, in the largest unit that fits."""
     whole = max(0, int(seconds))
     if whole < 100:
         return f'{whole} s'
@@ -231,7 +233,7 @@ def age(seconds: float) -> str:
 
 
 def short_age(seconds: float) -> str:
-    """Return a time that matters to a tenth of a second."""
+    """Return a time that has passed, in tenths of a second up to a minute."""
     return f'{max(0.0, seconds):.1f} s' if seconds < 60 else age(seconds)
 
 
@@ -241,12 +243,12 @@ def kart_name(kart: Kart) -> str:
 
 
 def command_name(command: Command, kart: int = 0) -> str:
-    """Return what a command is called when it is talked about."""
+    """Return the name of a command in a sentence."""
     return f'{LABELS[command]} kart {kart}' if kart else LABELS[command]
 
 
 def order_name(order: Order) -> str:
-    """Return what an official's command is called when it is talked about."""
+    """Return the name of an official's command in a sentence."""
     name = command_name(order.command, order.kart)
     return f'{name} {order.heat}' if order.heat else name
 
@@ -279,18 +281,24 @@ def condition(command: Command, kart: Kart | None, race: Race, statement: str) -
 
 def warning(command: Command, race: Race, nobody_heard: bool) -> str:
     """
-    Return what speaks against confirming a command; empty if nothing is known.
+    Return why an official should not confirm a command; empty if nothing is known against it.
 
     :param nobody_heard: humans are allowed on the track only because no kart is connected.
     """
     track = race.track
     if command in (Command.IN_GARAGE, Command.KART_IN_GARAGE, Command.OPEN_TRACK):
         if not track.allowed:
-            return f'no humans may be on the track now: {track.reason}'
+            return f'humans must stay off the track now: {track.reason}'
         return f'no kart is connected; {HUMANS_UNKNOWN_REASON}' if nobody_heard else ''
     if command in (Command.GRID_ACTIVE, Command.GREEN_GREEN) and track.is_open:
         return 'the track is open to humans now'
     return ''
+
+
+def kart_numbers(numbers: Sequence[int]) -> str:
+    """Return karts by their numbers, empty if there are none."""
+    name = 'kart' if len(numbers) == 1 else 'karts'
+    return f'{name} {", ".join(map(str, numbers))}' if numbers else ''
 
 
 def kart_list(karts: tuple[Kart, ...]) -> str:
@@ -317,8 +325,8 @@ def consequences(command: Command, does: Effects, race: Race, kart: Kart | None)
         end = one if len(does.now) == 1 else several if does.now else ''
         said.append(f'Sends {STATES[does.state]} now to {kart_list(does.now)}.{end}')
     if does.later:
-        gets = 'gets' if len(does.later) == 1 else 'get'
-        said.append(f'Not connected, {gets} it on connecting: {kart_list(does.later)}.')
+        gets = 'gets it when it connects' if len(does.later) == 1 else 'get it when they connect'
+        said.append(f'Not connected now, {gets}: {kart_list(does.later)}.')
     if kart is not None:
         if kart.in_race and race.state is not State.IN_GARAGE:
             said.append('Takes it out of the race.')
@@ -339,22 +347,22 @@ def consequences(command: Command, does: Effects, race: Race, kart: Kart | None)
 
 
 FEW = 4
-"""Maximum number of held karts whose reasons are given; of more, only the numbers."""
+"""Maximum number of held karts whose reasons are given; if there are more, only their numbers."""
 
 _THEN = {
     Command.GREEN_GREEN: (' It drives off.', ' They drive off.'),
     Command.IN_GARAGE: (' The team has its kart back.', ' The teams have their karts back.'),
 }
-"""What one kart does once it is sent that, and what several do."""
+"""What happens then, if the command is sent to one kart, and if it is sent to several."""
 
 
 def held(kart: Kart) -> str:
-    """Return a kart that is held, with its hold and why."""
+    """Return a held kart, with its hold and the reason for it."""
     return f'{kart_name(kart)}: {STATES[kart.hold]}, {kart.hold_reason}'
 
 
 def now_so(order: Order, race: Race) -> str:
-    """Return the present state of what a command was about, in place of the command's answer."""
+    """Return the present state of what a command has changed; it replaces the command's answer."""
     if order.command in (Command.OPEN_TRACK, Command.CLOSE_TRACK):
         return 'the track is open' if race.track.is_open else 'the track is closed'
     kart = race.kart(order.kart)

@@ -9,7 +9,7 @@ from evgp_rcs_console.snapshot import Alert, Event
 
 def alert(kart: int, kind: str = 'KART_LOST') -> Alert:
     """Return an alert of a kart."""
-    return Alert(kind, kart, False, f'Kart {kart} lost its connection', 0.0)
+    return Alert(kind, kart, False, f'Kart {kart} lost its connection')
 
 
 def texts(book: AlertBook) -> list[str]:
@@ -25,7 +25,7 @@ def told(book: AlertBook) -> list[str]:
 def msr_alert(kart: int) -> Alert:
     """Return an alert of a kart for which the MSR is to be used."""
     text = f'Use the MSR: kart {kart} has not acknowledged RED_RED'
-    return Alert('RED_UNACKNOWLEDGED', kart, True, text, 0.0)
+    return Alert('RED_UNACKNOWLEDGED', kart, True, text)
 
 
 def test_an_alert_that_has_ended_does_not_say_to_use_the_msr() -> None:
@@ -55,7 +55,7 @@ def test_alerts_that_find_no_place_are_told_with_their_karts() -> None:
 
     text = summary(book.shown, 2)
 
-    assert 'USE THE MSR, kart 4, 5;' in text
+    assert words.MORE_MSR.format(karts='karts 4, 5') in text
     assert text.endswith('kart 9')
 
 
@@ -135,9 +135,9 @@ def test_two_race_controls_that_speak_in_turn_do_not_pile_up_alerts() -> None:
 
 def test_a_new_text_of_an_alert_is_shown() -> None:
     book = AlertBook()
-    book.update([Alert('TRACK_UNSAFE', 0, True, 'kart 1 is not stopped', 0.0)])
+    book.update([Alert('TRACK_UNSAFE', 0, True, 'kart 1 is not stopped')])
 
-    news = book.update([Alert('TRACK_UNSAFE', 0, True, 'kart 2 is not stopped', 1.0)])
+    news = book.update([Alert('TRACK_UNSAFE', 0, True, 'kart 2 is not stopped')])
 
     assert not news
     assert texts(book) == ['Kart 2 is not stopped']
@@ -160,14 +160,14 @@ def test_a_refusal_is_marked_in_the_log() -> None:
     assert str(line) == '12:00:00  ✗ GREEN_GREEN refused'
 
 
-def test_a_race_control_that_was_started_anew_is_told_in_the_log() -> None:
+def test_a_race_control_that_was_started_again_is_told_in_the_log() -> None:
     log = EventLog()
     log.add(Event(1, '12:00:00', 0, True, 'one'))
     log.add(Event(2, '12:00:01', 0, True, 'two'))
 
-    log.add(Event(1, '12:05:00', 0, True, 'anew'))
+    log.add(Event(1, '12:05:00', 0, True, 'three'))
 
-    assert [str(line) for line in log.lines()][2:] == [words.NEW_RUN, '12:05:00  anew']
+    assert [str(line) for line in log.lines()][2:] == [words.NEW_RUN, '12:05:00  three']
 
 
 def test_the_log_keeps_the_newest() -> None:

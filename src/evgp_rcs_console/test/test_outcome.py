@@ -6,32 +6,13 @@ from dataclasses import replace
 
 from evgp_rcs_console.commands import FORMS, Order
 from evgp_rcs_console.outcome import Outcome, SETTLED
-from evgp_rcs_console.snapshot import Command, Heat, Kart, Race, State, Track
+from evgp_rcs_console.snapshot import Command, Heat, Race, State
+from example_race import KART, RACE
 import pytest
 
-KART = Kart(
-    number=7,
-    team='Purdue',
-    in_race=True,
-    connected=True,
-    sent=State.GRID_ACTIVE,
-    sent_for=40.0,
-    acknowledged=True,
-    reported=State.GRID_ACTIVE,
-    hold=State.UNKNOWN,
-    hold_reason='',
-    may_be_moving=False,
-    place=0,
-    commands={},
-)
-GRID = Race(
-    state=State.GRID_ACTIVE,
-    state_for=40.0,
-    over=False,
+GRID = replace(
+    RACE,
     karts=(replace(KART, number=3, in_race=False), KART),
-    commands={},
-    track=Track(is_open=False, allowed=False, reason='', msr_used=False),
-    alerts=(),
     heats=(Heat('A', (7,)), Heat('B', (3, 7))),
 )
 GREEN = replace(GRID, state=State.GREEN_GREEN)

@@ -1,0 +1,99 @@
+"""What stands where in the window, and how large it is."""
+
+from __future__ import annotations
+
+from evgp_rcs_console import style
+from evgp_rcs_console.alerts import AlertsArea
+from evgp_rcs_console.karts import KartList, Scrolling
+from evgp_rcs_console.panels import EventPanel, KillBox, NowPanel, SidePanel, TOP_HEIGHT
+from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
+from evgp_rcs_console.sheets import Heats, Help, Question, Sheet
+from evgp_rcs_console.widgets import CommandButton, DangerPanel, Fitted
+
+
+class Areas(QtCore.QObject):
+    """
+    Every area of the window.
+
+    :param window: the areas fill it.
+    :param scrolling: is entered around every scrolling that the official's hand does not do.
+    """
+
+    pressed = Signal(object, object)
+    """A button was pressed: its command when it went down, and when it was let go."""
+
+    def __init__(self, window: QtWidgets.QWidget, scrolling: Scrolling) -> None:
+        """Put the areas in their places."""
+        super().__init__(window)
+        self.window = window
+        self._by = 0.0
+        press = self.pressed.emit
+        self.danger = DangerPanel()
+        self.now = NowPanel(press)
+        self.kill = KillBox()
+        self.alerts = AlertsArea()
+        self.karts = KartList(press, scrolling)
+        self.side = SidePanel(press)
+        self.events = EventPanel()
+        self.status = Fitted('status', (15, 13, 12, 11))
+        self._layout = QtWidgets.QVBoxLayout(window)
+        # The window never grows beyond the screen to make room for a text.
+        self._layout.setSizeConstraint(QtWidgets.QLayout.SizeConstraint.SetNoConstraint)
+        top = QtWidgets.QHBoxLayout()
+        top.addWidget(self.danger, 1)
+        top.addWidget(self.now, 1)
+        top.addWidget(self.kill)
+        left = QtWidgets.QVBoxLayout()
+        left.addWidget(self.alerts)
+        left.addWidget(self.karts, 1)
+        middle = QtWidgets.QHBoxLayout()
+        middle.addLayout(left, 1)
+        middle.addWidget(self.side)
+        self._layout.addLayout(top)
+        self._layout.addLayout(middle, 1)
+        self._layout.addWidget(self.events)
+        self._layout.addWidget(self.status)
+        self.question = Question(window)
+        self.help = Help(window)
+        self.heats = Heats(window, press)
+        self._sheets: tuple[Sheet, ...] = (self.question, self.help, self.heats)
+
+    def fit(self) -> None:
+        """Take the size of the window."""
+        width, height = self.window.width(), self.window.height()
+        by = style.scale(width, height)
+        if abs(by - self._by) >= 0.02:
+            self._by = by
+            self.window.setStyleSheet(style.sheet(by))
+            self._layout.setContentsMargins(*[round(6 * by)] * 4)
+            self._layout.setSpacing(round(4 * by))
+            self.danger.setFixedHeight(round(TOP_HEIGHT * by))
+            self.status.setFixedHeight(round(32 * by))
+            self.events.fit(by, height)
+            areas = (self.danger, self.now, self.kill, self.alerts, self.karts)
+            for area in (*areas, self.side, self.status, self.question):
+                area.fit(by)
+        self.place_sheets()
+
+    def place_sheets(self) -> None:
+        """Put the sheets that are open over the karts."""
+        for sheet in self._sheets:
+            if sheet.isVisible():
+                # Clear of ALL KILL above and of the stops at the side.
+                karts = self.karts.scroll
+                room = karts.width()
+                sheet.fit_height(min(room, round(900 * self._by)))
+                corner = karts.mapTo(self.window, QtCore.QPoint(0, 0))
+                lowest = max(0, self.window.height() - sheet.height() - 8)
+                sheet.move(corner.x() + (room - sheet.width()) // 2, min(corner.y() + 8, lowest))
+                sheet.raise_()
+
+    def on_sheet(self, widget: QtWidgets.QWidget | None) -> bool:
+        """Return whether a widget is part of a sheet, which lies over what was there before."""
+        return widget is not None and any(sheet.isAncestorOf(widget) for sheet in self._sheets)
+
+    def is_stop(self, widget: QtWidgets.QWidget | None) -> bool:
+        """Return whether a widget is the button of a stop."""
+        if isinstance(widget, CommandButton) and widget.button is not None:
+            return widget.button.is_stop
+        return widget is self.kill.button
