@@ -44,12 +44,6 @@ def read_settings(parameters: Parameters) -> Begin:
             'Time after which a kart that leaves bytes unanswered is lost, s.',
             (0.2, 10),
         ),
-        pause=declare(
-            'pause',
-            1.0,
-            'After a stop, commands that loosen or start anything are refused for this long, s.',
-            (0.5, 10),
-        ),
     )
     times = RaceTimes(
         finish_delays=tuple(
@@ -76,6 +70,12 @@ def read_settings(parameters: Parameters) -> Begin:
         ),
         red_alert=seconds(
             'red_alert', 5.0, 'Time until the alert that RED_RED is not acknowledged'
+        ),
+        pause=declare(
+            'pause',
+            1.0,
+            'After a stop, commands that loosen or start anything are refused for this long, s.',
+            (0.5, 10),
         ),
     )
     parameters.refuse_unknown()

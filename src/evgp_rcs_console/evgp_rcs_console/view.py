@@ -361,7 +361,7 @@ def show(
         that one, in seconds.
     """
     barred = danger.barred if danger else ''
-    buttons = _Buttons(race, pending, barred, reasons or {})
+    buttons = _Buttons(race, pending, age, barred, reasons or {})
     since = words.STATE_SINCE.format(age=words.age(race.state_for + age))
     track = race.track
     humans, reason = _humans(race)
@@ -447,6 +447,7 @@ class _Buttons:
 
     snapshot: Race
     pending: Pending
+    age: float
     barred: str
     reasons: Mapping[Command, float]
 
@@ -477,7 +478,9 @@ class _Buttons:
         waits = self.pending.get((command, kart.number if kart else 0))
         reason = offered.reason
         since = self.reasons.get(command, 0.0) if kart is None else 0.0
-        if reason and since >= WORTH_A_FIGURE:
+        if reason and offered.again_in:
+            reason = words.again_in(reason, offered.again_in - self.age)
+        elif reason and since >= WORTH_A_FIGURE:
             reason = words.WITH_AGE.format(reason=reason, age=words.age(since))
         # A stop may be pressed into silence, and again while it waits: it can do no harm.
         if not form.stop and self.barred:

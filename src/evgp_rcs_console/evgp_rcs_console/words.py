@@ -6,6 +6,8 @@ Sentences of race control (reasons, answers, alerts, events) are shown as they c
 
 from __future__ import annotations
 
+import math
+
 from evgp_rcs_console.commands import Order
 from evgp_rcs_console.effects import Effects
 from evgp_rcs_console.snapshot import Command, Heat, Kart, Race, State
@@ -158,6 +160,7 @@ ANSWER_FIRST = 'Answer the question first: Y or N'
 CLICK = 'Mouse button'
 BARRED = '{command}: {reason}'
 WITH_AGE = '{reason} (for {age})'
+AGAIN_IN = '{reason} (again in {seconds} s)'
 
 ASK_TITLE = '{command}?'
 ASK_STATE = 'I state: {condition}.'
@@ -233,6 +236,11 @@ def age(seconds: float) -> str:
 def short_age(seconds: float) -> str:
     """Return a time that matters to a tenth of a second."""
     return f'{max(0.0, seconds):.1f} s' if seconds < 60 else age(seconds)
+
+
+def again_in(reason: str, seconds: float) -> str:
+    """Return why a command is refused for a time; rounded up, so that it is never too soon."""
+    return AGAIN_IN.format(reason=reason, seconds=max(1, math.ceil(seconds)))
 
 
 def kart_name(kart: Kart) -> str:
