@@ -545,16 +545,16 @@ FAULTS = {
     'a release is taken right behind a stop': Fault(
         "            self._pause(now + self.times.pause, 'a stop was sent just now')\n",
         '            pass\n',
-        ('pause', 'available-from'),
+        ('effect', 'pause', 'available-from'),
     ),
     'a stop to one kart lets a release through': Fault(
         '        if CATALOGUE[command.kind].stop:\n',
         '        if CATALOGUE[command.kind].stop and command.kart is None:\n',
-        ('pause', 'available-from'),
+        ('effect', 'pause', 'available-from'),
     ),
     'a release that came before a stop is taken when the pause is over': Fault(
         'self._paused(command.kind, came)',
-        'self._paused(command.kind, now)',
+        'self._paused(command.kind, max(came, self.paused_until))',
         ('pause',),
     ),
     'a pause refuses what came after its end': Fault(
