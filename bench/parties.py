@@ -42,7 +42,7 @@ def rules(count: int) -> None:
     from evgp_protocol import clock
     from evgp_rcs.catalogue import CommandKind
     from evgp_rcs.kart_server import KartServer, ServerSettings
-    from evgp_rcs.race import Answer, Command, Kart, Race
+    from evgp_rcs.race import Answer, Command, Kart, Race, RaceTimes
 
     class Outside:
         """No ROS half, and no record."""
@@ -74,11 +74,14 @@ def rules(count: int) -> None:
             """Expect nobody."""
             return None
 
-    race = Race([Kart(number, f'Team {number}', True) for number in range(1, count + 1)])
+    race = Race(
+        [Kart(number, f'Team {number}', True) for number in range(1, count + 1)],
+        RaceTimes(pause=0.0),
+    )
     server = KartServer(
         race,
         {address_of(number): number for number in race.karts},
-        ServerSettings(host='127.0.0.1', port=0, pause=0.0),
+        ServerSettings(host='127.0.0.1', port=0),
         Outside(),
     )
 
@@ -88,7 +91,8 @@ def rules(count: int) -> None:
             server.end()
             return
         kind = CommandKind[line.strip()]
-        command = Command(kind, statement=True, karts=frozenset(race.availability(kind).karts))
+        seen = race.availability(kind, 0, clock.now()).karts
+        command = Command(kind, statement=True, karts=frozenset(seen))
         began = time.monotonic()
         answers: list[Answer] = []
         server.submit(command, answers.append)

@@ -75,22 +75,16 @@ def open_console(
     return open_
 
 
-def confirm(console: Console, key: str, condition: str, accepted: str) -> None:
+def confirm(console: Console, key: str, button: str, condition: str, accepted: str) -> None:
     """
-    Give a command by key, confirm its condition, and return once it is accepted.
+    Give a command by key once it is possible, confirm its condition, and see it accepted.
 
-    Just after a stop race control asks for it again: then it is given again.
+    :param button: the name of its button; of one to a kart, that of this kart.
     """
-    ends = time.monotonic() + PATIENCE
-    while time.monotonic() < ends:
-        console.ask(key, text=condition)
-        console.key('y')
-        if (
-            accepted
-            in console.wait_for('status', text=f'{accepted}|send this command again')['text']
-        ):
-            return
-    raise AssertionError(f'{key} is not accepted')
+    console.wait_for(button, barred='false')
+    console.ask(key, text=condition)
+    console.key('y')
+    console.wait_for('status', text=accepted)
 
 
 @pytest.fixture
@@ -211,7 +205,9 @@ def test_one_kart_is_stopped_and_released_by_keys(
     kart.wait_for_state(RED_RED)
     console.click('kart_12')
     console.wait_for('kart_12', text='held: RED_RED by an offi(.|\n)*✓ yes')
-    confirm(console, 'ctrl+g', r'kart 12 \(Team 12\) stands still', 'released')
+    confirm(
+        console, 'ctrl+g', 'kart_in_garage_12', r'kart 12 \(Team 12\) stands still', 'released'
+    )
     kart.wait_for_state(IN_GARAGE)
 
 
@@ -227,7 +223,7 @@ def test_releasing_a_kart_that_did_not_acknowledge_asks_for_the_statement_of_rac
     console.wait_for('kart_1', text='■ RED RED')
 
     console.click('kart_1')
-    confirm(console, 'ctrl+g', 'was made safe by hand', 'released')
+    confirm(console, 'ctrl+g', 'kart_in_garage_1', 'was made safe by hand', 'released')
 
     kart.wait_for_state(IN_GARAGE)
 
@@ -404,8 +400,7 @@ def test_a_race_control_that_was_killed_and_started_again_is_shown_as_it_is_now(
     console.wait_for('kart_1', text='held: race control was re')
     # It still commands: the race is brought home.
     connect_kart(again, 1, EACH_CHANGE)
-    console.wait_for('in_garage', barred='false')
-    confirm(console, 'F6', 'track is safe for humans', 'IN_GARAGE is sent')
+    confirm(console, 'F6', 'in_garage', 'track is safe for humans', 'IN_GARAGE is sent')
     console.wait_for('state', text='IN GARAGE')
 
 
@@ -1062,12 +1057,11 @@ def test_the_places_stay_in_sight_until_the_next_grid(
     console.start_race()
     console.wait_for('kart_finish_1', barred='false')
     console.press_on('kart_finish_1', see='state', text='RED RED')
-    console.wait_for('in_garage', barred='false')
-    confirm(console, 'F6', 'track is safe for humans', 'IN_GARAGE is sent')
+    confirm(console, 'F6', 'in_garage', 'track is safe for humans', 'IN_GARAGE is sent')
     console.wait_for('state', text='IN GARAGE')
 
     assert 'P1' in console.wait_for('kart_1')['text']
-    confirm(console, 'F2', 'Clears the places', 'GRID_ACTIVE is sent')
+    confirm(console, 'F2', 'grid_active', 'Clears the places', 'GRID_ACTIVE is sent')
     console.wait_for('state', text='GRID ACTIVE')
     assert 'P1' not in console.wait_for('kart_1')['text']
 

@@ -164,6 +164,28 @@ def test_the_announced_reason_is_the_one_in_the_refusal(
     assert announced.reason in answer.message
 
 
+def test_the_race_says_until_when_a_pause_refuses_a_command_and_then_that_it_is_available(
+    start_race_control: StartRaceControl, join_official: JoinOfficial
+) -> None:
+    official = join_official(start_race_control(in_race=(1,), pause=10.0))
+    garage = msg.CommandAvailability.IN_GARAGE
+
+    def offered(race: msg.Race) -> msg.CommandAvailability:
+        return next(each for each in race.commands if each.command == garage)
+
+    official.command('record_msr')  # after it no kart is waited for
+    race = official.wait_for_race(lambda race: offered(race).available_from.sec, 'the pause')
+    refused = official.call('in_garage', track_safe=True, karts=[1])
+    ended = official.wait_for_race(lambda race: offered(race).available, 'its end')
+
+    assert not offered(race).available
+    assert not refused.success
+    assert offered(race).reason in refused.message
+    assert offered(race).available_from.sec - race.stamp.sec <= 10
+    assert not offered(ended).available_from.sec
+    official.command('in_garage', track_safe=True)
+
+
 def test_the_service_of_every_command_is_there(
     start_race_control: StartRaceControl, join_official: JoinOfficial
 ) -> None:

@@ -8,6 +8,7 @@ the race as it is published.
 from __future__ import annotations
 
 from collections.abc import Iterator
+import copy
 import random
 
 from evgp_protocol.states import RaceState
@@ -117,8 +118,8 @@ class Walk:
     def command(self, kind: CommandKind, number: int) -> None:
         """Give a command as one does who saw the race and states whatever is asked."""
         one = CATALOGUE[kind].to_one_kart
-        offered = self.race.availability(kind, number)
-        self.race.command(
+        offered = self.race.availability(kind, number, self.now)
+        outcome = self.race.command(
             Command(
                 kind,
                 number if one else None,
@@ -128,6 +129,8 @@ class Walk:
             ),
             self.now,
         )
+        if outcome.write_first is not None:
+            self.race.journal(outcome.write_first, True, self.now)
 
     def questions(self) -> Iterator[tuple[Button, Effects, ShownRace]]:
         """Yield every command that asks and can be given now, with what it says that it does."""
@@ -162,10 +165,12 @@ def walks(dice: random.Random) -> Iterator[Walk]:
 
 def check(button: Button, said: Effects, walk: Walk) -> None:
     """Give the command and compare what it does to each kart with what the question said."""
-    race = walk.race.copy()
+    race = copy.deepcopy(walk.race)
     before = {kart.number: (kart.sent, kart.hold) for kart in race.karts.values()}
 
     outcome = race.command(given(button), walk.now)
+    if outcome.write_first is not None:
+        outcome = race.journal(outcome.write_first, True, walk.now)
 
     assert outcome.answer is not None
     assert outcome.answer.success, outcome.answer.message

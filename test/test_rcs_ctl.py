@@ -23,6 +23,7 @@ from evgp_rcs_console.snapshot import Command
 from evgp_rcs_console.standing import Standing
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from evgp_testing.official import Official, TRIES
 from evgp_testing.process import PATIENCE, wait_until_ended
 from evgp_testing.race_control import RaceControl
 from evgp_testing.wire_kart import Acknowledges
@@ -67,11 +68,20 @@ def run(domain: int, *words: str) -> Done:
         return Done(process.returncode, stdout, stderr)
 
 
-def accepted(control: RaceControl, *words: str) -> str:
-    """Give a command that must be accepted and return what race control said."""
-    done = run(control.domain, *words, '--wait', str(PATIENCE))
-    while 'send this command again' in done.stderr:  # race control asks for it, just after a stop
+def accepted(control: RaceControl, official: Official, *words: str) -> str:
+    """
+    Give a command that must be accepted and return what race control said.
+
+    :param official: sees when it is available, as after a pause.
+    """
+    form = FORMS[COMMANDS[words[0]][0]]
+    request = {**form.fixed, **({'kart': int(words[1])} if form.to_one_kart else {})}
+    for _ in range(TRIES):
+        race = official.wait_for_available(form.service, **request)
         done = run(control.domain, *words, '--wait', str(PATIENCE))
+        if done.returncode == ACCEPTED:
+            break
+        official.wait_for_race(lambda newer, seen=race: newer is not seen, 'a newer race')
     assert done.returncode == ACCEPTED, f'{words}: {done.stdout}{done.stderr}'
     return done.stdout
 
@@ -85,26 +95,26 @@ def test_a_whole_race_by_commands(
     connect_kart(control, 2, Acknowledges.EACH_CHANGE)
     official.wait_for_connected(1, 2)
 
-    accepted(control, 'join', '3')
-    accepted(control, 'leave', '3')
-    accepted(control, 'grid-active', '1', '2', '--track-is-clear')
+    accepted(control, official, 'join', '3')
+    accepted(control, official, 'leave', '3')
+    accepted(control, official, 'grid-active', '1', '2', '--track-is-clear')
     official.wait_for_acks(RaceState.GRID_ACTIVE, 1, 2)
-    accepted(control, 'green-green', '2', '1')
+    accepted(control, official, 'green-green', '2', '1')
     kart.wait_for_state(RaceState.GREEN_GREEN)
-    accepted(control, 'kart-finish', '1')
-    accepted(control, 'kart-red-flag', '2')
-    accepted(control, 'kart-red-red', '2')
-    accepted(control, 'red-flag')
-    accepted(control, 'race-over')
+    accepted(control, official, 'kart-finish', '1')
+    accepted(control, official, 'kart-red-flag', '2')
+    accepted(control, official, 'kart-red-red', '2')
+    accepted(control, official, 'red-flag')
+    accepted(control, official, 'race-over')
     official.wait_for_acks(RaceState.RED_RED, 1, 2)
-    accepted(control, 'open-track')
-    accepted(control, 'close-track')
-    accepted(control, 'in-garage', '1', '2', '--track-is-safe')
+    accepted(control, official, 'open-track')
+    accepted(control, official, 'close-track')
+    accepted(control, official, 'in-garage', '1', '2', '--track-is-safe')
     kart.wait_for_state(RaceState.IN_GARAGE)
-    accepted(control, 'all-kill')
+    accepted(control, official, 'all-kill')
     kart.wait_for_state(RaceState.RED_RED)
-    accepted(control, 'record-msr', '--msr-was-used')
-    said = accepted(control, 'kart-in-garage', '3', '--made-safe-by-hand')
+    accepted(control, official, 'record-msr', '--msr-was-used')
+    said = accepted(control, official, 'kart-in-garage', '3', '--made-safe-by-hand')
     assert 'Ends the hold of kart 3 (Team 3): RED RED' in said
     assert 'Kart 3 (Team 3) is released' in said
 
@@ -129,9 +139,8 @@ def test_a_refusal_for_want_of_a_statement_gives_the_line_to_type(
     official.wait_for_connected(1)
     official.command('kart/red_red', kart=1)
 
+    official.wait_for_available('kart/in_garage', kart=1)
     done = run(control.domain, 'kart-in-garage', '1', '--wait', str(PATIENCE))
-    while 'send this command again' in done.stderr:
-        done = run(control.domain, 'kart-in-garage', '1', '--wait', str(PATIENCE))
 
     assert done.returncode == REFUSED
     assert 'state that kart 1 (Team 1) was made safe by hand' in done.stderr
@@ -139,13 +148,14 @@ def test_a_refusal_for_want_of_a_statement_gives_the_line_to_type(
 
 
 def test_the_race_goes_to_the_garage_also_when_no_kart_is_left_in_it(
-    start_race_control: StartRaceControl,
+    start_race_control: StartRaceControl, join_official: JoinOfficial
 ) -> None:
     control = start_race_control(in_race=(1,), pause=0.5)
-    accepted(control, 'all-kill')
-    accepted(control, 'kart-in-garage', '1', '--made-safe-by-hand')
+    official = join_official(control)
+    accepted(control, official, 'all-kill')
+    accepted(control, official, 'kart-in-garage', '1', '--made-safe-by-hand')
 
-    accepted(control, 'in-garage', '--track-is-safe')
+    accepted(control, official, 'in-garage', '--track-is-safe')
 
 
 def test_without_kart_numbers_a_start_says_which_karts_it_would_start_and_sends_nothing(
@@ -400,7 +410,7 @@ def test_a_heat_is_put_into_the_race_by_its_name_and_watch_lists_the_heats(
     )
     official = join_official(control)
 
-    said = accepted(control, 'heat', 'Final')
+    said = accepted(control, official, 'heat', 'Final')
     race = official.wait_for_race(lambda race: race.karts[2].in_race, 'the heat')
     shown = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE))
     unknown = run(control.domain, 'heat', 'B', '--wait', str(PATIENCE))

@@ -137,7 +137,7 @@ class Simulation:
         in_race = {1, 2, 3}
         self.race = module.Race(
             [module.Kart(number=number, in_race=number in in_race) for number in KARTS],
-            module.RaceTimes(finish_delays=(0.5,), finish_stop=2.0),
+            module.RaceTimes(finish_delays=(0.5,), finish_stop=2.0, pause=0.0),
             self.now,
         )
         self.judge = Judge(in_race, set(KARTS) - in_race, self.now)
@@ -217,8 +217,10 @@ class Simulation:
         module = self.module
         kind = module.CommandKind[name]
         hold = self.race.karts[kart].hold if kart else None
-        seen = frozenset(self.race.availability(kind, kart or 0).karts)
+        seen = frozenset(self.race.availability(kind, kart or 0, self.now).karts)
         outcome = self.race.command(module.Command(kind, kart, statement, seen, hold), self.now)
+        if outcome.write_first is not None:
+            outcome = self.race.journal(outcome.write_first, True, self.now)
         self.deliver(outcome)
         call.ended = self.now + 0.0005
         call.success, call.message = outcome.answer.success, outcome.answer.message

@@ -23,7 +23,7 @@ import time
 from typing import Protocol
 
 from evgp_protocol.frames import DEFAULT_PORT, MalformedFrame
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.hearing import Heard
 from evgp_rcs.kart_link import in_words, KartLink
 from evgp_rcs.race import (
@@ -35,16 +35,12 @@ from evgp_rcs.race import (
     Race,
     RaceMemory,
     StampedEvent,
-    STOPS,
     URGENT,
 )
 
 HELD_UP = 1.0
 """Delay of a beat after which race control counts as held up, in seconds."""
 
-PAUSE_AFTER_HELD_UP = 5.0
-"""Time after that for which commands that loosen or start anything are refused, in seconds. What
-officials sent meanwhile comes late: DDS delivered it up to 3 s later."""
 
 CONNECTIONS = (10, 2.0)
 """Limit of a kart's connections: how many at once, and how many a second after that."""
@@ -59,9 +55,6 @@ CONNECTIONS_AT_ONCE = 16
 COPY_PER_KART = 0.0002
 """Minimum time between two copies of the race, for each of its karts, in seconds. The ROS half
 needs 40 ms to publish a race with a thousand karts."""
-
-REMEMBER_TIMEOUT = 1.0
-"""Time after which a GREEN_GREEN waits no longer for the record, in seconds."""
 
 KARTS_BETWEEN_LOOKS = 8
 """Number of karts that a beat writes to before it looks again whether a command has come."""
@@ -89,8 +82,6 @@ class ServerSettings:
     :param port: the TCP port; 0 lets the system choose one (for tests).
     :param beat_rate: frames per second to each kart; §4.C wants at least 10 Hz.
     :param send_timeout: how long a kart may leave bytes unanswered before it counts as lost, s.
-    :param pause: after a stop, for how long no command that loosens or starts anything is
-        taken, s; after race control was held up, at least `PAUSE_AFTER_HELD_UP`.
     :param copy_interval: the least time between two copies of the race handed out, s; it is
         longer with many karts, by `COPY_PER_KART`.
     :param copy_at_least: the most time between two copies, even if nothing changed, s.
@@ -100,7 +91,6 @@ class ServerSettings:
     port: int = DEFAULT_PORT
     beat_rate: float = 20.0
     send_timeout: float = 1.0
-    pause: float = 1.0
     copy_interval: float = 0.05
     copy_at_least: float = 0.5
 
@@ -202,6 +192,7 @@ class KartServer:
         self._links: dict[int, KartLink] = {}
         self._stops: deque[Waiting] = deque()
         self._commands: deque[Waiting] = deque()
+        # Whose answer is still to come: a start that waits for the record.
         self._starting: Waiting | None = None
         self._sequence = itertools.count(1)
         self._refusals = _Allowance(5)
@@ -209,13 +200,12 @@ class KartServer:
         self._too_often = {number: _Allowance(1) for number in race.karts}
         self._rubbish = {number: _Allowance(5) for number in race.karts}
         self._reports = {number: _Allowance(20) for number in race.karts}
-        self._paused_until = 0.0
-        self._paused_by = ''
         self._beat_at = 0.0
         self._began_again_at = 0.0
         self._copied_at = 0.0
         self._copy_interval = max(settings.copy_interval, COPY_PER_KART * len(race.karts))
         self._copy_asked = False
+        self._copied_pause = 0.0
         self._loop: asyncio.AbstractEventLoop | None = None
         self._closing: asyncio.Event | None = None
         self._failure: BaseException | None = None
@@ -328,12 +318,12 @@ class KartServer:
         )
 
     def _refuse_the_rest(self) -> None:
-        starting, self._starting = self._starting, None
-        for waiting in (*self._stops, *self._commands, *((starting,) if starting else ())):
+        for waiting in (*self._stops, *self._commands):
             if not waiting.withdrawn:
                 waiting.answered(_ENDING)
         self._stops.clear()
         self._commands.clear()
+        self._withdraw_start(_ENDING)
 
     def _beat(self, due: float) -> None:
         assert self._loop is not None
@@ -369,6 +359,8 @@ class KartServer:
     def take_commands(self) -> None:
         """Judge what officials have sent, stops first; called before any other work."""
         self._outside.look()
+        if self._starting is not None and self._starting.withdrawn:
+            self._withdraw_start()
         while self._stops or self._commands:
             now = self.now()
             self._notice_delay(now)
@@ -378,129 +370,66 @@ class KartServer:
             if CATALOGUE[waiting.command.kind].loosens and self._is_ending():
                 waiting.answered(_ENDING)
                 continue
-            if waiting.command.kind in STOPS:
-                self._pause(now + self._settings.pause, 'a stop was sent just now')
-            if not self._waits_for_the_record(waiting, now):
-                self._judge(waiting, now)
-
-    def _judge(self, waiting: Waiting, now: float) -> None:
-        command = waiting.command
-        paused = CATALOGUE[command.kind].loosens and waiting.came < self._paused_until
-        # A reason of the rules says more to the official than the pause does.
-        if paused and not self._is_refused(command):
-            reason = f'{self._paused_by}; look at the race, then send this command again'
-            outcome = self._race.refuse(command, reason)
-        else:
-            outcome = self._race.command(command, now)
-        self._send(outcome)
-        assert outcome.answer is not None
-        waiting.answered(outcome.answer)
-        self._tell(outcome.events)
+            if CATALOGUE[waiting.command.kind].needs_journal:
+                # What it takes to start now depends on whether the record works now.
+                self._take_note_of(self._outside.trouble(), now)
+            self._apply(self._race.command(waiting.command, now, waiting.came), waiting)
 
     def _is_ending(self) -> bool:
         return self._closing is not None and self._closing.is_set()
 
-    def _is_refused(self, command: Command) -> bool:
-        """Return whether the rules refuse a command, whatever the official states or saw."""
-        to_one_kart = CATALOGUE[command.kind].to_one_kart
-        if to_one_kart and command.kart not in self._race.karts:
-            return True
-        return not self._race.availability(command.kind, command.kart or 0).available
-
-    def _waits_for_the_record(self, waiting: Waiting, now: float) -> bool:
-        """
-        Have it on the disk that karts may move, before GREEN_GREEN lets them.
-
-        Whatever is judged meanwhile comes first: a stop is not behind it, and a start that the
-        race no longer allows is refused when its turn comes.
-        """
-        command = waiting.command
-        if command.kind is not CommandKind.GREEN_GREEN or waiting.came < self._paused_until:
-            return False
-        if self._starting is not None:
-            self._refuse(waiting, 'another GREEN_GREEN is still waiting for the record')
-            return True
-        trouble = self._outside.trouble()
-        self._take_note_of(trouble, now)
-        if not self._is_accepted(command, now):
-            return False
-        if trouble:
-            # The official has stated that the race may start without a record.
-            return not self._is_noted(waiting)
-        assert self._loop is not None
-        self._starting = waiting
-        self._outside.make_sure(
-            self._race.memory_after_green(), now, lambda on_disk: self._start(waiting, on_disk)
-        )
-        self._loop.call_later(REMEMBER_TIMEOUT, self._start, waiting, False)
-        return True
-
-    def _start(self, waiting: Waiting, on_disk: bool) -> None:
-        """Judge a GREEN_GREEN that waited for the record; without the record, it is refused."""
-        if self._starting is not waiting:
-            return  # it had its turn already
-        self._starting = None
-        self.take_commands()
-        if waiting.withdrawn:
-            return
+    def _journal(self, memory: RaceMemory, written: bool) -> None:
+        """Take it that what a start waits for is on the disk, or is not."""
         if self._is_ending():
-            waiting.answered(_ENDING)
-            return
+            return  # the rest is refused
+        self.take_commands()
         now = self.now()
-        if not on_disk:
-            text = self._outside.trouble() or (
-                f'The record has not taken GREEN_GREEN for {REMEMBER_TIMEOUT:g} s'
-            )
-            self._apply(self._race.record_trouble(text, now))
-        unrecorded = not on_disk and self._is_accepted(waiting.command, now)
-        if not unrecorded or self._is_noted(waiting):
-            self._judge(waiting, now)
-        self._remember(now)
+        self._notice_delay(now)
+        if not written:
+            self._take_note_of(self._outside.trouble(), now)
+        self._apply(self._race.journal(memory, written, now))
 
-    def _is_accepted(self, command: Command, now: float) -> bool:
-        answer = self._race.copy().command(command, now).answer
-        assert answer is not None
-        return answer.success
-
-    def _is_noted(self, waiting: Waiting) -> bool:
-        """Note that karts are started without a record; refuse the start if that fails."""
-        if self._outside.note_unrecorded_start():
-            return True
-        self._refuse(
-            waiting,
-            'race control cannot note that it starts karts without a record, and would not know '
-            'it after a crash; restart it with another file for the parameter record',
-        )
-        return False
-
-    def _refuse(self, waiting: Waiting, reason: str) -> None:
-        outcome = self._race.refuse(waiting.command, reason)
-        assert outcome.answer is not None
-        waiting.answered(outcome.answer)
-        self._tell(outcome.events)
-
-    def _pause(self, until: float, why: str) -> None:
-        """
-        Take nothing that loosens until then, s.
-
-        A release may have been sent before a stop, by an official who had not seen it, and come
-        here after it. It must not undo the stop.
-        """
-        if until > self._paused_until:
-            self._paused_until = until
-            self._paused_by = why
+    def _withdraw_start(self, answer: Answer | None = None) -> None:
+        """Have a start that waits not go out; whoever still waits for its answer gets this one."""
+        starting, self._starting = self._starting, None
+        if starting is None:
+            return
+        if answer is not None and not starting.withdrawn:
+            starting.answered(answer)
+        self._tell(self._race.withdraw(self.now()).events)
 
     def _notice_delay(self, now: float) -> None:
-        """Pause if race control was held up: what waits may have been sent long ago."""
+        """Tell the rules if race control was held up."""
         held_up = now - self._beat_at - 1.0 / self._settings.beat_rate
         if held_up > HELD_UP:
             self._beat_at = self._began_again_at = now
-            until = now + max(self._settings.pause, PAUSE_AFTER_HELD_UP)
-            self._pause(until, f'race control was held up for {held_up:.1f} s')
+            self._apply(self._race.held_up(held_up, now))
+            self._ask_for_copy()
 
-    def _apply(self, outcome: Outcome) -> None:
+    def _apply(self, outcome: Outcome, waiting: Waiting | None = None) -> None:
+        """
+        Send, answer and tell what an input has brought about.
+
+        :param waiting: the command that was the input, if it was one.
+        """
         self._send(outcome)
+        answered = waiting or self._starting
+        if outcome.answer is not None and answered is not None:
+            answered.answered(outcome.answer)
         self._tell(outcome.events)
+        if outcome.write_first is not None:
+            memory = outcome.write_first
+            self._starting = waiting
+            self._outside.make_sure(
+                memory, self.now(), lambda written: self._journal(memory, written)
+            )
+        elif outcome.note_first:
+            self._starting = answered
+            noted = self._outside.note_unrecorded_start()
+            self._apply(self._race.start_noted(noted, self.now()))
+        elif self._race.start is None and self._starting is not None:
+            self._starting = None
+            self._remember(self.now())
 
     def _send(self, outcome: Outcome) -> None:
         for order in outcome.orders:
@@ -528,20 +457,23 @@ class KartServer:
             self._loop.call_later(max(delay, 0.0), self._copy)
 
     def _copy(self) -> None:
+        assert self._loop is not None
         self._copy_asked = False
         now = self._copied_at = self.now()
         self._take_note_of(self._outside.trouble(), now)
         self._remember(now)
         self._outside.show(self._race, now)
+        if self._race.paused_until > max(now, self._copied_pause):
+            # Then more commands are available, though nothing happens.
+            self._copied_pause = self._race.paused_until
+            self._loop.call_at(self._copied_pause, self._ask_for_copy)
 
     def _take_note_of(self, trouble: str, now: float) -> None:
         if trouble != self._race.record_fails:
             self._apply(self._race.record_trouble(trouble, now))
 
     def _remember(self, now: float) -> None:
-        # What a start that waits has written must be what a crash leaves behind.
-        if self._starting is None:
-            self._outside.remember(self._race.memory(), now)
+        self._outside.remember(self._race.memory(), now)
 
     # ----- what the links tell ------------------------------------------------------------
 

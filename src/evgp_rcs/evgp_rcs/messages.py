@@ -55,13 +55,15 @@ def race_message(
         return stamp_of(wall_ns + round((monotonic - now) * NS))
 
     def availability(kind: CommandKind, number: int = 0) -> msg.CommandAvailability:
-        available = race.availability(kind, number)
+        available = race.availability(kind, number, now)
+        paused_until = available.available_from
         return msg.CommandAvailability(
             command=_COMMAND[kind],
             available=available.available,
             reason=available.reason,
             statement=available.statement,
             karts=available.karts,
+            available_from=Time() if paused_until is None else wall(paused_until),
         )
 
     def status(kart: Kart) -> msg.KartStatus:

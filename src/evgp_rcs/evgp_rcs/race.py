@@ -21,6 +21,12 @@ command, nor on an earlier connection, can count for it.
 Holds only get stricter; they end in two places, ``_race_in_garage`` and ``_release_kart``, both
 an official's explicit act. Nothing sets GREEN_GREEN but ``_green_green``.
 
+Commands cross. After a stop, and after race control was held up, there is a *pause*: what loosens
+or starts anything and came before its end is refused, for whoever sent it may not have seen the
+stop. And karts are started only once it is on the disk that they may move: a GREEN_GREEN that
+would be accepted is a *start* that waits (``Start``). Whatever is judged meanwhile comes first,
+and the start is judged again when its turn comes.
+
 Doubt means stop. A kart that was told to go, was seen to move, or left a stop unanswered *may be
 moving*; one that was told to form the grid is *on the grid*. Only the kart's own acknowledgement
 of a red, on the connection it has, or an official who made it safe by hand ends either doubt. A
@@ -32,10 +38,10 @@ Section numbers (§) are those of the EVGP proposal.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-import copy
 import dataclasses
 from dataclasses import dataclass
 import enum
+import math
 import operator
 
 from evgp_protocol.states import RaceState, stricter
@@ -181,11 +187,20 @@ class StampedEvent:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one input changed, and what must now be sent to whom."""
+    """
+    What one input changed, and what must now be sent to whom.
+
+    :param answer: the answer to a command: to the one that was given, or to a start that waited.
+    :param write_first: a start waits until this is on the disk (``Race.journal``).
+    :param note_first: a start waits until it is noted that karts are started without a record
+        (``Race.start_noted``).
+    """
 
     orders: tuple[Order, ...]
     events: tuple[Event, ...]
     answer: Answer | None = None
+    write_first: RaceMemory | None = None
+    note_first: bool = False
 
 
 @dataclass(frozen=True)
@@ -211,6 +226,8 @@ class Availability:
     :param reason: why it would be refused; empty if it would be accepted.
     :param statement: what the official must state with it; empty if nothing.
     :param karts: the karts it would start or release; the command must name the same ones.
+    :param available_from: when the pause that refuses it ends, in seconds; None if it is not a
+        pause that refuses it.
     """
 
     kind: CommandKind
@@ -218,6 +235,7 @@ class Availability:
     reason: str
     statement: str
     karts: tuple[int, ...] = ()
+    available_from: float | None = None
 
     @property
     def available(self) -> bool:
@@ -250,6 +268,10 @@ class RaceTimes:
     :param green_alert: GREEN_GREEN not acknowledged (§3.A: 30 s).
     :param flag_alert: RED_FLAG not acknowledged (§3.A: 10-15 s).
     :param red_alert: RED_RED not acknowledged (§3.A: "a reasonable time").
+    :param pause: time after a stop for which no command that loosens or starts anything is taken.
+    :param pause_after_held_up: the same after race control was held up: what officials sent
+        meanwhile comes late. (DDS delivered it up to 3 s later.) At least ``pause``.
+    :param journal_timeout: maximum time that a GREEN_GREEN waits for the disk.
     """
 
     finish_delays: tuple[float, ...] = (6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
@@ -259,6 +281,9 @@ class RaceTimes:
     green_alert: float = 30.0
     flag_alert: float = 15.0
     red_alert: float = 5.0
+    pause: float = 1.0
+    pause_after_held_up: float = 5.0
+    journal_timeout: float = 1.0
 
     def finish_delay(self, place: int) -> float:
         """Return the delay, in seconds, of a finishing place from 1; 0 if none is configured."""
@@ -313,10 +338,6 @@ class Kart:
     def __str__(self) -> str:
         """Return how officials call this kart."""
         return f'kart {self.number} ({self.team})' if self.team else f'kart {self.number}'
-
-    def __copy__(self) -> Kart:
-        """Return another kart with the same fields, in a third of the time it takes otherwise."""
-        return Kart(*_every_field(self))
 
     def __reduce__(self) -> tuple[type[Kart], tuple[object, ...]]:
         """Return how to make this kart again in another process."""
@@ -381,13 +402,31 @@ class RaceMemory:
         )
 
 
+@dataclass(frozen=True)
+class Start:
+    """
+    A GREEN_GREEN that would be accepted, and waits until karts may be started.
+
+    :param came: when the command came, in seconds.
+    :param until: when it waits no longer for the disk, in seconds.
+    :param memory: what must be on the disk first; None: it must be noted first that karts are
+        started without a record.
+    """
+
+    command: Command
+    came: float
+    until: float
+    memory: RaceMemory | None
+
+
 class Race:
     """
     The state of one race and of every kart of the roster (§3, §4.B).
 
-    Feed it with ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``, and with
-    what is wrong around it (``rival``, ``record_trouble``); each returns the orders to send and
-    the events that happened. Times are seconds of one monotonic clock and never go back.
+    Feed it with ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``, with what
+    becomes of a start that waits (``journal``, ``start_noted``, ``withdraw``), and with what is
+    wrong around it (``held_up``, ``rival``, ``record_trouble``); each returns the orders to send
+    and the events that happened. Times are seconds of one monotonic clock and never go back.
 
     :param karts: every kart of the roster, each number once.
     :param times: the times of the rules.
@@ -425,27 +464,28 @@ class Race:
         """It took up what an earlier run left, which may not be all of it; until IN_GARAGE."""
         self.has_rival = False
         self.record_fails = ''
+        self.paused_until = now
+        """When the pause ends, or the last one ended (s)."""
+        self._paused_by = ''
+        self.start: Start | None = None
         self._told_all_acknowledged = False
         self._alerts: dict[tuple[AlertKind, int], Alert] = {}
         self._orders: list[Order] = []
         self._events: list[Event] = []
 
-    def copy(self) -> Race:
-        """Return a race of the same state that goes its own way, to try an input on."""
-        twin = copy.copy(self)
-        twin.karts = {number: copy.copy(kart) for number, kart in self.karts.items()}
-        twin._alerts = dict(self._alerts)
-        twin._orders = []
-        twin._events = []
-        return twin
-
     def memory(self) -> RaceMemory:
-        """Return what must outlive race control."""
+        """
+        Return what must outlive race control.
+
+        While a start waits it is what was written for that: nothing else may take its place.
+        """
+        if self.start is not None and self.start.memory is not None:
+            return self.start.memory
         return RaceMemory(
             self.state, {number: _remembered(kart) for number, kart in self.karts.items()}
         )
 
-    def memory_after_green(self) -> RaceMemory:
+    def _memory_after_green(self) -> RaceMemory:
         """Return what must be on the disk before GREEN_GREEN goes out to the race."""
         karts = {number: _remembered(kart) for number, kart in self.karts.items()}
         for kart in self.racing():
@@ -505,37 +545,130 @@ class Race:
 
     # ----- inputs -------------------------------------------------------------------------
 
-    def command(self, command: Command, now: float) -> Outcome:
+    def command(self, command: Command, now: float, came: float | None = None) -> Outcome:
         """
         Judge an official's command and, if it is allowed, put it in force (§4.B).
 
-        :returns: an outcome with an answer; a refused command changes nothing.
+        A GREEN_GREEN that is allowed is not in force yet: it waits for what the outcome says.
+
+        :param came: when it came, if that was before, in seconds.
+        :returns: an outcome with an answer, unless it is a start that waits. A refused command
+            changes nothing; but a stop begins a pause even if there is no such kart.
         """
+        came = now if came is None else came
+        if CATALOGUE[command.kind].stop:
+            # A release may have been sent before a stop, by an official who had not seen it, and
+            # come here after it. It must not undo the stop.
+            self._pause(now + self.times.pause, 'a stop was sent just now')
+        refusal = self._refusal_of(command, came)
+        if refusal or not CATALOGUE[command.kind].needs_journal:
+            return self._outcome(self._decide(command, refusal, now))
+        until = now + self.times.journal_timeout
+        if self.record_fails:
+            # The official has stated that the race may start without a record.
+            self.start = Start(command, came, until, None)
+            return self._outcome(note_first=True)
+        memory = self._memory_after_green()
+        self.start = Start(command, came, until, memory)
+        return self._outcome(write_first=memory)
+
+    def journal(self, memory: RaceMemory, written: bool, now: float) -> Outcome:
+        """
+        Take note that what a start waits for is on the disk, or that it could not be written.
+
+        :param memory: the very one that the outcome of the start asked for. If no start waits for
+            it any more, nothing happens.
+        :returns: an outcome with the answer to the start; or with none, if it may go without a
+            record and that must be noted first.
+        """
+        start = self.start
+        if start is None or start.memory is not memory:
+            return self._outcome()
+        if not written:
+            return self._outcome(*self._start_without_record(start, now))
+        self.start = None
+        refusal = self._refusal_of(start.command, start.came)
+        return self._outcome(self._decide(start.command, refusal, now))
+
+    def start_noted(self, noted: bool, now: float) -> Outcome:
+        """
+        Take note whether it was noted that karts are started without a record.
+
+        :returns: an outcome with the answer to the start that waits for it, if one does.
+        """
+        start = self.start
+        if start is None or start.memory is not None:
+            return self._outcome()
+        self.start = None
+        refusal = self._refusal_of(start.command, start.came)
+        if not noted:
+            refusal = refusal or (
+                'race control cannot note that it starts karts without a record, and would not '
+                'know it after a crash; restart it with another file for the parameter record'
+            )
+        return self._outcome(self._decide(start.command, refusal, now))
+
+    def withdraw(self, now: float) -> Outcome:
+        """Refuse the start that waits, if one does: nobody waits for its answer any more."""
+        start, self.start = self.start, None
+        if start is None:
+            return self._outcome()
+        refusal = 'it was withdrawn while it waited for the record'
+        return self._outcome(self._decide(start.command, refusal, now))
+
+    def held_up(self, seconds: float, now: float) -> Outcome:
+        """Take note that race control was held up: what comes now may have been sent long ago."""
+        pause = max(self.times.pause, self.times.pause_after_held_up)
+        self._pause(now + pause, f'race control was held up for {seconds:.1f} s')
+        return self._outcome()
+
+    def _pause(self, until: float, why: str) -> None:
+        if until > self.paused_until:
+            self.paused_until = until
+            self._paused_by = why
+
+    def _refusal_of(self, command: Command, came: float) -> str:
+        """Return why a command is refused that came at a time (s); empty if it is not."""
         rule = COMMANDS[command.kind]
         kart: Kart | None = None
-        refusal = ''
         if CATALOGUE[command.kind].to_one_kart:
             kart = self.karts.get(command.kart) if command.kart is not None else None
             if kart is None:
-                refusal = self._unknown_kart(command)
-        refusal = refusal or self._refusal(command.kind, kart) or self._unknown_heat(command)
-        statement = '' if refusal else rule.statement(self, kart)
+                return self._unknown_kart(command)
+        refusal = (
+            self._refusal(command.kind, kart)
+            # A reason of the rules says more to the official than the pause does.
+            or self._paused(command.kind, came)
+            or self._unknown_heat(command)
+        )
+        if refusal:
+            return refusal
+        statement = rule.statement(self, kart)
         if statement and not command.statement:
-            refusal = f'state that {statement}'
             if kart is not None and not kart.acknowledged:
-                refusal = (
+                return (
                     f'{kart} has not acknowledged {kart.sent.value} on its present connection: '
                     f'wait for it, or state that {statement}'
                 )
-        refusal = refusal or self._not_as_seen(command, rule, kart)
+            return f'state that {statement}'
+        return self._not_as_seen(command, rule, kart)
+
+    def _decide(self, command: Command, refusal: str, now: float) -> Answer:
+        """Put a command in force, or refuse it, and tell that."""
+        cause = len(self._events)
         if refusal:
             answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
         else:
+            rule = COMMANDS[command.kind]
+            kart = None
+            if CATALOGUE[command.kind].to_one_kart:
+                assert command.kart is not None
+                kart = self.karts[command.kart]
             self.grid_was_last = rule.leaves_grid_last(self)
             answer = Answer(True, f'{rule.effect(self, kart, command, now)}.')
         # The cause stands before its effects.
         self._events.insert(
-            0,
+            cause,
             Event(
                 EventKind.COMMAND,
                 answer.message,
@@ -544,21 +677,25 @@ class Race:
                 success=answer.success,
             ),
         )
-        return self._outcome(answer)
+        return answer
 
-    def refuse(self, command: Command, reason: str) -> Outcome:
-        """Refuse a command for a reason that lies outside the rules; nothing changes."""
-        answer = Answer(False, f'{command.kind.value} refused: {reason}.')
-        self._events.append(
-            Event(
-                EventKind.COMMAND,
-                answer.message,
-                kart=command.kart or 0,
-                command=command.kind,
-                success=False,
-            )
+    def _start_without_record(self, start: Start, now: float) -> tuple[Answer | None, bool]:
+        """
+        Refuse a start that the disk did not take, unless it may go without a record.
+
+        :returns: the answer, if it is refused; and whether it must be noted first that karts are
+            started without a record.
+        """
+        self.start = None
+        self.record_fails = self.record_fails or (
+            f'The record has not taken GREEN_GREEN for {self.times.journal_timeout:g} s'
         )
-        return self._outcome(answer)
+        self._tell_alerts(now)
+        refusal = self._refusal_of(start.command, start.came)
+        if refusal:
+            return self._decide(start.command, refusal, now), False
+        self.start = dataclasses.replace(start, memory=None)
+        return None, True
 
     def connected(self, number: int, now: float) -> Outcome:
         """
@@ -659,7 +796,8 @@ class Race:
 
     def tick(self, now: float) -> Outcome:
         """
-        Let time pass: finishes that are due, the race going over by itself, and the alerts.
+        Let time pass: finishes that are due, the race going over by itself, the alerts, and a
+        start that has waited too long for the disk.
 
         Alerts are only told; they never act.
         """
@@ -672,26 +810,20 @@ class Race:
             self.over = True
             self._go(RED_RED, now, ': race over, every kart of the race has finished')
             self._tell_results()
-        self._tell_all_acknowledged()
+        answer, note_first = None, False
+        if self.start is not None and self.start.memory is not None and now >= self.start.until:
+            answer, note_first = self._start_without_record(self.start, now)
+        self._tell_all_acknowledged(now)
         self._tell_alerts(now)
-        return self._outcome()
+        return self._outcome(answer, note_first)
 
     # ----- what there is to see -----------------------------------------------------------
 
-    def next_deadline(self, now: float) -> float | None:
-        """Return the earliest time after ``now`` at which a tick may change anything (s)."""
-        times = [kart.finish_due for kart in self.karts.values() if kart.finish_due is not None]
-        over = self._race_over_due()
-        if over is not None:
-            times.append(over)
-        times.extend(due for _, _, due in self._alert_conditions() if due is not None)
-        return min((time for time in times if time > now), default=None)
-
-    def availability(self, kind: CommandKind, number: int = 0) -> Availability:
+    def availability(self, kind: CommandKind, number: int, now: float) -> Availability:
         """
-        Return whether a command would be accepted now, and why not.
+        Return whether a command that comes now would be accepted, and why not.
 
-        :param number: the kart, for a command to one kart.
+        :param number: the kart, for a command to one kart; 0 for any other.
         :raises KeyError: if the command is to one kart and the roster has no such kart.
         """
         rule = COMMANDS[kind]
@@ -699,6 +831,9 @@ class Race:
         reason = self._refusal(kind, kart)
         if reason:
             return Availability(kind, number, reason, '')
+        paused = self._paused(kind, now)
+        if paused:
+            return Availability(kind, number, paused, '', available_from=self.paused_until)
         karts = tuple(sorted(each.number for each in rule.karts(self, kart)))
         return Availability(kind, number, '', rule.statement(self, kart), karts)
 
@@ -949,6 +1084,12 @@ class Race:
             return 'another race control is running; end it first. Every stop still works'
         return COMMANDS[kind].refusal(self, kart)
 
+    def _paused(self, kind: CommandKind, came: float) -> str:
+        """Return why a pause refuses a command that came at a time (s); empty if none does."""
+        if CATALOGUE[kind].loosens and came < self.paused_until:
+            return f'{self._paused_by}; look at the race, then send this command again'
+        return ''
+
     def _never(self, kart: Kart | None) -> str:
         return ''
 
@@ -986,7 +1127,9 @@ class Race:
             for each in racing
             if not (each.connected and each.acknowledged)
         ]
-        return f'waiting for {_cut(missing)}' if missing else ''
+        if missing:
+            return f'waiting for {_cut(missing)}'
+        return 'another GREEN_GREEN is still waiting for the record' if self.start else ''
 
     def _no_race_over(self, kart: Kart | None) -> str:
         return 'the race is in IN_GARAGE; nothing is under way' if self.state is IN_GARAGE else ''
@@ -1213,7 +1356,7 @@ class Race:
             due = stopped if due is None else max(due, stopped)
         return due
 
-    def _tell_all_acknowledged(self) -> None:
+    def _tell_all_acknowledged(self, now: float) -> None:
         if self.state is IN_GARAGE:
             return
         waited_for = self._waited_for()
@@ -1222,26 +1365,31 @@ class Race:
         self._told_all_acknowledged = acknowledged
         if news:
             who = 'connected kart' if self.msr_used else 'kart'
-            following, text = self._next()
-            obstacle = self._refusal(following, None) if following else ''
             self._events.append(
                 Event(
                     EventKind.ALL_ACKNOWLEDGED,
-                    f'Every {who} of the race has acknowledged; {obstacle or text}',
+                    f'Every {who} of the race has acknowledged; {self._next(now)}',
                     state=self.state,
                 )
             )
 
-    def _next(self) -> tuple[CommandKind | None, str]:
-        """Return what may follow now that every kart has acknowledged, and say what is so."""
-        if self.state is not GREEN_GREEN:
-            return _NEXT[self.state]
-        racing = list(self.racing())
-        standing = [kart for kart in racing if kart.stopped]
-        if len(standing) < len(racing):
-            rest = f', without {_listed(standing)}' if standing else ''
-            return None, f'the race is on{rest}'
-        return CommandKind.RACE_OVER, 'all of them have stopped, and RACE_OVER may be sent'
+    def _next(self, now: float) -> str:
+        """Return what may follow now that every kart has acknowledged, or what is in the way."""
+        if self.state is GREEN_GREEN:
+            racing = list(self.racing())
+            standing = [kart for kart in racing if kart.stopped]
+            if len(standing) < len(racing):
+                rest = f', without {_listed(standing)}' if standing else ''
+                return f'the race is on{rest}'
+            return 'all of them have stopped, and RACE_OVER may be sent'
+        following, condition = _NEXT[self.state]
+        obstacle = self._refusal(following, None)
+        if obstacle:
+            return obstacle
+        soon = ''
+        if self._paused(following, now):
+            soon = f' in {math.ceil(self.paused_until - now)} s'
+        return f'{following.value} may be sent{soon}{condition}'
 
     def _tell_results(self) -> None:
         """Tell the places of the race, and who did not finish; once for each race."""
@@ -1342,18 +1490,26 @@ class Race:
     def _if_absent(self, kart: Kart) -> str:
         return '' if kart.connected else ', but it is not connected'
 
-    def _outcome(self, answer: Answer | None = None) -> Outcome:
-        outcome = Outcome(tuple(self._orders), tuple(self._events), answer)
+    def _outcome(
+        self,
+        answer: Answer | None = None,
+        note_first: bool = False,
+        write_first: RaceMemory | None = None,
+    ) -> Outcome:
+        outcome = Outcome(
+            tuple(self._orders), tuple(self._events), answer, write_first, note_first
+        )
         self._orders = []
         self._events = []
         return outcome
 
 
-_NEXT: dict[RaceState, tuple[CommandKind | None, str]] = {
-    GRID_ACTIVE: (CommandKind.GREEN_GREEN, 'GREEN_GREEN may be sent'),
-    RED_FLAG: (CommandKind.RACE_OVER, 'RACE_OVER may be sent'),
-    RED_RED: (CommandKind.IN_GARAGE, 'IN_GARAGE may be sent when the track is safe for humans'),
+_NEXT: dict[RaceState, tuple[CommandKind, str]] = {
+    GRID_ACTIVE: (CommandKind.GREEN_GREEN, ''),
+    RED_FLAG: (CommandKind.RACE_OVER, ''),
+    RED_RED: (CommandKind.IN_GARAGE, ' when the track is safe for humans'),
 }
+"""What may follow once every kart has acknowledged a state, and on which condition."""
 
 NOT_IN_ROSTER = 'not in the roster any more'
 
@@ -1424,8 +1580,6 @@ class Rule:
     :param is_command: §4.B's "last button pressed": GREEN_GREEN is refused after it.
     :param karts: the karts it starts or releases. The official must have seen just these; of one
         kart, how it is held.
-    :param loosens: it starts, releases or lets humans near: refused whenever there is a doubt
-        about what officials see.
     """
 
     effect: Callable[[Race, Kart | None, Command, float], str]

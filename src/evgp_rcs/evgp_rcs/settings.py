@@ -50,12 +50,6 @@ def read_settings(parameters: Parameters) -> Begin:
             'Time after which a kart that leaves bytes unanswered is lost, s.',
             (0.2, 10),
         ),
-        pause=declare(
-            'pause',
-            server.pause,
-            'After a stop, commands that loosen or start anything are refused for this long, s.',
-            (0.5, 10),
-        ),
     )
     times = RaceTimes(
         finish_delays=tuple(
@@ -94,6 +88,12 @@ def read_settings(parameters: Parameters) -> Begin:
             'red_alert',
             rules.red_alert,
             'Time until the alert that RED_RED is not acknowledged',
+        ),
+        pause=declare(
+            'pause',
+            rules.pause,
+            'After a stop, commands that loosen or start anything are refused for this long, s.',
+            (0.5, 10),
         ),
     )
     parameters.refuse_unknown()

@@ -59,6 +59,8 @@ NO_BUTTON = ('JOIN_RACE', 'LEAVE_RACE', 'SET_HEAT', 'OPEN_TRACK', 'CLOSE_TRACK')
 LOOSENING = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE', 'KART_IN_GARAGE', 'OPEN_TRACK')
 NAMING = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE')
 TROUBLE = 'the disk is full'
+# What becomes of a start that waits until it is on the disk, or noted, that karts may move.
+OF_A_START = ('journal', 'noted', 'withdrawn')
 
 PROPERTIES = {
     'stop-refused': 'S: a stop command is never refused',
@@ -85,6 +87,11 @@ PROPERTIES = {
     'alone-released': 'S: IN_GARAGE for the race releases no kart outside it that was held alone',
     'as-seen': 'S: a start or release is refused, and only then, if it is not as officials saw it',
     'rival': 'S: while another race control runs, nothing is loosened',
+    'pause': 'S: nothing that loosens and came before the end of a pause is accepted',
+    'available-from': 'what a pause refuses, and nothing else, is announced with the end of it',
+    'start-first': 'S: karts start only once it is on the disk, or noted, that they may move',
+    'start-memory': 'S: while a start waits, a crash leaves what was written for it',
+    'start-answer': 'a start is answered once: when it is refused, or when what it waits for is so',
     'restart': 'S: after a restart all is red and closed, and no kart, hold or doubt is forgotten',
     'hold-forgotten': 'S: a hold falls only with an acknowledged red, or by an official alone',
     'order-wrong': 'S: a connected kart gets an order exactly when what it is sent changes',
@@ -99,7 +106,6 @@ PROPERTIES = {
     'effect': 'every input has the whole effect of design §3, and no other',
     'alerts': 'the alerts are those of design §3',
     'alerts-act': 'S: looking, and alerts, change nothing',
-    'deadline': 'nothing changes by time before the announced next deadline',
     'false-news': 'what is announced as possible now is possible now',
     'stuck': 'the officials can bring every state home, karts answering or not',
     'abstraction': 'states that the search takes for one behave as one',
@@ -135,6 +141,16 @@ class KartView(NamedTuple):
     alone: bool
 
 
+class StartView(NamedTuple):
+    """What the oracle sees of a start that waits: for the disk, or (``noting``) for a note."""
+
+    statement: bool
+    karts: frozenset[int]
+    came: float
+    until: float
+    noting: bool
+
+
 class View(NamedTuple):
     """What the oracle sees of the race."""
 
@@ -145,9 +161,11 @@ class View(NamedTuple):
     places: int
     restarted: bool
     rival: bool
-    trouble: str
+    trouble: bool
     heats: tuple[Any, ...]
     starters: tuple[int, ...]
+    paused: float
+    start: StartView | None
     karts: tuple[KartView, ...]
 
 
@@ -169,9 +187,15 @@ class KartFacts(NamedTuple):
 
 
 class Facts(NamedTuple):
-    """What the oracle remembers: whether GRID_ACTIVE was the last button, and of each kart."""
+    """
+    What the oracle remembers: of the race, and of each kart.
+
+    :param grid_last: GRID_ACTIVE was the last button.
+    :param paused: until when what loosens is refused.
+    """
 
     grid_last: bool
+    paused: float
     karts: tuple[KartFacts, ...]
 
 
@@ -179,10 +203,13 @@ class Input(NamedTuple):
     """
     One input: a command, a connection change, something a kart says, or time.
 
-    :param statement: what is stated; of a rival that it is there, of the record that it fails.
+    :param kind: which command; of a journal 'stale' if it is not what the start waits for.
+    :param statement: what is stated; of a rival that it is there, of the record that it fails, of
+        a journal or a note that it was written.
     :param karts: which karts a start or release is for, as the official saw it.
     :param hold: how a kart to be released was held, as the official saw it.
     :param heat: the name of the heat, of a command to put one into the race.
+    :param came: when a command came, if before it is judged.
     """
 
     what: str
@@ -194,6 +221,7 @@ class Input(NamedTuple):
     karts: frozenset[int] = frozenset()
     hold: RaceState | None = None
     heat: str = ''
+    came: float | None = None
 
 
 class Judgement(NamedTuple):
@@ -226,34 +254,33 @@ _KART = operator.attrgetter(
     'held_alone',
 )
 _RACE = operator.attrgetter(
-    'state',
-    'track_open',
-    'msr_used',
-    'over',
-    'places_given',
-    'restarted',
-    'has_rival',
-    'record_fails',
-    'heats',
-    'starters',
+    'state', 'track_open', 'msr_used', 'over', 'places_given', 'restarted', 'has_rival'
 )
 
 
 def look(race: Any) -> View:
     """Return what the oracle sees of a race."""
     karts = tuple([KartView._make(_KART(kart)) for kart in race.karts.values()])
-    return View(*_RACE(race), karts)
+    start = race.start
+    if start is not None:
+        command = start.command
+        start = StartView(
+            command.statement, command.karts, start.came, start.until, start.memory is None
+        )
+    around = bool(race.record_fails), race.heats, race.starters, race.paused_until, start
+    return View(*_RACE(race), *around, karts)
 
 
 def remember(view: View) -> Facts:
     """Return the memory with which the oracle begins, before anything has happened."""
-    return Facts(False, tuple(KartFacts() for _ in view.karts))
+    return Facts(False, view.paused, tuple(KartFacts() for _ in view.karts))
 
 
 def recall(view: View, now: float) -> Facts:
     """Return the memory with which the oracle begins after a restart."""
     return Facts(
         False,
+        view.paused,
         tuple(
             KartFacts(lost=True, phase=0, missing=now if kart.in_race or _in_doubt(kart) else None)
             for kart in view.karts
@@ -319,7 +346,7 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
         )
         missing = tuple(kart.number for kart in racing if kart.hold is not None) or missing
         in_time = state is GRID_ACTIVE and facts.grid_last
-        allowed = in_time and bool(racing) and not missing
+        allowed = in_time and bool(racing) and not missing and view.start is None
         return Judgement(allowed, bool(view.trouble), missing * in_time, numbers)
     if kind == 'RACE_OVER':
         return Judgement(state is not IN_GARAGE)
@@ -374,6 +401,59 @@ def as_seen(view: View, given: Input) -> Input:
     return given
 
 
+def is_paused(facts: Facts, kind: str, came: float) -> bool:
+    """Return whether a command that came then may have been sent before a stop was seen."""
+    return kind in LOOSENING and came < facts.paused
+
+
+def of_start(start: StartView) -> Input:
+    """Return the command that waits."""
+    return Input(
+        'command', 'GREEN_GREEN', statement=start.statement, karts=start.karts, came=start.came
+    )
+
+
+def fate(view: View, facts: Facts, given: Input, now: float) -> str:
+    """
+    Return what becomes of a command, or of a start that waits.
+
+    It is 'accepted', 'refused', or waits: it 'writes' first that karts may move, or 'notes' first
+    that this is not written. Empty: the input is about neither.
+    """
+    waits = given.what == 'command'
+    start = view.start
+    if not waits:
+        if start is None:
+            return ''
+        failed = not given.statement
+        if given.what == 'tick' and not start.noting:
+            if now < start.until:
+                return ''
+        elif given.what == 'journal':
+            if start.noting or given.kind == 'stale':
+                return ''
+        elif given.what == 'noted':
+            if not start.noting:
+                return ''
+        elif given.what != 'withdrawn':
+            return ''
+        if given.what == 'withdrawn' or (given.what == 'noted' and failed):
+            return 'refused'
+        view = view._replace(start=None, trouble=view.trouble or failed)
+        waits = failed
+        given = of_start(start)
+    opinion = judge(view, facts, given.kind, given.kart)
+    stated = given.statement or not opinion.needs_statement
+    late = is_paused(facts, given.kind, now if given.came is None else given.came)
+    if late or not (
+        opinion.allowed and stated and _is_as_seen(view, given) and _heat_exists(view, given)
+    ):
+        return 'refused'
+    if waits and given.kind == 'GREEN_GREEN':
+        return 'notes' if view.trouble else 'writes'
+    return 'accepted'
+
+
 def _heat_exists(view: View, given: Input) -> bool:
     return given.kind != 'SET_HEAT' or given.heat in [heat.name for heat in view.heats]
 
@@ -409,11 +489,29 @@ def _hear(kart: dict[str, Any], given: Input) -> None:
             kart['moving'] = kart['on_grid'] = False
 
 
-def expect(view: View, given: Input, now: float, times: Any) -> View:
-    """Return the race after an input that is accepted, as design §3 has it; serials apart."""
+def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'accepted') -> View:
+    """
+    Return the race after an input, as design §3 has it; serials apart.
+
+    :param becomes: what becomes of the command, or of the start that waits (``fate``).
+    """
     state, track_open, msr_used, over, places, restarted, rival, trouble = view[:8]
-    heats, starters, karts = view[8:]
+    heats, starters, paused, start, karts = view[8:]
     what, kind, number = given.what, given.kind, given.kart
+    if kind in STOPS:
+        paused = max(paused, now + times.pause)
+    elif what == 'held up':
+        paused = max(paused, now + times.pause, now + times.pause_after_held_up)
+    if what == 'command' and becomes != 'accepted':
+        if becomes != 'refused':
+            came = now if given.came is None else given.came
+            until, noting = now + times.journal_timeout, becomes == 'notes'
+            start = StartView(given.statement, given.karts, came, until, noting)
+        return view._replace(paused=paused, start=start)
+    if start is not None and what != 'command' and becomes:
+        # Time that is up is a disk that has not taken it.
+        trouble = trouble or (what in ('journal', 'tick') and not given.statement)
+        start = start._replace(noting=True) if becomes == 'notes' else None
     after = [kart._asdict() for kart in karts]
     mine = [kart for kart in after if kart['number'] == number]
     anew = 0
@@ -440,7 +538,9 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
     elif what == 'rival':
         rival = given.statement
     elif what == 'record':
-        trouble = TROUBLE if given.statement else ''
+        trouble = given.statement
+    elif what in (*OF_A_START, 'held up'):
+        pass
     elif what == 'tick':
         for each in after:
             if each['finish_at'] is not None and now >= each['finish_at']:
@@ -502,8 +602,8 @@ def expect(view: View, given: Input, now: float, times: Any) -> View:
         track_open = False
     _settle(state, after, anew, now)
     seen = tuple([KartView._make(each.values()) for each in after])
-    race = (state, track_open, msr_used, over, places, restarted, rival, trouble, heats, starters)
-    return View(*race, seen)
+    race = (state, track_open, msr_used, over, places, restarted, rival, trouble)
+    return View(*race, heats, starters, paused, start, seen)
 
 
 def _settle(state: RaceState, karts: list[dict[str, Any]], anew: int, now: float) -> None:
@@ -565,12 +665,24 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
 
 
 def learn(
-    before: View, facts: Facts, given: Input, success: bool, after: View, now: float
+    before: View, facts: Facts, given: Input, becomes: str, after: View, now: float, times: Any
 ) -> Facts:
-    """Return what the oracle remembers after an input."""
+    """
+    Return what the oracle remembers after an input.
+
+    :param becomes: what becomes of the command, or of the start that waits (``fate``).
+    """
     if after == before and given.what == 'heard':
         return facts
-    grid_last = facts.grid_last
+    grid_last, paused = facts.grid_last, facts.paused
+    if given.kind in STOPS:
+        paused = max(paused, now + times.pause)
+    elif given.what == 'held up':
+        paused = max(paused, now + max(times.pause, times.pause_after_held_up))
+    success = becomes == 'accepted'
+    if success and given.what in OF_A_START:
+        assert before.start is not None
+        given = of_start(before.start)
     if given.what == 'command' and success and given.kind not in NO_BUTTON:
         grid_last = given.kind == 'GRID_ACTIVE'
     karts = []
@@ -605,7 +717,7 @@ def learn(
         elif kart.sent is GRID_ACTIVE and phase == 1:
             phase = 2
         karts.append(KartFacts(ready and kart.sent is GRID_ACTIVE, lost, phase, missing))
-    return Facts(grid_last, tuple(karts))
+    return Facts(grid_last, paused, tuple(karts))
 
 
 # ----- the properties ---------------------------------------------------------------------
@@ -623,7 +735,18 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
             given.hold,
             given.heat,
         )
-        return race.command(command, now)
+        return race.command(command, now, given.came)
+    if given.what == 'held up':
+        return race.held_up(2.0, now)
+    if given.what == 'journal':
+        memory = race.start.memory if race.start is not None else None
+        if memory is None or given.kind == 'stale':
+            memory = dataclasses.replace(race.memory())  # the same, but another one
+        return race.journal(memory, given.statement, now)
+    if given.what == 'noted':
+        return race.start_noted(given.statement, now)
+    if given.what == 'withdrawn':
+        return race.withdraw(now)
     if given.what == 'connected':
         return race.connected(given.kart, now)
     if given.what == 'disconnected':
@@ -647,41 +770,51 @@ def check_input(
     they must hold even if the oracle's expectation of the effect were wrong.
     """
     what, kind, number = given.what, given.kind, given.kart
-    success = True
+    becomes = fate(before, facts, given, now)
+    waits = outcome.answer is None
+    success = waits or outcome.answer.success
+    if after.state is GREEN_GREEN and before.state is not GREEN_GREEN:
+        if not facts.grid_last:
+            raise RuleBrokenError('green-needs-grid', f'{facts} {before}')
+        if not all(
+            memory.ready and kart.connected
+            for kart, memory in zip(before.karts, facts.karts, strict=True)
+            if kart.in_race
+        ):
+            raise RuleBrokenError('green-needs-acks', f'{facts} {before}')
     if what == 'command':
-        success = outcome.answer.success
         opinion = judge(before, facts, kind, number)
-        if kind == 'GREEN_GREEN' and success:
-            if not facts.grid_last:
-                raise RuleBrokenError('green-needs-grid', f'{facts} {before}')
-            if not all(
-                memory.ready and kart.connected
-                for kart, memory in zip(before.karts, facts.karts, strict=True)
-                if kart.in_race
-            ):
-                raise RuleBrokenError('green-needs-acks', f'{facts} {before}')
         if kind in STOPS and (given.statement or kind != 'RECORD_MSR') and not success:
             raise RuleBrokenError('stop-refused', f'{given} in {before}: {outcome.answer.message}')
+        late = is_paused(facts, kind, now if given.came is None else given.came)
+        if success and late and opinion.allowed:
+            raise RuleBrokenError('pause', f'{given} in {before}: {outcome.answer}')
         seen = _is_as_seen(before, given)
         stated = given.statement or not opinion.needs_statement
-        if success != (opinion.allowed and seen and stated and _heat_exists(before, given)):
+        if success != (becomes != 'refused'):
+            message = '' if waits else outcome.answer.message
             name = 'availability' if not opinion.allowed else 'as-seen'
             if success and not _heat_exists(before, given):
                 raise RuleBrokenError('heat-halved', f'{given} in {before}: {outcome.answer}')
-            if opinion.allowed and (
-                stated != seen or 'since you looked' not in outcome.answer.message
-            ):
+            if opinion.allowed and (stated != seen or 'since you looked' not in message):
                 name = 'statement' if seen else 'as-seen'
+                if seen and stated and 'state that' not in message:
+                    name = 'availability'
             raise RuleBrokenError(name, f'{given} in {before}: {outcome.answer}')
         if not success:
-            if after != before or outcome.orders:
+            unchanged = before._replace(paused=after.paused) if kind in STOPS else before
+            if after != unchanged or outcome.orders:
                 raise RuleBrokenError('refused-changes', f'{given}: {before} became {after}')
-            _check_refusal(race, given, opinion, outcome)
-            return facts
-    elif outcome.answer is not None:
-        raise RuleBrokenError('effect', f'{given} has an answer')
+            _check_refusal(race, given, opinion, outcome, late)
+            return learn(before, facts, given, becomes, after, now, race.times)
+    _check_start(before, facts, given, outcome, after, becomes)
+    started = becomes == 'accepted' and what in OF_A_START
+    if started:
+        assert before.start is not None
+        given = of_start(before.start)
+        what, kind = given.what, given.kind
     _check_safety(before, facts, given, outcome, after)
-    memory = learn(before, facts, given, success, after, now)
+    memory = learn(before, facts, given, becomes, after, now, race.times)
     if what in ('connected', 'disconnected'):
         _check_alarms(
             what,
@@ -692,7 +825,8 @@ def check_input(
     _check_results(race, before, given, outcome, after)
     if kind == 'SET_HEAT':
         _check_heat(before, given, outcome, after)
-    expected = expect(before, given, now, race.times)
+    left = before._replace(start=None) if started else before
+    expected = expect(left, given, now, race.times, becomes)
     for kart, wanted in zip(after.karts, expected.karts, strict=True):
         if kart.sent is not wanted.sent:
             raise RuleBrokenError('sent-wrong', f'{given} in {before}: {kart}, expected {wanted}')
@@ -706,10 +840,44 @@ def check_input(
     return memory
 
 
+def _check_start(
+    before: View, facts: Facts, given: Input, outcome: Any, after: View, becomes: str
+) -> None:
+    """Check that a start waits for what must be known first, and is answered as it must be."""
+    detail = f'{given} in {before}: {outcome}'
+    if outcome.note_first != (becomes == 'notes'):
+        raise RuleBrokenError('start-first', detail)
+    if (outcome.write_first is not None) != (becomes == 'writes'):
+        raise RuleBrokenError('start-first', detail)
+    if given.what == 'command':
+        if (outcome.answer is None) != (becomes in ('writes', 'notes')):
+            raise RuleBrokenError('start-answer', detail)
+        if outcome.answer is None and (outcome.orders or outcome.events):
+            raise RuleBrokenError('start-first', detail)
+    elif outcome.answer is None:
+        if becomes in ('accepted', 'refused'):
+            raise RuleBrokenError('start-answer', detail)
+    elif not becomes:
+        raise RuleBrokenError('start-answer', detail)
+    elif outcome.answer.success != (becomes == 'accepted'):
+        assert before.start is not None
+        name = 'start-answer'
+        if outcome.answer.success:
+            late = is_paused(facts, 'GREEN_GREEN', before.start.came)
+            name = 'pause' if late else 'start-first'
+        raise RuleBrokenError(name, detail)
+    if outcome.write_first is not None:
+        written = outcome.write_first
+        known = [written.karts[kart.number] for kart in before.karts if kart.in_race]
+        started = all(kart.in_race and kart.may_be_moving for kart in known)
+        if written.state is not GREEN_GREEN or not started:
+            raise RuleBrokenError('restart', detail)
+
+
 def _check_safety(before: View, facts: Facts, given: Input, outcome: Any, after: View) -> None:
     """Check the S rules that need no expectation of the effect."""
     what, kind, number = given.what, given.kind, given.kart
-    changed = after != before or bool(outcome.orders)
+    changed = after._replace(paused=before.paused) != before or bool(outcome.orders)
     if kind in STOPS and changed and _in_force(before, kind, number):
         raise RuleBrokenError('stop-idempotent', f'{given}: {before} became {after}')
     ordered: dict[int, Any] = {}
@@ -879,7 +1047,7 @@ def check_recovery(
     if outcome.orders or after[:4] != blank or not after.restarted:
         raise RuleBrokenError('restart', detail)
     allowed, _ = _humans_allowed(after)
-    if allowed or again.availability(rules.CommandKind.OPEN_TRACK).available:
+    if allowed or again.availability(rules.CommandKind.OPEN_TRACK, 0, now).available:
         raise RuleBrokenError('restart', detail)
     found = {kart.number: kart for kart in after.karts}
     of_race = {kart.number for kart in after.karts if kart.in_race or kart.place}
@@ -943,8 +1111,12 @@ def _check_memory(after: View, facts: Facts) -> None:
             raise RuleBrokenError('hold-forgotten', f'lost, but {kart}')
 
 
-def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any) -> None:
-    """Check that a refusal says what an official can act on."""
+def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any, late: bool) -> None:
+    """
+    Check that a refusal says what an official can act on.
+
+    :param late: a pause refuses it, if nothing else does.
+    """
     message = outcome.answer.message
     if not message.startswith(f'{given.kind} refused: ') or message.endswith('refused: .'):
         raise RuleBrokenError('refusal-silent', message)
@@ -952,7 +1124,7 @@ def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any) ->
     heats = race.heats if given.kind == 'SET_HEAT' and opinion.allowed else ()
     if any(heat.name not in message for heat in heats):
         raise RuleBrokenError('refusal-silent', f'{message} does not name the heats')
-    if 'another race control is running' in message:
+    if 'another race control is running' in message or (late and opinion.allowed):
         return
     if given.kind in KART_COMMANDS and 'the race is in' not in message:
         named = (given.kart,)
@@ -967,15 +1139,21 @@ def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any) ->
             raise RuleBrokenError('refusal-silent', f'{message} does not name kart {number}')
 
 
-def check_news(rules: ModuleType, race: Any, outcome: Any) -> None:
+def check_news(rules: ModuleType, race: Any, outcome: Any, now: float) -> None:
     """Check that an announcement of what may be sent now is true."""
     kinds = rules.CommandKind
     for event in outcome.events:
         if event.kind is not rules.EventKind.ALL_ACKNOWLEDGED:
             continue
         for name in ('GREEN_GREEN', 'IN_GARAGE', 'RACE_OVER'):
-            said = f'{name} may be sent' in event.text
-            if said and not race.availability(kinds[name]).available:
+            told = race.availability(kinds[name], 0, now)
+            said = f'{name} may be sent'
+            soon = said
+            if told.available_from is not None:
+                soon += f' in {math.ceil(told.available_from - now)} s'
+            if said in event.text and (
+                soon not in event.text or not (told.available or soon != said)
+            ):
                 raise RuleBrokenError('false-news', event.text)
         standing = [kart.acknowledged and kart.sent in REDS for kart in race.racing()]
         if ('the race is on' in event.text) != (event.state is GREEN_GREEN and not all(standing)):
@@ -1006,17 +1184,25 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
     expected = expect_alerts(view, facts, now, race.times)
     if alerts != expected:
         raise RuleBrokenError('alerts', f'{alerts}, expected {expected} in {view}')
-    race.next_deadline(now)
+    if view.start is not None and not view.start.noting:
+        memory = race.memory()
+        moving = all(memory.karts[number].may_be_moving for number in view.start.karts)
+        if memory.state is not GREEN_GREEN or memory.home or not moving:
+            raise RuleBrokenError('start-memory', f'{memory} in {view}')
     if look(race) != view:
         raise RuleBrokenError('alerts-act', f'{view} became {look(race)} by looking')
 
 
 def check_announced(
-    rules: ModuleType, race: Any, view: View, facts: Facts, kind: str, number: int
+    rules: ModuleType, race: Any, view: View, facts: Facts, kind: str, number: int, now: float
 ) -> Judgement:
     """Check the announced availability of a command against the oracle's judgement."""
     opinion = judge(view, facts, kind, number)
-    told = race.availability(rules.CommandKind[kind], number)
+    told = race.availability(rules.CommandKind[kind], number, now)
+    paused = opinion.allowed and is_paused(facts, kind, now)
+    opinion = opinion._replace(allowed=opinion.allowed and not paused)
+    if told.available_from != (facts.paused if paused else None):
+        raise RuleBrokenError('available-from', f'{told}, paused until {facts.paused} in {view}')
     if told.available != opinion.allowed or told.kart != number or told.kind.name != kind:
         raise RuleBrokenError('availability', f'{told}, expected {opinion} in {view}')
     if told.available and bool(told.statement) != opinion.needs_statement:
@@ -1115,6 +1301,7 @@ class Search:
       RED_FLAG: it is read nowhere else), and how many are given, up to the last delay that
       differs (in GREEN_GREEN: FINISH is refused elsewhere);
     - who started the race whose results are not told yet: only the telling reads it;
+    - when a pause ended, and when a start came, but for whether the pause refuses it;
     - whether the track is open, if ``track`` is false;
     - which kart is which: no rule knows a number, so states are taken for one if they differ by
       a permutation of the karts. (A heat does know numbers: so here every set of karts is one.)
@@ -1134,6 +1321,8 @@ class Search:
     :param begin: where: in the 'garage', on the 'grid' or in 'green' with every kart of the race
         connected and its word given, or after a 'crash' in mid-race.
     :param without: commands to one kart that are not given.
+    :param waits: starts wait for the disk, commands come before they are judged, and race control
+        is held up. If not, what a start waits for is so at once, and there is no pause.
     """
 
     def __init__(
@@ -1147,6 +1336,7 @@ class Search:
         around: bool = False,
         begin: str = 'garage',
         without: Container[str] = (),
+        waits: bool = False,
     ) -> None:
         """Set the karts up and bring them to where the search begins."""
         self.rules = rules
@@ -1158,6 +1348,9 @@ class Search:
                 'green_alert': 1.0,
                 'flag_alert': 1.0,
                 'red_alert': 1.0,
+                'pause': 1.0 if waits else 0.0,
+                'pause_after_held_up': 2.0,
+                'journal_timeout': 1.0,
                 **(times or {}),
             }
         )
@@ -1178,6 +1371,7 @@ class Search:
             if kind not in without:
                 self.commands.extend((kind, kart.number) for kart in karts)
         self.around = around
+        self.waits = waits
         self.scratch = Scratch(self.race)
         self.numbers = [kart.number for kart in karts]
         self.compare = compare
@@ -1191,11 +1385,18 @@ class Search:
         green = state is GREEN_GREEN
         # A race that nobody has started yet, or that is over, does not go over by itself.
         timed = green or (state is RED_FLAG and bool(view.starters))
+        start = view.start
         karts = [
-            self._kart_key(kart, memory, timed, now)
+            self._kart_key(kart, memory, timed, now, start)
             for kart, memory in zip(view.karts, facts.karts, strict=True)
         ]
         karts.sort()
+        waiting = start is not None and (
+            start.statement,
+            start.noting,
+            start.came < view.paused,
+            max(start.until - now, 0.0),
+        )
         given = min(view.places, len(self.times.finish_delays) - 1) if green else 0
         opened = view.track_open and self.track
         race = (
@@ -1208,10 +1409,14 @@ class Search:
             view.restarted,
             view.rival,
             view.trouble,
+            max(view.paused - now, 0.0),
+            waiting,
         )
         return (self._names.setdefault(race, len(self._names)), *karts)
 
-    def _kart_key(self, kart: KartView, memory: KartFacts, timed: bool, now: float) -> int:
+    def _kart_key(
+        self, kart: KartView, memory: KartFacts, timed: bool, now: float, start: StartView | None
+    ) -> int:
         red = kart.sent is RED_FLAG or kart.sent is RED_RED
         finishing = timed and kart.in_race
         due = left = -1.0
@@ -1232,6 +1437,7 @@ class Search:
             left,
             memory.ready,
             memory.phase,
+            start is not None and kart.number in start.karts,
         )
         # A number for each, so that a million keys fit into memory.
         return self._names.setdefault(key, len(self._names))
@@ -1278,10 +1484,29 @@ class Search:
             way.append(Input('command', 'GREEN_GREEN'))
         for given in way:
             before = look(self.race)
-            given = as_seen(before, given)
-            give(self.rules, self.race, given, 0.0)
-            facts = learn(before, facts, given, True, look(self.race), 0.0)
+            _, facts = self._take(before, facts, as_seen(before, given), 0.0)
         return facts
+
+    def _take(self, view: View, facts: Facts, given: Input, now: float) -> tuple[bool, Facts]:
+        """
+        Give an input to the rules, and what it waits for if that is to be so at once; check both.
+
+        :return: whether it was accepted, or is no command, and what is remembered then.
+        """
+        race = self.race
+        outcome = give(self.rules, race, given, now)
+        after = look(race)
+        facts = check_input(race, view, facts, given, outcome, after, now)
+        check_news(self.rules, race, outcome, now)
+        if after.start is None or self.waits:
+            return outcome.answer is None or outcome.answer.success, facts
+        then = Input('noted' if after.start.noting else 'journal', statement=True)
+        ended = give(self.rules, race, then, now)
+        facts = check_input(race, after, facts, then, ended, look(race), now)
+        written = outcome.write_first
+        if written is not None and race.memory() != written:
+            raise RuleBrokenError('restart', f'{written} is remembered before {look(race)}')
+        return ended.answer is not None and ended.answer.success, facts
 
     def _run(self, todo: deque[Key], most: int | None) -> Report:
         while todo:
@@ -1317,21 +1542,18 @@ class Search:
         report.by_state[view.state.value] += 1
         check_state(race, view, facts, now)
         known, every_start = bool(report.states % 4), bool(report.states % 2)
-        check_recovery(self.rules, race, view, now, known, every_start)
-        for_green = race.memory_after_green()
+        if view.start is None:
+            check_recovery(self.rules, race, view, now, known, every_start)
         for given, after_time in self._inputs(view, facts, now):
-            outcome = give(self.rules, race, given, after_time)
-            after = look(race)
             report.inputs += 1
-            learned = check_input(race, view, facts, given, outcome, after, after_time)
-            check_news(self.rules, race, outcome)
-            if given.kind == 'GREEN_GREEN' and after != view and race.memory() != for_green:
-                raise RuleBrokenError('restart', f'{for_green} is remembered before {after}')
-            if outcome.answer is not None and not outcome.answer.success:
+            accepted, learned = self._take(view, facts, given, after_time)
+            after = look(race)
+            if not accepted and given.what == 'command':
                 report.refusals += 1
-                if scratch.save() != saved:
+                if given.kind not in STOPS and scratch.save() != saved:
                     raise RuleBrokenError('refused-changes', f'{given} in {view}')
-                continue
+                if given.kind not in STOPS:
+                    continue
             report.transitions += 1
             if after == view and learned == facts:
                 # It changed nothing but what was reported and told.
@@ -1351,12 +1573,11 @@ class Search:
         if _in_force(view, 'ALL_KILL', 0):
             # From every other state ALL_KILL leads to one of these, and is never refused.
             self._check_homeward(saved, now)
-        self._check_deadline(saved, view, now)
 
     def _inputs(self, view: View, facts: Facts, now: float) -> Any:
         """Yield every input with its time; the rules are in the state of ``view`` meanwhile."""
         for kind, number in self.commands:
-            opinion = check_announced(self.rules, self.race, view, facts, kind, number)
+            opinion = check_announced(self.rules, self.race, view, facts, kind, number, now)
             if kind == 'SET_HEAT':
                 for heat in view.heats if opinion.allowed else view.heats[:1]:
                     yield Input('command', kind, heat=heat.name), now
@@ -1372,6 +1593,8 @@ class Search:
                 yield right._replace(karts=right.karts ^ {self.numbers[-1]}), now
             if opinion.allowed and kind == 'KART_IN_GARAGE':
                 yield right._replace(hold=RED_RED if right.hold is None else None), now
+            if self.waits and kind in LOOSENING:
+                yield right._replace(came=facts.paused - 0.5), now
         for kart in view.karts:
             for state in RaceState:
                 yield Input('heard', '', kart.number, serial=kart.serial, state=state), now
@@ -1383,6 +1606,14 @@ class Search:
             for there in (True, False):
                 yield Input('rival', statement=there), now
                 yield Input('record', statement=there), now
+        if self.waits:
+            yield Input('held up'), now
+        if view.start is not None:
+            yield Input('withdrawn'), now
+            yield Input('journal', 'stale', statement=True), now
+            for written in (True, False):
+                yield Input('journal', statement=written), now
+                yield Input('noted', statement=written), now
         yield Input('tick'), now
         yield Input('tick'), now + 1.0
 
@@ -1393,6 +1624,7 @@ class Search:
     def _check_homeward(self, saved: Any, now: float) -> None:
         """Bring the race home with karts that answer, with karts that never do, and by the MSR."""
         race = self.race
+        later = now + 10.0  # every pause is over
         self.scratch.load(saved)
         race.rival(False, now)
         for kart in race.karts.values():
@@ -1400,53 +1632,39 @@ class Search:
                 race.connected(kart.number, now)
         for kart in race.karts.values():
             race.heard(kart.number, kart.serial, kart.sent, now)
-        outcome = self._command('IN_GARAGE', now)
+        outcome = self._command('IN_GARAGE', later)
         for number in self.numbers:
             if race.karts[number].held_alone:
-                self._command('KART_IN_GARAGE', now, number)
+                self._command('KART_IN_GARAGE', later, number)
         self._check_home(outcome)
         # And the next race can begin.
         for kart in race.karts.values():
             if not kart.in_race:
-                self._command('JOIN_RACE', now, kart.number)
-        if not self._command('GRID_ACTIVE', now).answer.success:
+                self._command('JOIN_RACE', later, kart.number)
+        if not self._command('GRID_ACTIVE', later).answer.success:
             raise RuleBrokenError('stuck', f'no new race: {look(race)}')
         self.scratch.load(saved)
         race.rival(False, now)
         for number in self.numbers:
-            self._command('KART_IN_GARAGE', now, number)
-        self._check_home(self._command('IN_GARAGE', now))
+            self._command('KART_IN_GARAGE', later, number)
+        self._check_home(self._command('IN_GARAGE', later))
         self.scratch.load(saved)
         race.rival(False, now)
         for number in self.numbers:
             race.disconnected(number, 'end of file', now)
         self._command('RECORD_MSR', now)
-        if not race.track_access().allowed or not self._command('IN_GARAGE', now).answer.success:
+        allowed = race.track_access().allowed
+        if not allowed or not self._command('IN_GARAGE', later).answer.success:
             raise RuleBrokenError('stuck', f'in spite of the MSR: {look(race)}')
 
     def _check_home(self, outcome: Any) -> None:
         view = look(self.race)
         home = view.state is IN_GARAGE and not view.over and not view.msr_used
+        self.race.withdraw(0.0)  # a start that still waits is not home
         if not home or any(kart.hold or kart.sent is not IN_GARAGE for kart in view.karts):
             raise RuleBrokenError('stuck', f'{view}: {outcome.answer}')
         if not self.race.track_access().allowed or not self.race.memory().home:
             raise RuleBrokenError('stuck', f'{view}: {self.race.track_access()}')
-
-    def _check_deadline(self, saved: Any, view: View, now: float) -> None:
-        """Let the time pass until just before the announced deadline: nothing may change."""
-        race = self.race
-        self.scratch.load(saved)
-        race.tick(now)
-        settled = look(race)
-        alerts = {(alert.kind, alert.kart) for alert in race.alerts(now)}
-        deadline = race.next_deadline(now)
-        if deadline is not None and deadline <= now:
-            raise RuleBrokenError('deadline', f'{deadline} is not after {now} in {settled}')
-        just_before = now + 1000.0 if deadline is None else (now + deadline) / 2
-        race.tick(just_before)
-        later = {(alert.kind, alert.kart) for alert in race.alerts(just_before)}
-        if look(race) != settled or later != alerts:
-            raise RuleBrokenError('deadline', f'{settled} changed before {deadline}')
 
     def _compare(self, key: tuple[Any, ...], other: tuple[Any, Facts, float]) -> None:
         """Try two states of one key under every input: they must lead to the same keys."""
@@ -1463,10 +1681,8 @@ class Search:
         self.scratch.load(saved)
         view = look(self.race)
         for given, after_time in self._inputs(view, facts, now):
-            outcome = give(self.rules, self.race, given, after_time)
+            _, learned = self._take(view, facts, given, after_time)
             after = look(self.race)
-            success = outcome.answer is None or outcome.answer.success
-            learned = learn(view, facts, given, success, after, after_time)
             successors[self._key(after, learned, after_time)] += 1
             self.scratch.load(saved)
         return successors

@@ -36,6 +36,7 @@ from evgp_rcs.race import (
     Kart,
     Race,
     RaceMemory,
+    RaceTimes,
     StampedEvent,
 )
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
@@ -69,17 +70,21 @@ class Running:
         self.sure: list[tuple[RaceMemory, Callable[[bool], None]]] = []
         self.record_works_at_once = True
         self._shown = 0
+        self._shown_at = 0.0
         self.record_trouble = ''
         self.noted_in: list[RaceState] = []
         self.can_be_noted = True
         self.ros_half_heard_at: float | None = None
         self._given: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._news = threading.Condition()
-        self.race = Race([Kart(number, '', number <= 2) for number in range(1, karts + 1)])
+        self.race = Race(
+            [Kart(number, '', number <= 2) for number in range(1, karts + 1)],
+            RaceTimes(pause=pause),
+        )
         self.server = KartServer(
             self.race,
             {address_of(number): number for number in self.race.karts},
-            ServerSettings(host='127.0.0.1', port=0, beat_rate=beat_rate, pause=pause),
+            ServerSettings(host='127.0.0.1', port=0, beat_rate=beat_rate),
             self,
         )
         self._listening: concurrent.futures.Future[tuple[str, int]] = concurrent.futures.Future()
@@ -104,7 +109,7 @@ class Running:
         self, kind: CommandKind, kart: int | None = None, statement: bool = True
     ) -> Command:
         """Return a command of an official who sees the race as it is."""
-        offered = self.race.availability(kind, kart or 0)
+        offered = self.race.availability(kind, kart or 0, clock.now())
         hold = self.race.karts[kart].hold if kart is not None else None
         return Command(kind, kart, statement, frozenset(offered.karts), hold)
 
@@ -157,7 +162,17 @@ class Running:
     def show(self, race: Race, at: float) -> None:
         with self._news:
             self._shown += 1
+            self._shown_at = at
             self._news.notify_all()
+
+    def wait_until_shown(self, found: Callable[[Race, float], bool]) -> float:
+        """Return the time of the first copy from now on for which `found` is true (s)."""
+        with self._news:
+            self._shown_at = 0.0
+            assert self._news.wait_for(
+                lambda: self._shown_at > 0.0 and found(self.race, self._shown_at), PATIENCE
+            )
+            return self._shown_at
 
     def race_was_shown(self, times: int) -> None:
         """Return once the race was shown so often again."""
@@ -538,23 +553,13 @@ def test_a_release_is_taken_when_the_pause_after_a_stop_is_over(
     assert running.race.karts[3].sent is IN_GARAGE
 
 
-def test_a_release_that_came_before_a_pause_was_over_is_refused_behind_it_too(
-    run: Run, connect: Connect
-) -> None:
-    running = run(pause=0.05)
-    came = clock.now()
+def test_the_race_is_shown_again_when_a_pause_ends(run: Run) -> None:
+    running = run(NO_BEAT, pause=0.3)
     running.give(CommandKind.ALL_KILL)
-    while clock.now() < came + 0.2:
-        running.give(CommandKind.CLOSE_TRACK)
-    answer = running.submit(running.command(CommandKind.IN_GARAGE), came)
-    assert not answer.result(PATIENCE).success
-    assert running.race.state is RED_RED
-
-
-def test_a_stop_is_taken_in_the_pause_after_a_stop(run: Run, connect: Connect) -> None:
-    running = run(pause=PATIENCE)
-    running.give(CommandKind.KART_RED_RED, 1)
-    assert running.give(CommandKind.ALL_KILL).success
+    shown = running.wait_until_shown(
+        lambda race, at: race.availability(CommandKind.KART_IN_GARAGE, 3, at).available
+    )
+    assert shown >= running.race.paused_until
 
 
 def test_a_stop_waits_for_no_beat_that_has_begun(
@@ -595,6 +600,45 @@ def test_a_start_that_waited_while_race_control_was_held_up_is_refused(
     answer = waiting[0].result(PATIENCE)
     assert not answer.success
     assert 'race control was held up for' in answer.message
+
+
+def test_a_start_that_waited_for_the_disk_while_race_control_was_held_up_is_refused(
+    ready: Green,
+) -> None:
+    running, one, two = ready
+    starting = running.submit(running.command(CommandKind.GREEN_GREEN))
+    _, done = running.wait_for_memory()
+
+    def hold_up(event: Event) -> None:
+        if event.command is CommandKind.CLOSE_TRACK:
+            done(True)  # its turn comes before the next beat
+            time.sleep(HELD_UP + 0.1)
+
+    running.on_event = hold_up
+    running.give(CommandKind.CLOSE_TRACK)
+    assert not starting.result(PATIENCE).success
+    running.give(CommandKind.ALL_KILL)
+    for client in (one, two):
+        assert encode(GREEN_GREEN) not in read_until(client, RED_RED)
+
+
+def test_a_start_that_is_withdrawn_while_it_waits_for_the_disk_does_not_go_out(
+    ready: Green,
+) -> None:
+    running, _, _ = ready
+    command = running.command(CommandKind.GREEN_GREEN)
+    answers: list[Answer] = []
+    given: list[Waiting] = []
+    running._given.put(lambda: given.append(running.server.submit(command, answers.append)))
+    running.give(CommandKind.CLOSE_TRACK)
+    _, done = running.wait_for_memory()
+    given[0].withdrawn = True
+    done(True)
+    refused = running.wait_for(EventKind.COMMAND, count=3)[-1]
+    assert (refused.command, refused.success) == (CommandKind.GREEN_GREEN, False)
+    assert answers == []
+    running.race_was_shown(1)
+    assert running.remembered[-1].state is GRID_ACTIVE
 
 
 def test_a_command_that_was_withdrawn_is_not_given(run: Run) -> None:
@@ -752,11 +796,11 @@ def test_what_stops_is_not_behind_a_start_that_waits_for_the_disk_and_cancels_it
 def test_nothing_older_takes_the_place_of_what_a_start_has_written(ready: Green) -> None:
     running, _, _ = ready
     starting = running.submit(running.command(CommandKind.GREEN_GREEN))
-    _, done = running.wait_for_memory()
+    memory, done = running.wait_for_memory()
     before = len(running.remembered)
     running.give(CommandKind.CLOSE_TRACK)  # something that is told, and remembered at other times
     running.race_was_shown(2)
-    assert len(running.remembered) == before
+    assert all(each is memory for each in running.remembered[before:])
     done(True)
     assert starting.result(PATIENCE).success
     running.race_was_shown(1)

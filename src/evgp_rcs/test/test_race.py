@@ -36,13 +36,17 @@ SPECTATOR = 3
 HEATS = (Heat('Heat 1', (1, 2)), Heat('Final', (2, 3)))
 
 
+NO_PAUSE = RaceTimes(pause=0.0)
+"""So that a test can have a stop and a release at the same instant."""
+
+
 class Officials:
     """Karts 1 and 2 in the race, kart 3 outside it, all connected; and a clock that is moved."""
 
-    def __init__(self, times: RaceTimes | None = None, connected: bool = True) -> None:
+    def __init__(self, times: RaceTimes = NO_PAUSE, connected: bool = True) -> None:
         self.now = 1000.0
         karts = [Kart(number, team, number != SPECTATOR) for number, team in TEAMS.items()]
-        self.race = Race(karts, times or RaceTimes(), self.now, HEATS)
+        self.race = Race(karts, times, self.now, HEATS)
         for number in TEAMS if connected else ():
             self.connect(number)
 
@@ -57,11 +61,16 @@ class Officials:
         if CATALOGUE[CommandKind[kind]].to_one_kart:
             hold = self.race.karts[known].hold if known else None
             return Command(CommandKind[kind], kart, stating, hold=hold)
-        karts = frozenset(self.race.availability(CommandKind[kind]).karts)
+        karts = frozenset(self.race.availability(CommandKind[kind], 0, self.now).karts)
         return Command(CommandKind[kind], kart, stating, karts, heat=HEATS[0].name)
 
     def gives(self, command: Command) -> Outcome:
         outcome = self.race.command(command, self.now)
+        # What a start waits for is so at once.
+        if outcome.write_first is not None:
+            outcome = self.race.journal(outcome.write_first, True, self.now)
+        elif outcome.note_first:
+            outcome = self.race.start_noted(True, self.now)
         assert outcome.answer is not None
         return outcome
 
@@ -334,7 +343,7 @@ def test_a_stop_given_twice_changes_nothing_and_keeps_the_acknowledgement(
 @every_state
 def test_a_stop_is_announced_as_allowed_in_every_state(reach: Reach, officials: Officials) -> None:
     reach(officials)
-    assert all(officials.race.availability(kind, 1).available for kind in STOPS)
+    assert all(officials.race.availability(kind, 1, 0.0).available for kind in STOPS)
 
 
 def test_a_stop_is_in_force_before_the_next_command_is_judged(officials: Officials) -> None:
@@ -479,7 +488,7 @@ def test_a_heat_that_the_roster_does_not_have_is_refused_with_those_it_has(
 @pytest.mark.parametrize('state', [name for name in STATES if name != 'IN_GARAGE'])
 def test_a_heat_is_put_into_the_race_in_the_garage_only(state: str, officials: Officials) -> None:
     STATES[state](officials)
-    assert not officials.race.availability(CommandKind.SET_HEAT).available
+    assert not officials.race.availability(CommandKind.SET_HEAT, 0, 0.0).available
     answer = officials.puts_in('Final').answer
     assert answer is not None
     assert not answer.success
@@ -487,7 +496,7 @@ def test_a_heat_is_put_into_the_race_in_the_garage_only(state: str, officials: O
 
 
 def test_without_heats_in_the_roster_the_command_is_unavailable_with_a_reason() -> None:
-    availability = Race([Kart(1)]).availability(CommandKind.SET_HEAT)
+    availability = Race([Kart(1)]).availability(CommandKind.SET_HEAT, 0, 0.0)
     assert not availability.available
     assert availability.reason == (
         "the roster has no heats; list them under 'heats:' and restart race control"
@@ -629,7 +638,7 @@ def test_a_kart_that_is_held_or_lost_does_not_finish(
         officials.drop(1)
     if what == 'back':
         officials.connect(1)
-    assert officials.race.availability(CommandKind.KART_FINISH, 1).reason == reason
+    assert officials.race.availability(CommandKind.KART_FINISH, 1, 0.0).reason == reason
     assert officials.is_refused('KART_FINISH', 1) == f'KART_FINISH refused: {reason}.'
 
 
@@ -729,7 +738,7 @@ def test_the_race_does_not_go_over_while_a_kart_has_not_finished(officials: Offi
 
 
 def test_the_end_of_the_race_can_be_left_to_the_official() -> None:
-    officials = finish_both(Officials(RaceTimes(auto_race_over=False)))
+    officials = finish_both(Officials(RaceTimes(auto_race_over=False, pause=0.0)))
     officials.acknowledge(1, 2)
     officials.wait(3600.0)
     assert officials.race.state is GREEN_GREEN
@@ -1542,10 +1551,10 @@ def test_alerts_come_newest_first(officials: Officials) -> None:
 
 
 def test_a_command_is_announced_with_what_must_be_stated(officials: Officials) -> None:
-    announced = officials.race.availability(CommandKind.GRID_ACTIVE)
+    announced = officials.race.availability(CommandKind.GRID_ACTIVE, 0, officials.now)
     assert announced.available
     assert announced.statement == 'the track is clear of humans'
-    announced = officials.race.availability(CommandKind.GREEN_GREEN)
+    announced = officials.race.availability(CommandKind.GREEN_GREEN, 0, officials.now)
     assert not announced.available
     assert announced.reason == 'the race is in IN_GARAGE; GREEN_GREEN follows GRID_ACTIVE'
 
@@ -1556,7 +1565,7 @@ def test_a_command_is_refused_for_the_announced_reason_and_only_then(
     kind: str, reach: Reach, officials: Officials
 ) -> None:
     reach(officials)
-    announced = officials.race.availability(CommandKind[kind], 1)
+    announced = officials.race.availability(CommandKind[kind], 1, officials.now)
     answer = officials.command(kind, 1).answer
     assert answer is not None
     assert answer.success == announced.available
@@ -1564,31 +1573,12 @@ def test_a_command_is_refused_for_the_announced_reason_and_only_then(
         assert answer.message == f'{kind} refused: {announced.reason}.'
 
 
-def test_the_next_deadline_is_the_earliest_thing_that_is_due(officials: Officials) -> None:
-    assert officials.race.next_deadline(officials.now) is None
-    officials.to_green()
-    officials.does('KART_FINISH', 1)
-    officials.wait(2.0)
-    officials.does('KART_FINISH', 2)
-    assert officials.race.next_deadline(officials.now) == officials.now + 4.0
-    officials.wait(4.0)
-    assert officials.race.next_deadline(officials.now) == officials.now + 1.0
-
-
-def test_a_command_tried_on_a_copy_leaves_the_race_as_it_is(officials: Officials) -> None:
-    officials.to_green()
-    officials.race.copy().command(Command(CommandKind.ALL_KILL), officials.now)
-    assert officials.race.state is GREEN_GREEN
-    assert officials.all_sent() == [GREEN_GREEN, GREEN_GREEN, IN_GARAGE]
-    assert not officials.wait(0.0).orders
-
-
 # ----- what the official saw --------------------------------------------------------------
 
 
 def test_a_start_or_release_says_which_karts_it_is_for(officials: Officials) -> None:
     def karts(kind: str, number: int = 0) -> tuple[int, ...]:
-        return officials.race.availability(CommandKind[kind], number).karts
+        return officials.race.availability(CommandKind[kind], number, officials.now).karts
 
     assert karts('GRID_ACTIVE') == (1, 2)
     assert karts('IN_GARAGE') == karts('GREEN_GREEN') == ()
@@ -1712,6 +1702,207 @@ def test_without_a_connected_kart_humans_are_allowed_because_nothing_is_known_of
     assert access.reason == 'no kart is connected: race control does not know what the karts do'
 
 
+# ----- pauses -----------------------------------------------------------------------------
+
+LOOSENING = sorted(kind.name for kind, entry in CATALOGUE.items() if entry.loosens)
+
+
+@pytest.fixture
+def paused() -> Officials:
+    """Return officials after an ALL_KILL that every kart has acknowledged at once."""
+    officials = Officials(RaceTimes(pause=1.0))
+    officials.does('ALL_KILL')
+    officials.acknowledge(*TEAMS)
+    return officials
+
+
+def test_a_pause_says_why_it_refuses_a_release_and_until_when(paused: Officials) -> None:
+    announced = paused.race.availability(CommandKind.IN_GARAGE, 0, paused.now)
+    assert not announced.available
+    assert announced.available_from == paused.now + 1.0
+    assert announced.reason == (
+        'a stop was sent just now; look at the race, then send this command again'
+    )
+    assert paused.is_refused('IN_GARAGE') == f'IN_GARAGE refused: {announced.reason}.'
+    paused.now += 1.0
+    announced = paused.race.availability(CommandKind.IN_GARAGE, 0, paused.now)
+    assert announced.available
+    assert announced.available_from is None
+    paused.does('IN_GARAGE')
+
+
+def test_a_release_that_came_before_a_pause_was_over_is_refused_behind_it_too(
+    paused: Officials,
+) -> None:
+    command = paused.as_seen('KART_IN_GARAGE', SPECTATOR)
+    came = paused.now + 0.99
+    paused.now += 60.0
+    answer = paused.race.command(command, paused.now, came).answer
+    assert answer is not None
+    assert not answer.success
+    assert paused.sent(SPECTATOR) is RED_RED
+
+
+@pytest.mark.parametrize('stop', sorted(kind.name for kind in STOPS))
+def test_after_any_stop_nothing_that_loosens_is_accepted(stop: str) -> None:
+    officials = Officials(RaceTimes(pause=1.0))
+    officials.does(stop, 1)
+    officials.acknowledge(*TEAMS)
+    for kind in LOOSENING:
+        officials.is_refused(kind, 1)
+    officials.does('ALL_KILL')
+
+
+def test_a_stop_to_a_kart_that_is_not_in_the_roster_begins_a_pause_too() -> None:
+    officials = Officials(RaceTimes(pause=1.0))
+    officials.is_refused('KART_RED_RED', 9)
+    assert 'a stop was sent just now' in officials.is_refused('GRID_ACTIVE')
+
+
+def test_what_the_rules_refuse_is_refused_for_their_reason_and_not_for_a_pause(
+    paused: Officials,
+) -> None:
+    announced = paused.race.availability(CommandKind.GREEN_GREEN, 0, paused.now)
+    assert announced.reason == 'the race is in RED_RED; GREEN_GREEN follows GRID_ACTIVE'
+    assert announced.available_from is None
+
+
+def test_a_stop_does_not_shorten_the_pause_after_race_control_was_held_up(
+    officials: Officials,
+) -> None:
+    officials.race.held_up(30.0, officials.now)
+    until = officials.now + officials.race.times.pause_after_held_up
+    officials.does('KART_RED_RED', SPECTATOR)
+    announced = officials.race.availability(CommandKind.GRID_ACTIVE, 0, officials.now)
+    assert announced.available_from == until
+    assert announced.reason.startswith('race control was held up for 30.0 s; ')
+
+
+def test_that_the_race_may_go_home_is_told_with_the_time_until_then(paused: Officials) -> None:
+    texts = [event.text for event in paused.wait(0.1).events]
+    assert texts == [
+        'Every kart of the race has acknowledged; '
+        'IN_GARAGE may be sent in 1 s when the track is safe for humans'
+    ]
+
+
+# ----- a start waits until it is on the disk, and nothing waits for a start -----------------
+
+
+def starting(officials: Officials, stating: bool = False) -> RaceMemory:
+    """Give GREEN_GREEN, and return what must be on the disk first."""
+    command = officials.to_ready().as_seen('GREEN_GREEN', stating=stating)
+    outcome = officials.race.command(command, officials.now)
+    assert outcome.answer is None
+    assert not outcome.orders
+    assert outcome.write_first is not None
+    return outcome.write_first
+
+
+def test_karts_start_once_it_is_on_the_disk_that_they_may_move(officials: Officials) -> None:
+    memory = starting(officials)
+    assert [memory.karts[number].may_be_moving for number in TEAMS] == [True, True, False]
+    assert officials.all_sent() == [GRID_ACTIVE, GRID_ACTIVE, IN_GARAGE]
+    outcome = officials.race.journal(memory, True, officials.now)
+    assert outcome.answer == Answer(True, 'GREEN_GREEN is sent to karts 1, 2.')
+    assert [order.state for order in outcome.orders] == [GREEN_GREEN, GREEN_GREEN]
+
+
+def test_a_green_that_would_be_refused_is_refused_without_the_disk(officials: Officials) -> None:
+    outcome = officials.race.command(Command(CommandKind.GREEN_GREEN), officials.now)
+    assert outcome.answer is not None
+    assert outcome.write_first is None
+    assert officials.race.start is None
+
+
+def test_while_a_start_waits_another_one_is_refused_and_announced_as_refused(
+    officials: Officials,
+) -> None:
+    starting(officials)
+    announced = officials.race.availability(CommandKind.GREEN_GREEN, 0, officials.now)
+    assert announced.reason == 'another GREEN_GREEN is still waiting for the record'
+    assert officials.is_refused('GREEN_GREEN') == f'GREEN_GREEN refused: {announced.reason}.'
+
+
+@pytest.mark.parametrize(
+    ('kind', 'kart'),
+    [
+        ('ALL_KILL', None),
+        ('RED_FLAG', None),
+        ('RECORD_MSR', None),
+        ('RACE_OVER', None),
+        ('IN_GARAGE', None),
+        ('KART_RED_RED', SPECTATOR),
+        ('LEAVE_RACE', 2),
+    ],
+)
+def test_what_is_judged_while_a_start_waits_comes_first(
+    kind: str, kart: int | None, officials: Officials
+) -> None:
+    memory = starting(officials)
+    officials.does(kind, kart)
+    outcome = officials.race.journal(memory, True, officials.now)
+    assert outcome.answer is not None
+    assert not outcome.answer.success
+    assert GREEN_GREEN not in officials.all_sent()
+
+
+def test_a_start_that_waited_while_race_control_was_held_up_is_refused(
+    officials: Officials,
+) -> None:
+    memory = starting(officials)
+    officials.now += 30.0
+    officials.race.held_up(30.0, officials.now)
+    answer = officials.race.journal(memory, True, officials.now).answer
+    assert answer is not None
+    assert 'race control was held up for 30.0 s' in answer.message
+
+
+def test_a_start_that_the_disk_does_not_take_in_time_is_refused_and_says_what_to_state(
+    officials: Officials,
+) -> None:
+    starting(officials)
+    assert officials.wait(0.99).answer is None
+    answer = officials.wait(0.01).answer
+    assert answer is not None
+    assert 'state that this race may start without a record' in answer.message
+    assert set(officials.alerts()) == {AlertKind.RECORD_FAILING}
+    assert officials.race.start is None
+
+
+@pytest.mark.parametrize('noted', [True, False])
+def test_a_start_without_a_record_is_noted_before_it_goes_out_or_does_not_go_out(
+    noted: bool, officials: Officials
+) -> None:
+    memory = starting(officials, stating=True)
+    outcome = officials.race.journal(memory, False, officials.now)
+    assert outcome.note_first
+    assert outcome.answer is None
+    assert officials.race.state is GRID_ACTIVE
+    answer = officials.race.start_noted(noted, officials.now).answer
+    assert answer is not None
+    assert answer.success is noted
+    assert officials.race.state is (GREEN_GREEN if noted else GRID_ACTIVE)
+
+
+def test_what_was_written_for_an_earlier_start_starts_nobody(officials: Officials) -> None:
+    earlier = starting(officials)
+    assert officials.race.withdraw(officials.now).answer
+    now = officials.race.command(officials.as_seen('GREEN_GREEN'), officials.now).write_first
+    assert now == earlier
+    assert officials.race.journal(earlier, True, officials.now).answer is None
+    assert officials.race.state is GRID_ACTIVE
+
+
+def test_a_start_that_is_withdrawn_is_refused_and_forgotten(officials: Officials) -> None:
+    memory = starting(officials)
+    answer = officials.race.withdraw(officials.now).answer
+    assert answer is not None
+    assert not answer.success
+    assert officials.race.journal(memory, True, officials.now).answer is None
+    assert officials.race.memory().state is GRID_ACTIVE
+
+
 # ----- what is wrong around race control --------------------------------------------------
 
 
@@ -1744,7 +1935,7 @@ def test_what_overtakes_every_other_command_is_what_stops() -> None:
 
 def test_while_the_record_fails_green_needs_a_statement_of_its_own(officials: Officials) -> None:
     officials.to_ready()
-    assert not officials.race.availability(CommandKind.GREEN_GREEN).statement
+    assert not officials.race.availability(CommandKind.GREEN_GREEN, 0, officials.now).statement
     officials.race.record_trouble('The record fails: disk full', officials.now)
     assert officials.alerts() == {AlertKind.RECORD_FAILING: 'The record fails: disk full'}
     assert officials.is_refused('GREEN_GREEN', stating=False) == (
@@ -1768,7 +1959,8 @@ def test_a_record_that_fails_in_other_words_is_no_new_alert(officials: Officials
 
 def restarted(memory: RaceMemory, *numbers: int) -> Officials:
     officials = Officials(connected=False)
-    officials.race = Race([Kart(number) for number in numbers], now=officials.now)
+    karts = [Kart(number) for number in numbers]
+    officials.race = Race(karts, NO_PAUSE, officials.now)
     outcome = officials.race.recover(memory, officials.now)
     assert not outcome.orders
     return officials
@@ -1778,10 +1970,14 @@ CALM = KartMemory(False, False, 0, False, on_grid=False, held_alone=False)
 
 
 def test_the_memory_for_green_is_the_memory_after_green(officials: Officials) -> None:
-    before = officials.to_ready().race.memory_after_green()
-    assert officials.race.state is GRID_ACTIVE
-    officials.does('GREEN_GREEN')
-    assert officials.race.memory() == before
+    race = officials.to_ready().race
+    before = race.command(officials.as_seen('GREEN_GREEN'), officials.now).write_first
+    assert before is not None
+    assert race.state is GRID_ACTIVE
+    assert race.memory() is before
+    assert race.journal(before, True, officials.now).answer
+    assert race.state is GREEN_GREEN
+    assert race.memory() == before
     assert not before.home
 
 
@@ -1906,6 +2102,6 @@ def test_the_race_goes_to_another_process_and_is_the_same_there(officials: Offic
     assert there.karts == officials.race.karts
     assert there.alerts(officials.now) == officials.race.alerts(officials.now)
     assert there.memory() == officials.race.memory()
-    assert [there.availability(kind, 1) for kind in CommandKind] == [
-        officials.race.availability(kind, 1) for kind in CommandKind
+    assert [there.availability(kind, 1, officials.now) for kind in CommandKind] == [
+        officials.race.availability(kind, 1, officials.now) for kind in CommandKind
     ]

@@ -63,6 +63,26 @@ def test_one_kart_while_another_race_control_comes_and_goes_and_the_record_fails
     search(record_property, 20_000, racing=1, outside=0, around=True, begin=begin, compare=200)
 
 
+# Pauses and starts that wait are read by the officials' commands alone, so few karts are enough.
+@pytest.mark.parametrize(
+    ('outside', 'around'), [(0, True), (1, False)], ids=['and-the-record-fails', 'one-outside']
+)
+def test_one_kart_with_pauses_and_starts_that_wait_for_the_disk(
+    outside: int, around: bool, record_property: Callable[[str, object], None]
+) -> None:
+    search(
+        record_property,
+        60_000,
+        racing=1,
+        outside=outside,
+        around=around,
+        waits=True,
+        track=False,
+        compare=400,
+        without=('KART_FINISH', 'KART_RED_FLAG'),
+    )
+
+
 # Karts join and leave, so it must not matter who is in the race to begin with.
 @pytest.mark.parametrize(
     ('racing', 'times'),

@@ -50,10 +50,10 @@ FAULTS = {
         ('order-wrong', 'restart'),
     ),
     'a stop is announced as allowed, and refused': Fault(
-        'self._refusal(command.kind, kart) or self._unknown_heat(command)\n',
-        'self._refusal(command.kind, kart) or self._unknown_heat(command)\n'
+        '        if refusal:\n            return refusal\n',
         '        if command.kind is CommandKind.ALL_KILL and self.state is IN_GARAGE:\n'
-        "            refusal = 'nothing is under way'\n",
+        "            refusal = 'nothing is under way'\n"
+        '        if refusal:\n            return refusal\n',
         ('stop-refused',),
     ),
     'an acknowledgement survives the connection': Fault(
@@ -97,8 +97,8 @@ FAULTS = {
         ('stop-loosens', 'stop-idempotent', 'hold-forgotten'),
     ),
     'a stop is refused to a kart outside the race': Fault(
-        'CommandKind.KART_RED_RED: Rule(Race._kart_red_red,',
-        'CommandKind.KART_RED_RED: Rule(Race._kart_red_red, Race._no_release,',
+        'CommandKind.KART_RED_RED: Rule(Race._kart_red_red),',
+        'CommandKind.KART_RED_RED: Rule(Race._kart_red_red, Race._no_release),',
         ('availability', 'stop-refused'),
     ),
     'a stop that is in force is sent anew and its acknowledgement falls': Fault(
@@ -261,13 +261,8 @@ FAULTS = {
         'kart.sent_since + self.times.ready_alert + 9.0',
         ('alerts',),
     ),
-    'the deadline of a finish is not announced': Fault(
-        'for kart in self.karts.values() if kart.finish_due is not None]',
-        'for kart in self.karts.values() if kart.finish_due is None and False]',
-        ('deadline',),
-    ),
     'GREEN_GREEN is announced after another command': Fault(
-        "obstacle = self._refusal(following, None) if following else ''",
+        'obstacle = self._refusal(following, None)',
         "obstacle = ''",
         ('false-news',),
     ),
@@ -536,6 +531,133 @@ FAULTS = {
         '        if self.record_fails and self.has_rival:\n            yield',
         ('alerts',),
     ),
+    # ----- pauses ----------------------------------------------------------------------------
+    'a release is taken right behind a stop': Fault(
+        "            self._pause(now + self.times.pause, 'a stop was sent just now')\n",
+        '            pass\n',
+        ('effect', 'pause', 'available-from'),
+    ),
+    'a stop to one kart lets a release through': Fault(
+        '        if CATALOGUE[command.kind].stop:\n',
+        '        if CATALOGUE[command.kind].stop and command.kart is None:\n',
+        ('effect', 'pause', 'available-from'),
+    ),
+    'a release that came before a stop is taken when the pause is over': Fault(
+        'self._paused(command.kind, came)',
+        'self._paused(command.kind, max(came, self.paused_until))',
+        ('pause',),
+    ),
+    'a pause refuses what came after its end': Fault(
+        'if CATALOGUE[kind].loosens and came < self.paused_until:',
+        'if CATALOGUE[kind].loosens and came <= self.paused_until:',
+        ('availability', 'available-from'),
+    ),
+    'a pause refuses a stop': Fault(
+        'if CATALOGUE[kind].loosens and came < self.paused_until:',
+        'if came < self.paused_until:',
+        ('stop-refused', 'availability', 'available-from'),
+    ),
+    'a pause lets one kart be released': Fault(
+        'if CATALOGUE[kind].loosens and came < self.paused_until:',
+        'if CATALOGUE[kind].loosens and kind is not CommandKind.KART_IN_GARAGE '
+        'and came < self.paused_until:',
+        ('pause', 'available-from'),
+    ),
+    'what was sent while race control was held up is taken': Fault(
+        "        self._pause(now + pause, f'race control was held up",
+        "        self._pause(now, f'race control was held up",
+        ('pause', 'available-from', 'effect'),
+    ),
+    'a stop cuts the pause short that a delay began': Fault(
+        '        if until > self.paused_until:\n',
+        '        if True:\n',
+        ('pause', 'available-from', 'effect'),
+    ),
+    'a pause is not announced': Fault(
+        '        paused = self._paused(kind, now)\n',
+        "        paused = ''\n",
+        ('available-from',),
+    ),
+    'what the rules refuse is announced for the end of the pause': Fault(
+        "            return Availability(kind, number, reason, '')\n",
+        "            return Availability(kind, number, reason, '', (), self.paused_until)\n",
+        ('available-from',),
+    ),
+    'in a pause it is told that the race may go home now': Fault(
+        '        if self._paused(following, now):\n',
+        '        if self._paused(following, now) and self.state is GRID_ACTIVE:\n',
+        ('false-news',),
+    ),
+    # ----- a start that waits ------------------------------------------------------------------
+    'karts start before it is on the disk': Fault(
+        'if refusal or not CATALOGUE[command.kind].needs_journal:',
+        'if refusal or self.record_fails or True:',
+        ('start-first',),
+    ),
+    'karts start without a record before that is noted': Fault(
+        'if refusal or not CATALOGUE[command.kind].needs_journal:',
+        'if refusal or self.record_fails or not CATALOGUE[command.kind].needs_journal:',
+        ('start-first',),
+    ),
+    'a start that was withdrawn goes out': Fault(
+        "        refusal = 'it was withdrawn while it waited for the record'\n",
+        "        refusal = ''\n",
+        ('start-first', 'green-needs-acks', 'green-needs-grid'),
+    ),
+    'a start that cannot be noted goes out': Fault(
+        '        if not noted:\n',
+        '        if not noted and not self.record_fails:\n',
+        ('start-first',),
+    ),
+    'a start that the disk did not take goes out': Fault(
+        '        self.start = dataclasses.replace(start, memory=None)\n        return None, True\n',
+        "        return self._decide(start.command, '', now), False\n",
+        ('start-first',),
+    ),
+    'a start that the disk did not take may go without a word': Fault(
+        '        refusal = self._refusal_of(start.command, start.came)\n        if refusal:\n',
+        '        refusal = self._refusal(start.command.kind, None)\n        if refusal:\n',
+        ('start-first',),
+    ),
+    'a start waits for the disk for ever': Fault(
+        'and now >= self.start.until:',
+        'and now >= self.start.until + 9.0:',
+        ('start-answer', 'start-first'),
+    ),
+    'a start that was stopped meanwhile goes out when it is on the disk': Fault(
+        '        self.start = None\n        refusal = self._refusal_of(start.command, start.came)\n'
+        '        return',
+        "        self.start = None\n        refusal = ''\n        return",
+        ('green-needs-grid', 'green-needs-acks', 'start-first', 'pause'),
+    ),
+    'a start that waited while race control was held up goes out': Fault(
+        '        self.start = None\n        refusal = self._refusal_of(start.command, start.came)\n'
+        '        return',
+        '        self.start = None\n        refusal = self._refusal_of(start.command, now + 9.0)\n'
+        '        return',
+        ('pause',),
+    ),
+    'what was written for another start starts karts': Fault(
+        'if start is None or start.memory is not memory:',
+        'if start is None or start.memory is None:',
+        ('start-answer', 'start-first'),
+    ),
+    'a second GREEN_GREEN takes the place of the one that waits': Fault(
+        "        return 'another GREEN_GREEN is still waiting for the record' if self.start else ''\n",
+        "        return ''\n",
+        ('availability',),
+    ),
+    'while a start waits a crash leaves the race on the grid': Fault(
+        '        if self.start is not None and self.start.memory is not None:\n'
+        '            return self.start.memory\n',
+        '',
+        ('start-memory',),
+    ),
+    'a start that is refused is waited for all the same': Fault(
+        '        start, self.start = self.start, None\n        if start is None:\n',
+        '        start = self.start\n        if start is None:\n',
+        ('effect',),
+    ),
     # ----- a restart -------------------------------------------------------------------------
     'after a restart the track may be opened without a word': Fault(
         '        self.restarted = True\n',
@@ -617,6 +739,7 @@ def search(rules: ModuleType) -> oracle.Report:
     oracle.Search(rules, racing=2, outside=0, begin='green').run(BOUND // 2)
     oracle.Search(rules, racing=1, outside=0, around=True, begin='grid').run(BOUND // 10)
     oracle.Search(rules, racing=1, outside=0, begin='crash').run(BOUND // 10)
+    oracle.Search(rules, racing=1, outside=1, begin='grid', waits=True).run(BOUND // 3)
     return report
 
 

@@ -37,7 +37,7 @@ def read_race(race: msg.Race) -> Race:
         state_for=stamp - _seconds(race.state_since),
         over=race.over,
         karts=tuple(_kart(kart, stamp) for kart in race.karts),
-        commands=_availability(race.commands),
+        commands=_availability(race.commands, stamp),
         track=Track(
             is_open=race.track.open,
             allowed=race.track.allowed,
@@ -87,14 +87,18 @@ def _kart(kart: msg.KartStatus, stamp: float) -> Kart:
         hold_reason=kart.hold_reason,
         may_be_moving=kart.may_be_moving,
         place=kart.place,
-        commands=_availability(kart.commands),
+        commands=_availability(kart.commands, stamp),
     )
 
 
-def _availability(commands: Iterable[msg.CommandAvailability]) -> Availability:
+def _availability(commands: Iterable[msg.CommandAvailability], stamp: float) -> Availability:
     return {
         _COMMANDS[each.command]: Available(
-            each.available, each.reason, each.statement, tuple(each.karts)
+            each.available,
+            each.reason,
+            each.statement,
+            tuple(each.karts),
+            max(0.0, _seconds(each.available_from) - stamp),
         )
         for each in commands
         if each.command in _COMMANDS

@@ -50,12 +50,15 @@ class Available:
     Whether a command would be accepted, why not, and what the official must state.
 
     :param karts: the karts that it would start or release.
+    :param again_in: time from the snapshot to the end of the pause that refuses it, in seconds;
+        0 if it is not a pause that refuses it.
     """
 
     yes: bool
     reason: str = ''
     statement: str = ''
     karts: tuple[int, ...] = ()
+    again_in: float = 0.0
 
 
 Availability = Mapping[Command, Available]

@@ -365,7 +365,7 @@ def show(
         present reason, in seconds.
     """
     barred = danger.barred if danger else ''
-    buttons = _Buttons(race, pending, barred, reasons or {})
+    buttons = _Buttons(race, pending, age, barred, reasons or {})
     since = words.STATE_SINCE.format(age=words.age(race.state_for + age))
     track = race.track
     humans, reason = _humans(race)
@@ -450,6 +450,7 @@ class _Buttons:
 
     snapshot: Race
     pending: Pending
+    age: float
     barred: str
     reasons: Mapping[Command, float]
 
@@ -480,7 +481,9 @@ class _Buttons:
         waits = self.pending.get((command, kart.number if kart else 0))
         reason = offered.reason
         since = self.reasons.get(command, 0.0) if kart is None else 0.0
-        if reason and since >= WORTH_A_FIGURE:
+        if reason and offered.again_in:
+            reason = words.again_in(reason, offered.again_in - self.age)
+        elif reason and since >= WORTH_A_FIGURE:
             reason = words.WITH_AGE.format(reason=reason, age=words.age(since))
         # A stop can always be pressed, also while one waits or nobody answers: it does no harm.
         if not form.stop and self.barred:

@@ -7,6 +7,7 @@ Sentences of race control (reasons, answers, alerts, events) are shown as they a
 from __future__ import annotations
 
 from collections.abc import Sequence
+import math
 
 from evgp_rcs_console.commands import Order
 from evgp_rcs_console.effects import Effects
@@ -160,6 +161,7 @@ ANSWER_FIRST = 'Answer the question first: Y or N'
 CLICK = 'Mouse button'
 BARRED = '{command}: {reason}'
 WITH_AGE = '{reason} (for {age})'
+AGAIN_IN = '{reason} (again in {seconds} s)'
 
 ASK_TITLE = '{command}?'
 ASK_STATE = 'I state: {condition}.'
@@ -235,6 +237,11 @@ def age(seconds: float) -> str:
 def short_age(seconds: float) -> str:
     """Return a time that has passed, in tenths of a second up to a minute."""
     return f'{max(0.0, seconds):.1f} s' if seconds < 60 else age(seconds)
+
+
+def again_in(reason: str, seconds: float) -> str:
+    """Return why a command is refused for a time; rounded up, so that it is never too soon."""
+    return AGAIN_IN.format(reason=reason, seconds=max(1, math.ceil(seconds)))
 
 
 def kart_name(kart: Kart) -> str:

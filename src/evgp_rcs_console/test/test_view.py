@@ -58,6 +58,23 @@ def test_a_command_that_race_control_does_not_offer_shows_its_reason_and_for_how
     assert said == [f'GREEN GREEN: {why}'] * 2 + [f'GREEN GREEN: {why} (for 34 s)']
 
 
+def test_a_command_that_a_pause_refuses_shows_in_how_many_seconds_it_is_possible_again() -> None:
+    why = 'a stop was sent just now'
+    commands = {**EVERYTHING, Command.IN_GARAGE: Available(False, why, again_in=4.6)}
+    since = {Command.IN_GARAGE: 100.0}
+
+    said = []
+    for age in (0.0, 1.0, 4.5, 4.7):
+        button = show(replace(RACE, commands=commands), age, {}, None, since).button(
+            Command.IN_GARAGE
+        )
+        assert button is not None
+        assert not button.enabled  # until race control says so
+        said.append(button.reason)
+
+    assert said == [f'{why} (again in {seconds} s)' for seconds in (5, 4, 1, 1)]
+
+
 def test_another_reason_is_timed_from_its_own_beginning() -> None:
     times = ReasonTimes()
     times.update({Command.GREEN_GREEN: Available(False, 'one')}, 100.0)

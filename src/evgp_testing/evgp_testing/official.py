@@ -10,6 +10,7 @@ from typing import Any
 
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.judge import Call, Judge
 from evgp_testing.ros_side import RosSide
@@ -75,6 +76,10 @@ def seen(race: msg.Race | None, service: str, kart: int) -> dict[str, Any]:
         held = next((each for each in race.karts if each.number == kart), None)
         return {} if held is None else {'hold': held.hold}
     return {}
+
+
+TRIES = 5
+"""Maximum number of times that a command is given, each by a newer race."""
 
 
 @dataclass(frozen=True)
@@ -169,18 +174,17 @@ class Official(RosSide):
 
     def command(self, service: str, **request: Any) -> Answer:
         """
-        Give a command that must be accepted, if need be once the pause after a stop is over.
+        Give a command that must be accepted, once the race says that it is available.
 
         :raises AssertionError: if it is refused; the text has the reason.
         """
-        answer = self.call(service, **request)
-        until = time.monotonic() + self.patience
-        while (
-            'a stop was sent just now' in answer.message
-            or 'changed since you looked' in answer.message
-        ) and time.monotonic() < until:
-            time.sleep(0.05)  # the pause after a stop passes, or a newer race comes
+        for _ in range(TRIES):
+            race = self.wait_for_available(service, **request)
             answer = self.call(service, **request)
+            if answer.success:
+                break
+            # The race that it went by may have been older than what happened since.
+            self.wait_for_race(lambda newer, seen=race: newer is not seen, 'a newer race')
         assert answer.success, f'{service}: {answer.message}'
         return answer
 
@@ -219,6 +223,27 @@ class Official(RosSide):
                 ),
                 f'{state.value}, and acknowledged',
             )
+
+    def wait_for_available(self, service: str, **request: Any) -> msg.Race:
+        """
+        Return the first snapshot in which a command is available, as after a pause.
+
+        :raises AssertionError: if none comes in time.
+        """
+        number = request.get('kart', 0)
+        wanted = next(
+            getattr(msg.CommandAvailability, kind.name)
+            for kind, entry in CATALOGUE.items()
+            if entry.service == service and entry.fixed.items() <= request.items()
+        )
+
+        def available(race: msg.Race) -> bool:
+            commands = [*race.commands]
+            for kart in race.karts:
+                commands += kart.commands if kart.number == number else ()
+            return any(each.command == wanted and each.available for each in commands)
+
+        return self.wait_for_race(available, f'{service} {request} available')
 
     def wait_for_race(self, found: Callable[[msg.Race], object], what: str) -> msg.Race:
         """
