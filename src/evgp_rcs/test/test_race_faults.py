@@ -97,8 +97,8 @@ FAULTS = {
         ('stop-loosens', 'stop-idempotent', 'hold-forgotten'),
     ),
     'a stop is refused to a kart outside the race': Fault(
-        'CommandKind.KART_RED_RED: Rule(Race._kart_red_red,',
-        'CommandKind.KART_RED_RED: Rule(Race._kart_red_red, Race._no_release,',
+        'CommandKind.KART_RED_RED: Rule(Race._kart_red_red),',
+        'CommandKind.KART_RED_RED: Rule(Race._kart_red_red, Race._no_release),',
         ('availability', 'stop-refused'),
     ),
     'a stop that is in force is sent anew and its acknowledgement falls': Fault(
