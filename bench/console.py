@@ -80,6 +80,7 @@ def measure_stops(rounds: int, count: int) -> None:
 
 def bring_home(race: WireRace, console: Console) -> None:
     """Have every kart in IN_GARAGE again, and the window idle."""
+    race.official.wait_for_acks(RaceState.RED_RED, *race.racing)
     race.bring_to(RaceState.IN_GARAGE)
     for kart in race.karts:
         kart.wait_for_state(RaceState.IN_GARAGE)

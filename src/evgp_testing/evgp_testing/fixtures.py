@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from evgp_testing.kart import Bridge, Team
     from evgp_testing.official import Official
     from evgp_testing.race_control import RaceControl
-    from evgp_testing.wire_kart import Acknowledges, WireKart
+    from evgp_testing.wire_kart import WireKart
 
 StartRaceControl: TypeAlias = 'Callable[..., RaceControl]'
 JoinOfficial: TypeAlias = 'Callable[[RaceControl], Official]'

@@ -195,7 +195,7 @@ class Official(RosSide):
         acknowledge: Callable[[RaceState], object] = lambda state: None,
     ) -> None:
         """
-        Bring the race to a state, from whatever state it is in, as officials do.
+        Bring the race to a state, from the one that the newest snapshot shows, as officials do.
 
         :param numbers: the karts whose acknowledgement is awaited at each step; none: those in
             the race.

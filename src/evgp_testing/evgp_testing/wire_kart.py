@@ -1,8 +1,8 @@
 """
 A kart without ROS: a TCP client, as teams have them today, well-behaved or not.
 
-It reads what race control sends by itself, whole frames and nothing else: the decoder that race
-control and the bridge share has no part in what a test believes of the wire.
+It reads whole frames by itself, and takes anything else for malformed. It does not use the decoder
+of race control and the bridge, so a mistake in that decoder cannot hide one on the wire.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def read_to_end(kart: socket.socket) -> bytes:
 
 class KartLink:
     """
-    One connection of a plain kart, which whoever owns it reads: see ``take``.
+    One connection of a plain kart; its owner reads it with ``take``.
 
     ``changes`` are the states it was sent, each with the monotonic time (s) of its first frame;
     ``times`` has the time of every frame, ``frames`` counts them; ``malformed`` is what it was
