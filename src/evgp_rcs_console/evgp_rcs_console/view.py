@@ -300,15 +300,15 @@ def silence(
     if not is_gone(silent_for):
         return None
     if silent_for is None:
-        title, note = words.NOT_YET, notes[0]
+        title, barred, note = words.NOT_YET, words.NOT_YET_REASON, notes[0]
         detail = words.NOT_YET_DETAIL.format(looking=looking, age=words.age(looking_for))
     else:
-        title, note = words.GONE, notes[1]
+        title, barred, note = words.GONE, words.GONE_REASON, notes[1]
         detail = words.GONE_SINCE.format(
             age=words.short_age(silent_for), state=words.STATES[state]
         )
     detail = f'{detail} {note}'.rstrip()
-    return Danger(title, words.USE_MSR, detail, words.GONE_REASON, stale=True)
+    return Danger(title, words.USE_MSR, detail, barred, stale=True)
 
 
 def danger(race: Race, two: bool) -> Danger | None:

@@ -27,7 +27,7 @@ def test_of_several_commands_the_one_that_has_waited_longest_is_told_once_it_is_
     unanswered.add(newer)
     unanswered.add(older)
 
-    assert unanswered.oldest(1.0 + LATE) is None
+    assert unanswered.oldest(1.0 + LATE / 2) is None
     assert unanswered.oldest(2.0) is older
 
 
@@ -37,5 +37,8 @@ def test_stops_are_told_once_they_are_late_and_all_kill_apart_from_the_others() 
     flag = Standing(Order(Command.RED_FLAG), since=2.0)
     unanswered.stops = (kill, flag)
 
-    assert (unanswered.all_kill(1.0 + LATE), unanswered.other_stops(2.0 + LATE)) == (None, [])
+    assert (unanswered.all_kill(1.0 + LATE / 2), unanswered.other_stops(2.0 + LATE / 2)) == (
+        None,
+        [],
+    )
     assert (unanswered.all_kill(3.0), unanswered.other_stops(3.0)) == (kill, [flag])

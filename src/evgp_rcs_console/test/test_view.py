@@ -430,19 +430,21 @@ def test_the_track_button_is_the_one_that_makes_sense() -> None:
 
 
 @pytest.mark.parametrize(
-    ('silent_for', 'title'),
+    ('silent_for', 'title', 'barred'),
     [
-        (None, words.NOT_YET),
-        (0.0, ''),
-        (GONE_AFTER - 0.01, ''),
-        (GONE_AFTER, words.GONE),
-        (60.0, words.GONE),
+        (None, words.NOT_YET, words.NOT_YET_REASON),
+        (0.0, '', ''),
+        (GONE_AFTER - 0.01, '', ''),
+        (GONE_AFTER, words.GONE, words.GONE_REASON),
+        (60.0, words.GONE, words.GONE_REASON),
     ],
 )
-def test_race_control_is_gone_within_a_second(silent_for: float | None, title: str) -> None:
+def test_race_control_is_gone_within_a_second(
+    silent_for: float | None, title: str, barred: str
+) -> None:
     said = silence(silent_for, 3.0, 'here', State.GREEN_GREEN)
 
-    assert (said.title if said else '') == title
+    assert (said.title if said else '', said.barred if said else '') == (title, barred)
     assert GONE_AFTER < 1.0
     if said:
         assert said.advice == 'USE THE MSR'
