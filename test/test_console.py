@@ -205,7 +205,9 @@ def test_one_kart_is_stopped_and_released_by_keys(
     kart.wait_for_state(RED_RED)
     console.click('kart_12')
     console.wait_for('kart_12', text='held: RED_RED by an offi(.|\n)*✓ yes')
-    confirm(console, 'ctrl+g', 'kart_in_garage_12', r'kart 12 \(Team 12\) stands still', 'released')
+    confirm(
+        console, 'ctrl+g', 'kart_in_garage_12', r'kart 12 \(Team 12\) stands still', 'released'
+    )
     kart.wait_for_state(IN_GARAGE)
 
 

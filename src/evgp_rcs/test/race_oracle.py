@@ -91,7 +91,7 @@ PROPERTIES = {
     'available-from': 'what a pause refuses, and nothing else, is announced with the end of it',
     'start-first': 'S: karts start only once it is on the disk, or noted, that they may move',
     'start-memory': 'S: while a start waits, a crash leaves what was written for it',
-    'start-answer': 'a start is answered once: when it is refused, or when what it waits for is so',
+    'start-answer': 'a start is answered once: when refused, or when what it waits for is so',
     'restart': 'S: after a restart all is red and closed, and no kart, hold or doubt is forgotten',
     'hold-forgotten': 'S: a hold falls only with an acknowledged red, or by an official alone',
     'order-wrong': 'S: a connected kart gets an order exactly when what it is sent changes',
@@ -489,9 +489,7 @@ def _hear(kart: dict[str, Any], given: Input) -> None:
             kart['moving'] = kart['on_grid'] = False
 
 
-def expect(
-    view: View, given: Input, now: float, times: Any, becomes: str = 'accepted'
-) -> View:
+def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'accepted') -> View:
     """
     Return the race after an input, as design §3 has it; serials apart.
 
@@ -1113,9 +1111,7 @@ def _check_memory(after: View, facts: Facts) -> None:
             raise RuleBrokenError('hold-forgotten', f'lost, but {kart}')
 
 
-def _check_refusal(
-    race: Any, given: Input, opinion: Judgement, outcome: Any, late: bool
-) -> None:
+def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any, late: bool) -> None:
     """
     Check that a refusal says what an official can act on.
 
@@ -1491,9 +1487,7 @@ class Search:
             _, facts = self._take(before, facts, as_seen(before, given), 0.0)
         return facts
 
-    def _take(
-        self, view: View, facts: Facts, given: Input, now: float
-    ) -> tuple[bool, Facts]:
+    def _take(self, view: View, facts: Facts, given: Input, now: float) -> tuple[bool, Facts]:
         """
         Give an input to the rules, and what it waits for if that is to be so at once; check both.
 

@@ -56,7 +56,7 @@ class Running:
     It is the server's ``Outside`` itself: instead of a ROS half and a record, the test.
     """
 
-    def __init__(self, beat_rate: float, pause: float) -> None:
+    def __init__(self, beat_rate: float, times: RaceTimes) -> None:
         self.events: list[Event] = []
         self.on_event: Callable[[Event], None] = lambda event: None
         self.failure: BaseException | None = None
@@ -71,9 +71,7 @@ class Running:
         self.ros_half_heard_at: float | None = None
         self._given: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._news = threading.Condition()
-        self.race = Race(
-            [Kart(1, 'A', True), Kart(2, 'B', True), Kart(3, 'C')], RaceTimes(pause=pause)
-        )
+        self.race = Race([Kart(1, 'A', True), Kart(2, 'B', True), Kart(3, 'C')], times)
         self.server = KartServer(
             self.race,
             {f'127.0.2.{number}': number for number in (1, 2, 3)},
@@ -209,8 +207,8 @@ def parts() -> Iterator[contextlib.ExitStack]:
 
 @pytest.fixture
 def run(parts: contextlib.ExitStack) -> Callable[..., Running]:
-    def start(beat_rate: float = 50.0, pause: float = 0.0) -> Running:
-        running = Running(beat_rate, pause)
+    def start(beat_rate: float = 50.0, **times: float) -> Running:
+        running = Running(beat_rate, RaceTimes(**{'pause': 0.0, **times}))
         parts.callback(running.stop)
         return running
 
@@ -566,9 +564,9 @@ def test_a_start_that_waited_while_race_control_was_held_up_is_refused(
 
 
 def test_a_start_that_waited_for_the_disk_while_race_control_was_held_up_is_refused(
-    ready: Green,
+    run: Run, connect: Connect
 ) -> None:
-    running, one, two = ready
+    running, one, two = karts_ready(run(journal_timeout=PATIENCE), connect)
     starting = running.submit(running.command(CommandKind.GREEN_GREEN))
     _, done = running.wait_for_memory()
 
@@ -714,7 +712,11 @@ def test_a_port_in_use_is_refused_with_what_to_do() -> None:
 @pytest.fixture
 def ready(run: Run, connect: Connect) -> tuple[Running, socket.socket, socket.socket]:
     """Return a race whose karts are ready, and whose record takes its time."""
-    running = run()
+    return karts_ready(run(), connect)
+
+
+def karts_ready(running: Running, connect: Connect) -> Green:
+    """Have karts 1 and 2 acknowledge GRID_ACTIVE, and the record take its time."""
     one, two = connect(running, 1), connect(running, 2)
     running.wait_for(EventKind.CONNECTED, 1)
     running.wait_for(EventKind.CONNECTED, 2)
