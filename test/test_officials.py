@@ -7,6 +7,9 @@ import pathlib
 
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
+from evgp_rcs.kart_client import KART_SERVER_SILENCE
+from evgp_rcs.node import ANSWER_TIMEOUT
+from evgp_rcs.race import RaceTimes
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
@@ -21,6 +24,8 @@ GRID_ACTIVE = RaceState.GRID_ACTIVE
 IN_GARAGE = RaceState.IN_GARAGE
 RED_FLAG = RaceState.RED_FLAG
 RED_RED = RaceState.RED_RED
+
+ROOT = pathlib.Path(__file__).parents[1]
 
 
 def test_a_race_goes_from_the_garage_over_the_finish_back_to_the_garage(
@@ -184,6 +189,14 @@ def test_the_race_says_until_when_a_pause_refuses_a_command_and_then_that_it_is_
     assert offered(race).available_from.sec - race.stamp.sec <= 10
     assert not offered(ended).available_from.sec
     official.command('in_garage', track_safe=True)
+
+
+def test_the_document_of_the_interface_has_the_longest_times_to_an_answer() -> None:
+    document = (ROOT / 'docs/ros-interface.md').read_text(encoding='utf-8')
+    assert f'within {ANSWER_TIMEOUT:g} s' in document
+    assert f'for {RaceTimes().journal_timeout:g} s at most' in document
+    # A start that waits, and a kart server that hangs meanwhile, are both known before.
+    assert RaceTimes().journal_timeout + KART_SERVER_SILENCE < ANSWER_TIMEOUT
 
 
 def test_the_service_of_every_command_is_there(

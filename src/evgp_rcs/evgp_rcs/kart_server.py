@@ -330,9 +330,10 @@ class KartServer:
         assert self._closing is not None
         if self._closing.is_set():
             return
-        self._notice_delay(self.now())
         self.take_commands()
-        now = self._beat_at = self.now()
+        now = self.now()
+        self._notice_delay(now)
+        self._beat_at = now
         self._look_at_the_ros_half(now)
         self._apply(self._race.tick(now))
         for count, link in enumerate(list(self._links.values())):

@@ -47,7 +47,8 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from std_srvs.srv import SetBool, Trigger
 
 ANSWER_TIMEOUT = 4.0
-"""Maximum time an official's call waits for the kart server, in seconds."""
+"""Maximum time an official's call waits for the kart server, in seconds. A kart server that works
+needs no more than `RaceTimes.journal_timeout`; one that hangs is killed before."""
 
 ALIVE_EVERY = 0.2
 """Time between two signs of life to the kart server, in seconds; after 1 s without one it sends

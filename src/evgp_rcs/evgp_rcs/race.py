@@ -796,10 +796,10 @@ class Race:
 
     def tick(self, now: float) -> Outcome:
         """
-        Let time pass: finishes that are due, the race going over by itself, the alerts, and a
-        start that has waited too long for the disk.
+        Let time pass: finishes that are due, the race going over by itself, and the alerts.
 
-        Alerts are only told; they never act.
+        A start that has waited too long for the disk is refused, unless it may go without a
+        record. Alerts are only told; they never act.
         """
         for kart in self.karts.values():
             if kart.finish_due is not None and now >= kart.finish_due:

@@ -91,7 +91,7 @@ PROPERTIES = {
     'available-from': 'what a pause refuses, and nothing else, is announced with the end of it',
     'start-first': 'S: karts start only once it is on the disk, or noted, that they may move',
     'start-memory': 'S: while a start waits, a crash leaves what was written for it',
-    'start-answer': 'a start is answered once: when it is refused, or when what it waits for is so',
+    'start-answer': 'a start is answered once: when refused, or when what it waits for is so',
     'restart': 'S: after a restart all is red and closed, and no kart, hold or doubt is forgotten',
     'hold-forgotten': 'S: a hold falls only with an acknowledged red, or by an official alone',
     'order-wrong': 'S: a connected kart gets an order exactly when what it is sent changes',

@@ -62,7 +62,7 @@ class Running:
     It is the server's ``Outside`` itself: instead of a ROS half and a record, the test.
     """
 
-    def __init__(self, beat_rate: float, pause: float, karts: int) -> None:
+    def __init__(self, beat_rate: float, times: RaceTimes, karts: int) -> None:
         self.events: list[Event] = []
         self.on_event: Callable[[Event], None] = lambda event: None
         self.failure: BaseException | None = None
@@ -77,10 +77,7 @@ class Running:
         self.ros_half_heard_at: float | None = None
         self._given: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._news = threading.Condition()
-        self.race = Race(
-            [Kart(number, '', number <= 2) for number in range(1, karts + 1)],
-            RaceTimes(pause=pause),
-        )
+        self.race = Race([Kart(number, '', number <= 2) for number in range(1, karts + 1)], times)
         self.server = KartServer(
             self.race,
             {address_of(number): number for number in self.race.karts},
@@ -216,8 +213,8 @@ def parts() -> Iterator[contextlib.ExitStack]:
 
 @pytest.fixture
 def run(parts: contextlib.ExitStack) -> Callable[..., Running]:
-    def start(beat_rate: float = 50.0, pause: float = 0.0, karts: int = 3) -> Running:
-        running = Running(beat_rate, pause, karts)
+    def start(beat_rate: float = 50.0, karts: int = 3, **times: float) -> Running:
+        running = Running(beat_rate, RaceTimes(**{'pause': 0.0, **times}), karts)
         parts.callback(running.stop)
         return running
 
@@ -334,9 +331,13 @@ def test_no_kart_is_left_out_that_connects_while_race_control_is_busy(
 
 
 @pytest.fixture
-def grid(run: Run, connect: Connect) -> tuple[Running, socket.socket, socket.socket]:
+def grid(run: Run, connect: Connect) -> Green:
     """Return a race in GRID_ACTIVE with karts 1 and 2, which have acknowledged it."""
-    running = run()
+    return on_the_grid(run(), connect)
+
+
+def on_the_grid(running: Running, connect: Connect) -> Green:
+    """Have karts 1 and 2 acknowledge GRID_ACTIVE."""
     one, two = connect(running, 1), connect(running, 2)
     running.wait_for(EventKind.CONNECTED, 1)
     running.wait_for(EventKind.CONNECTED, 2)
@@ -346,9 +347,6 @@ def grid(run: Run, connect: Connect) -> tuple[Running, socket.socket, socket.soc
         client.sendall(encode(GRID_ACTIVE))
         running.wait_for(EventKind.ACKNOWLEDGED, number)
     return running, one, two
-
-
-Green = tuple[Running, socket.socket, socket.socket]
 
 
 @pytest.fixture
@@ -603,9 +601,10 @@ def test_a_start_that_waited_while_race_control_was_held_up_is_refused(
 
 
 def test_a_start_that_waited_for_the_disk_while_race_control_was_held_up_is_refused(
-    ready: Green,
+    run: Run, connect: Connect
 ) -> None:
-    running, one, two = ready
+    running, one, two = on_the_grid(run(journal_timeout=PATIENCE), connect)
+    running.record_works_at_once = False
     starting = running.submit(running.command(CommandKind.GREEN_GREEN))
     _, done = running.wait_for_memory()
 

@@ -610,7 +610,8 @@ FAULTS = {
         ('start-first',),
     ),
     'a start that the disk did not take goes out': Fault(
-        '        self.start = dataclasses.replace(start, memory=None)\n        return None, True\n',
+        '        self.start = dataclasses.replace(start, memory=None)\n'
+        '        return None, True\n',
         "        return self._decide(start.command, '', now), False\n",
         ('start-first',),
     ),
@@ -625,15 +626,18 @@ FAULTS = {
         ('start-answer', 'start-first'),
     ),
     'a start that was stopped meanwhile goes out when it is on the disk': Fault(
-        '        self.start = None\n        refusal = self._refusal_of(start.command, start.came)\n'
+        '        self.start = None\n'
+        '        refusal = self._refusal_of(start.command, start.came)\n'
         '        return',
         "        self.start = None\n        refusal = ''\n        return",
         ('green-needs-grid', 'green-needs-acks', 'start-first', 'pause'),
     ),
     'a start that waited while race control was held up goes out': Fault(
-        '        self.start = None\n        refusal = self._refusal_of(start.command, start.came)\n'
+        '        self.start = None\n'
+        '        refusal = self._refusal_of(start.command, start.came)\n'
         '        return',
-        '        self.start = None\n        refusal = self._refusal_of(start.command, now + 9.0)\n'
+        '        self.start = None\n'
+        '        refusal = self._refusal_of(start.command, now + 9.0)\n'
         '        return',
         ('pause',),
     ),
@@ -643,8 +647,8 @@ FAULTS = {
         ('start-answer', 'start-first'),
     ),
     'a second GREEN_GREEN takes the place of the one that waits': Fault(
-        "        return 'another GREEN_GREEN is still waiting for the record' if self.start else ''\n",
-        "        return ''\n",
+        "return 'another GREEN_GREEN is still waiting for the record' if self.start else ''",
+        "return ''",
         ('availability',),
     ),
     'while a start waits a crash leaves the race on the grid': Fault(

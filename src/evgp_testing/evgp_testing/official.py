@@ -178,6 +178,10 @@ class Official(RosSide):
 
         :raises AssertionError: if it is refused; the text has the reason.
         """
+        if any(entry.stop for entry in CATALOGUE.values() if entry.service == service):
+            answer = self.call(service, **request)
+            assert answer.success, f'{service}: {answer.message}'
+            return answer
         for _ in range(TRIES):
             race = self.wait_for_available(service, **request)
             answer = self.call(service, **request)
