@@ -330,6 +330,9 @@ def test_no_kart_is_left_out_that_connects_while_race_control_is_busy(
         assert client.recv(4096).startswith(encode(IN_GARAGE))
 
 
+Green = tuple[Running, socket.socket, socket.socket]
+
+
 @pytest.fixture
 def grid(run: Run, connect: Connect) -> Green:
     """Return a race in GRID_ACTIVE with karts 1 and 2, which have acknowledged it."""
