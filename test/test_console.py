@@ -28,7 +28,7 @@ from evgp_testing.official import latched
 from evgp_testing.process import PATIENCE, Process
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
-from evgp_testing.screen import Screen, why_no_screen
+from evgp_testing.screen import Screen, Screens, why_no_screen
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 
@@ -57,17 +57,24 @@ def need_screen() -> None:
         pytest.skip(why_not)
 
 
+@pytest.fixture(scope='session')
+def screens() -> Iterator[Screens]:
+    """Return the screens of this test process."""
+    kept = Screens()
+    yield kept
+    kept.close()
+
+
 @pytest.fixture
 def open_console(
-    need_screen: None, parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    need_screen: None, screens: Screens, parts: contextlib.ExitStack, tmp_path: pathlib.Path
 ) -> OpenConsole:
     """Return a function that opens an official's window on a screen of its own."""
 
     def open_(
         control: RaceControl, width: int = 1366, height: int = 768, **environment: str
     ) -> Console:
-        screen = Screen(width, height)
-        parts.callback(screen.close)
+        screen = parts.enter_context(screens.one(width, height))
         console = Console(tmp_path, control.domain, screen, environment)
         parts.callback(console.close)
         return console
@@ -431,7 +438,7 @@ def begin_to_watch_for_windows(
     parts: contextlib.ExitStack, monkeypatch: pytest.MonkeyPatch
 ) -> Screen:
     """Return a screen on which programs started from now on open their windows."""
-    screen = Screen()
+    screen = Screen()  # not one used before: windows of others may not have gone yet
     parts.callback(screen.close)
     monkeypatch.setenv('DISPLAY', screen.display)
     monkeypatch.setenv('QT_QPA_PLATFORM', 'xcb')

@@ -31,6 +31,7 @@ def search(record: Callable[[str, object], None], most: int, **options: object) 
 
 
 # It is to end by itself; the limits only keep a broken rule from searching for ever.
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_two_karts_in_the_race_and_one_outside(
     record_property: Callable[[str, object], None],

@@ -21,6 +21,7 @@ import threading
 import time
 from typing import Any
 
+from evgp_testing import nursery
 from evgp_testing.process import PATIENCE
 from evgp_testing.screen import Screen
 
@@ -58,19 +59,25 @@ class Console:
         listening.listen(1)
         listening.settimeout(PATIENCE)
         with self._output.open('w') as output:
-            self.process = subprocess.Popen(
+            whole = {
+                **os.environ,
+                'ROS_DOMAIN_ID': str(domain),
+                'DISPLAY': screen.display,
+                'QT_QPA_PLATFORM': 'xcb',
+                'PYTHONUNBUFFERED': '1',
+                **(environment or {}),
+            }
+            self.process = nursery.start(
+                [__file__, str(address)],
+                whole,
+                modules=nursery.WINDOWS,
+                stdout=output.fileno(),
+            ) or subprocess.Popen(
                 [sys.executable, '-m', 'evgp_testing.console', str(address)],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
-                env={
-                    **os.environ,
-                    'ROS_DOMAIN_ID': str(domain),
-                    'DISPLAY': screen.display,
-                    'QT_QPA_PLATFORM': 'xcb',
-                    'PYTHONUNBUFFERED': '1',
-                    **(environment or {}),
-                },
+                env=whole,
             )
         with listening:
             try:

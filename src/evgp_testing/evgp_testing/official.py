@@ -132,17 +132,17 @@ class Official(RosSide):
 
     def command(self, service: str, **request: Any) -> Answer:
         """
-        Give a command that must be accepted, if need be once the pause after a stop is over.
+        Give a command that must be accepted, if need be once a pause of race control is over.
 
         :raises AssertionError: if it is refused; the text has the reason.
         """
         answer = self.call(service, **request)
         until = time.monotonic() + self.patience
         while (
-            'a stop was sent just now' in answer.message
+            'send this command again' in answer.message
             or 'changed since you looked' in answer.message
         ) and time.monotonic() < until:
-            time.sleep(0.05)  # the pause after a stop passes, or a newer race comes
+            time.sleep(0.05)  # the pause after a stop or a stall passes, or a newer race comes
             answer = self.call(service, **request)
         assert answer.success, f'{service}: {answer.message}'
         return answer

@@ -12,6 +12,7 @@ import subprocess
 import threading
 
 from ament_index_python.packages import get_package_prefix
+from evgp_testing import nursery
 
 PATIENCE = 30.0
 """How long anything is awaited before a test gives up, seconds: far more than it ever takes."""
@@ -37,27 +38,23 @@ class Process:
     ) -> None:
         """Start the process."""
         path = pathlib.Path(get_package_prefix(package), 'lib', package, executable)
-        # Whoever started it may be killed; it must not live on, on a domain that others then take.
-        command = ['setpriv', '--pdeathsig', 'TERM' if under else 'KILL', *under, str(path)]
-        command += ['--ros-args', *arguments]
+        command = [*under, str(path), '--ros-args', *arguments]
         for name, value in (parameters or {}).items():
             text = str(value).lower() if isinstance(value, bool) else str(value)
             command += ['-p', f'{name}:={text}']
         self.name = executable
         self.lines: list[str] = []
         self._news = threading.Condition()
-        self._process = subprocess.Popen(
-            command,
+        environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain), 'PYTHONUNBUFFERED': '1'}
+        self._process = nursery.start(command, environment) or subprocess.Popen(
+            # Whoever started it may be killed; it must not live on, on a domain that others take.
+            ['setpriv', '--pdeathsig', 'TERM' if under else 'KILL', *command],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             errors='replace',
-            env={
-                **os.environ,
-                'ROS_DOMAIN_ID': str(domain),
-                'PYTHONUNBUFFERED': '1',
-            },
+            env=environment,
         )
         self._ended = False
         self._take_output = threading.Event()
