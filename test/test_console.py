@@ -644,7 +644,9 @@ def test_the_use_of_the_msr_is_recorded_by_a_statement(
     console.wait_for('humans_reason', text='Master Safety Remote was used')
 
 
-@pytest.mark.parametrize(('width', 'height'), [(1366, 768), (3840, 2160)])
+@pytest.mark.parametrize(
+    ('width', 'height'), [(1366, 768), pytest.param(3840, 2160, marks=pytest.mark.long)]
+)
 def test_forty_karts_on_a_small_and_on_a_large_screen(
     start_race_control: StartRaceControl,
     open_console: OpenConsole,
@@ -694,6 +696,7 @@ def fields_of(message: Any) -> dict[str, Any]:
     return {name: getattr(message, name) for name in message.get_fields_and_field_types()}
 
 
+@pytest.mark.long
 def test_screenshots_of_every_state(
     open_console: OpenConsole,
     join_official: JoinOfficial,
@@ -1316,8 +1319,18 @@ def places(console: Console) -> dict[str, tuple[int, int, int, int]]:
     }
 
 
-@pytest.mark.parametrize('count', [1, 8, 9, 30])
-@pytest.mark.parametrize(('width', 'height'), [(1366, 768), (1920, 1080)])
+@pytest.mark.parametrize(
+    ('width', 'height', 'count'),
+    [
+        (1366, 768, 30),
+        (1920, 1080, 8),
+        *(
+            pytest.param(*size, count, marks=pytest.mark.long)
+            for size, counts in (((1366, 768), (1, 8, 9)), ((1920, 1080), (1, 9, 30)))
+            for count in counts
+        ),
+    ],
+)
 def test_no_control_moves_whatever_is_shown(
     speak: Callable[..., Speaker], open_console: OpenConsole, width: int, height: int, count: int
 ) -> None:

@@ -293,8 +293,9 @@ def run_soak(
     )
 
 
-def test_race_control_breaks_no_rule_in_a_short_soak() -> None:
-    done = run_soak('--seconds', '12', '--karts', '20', '--seed', '1')
+@pytest.mark.parametrize('seconds', [3, pytest.param(12, marks=pytest.mark.long)])
+def test_race_control_breaks_no_rule_in_a_short_soak(seconds: int) -> None:
+    done = run_soak('--seconds', str(seconds), '--karts', '20', '--seed', '1')
 
     assert done.returncode == 0, done.stdout
     assert 'seed 1, 20 karts' in done.stdout
@@ -304,6 +305,7 @@ def test_race_control_breaks_no_rule_in_a_short_soak() -> None:
     assert re.search(r'memory of rcs_node +[\d.]+ MiB, then [\d.]+ MiB', done.stdout)
 
 
+@pytest.mark.long
 def test_a_race_control_with_a_fault_does_not_pass_the_soak(tmp_path: pathlib.Path) -> None:
     fault = FAULTS['GREEN_GREEN does not wait']
     assert rules.__file__ is not None

@@ -48,12 +48,25 @@ def test_two_karts_in_the_race_and_one_outside(
     assert report.pairs_compared > 100
 
 
+@pytest.mark.long
 def test_two_karts_with_an_open_track_told_apart(
     record_property: Callable[[str, object], None],
 ) -> None:
     report = search(record_property, 20_000, racing=1, outside=1, compare=150)
     assert report.states > 3_000
     assert report.pairs_compared > 300
+
+
+def test_two_karts_that_do_not_finish(record_property: Callable[[str, object], None]) -> None:
+    search(
+        record_property,
+        20_000,
+        racing=1,
+        outside=1,
+        track=False,
+        without=('KART_FINISH', 'KART_RED_FLAG'),
+        compare=400,
+    )
 
 
 # The rival and the record are apart from all else, so one kart is enough.
@@ -65,6 +78,7 @@ def test_one_kart_while_another_race_control_comes_and_goes_and_the_record_fails
 
 
 # Karts join and leave, so it must not matter who is in the race to begin with.
+@pytest.mark.long
 @pytest.mark.parametrize(
     ('racing', 'times'),
     [

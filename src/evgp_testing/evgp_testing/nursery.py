@@ -1,12 +1,14 @@
 """
-Processes that begin with everything imported: each is forked from one that waits for that.
+Fast starts: a program runs in a process that has already imported rclpy or Qt.
 
-Of the time and the CPU that a program of ours takes to start, most goes into importing rclpy or
-Qt. A test run starts hundreds. So the plugin keeps, for each of its own processes, a nursery:
-a process that has imported what the programs import, and has used none of it. For each program it
-forks, and the child runs the program's file from its first line, with its own arguments,
-environment, network, output and end. What is read before Python runs, such as a library to be
-loaded first, a forked process cannot have: with that a program is started as ever (`fits`).
+Most of the time that a program of ours takes to start goes into imports, and a test run starts
+hundreds of programs. So the pytest plugin keeps a few nurseries. A nursery is a process that has
+imported what the programs import and has used nothing of it. To start a program, the nursery
+forks; the child runs the program's file from its first line, with its own arguments, environment,
+network namespace, output and exit code. Some settings, such as LD_PRELOAD, are read before Python
+runs. A program with such a setting is started in the usual way (`Nursery.fits`).
+
+Only tests do this. The demonstration, the soak and the benchmarks start programs in the usual way.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ import io
 import json
 import os
 import pathlib
+import re
 import runpy
 import select
 import signal
@@ -45,7 +48,7 @@ TESTS = (*NODES, 'pytest', '_pytest.config', 'yaml')
 """What a test imports."""
 
 _READ_BY_EXEC = ('LD_', 'PYTHON', 'RMW_', 'QT_API', 'MALLOC_', 'GLIBC_')
-"""How the environment variables begin that a process reads before its program runs."""
+"""Prefixes of the environment variables that a process reads before its program runs."""
 
 _OF_THE_PROGRAM = ('PYTHONUNBUFFERED',)
 
@@ -239,13 +242,13 @@ _kept: dict[tuple[str, ...], Nursery] | None = None
 
 def keep() -> None:
     """Have `start` grow processes from now on, each kind from a nursery that is kept."""
-    global _kept  # noqa: PLW0603 - one for each process, as the processes in it are
+    global _kept
     _kept = {}
 
 
 def let_go() -> None:
     """End what is kept."""
-    global _kept  # noqa: PLW0603
+    global _kept
     kept, _kept = _kept or {}, None
     for nursery in kept.values():
         nursery.close()
@@ -278,10 +281,11 @@ def start(
 
 
 def _is_python(program: str) -> bool:
-    with contextlib.suppress(OSError):
-        with open(program, 'rb') as file:  # noqa: PTH123 - its first bytes
+    try:
+        with pathlib.Path(program).open('rb') as file:
             return program.endswith('.py') or b'python' in file.readline(200)
-    return False
+    except OSError:
+        return False
 
 
 # ----- in the nursery's process -----------------------------------------------------------
@@ -334,8 +338,8 @@ def _tell_tracer_of_forks() -> None:
 
     It has threads, which are not in a forked process; there it would crash at the end.
     """
-    mapped = {line.split()[-1] for line in pathlib.Path('/proc/self/maps').read_text().splitlines()}
-    for library in (each for each in mapped if '/liblttng-ust' in each):
+    mapped = pathlib.Path('/proc/self/maps').read_text(encoding='utf-8')
+    for library in set(re.findall(r'/\S*/liblttng-ust\S*', mapped)):
         functions = ctypes.CDLL(library)
         for prefix in ('', 'lttng_'):  # before LTTng 2.13, and since
             if hasattr(functions, f'{prefix}ust_before_fork'):
@@ -375,7 +379,7 @@ def _become(request: dict[str, Any]) -> None:
     sys.argv = request['args']
     sys.path.insert(0, str(pathlib.Path(sys.argv[0]).parent))
     unbuffered = bool(os.environ.get('PYTHONUNBUFFERED'))
-    sys.stdin = open(0, closefd=False)  # noqa: PTH123, SIM115
+    sys.stdin = open(0, closefd=False)  # noqa: SIM115
     sys.stdout = _stream(1, unbuffered=unbuffered)
     sys.stderr = _stream(2, unbuffered=unbuffered, errors='backslashreplace')
     runpy.run_path(sys.argv[0], run_name='__main__')
