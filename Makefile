@@ -1,7 +1,8 @@
 # The commands of the project. Each sets up first what is not set up yet (.venv, build/, install/).
 #
 #   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
-#   ARGS='...'          passed on by bench, bridge, console, ctl, demo, fuzz, record, soak and test
+#   ARGS='...'          passed on by bench, bridge, console, ctl, demo, fuzz, record, soak, test
+#                       and test-long
 #   WORKERS=4           number of tests that run at the same time; most of the time, most of them wait
 WORKERS := 4
 
@@ -21,8 +22,8 @@ run console ctl: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
 ADDRESS :=
 
 # A test must not command a real kart: neither our programs, nor nodes with ROS's own settings.
-bench demo fuzz screenshots soak test: export EVGP_GRAPH_INTERFACE :=
-bench demo fuzz screenshots soak test: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+bench demo fuzz screenshots soak test test-long: export EVGP_GRAPH_INTERFACE :=
+bench demo fuzz screenshots soak test test-long: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 # The kart's bridge: race control's address, the topic of the kart's odometry (when it is given,
 # the bridge requires odometry), and what follows --ros-args in ARGS, such as
@@ -30,12 +31,13 @@ bench demo fuzz screenshots soak test: export ROS_AUTOMATIC_DISCOVERY_RANGE := L
 HOST :=
 ODOM :=
 
-.PHONY: help setup demo test bench soak fuzz run roster record console ctl bridge screenshots lint \
-  format clean
+.PHONY: help setup demo test test-long bench soak fuzz run roster record console ctl bridge \
+  screenshots lint format clean
 
 help:
 	@echo 'make demo    set up and show a race: race control, karts and their stacks'
-	@echo 'make test    set up and run every test             (ARGS="-k roster")'
+	@echo 'make test    set up and run every test but the long (ARGS="-k roster")'
+	@echo 'make test-long  set up and run the long tests       (ARGS="-k roster")'
 	@echo 'make soak    race control under random faults and commands (ARGS="--seconds 60")'
 	@echo 'make bench   measure speed and cost                 (ARGS="stop --karts 20")'
 	@echo 'make fuzz    fuzz the decoder and the roster loader, guided by coverage'
@@ -57,8 +59,14 @@ setup:
 demo:
 	$(IN_WORKSPACE) python demo/run.py $(ARGS)
 
+PYTEST = $(IN_WORKSPACE) --console python -m pytest -n $(WORKERS) --dist worksteal
+
 test:
-	$(IN_WORKSPACE) --console python -m pytest -n $(WORKERS) --dist worksteal $(ARGS)
+	$(PYTEST) -m 'not long' $(ARGS)
+
+# What takes long, and why, stands in docs/testing.md.
+test-long:
+	$(PYTEST) -m long $(ARGS)
 
 soak:
 	$(IN_WORKSPACE) python soak/run.py $(ARGS)

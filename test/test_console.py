@@ -28,7 +28,7 @@ from evgp_testing.official import latched
 from evgp_testing.process import PATIENCE, Process
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
-from evgp_testing.screen import Screen, why_no_screen
+from evgp_testing.screen import Screen, Screens, why_no_screen
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 
@@ -57,17 +57,24 @@ def need_screen() -> None:
         pytest.skip(why_not)
 
 
+@pytest.fixture(scope='session')
+def screens() -> Iterator[Screens]:
+    """Return the screens of this test process."""
+    kept = Screens()
+    yield kept
+    kept.close()
+
+
 @pytest.fixture
 def open_console(
-    need_screen: None, parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    need_screen: None, screens: Screens, parts: contextlib.ExitStack, tmp_path: pathlib.Path
 ) -> OpenConsole:
     """Return a function that opens an official's window on a screen of its own."""
 
     def open_(
         control: RaceControl, width: int = 1366, height: int = 768, **environment: str
     ) -> Console:
-        screen = Screen(width, height)
-        parts.callback(screen.close)
+        screen = parts.enter_context(screens.one(width, height))
         console = Console(tmp_path, control.domain, screen, environment)
         parts.callback(console.close)
         return console
@@ -426,7 +433,7 @@ def begin_to_watch_for_windows(
     parts: contextlib.ExitStack, monkeypatch: pytest.MonkeyPatch
 ) -> Screen:
     """Return a screen on which programs started from now on open their windows."""
-    screen = Screen()
+    screen = Screen()  # not one used before: windows of others may not have gone yet
     parts.callback(screen.close)
     monkeypatch.setenv('DISPLAY', screen.display)
     monkeypatch.setenv('QT_QPA_PLATFORM', 'xcb')
@@ -648,7 +655,9 @@ def test_the_use_of_the_msr_is_recorded_by_a_statement(
     console.wait_for('humans_reason', text='Master Safety Remote was used')
 
 
-@pytest.mark.parametrize(('width', 'height'), [(1366, 768), (3840, 2160)])
+@pytest.mark.parametrize(
+    ('width', 'height'), [(1366, 768), pytest.param(3840, 2160, marks=pytest.mark.long)]
+)
 def test_forty_karts_on_a_small_and_on_a_large_screen(
     start_race_control: StartRaceControl,
     open_console: OpenConsole,
@@ -698,6 +707,7 @@ def fields_of(message: Any) -> dict[str, Any]:
     return {name: getattr(message, name) for name in message.get_fields_and_field_types()}
 
 
+@pytest.mark.long
 def test_screenshots_of_every_state(
     open_console: OpenConsole,
     join_official: JoinOfficial,
@@ -1319,8 +1329,18 @@ def places(console: Console) -> dict[str, tuple[int, int, int, int]]:
     }
 
 
-@pytest.mark.parametrize('count', [1, 8, 9, 30])
-@pytest.mark.parametrize(('width', 'height'), [(1366, 768), (1920, 1080)])
+@pytest.mark.parametrize(
+    ('width', 'height', 'count'),
+    [
+        (1366, 768, 30),
+        (1920, 1080, 8),
+        *(
+            pytest.param(*size, count, marks=pytest.mark.long)
+            for size, counts in (((1366, 768), (1, 8, 9)), ((1920, 1080), (1, 9, 30)))
+            for count in counts
+        ),
+    ],
+)
 def test_no_control_moves_whatever_is_shown(
     speak: Callable[..., Speaker], open_console: OpenConsole, width: int, height: int, count: int
 ) -> None:

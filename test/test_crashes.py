@@ -29,7 +29,8 @@ RED_RED = RaceState.RED_RED
 
 RACING = (1, 2)
 OUTSIDE = 3
-KILLS = int(os.environ.get('EVGP_KILLS', '12'))
+FEW, MANY = 2, int(os.environ.get('EVGP_KILLS', '12'))
+"""How often race control is killed in `make test`, and in `make test-long`."""
 
 
 class Asker(Official):
@@ -165,11 +166,15 @@ def check_restart(meeting: Event) -> None:
 
 # Each kill takes about two seconds, most of it starting a process.
 @pytest.mark.timeout(600)
+@pytest.mark.parametrize('kills', [FEW, pytest.param(MANY, marks=pytest.mark.long)])
 def test_race_control_killed_at_random_comes_back_with_every_kart_held(
-    meeting: Event, dice: random.Random, record_property: Callable[[str, object], None]
+    kills: int,
+    meeting: Event,
+    dice: random.Random,
+    record_property: Callable[[str, object], None],
 ) -> None:
     published = unrecorded = 0
-    for _ in range(KILLS):
+    for _ in range(kills):
         steps = STEPS[: dice.randint(1, len(STEPS))]
         for step in steps[:-1]:
             step(meeting)
@@ -191,7 +196,7 @@ def test_race_control_killed_at_random_comes_back_with_every_kart_held(
         unrecorded += sum(event.sequence > len(recorded) for event in meeting.seen)
         meeting.start()
         check_restart(meeting)
-    figures = f'{KILLS} kills, {published} events published, {unrecorded} of them not recorded'
+    figures = f'{kills} kills, {published} events published, {unrecorded} of them not recorded'
     print(figures)
     record_property('crashes', figures)
 

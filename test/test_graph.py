@@ -141,7 +141,13 @@ def join(control: RaceControl, parts: contextlib.ExitStack) -> Official:
 
 
 @pytest.mark.own_process
-@pytest.mark.parametrize('environment', HOSTILE.values(), ids=HOSTILE)
+@pytest.mark.parametrize(
+    'environment',
+    [
+        pytest.param(each, id=name, marks=() if each is WIDEST else pytest.mark.long)
+        for name, each in HOSTILE.items()
+    ],
+)
 def test_a_stranger_on_the_network_finds_nothing_of_race_control_and_changes_nothing(
     environment: dict[str, str],
     networks: TwoNetworks,
@@ -171,7 +177,10 @@ def test_a_stranger_on_the_network_finds_nothing_of_race_control_and_changes_not
 
 
 @pytest.mark.own_process
-@pytest.mark.parametrize('environment', [{}, WIDEST], ids=['as it is', 'widest'])
+@pytest.mark.parametrize(
+    'environment',
+    [pytest.param({}, id='as it is', marks=pytest.mark.long), pytest.param(WIDEST, id='widest')],
+)
 def test_a_stranger_on_the_network_finds_nothing_of_a_bridge_and_changes_nothing(
     environment: dict[str, str],
     networks: TwoNetworks,

@@ -153,7 +153,13 @@ def start_kart(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> StartKart
     return start
 
 
-@pytest.mark.parametrize('step', list(STEPS.values()), ids=list(STEPS))
+@pytest.mark.parametrize(
+    'step',
+    [
+        pytest.param(step, id=name, marks=pytest.mark.long if abs(step) < YEAR else ())
+        for name, step in STEPS.items()
+    ],
+)
 def test_a_wall_clock_that_is_set_delays_no_stop(
     start_kart: StartKart, step: float, record_property: Callable[[str, Any], None]
 ) -> None:

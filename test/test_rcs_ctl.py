@@ -21,6 +21,7 @@ from evgp_rcs_console.ctl import COMMANDS, STARTING, TIDY
 from evgp_rcs_console.desk import Desk
 from evgp_rcs_console.snapshot import Command
 from evgp_rcs_console.standing import Standing
+from evgp_testing import nursery
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES
@@ -34,17 +35,19 @@ from rclpy.context import Context
 ACCEPTED, REFUSED, USAGE, NOT_THERE = 0, 1, 2, 3
 
 
-def start(domain: int, *words: str) -> subprocess.Popen[str]:
+def start(domain: int, *words: str) -> subprocess.Popen[str] | nursery.Grown:
     """Start `rcs_ctl` on a domain."""
     package = 'evgp_rcs_console'
     executable = pathlib.Path(get_package_prefix(package), 'lib', package, 'rcs_ctl')
-    return subprocess.Popen(
-        [str(executable), *words],
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
+    command = [str(executable), *words]
+    return nursery.start(command, environment, stderr=subprocess.PIPE) or subprocess.Popen(
+        command,
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+        env=environment,
     )
 
 

@@ -276,9 +276,10 @@ def run_soak(
     )
 
 
-def test_race_control_breaks_no_rule_in_a_short_soak(dice: random.Random) -> None:
+@pytest.mark.parametrize('seconds', [3, pytest.param(12, marks=pytest.mark.long)])
+def test_race_control_breaks_no_rule_in_a_short_soak(seconds: int, dice: random.Random) -> None:
     seed = dice.randrange(1_000_000)
-    done = run_soak('--seconds', '12', '--karts', '20', '--seed', str(seed))
+    done = run_soak('--seconds', str(seconds), '--karts', '20', '--seed', str(seed))
 
     assert done.returncode == 0, done.stdout
     assert f'seed {seed}, 20 karts' in done.stdout
@@ -288,6 +289,7 @@ def test_race_control_breaks_no_rule_in_a_short_soak(dice: random.Random) -> Non
     assert re.search(r'memory of rcs_node +[\d.]+ MiB, then [\d.]+ MiB', done.stdout)
 
 
+@pytest.mark.long
 def test_a_race_control_with_a_fault_does_not_pass_the_soak(
     dice: random.Random, tmp_path: pathlib.Path
 ) -> None:

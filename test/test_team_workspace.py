@@ -112,6 +112,7 @@ def run(script: str, folder: pathlib.Path) -> str:
     return done.stdout
 
 
+@pytest.mark.long
 @pytest.mark.timeout(600)
 def test_a_workspace_with_messages_of_its_own_builds_beside_the_clone_and_passes_the_example(
     tmp_path: pathlib.Path,

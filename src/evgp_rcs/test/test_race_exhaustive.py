@@ -31,6 +31,7 @@ def search(record: Callable[[str, object], None], most: int, **options: object) 
 
 
 # It is to end by itself; the limits only keep a broken rule from searching for ever.
+@pytest.mark.long
 @pytest.mark.timeout(900)
 def test_two_karts_in_the_race_and_one_outside(
     record_property: Callable[[str, object], None],
@@ -47,12 +48,25 @@ def test_two_karts_in_the_race_and_one_outside(
     assert report.pairs_compared > 100
 
 
+@pytest.mark.long
 def test_two_karts_with_an_open_track_told_apart(
     record_property: Callable[[str, object], None],
 ) -> None:
     report = search(record_property, 20_000, racing=1, outside=1, compare=150)
     assert report.states > 3_000
     assert report.pairs_compared > 300
+
+
+def test_two_karts_that_do_not_finish(record_property: Callable[[str, object], None]) -> None:
+    search(
+        record_property,
+        20_000,
+        racing=1,
+        outside=1,
+        track=False,
+        without=('KART_FINISH', 'KART_RED_FLAG'),
+        compare=400,
+    )
 
 
 # The rival and the record are apart from all else, so one kart is enough.
@@ -87,6 +101,7 @@ def test_the_nearest_states_of_two_karts_with_pauses_and_starts_that_wait_for_th
 
 
 # Karts join and leave, so it must not matter who is in the race to begin with.
+@pytest.mark.long
 @pytest.mark.parametrize(
     ('racing', 'times'),
     [

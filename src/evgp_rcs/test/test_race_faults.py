@@ -738,13 +738,13 @@ FAULTS = {
 
 
 def search(rules: ModuleType) -> oracle.Report:
-    """Search from the garage, and a little from where it would not come in time."""
-    report = oracle.Search(rules, racing=2, outside=0).run(BOUND)
-    oracle.Search(rules, racing=2, outside=0, begin='green').run(BOUND // 2)
+    """Search from the garage, and first, a little, small worlds and those further on."""
+    oracle.Search(rules, racing=1, outside=1).run(BOUND // 10)
     oracle.Search(rules, racing=1, outside=0, around=True, begin='grid').run(BOUND // 10)
     oracle.Search(rules, racing=1, outside=0, begin='crash').run(BOUND // 10)
     oracle.Search(rules, racing=1, outside=1, begin='grid', waits=True).run(BOUND // 3)
-    return report
+    oracle.Search(rules, racing=2, outside=0, begin='green').run(BOUND // 2)
+    return oracle.Search(rules, racing=2, outside=0).run(BOUND)
 
 
 def test_the_rules_without_a_fault_pass_the_same_search() -> None:

@@ -9,7 +9,14 @@ from evgp_protocol.states import RaceState
 from evgp_rcs import race as rules
 from hypothesis import settings
 from hypothesis import strategies as st
-from hypothesis.stateful import initialize, precondition, rule, RuleBasedStateMachine
+from hypothesis.stateful import (
+    initialize,
+    precondition,
+    rule,
+    RuleBasedStateMachine,
+    run_state_machine_as_test,
+)
+import pytest
 import race_oracle as oracle
 
 MOST_KARTS = 8
@@ -323,5 +330,14 @@ class Races(RuleBasedStateMachine):
         self.now += step
 
 
-Races.TestCase.settings = settings(max_examples=300, stateful_step_count=80, deadline=None)
-TestEveryInputOfARandomRaceIsAsTheOracleSays = Races.TestCase
+FEW, MANY = (
+    settings(max_examples=races, stateful_step_count=80, deadline=None) for races in (50, 300)
+)
+"""How many races are tried in `make test`, and in `make test-long`."""
+
+
+@pytest.mark.parametrize(
+    'races', [pytest.param(FEW, id='few'), pytest.param(MANY, id='many', marks=pytest.mark.long)]
+)
+def test_every_input_of_a_random_race_is_as_the_oracle_says(races: settings) -> None:
+    run_state_machine_as_test(Races, settings=races)

@@ -19,6 +19,7 @@ import threading
 import time
 from typing import Any
 
+from evgp_testing import nursery
 from evgp_testing.process import PATIENCE, Program
 from evgp_testing.screen import Screen
 
@@ -58,6 +59,7 @@ class Console(Program):
             [sys.executable, '-m', 'evgp_testing.console', str(address)],
             domain,
             {'DISPLAY': screen.display, 'QT_QPA_PLATFORM': 'xcb', **(environment or {})},
+            grown=([__file__, str(address)], nursery.WINDOWS),
         )
         with listening:
             try:

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Generator
 import os
+import pathlib
 import secrets
 import subprocess
 import sys
 import time
 from typing import Any
 
+from evgp_testing import nursery
 from evgp_testing.fixtures import (  # noqa: F401 - pytest finds fixtures by name
     connect_kart,
     dice,
@@ -29,6 +31,8 @@ import pytest
 
 IN_OWN_PROCESS = 'EVGP_TEST_IN_OWN_PROCESS'
 
+_PYTEST = pathlib.Path(pytest.__file__).with_name('__main__.py')
+
 MOST_LINES = 200
 """Lines of each process that are shown where a test fails: its last."""
 
@@ -39,11 +43,23 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Name the plugin's marker, and choose the seed: in a worker of pytest-xdist, that of all."""
+    """
+    Name the plugin's markers, choose the seed, and have programs begin with everything imported.
+
+    In a worker of pytest-xdist, the seed is that of all workers.
+    """
     config.addinivalue_line('markers', 'own_process: runs in another pytest (evgp_testing.plugin)')
+    config.addinivalue_line('markers', 'long: takes long, and is for `make test-long`')
+    if IN_OWN_PROCESS not in os.environ:
+        nursery.keep()
     if config.option.seed is None:
         shared: dict[str, Any] = getattr(config, 'workerinput', {})
         config.option.seed = shared.get('seed', secrets.randbelow(2**32))
+
+
+def pytest_unconfigure() -> None:
+    """End what `pytest_configure` has begun."""
+    nursery.let_go()
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -90,34 +106,38 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     hook = item.ihook
     hook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
     began = time.time()
-    done = subprocess.run(
-        [
-            *(sys.executable, '-m', 'pytest', '-p', 'no:cacheprovider', '-p', 'no:xdist'),
-            *(f'--seed={item.config.option.seed}', item.nodeid),
-        ],
-        cwd=item.config.rootpath,
-        env={**os.environ, IN_OWN_PROCESS: '1'},
-        capture_output=True,
+    words = ['-p', 'no:cacheprovider', '-p', 'no:xdist']
+    words += [f'--seed={item.config.option.seed}', item.nodeid]
+    environment = {**os.environ, IN_OWN_PROCESS: '1'}
+    root = item.config.rootpath
+    with nursery.start(
+        [str(_PYTEST), *words], environment, modules=nursery.TESTS, cwd=root
+    ) or subprocess.Popen(
+        [sys.executable, '-m', 'pytest', *words],
+        cwd=root,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
         text=True,
-        check=False,
-    )
-    passed = done.returncode == 0 and ' skipped' not in done.stdout.splitlines()[-1]
+    ) as done:
+        printed, _ = done.communicate()
+    passed = done.returncode == 0 and ' skipped' not in printed.splitlines()[-1]
     ended = time.time()
     report = pytest.TestReport(
         nodeid=item.nodeid,
         location=item.location,
         keywords={},
         outcome='passed' if done.returncode == 0 else 'failed',
-        longrepr=None if done.returncode == 0 else done.stdout + done.stderr,
+        longrepr=None if done.returncode == 0 else printed,
         when='call',
-        sections=[('Its own process', done.stdout)],
+        sections=[('Its own process', printed)],
         duration=ended - began,
         start=began,
         stop=ended,
     )
     if done.returncode == 0 and not passed:
         report.outcome = 'skipped'
-        report.longrepr = (str(item.path), 0, f'Skipped: {done.stdout}')
+        report.longrepr = (str(item.path), 0, f'Skipped: {printed}')
     hook.pytest_runtest_logreport(report=report)
     hook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
     return True

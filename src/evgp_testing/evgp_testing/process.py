@@ -13,6 +13,7 @@ import subprocess
 import threading
 
 from ament_index_python.packages import get_package_prefix
+from evgp_testing import nursery
 from evgp_testing.part import Part
 from evgp_testing.patience import PATIENCE
 
@@ -36,6 +37,8 @@ class Program(Part):
     :param environment: more environment variables.
     :param end: the signal it gets if whoever started it is killed. It must not live on, on a
         domain that others then take.
+    :param grown: for a Python program that is no file: its file and arguments, and what its
+        nursery imports.
     """
 
     def __init__(
@@ -45,24 +48,27 @@ class Program(Part):
         domain: int | None = None,
         environment: Mapping[str, str] | None = None,
         end: str = 'KILL',
+        grown: tuple[Sequence[str], tuple[str, ...]] | None = None,
     ) -> None:
         """Start it."""
         self.name = name
         self.lines: list[str] = []
         self._news = threading.Condition()
-        self.process = subprocess.Popen(
+        whole = {
+            **os.environ,
+            **({} if domain is None else {'ROS_DOMAIN_ID': str(domain)}),
+            'PYTHONUNBUFFERED': '1',
+            **(environment or {}),
+        }
+        words, modules = grown or (command, nursery.NODES)
+        self.process = nursery.start(words, whole, modules=modules) or subprocess.Popen(
             ['setpriv', '--pdeathsig', end, *command],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
             errors='replace',
-            env={
-                **os.environ,
-                **({} if domain is None else {'ROS_DOMAIN_ID': str(domain)}),
-                'PYTHONUNBUFFERED': '1',
-                **(environment or {}),
-            },
+            env=whole,
         )
         started.append(self)
         self._ended = False

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+import contextlib
 import ctypes
 import ctypes.util
 import os
@@ -11,6 +13,7 @@ import subprocess
 from evgp_testing.part import Part
 
 # Of X11/X.h
+_POINTER_ROOT = 1
 _SUBSTRUCTURE_NOTIFY = 1 << 19
 _MAP_NOTIFY = 19
 
@@ -34,6 +37,7 @@ class Screen(Part):
         """Start the server, at the first display that is free."""
         self.width = width
         self.height = height
+        self.is_remapped = False
         reading, writing = os.pipe()
         try:
             self._server = subprocess.Popen(
@@ -59,6 +63,16 @@ class Screen(Part):
         self._codes: dict[str, int] = {}
         self._open = ctypes.c_void_p(self._x.XOpenDisplay(self.display.encode()))
         assert self._open.value, f'no connection to {self.display}'
+
+    def put_back(self) -> None:
+        """Have the mouse and keyboard as on a screen that was just started; no window is open."""
+        for button in (1, 3):
+            self._button(0, button)
+        self.move(self.width // 2, self.height // 2)
+        self._x.XSetInputFocus(
+            self._open, ctypes.c_ulong(_POINTER_ROOT), _POINTER_ROOT, ctypes.c_ulong(0)
+        )
+        self._x.XSync(self._open, 0)
 
     def move(self, x: int, y: int) -> None:
         """Move the pointer."""
@@ -86,6 +100,7 @@ class Screen(Part):
         code = self._code(name)
         codes = [self._x.XStringToKeysym(each.encode()) for each in symbols]
         assert all(codes), symbols
+        self.is_remapped = True
         many = (ctypes.c_ulong * len(codes))(*codes)
         self._x.XChangeKeyboardMapping(self._open, code, len(codes), many, 1)
         self._x.XSync(self._open, 0)
@@ -124,6 +139,11 @@ class Screen(Part):
         while ctypes.cast(event, ctypes.POINTER(ctypes.c_int))[0] != _MAP_NOTIFY:
             self._x.XNextEvent(self._open, ctypes.byref(event))
 
+    @property
+    def is_there(self) -> bool:
+        """Return whether the server runs."""
+        return self._server.poll() is None
+
     def close(self) -> None:
         """End the server."""
         self._x.XCloseDisplay(self._open)
@@ -142,3 +162,34 @@ class Screen(Part):
         code: int = self._x.XKeysymToKeycode(self._open, ctypes.c_ulong(symbol))
         self._codes[name] = code
         return code
+
+
+class Screens:
+    """Screens that are used again, since most of a short test is the start of its screen."""
+
+    def __init__(self) -> None:
+        """Have none as yet."""
+        self._idle: list[Screen] = []
+
+    @contextlib.contextmanager
+    def one(self, width: int = 1366, height: int = 768) -> Iterator[Screen]:
+        """Have a screen of this size meanwhile, as if it were a new one."""
+        fitting = [each for each in self._idle if (each.width, each.height) == (width, height)]
+        if fitting:
+            screen = fitting[0]
+            self._idle.remove(screen)
+            screen.put_back()
+        else:
+            screen = Screen(width, height)
+        try:
+            yield screen
+        finally:
+            if screen.is_remapped or not screen.is_there:
+                screen.close()
+            else:
+                self._idle.append(screen)
+
+    def close(self) -> None:
+        """End them."""
+        while self._idle:
+            self._idle.pop().close()
