@@ -3,8 +3,9 @@ Judge race control from outside: by what karts are sent and say, and how calls a
 
 Rules of what lives here:
 
-- Nothing of race control is used, its rules least of all. What is known are the frames that
-  arrived, the frames that were said, when connections began and ended, and officials' calls.
+- Nothing of race control is used but the names of its commands, its rules least of all. What is
+  known are the frames that arrived, the frames that were said, when connections began and ended,
+  and officials' calls.
 - No clock, socket, thread or ROS: every input brings its time, s of one monotonic clock.
 - Never a false alarm. What is observed from outside has no instant but an interval: a call took
   force somewhere between its beginning and its answer; a frame was written somewhere between the
@@ -26,6 +27,8 @@ import heapq
 import itertools
 from typing import Literal
 
+from evgp_rcs.catalogue import CATALOGUE
+
 State = Literal['GREEN_GREEN', 'GRID_ACTIVE', 'IN_GARAGE', 'RED_FLAG', 'RED_RED']
 
 # Loosest first.
@@ -38,7 +41,7 @@ STRICTNESS: dict[str, int] = {
 }
 REDS = ('RED_FLAG', 'RED_RED')
 
-STOPS = ('all_kill', 'red_flag', 'record_msr', 'kart/red_red', 'kart/red_flag')
+STOPS = tuple(entry.service for entry in CATALOGUE.values() if entry.stop)
 # Membership and the track are no commands to karts: they leave GRID_ACTIVE the last one (§4.B).
 BOOKKEEPING = ('set_in_race', 'set_track_open')
 

@@ -8,6 +8,7 @@ import threading
 import time
 from typing import Any
 
+from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs_msgs import msg
 from evgp_testing.official import latched, seen, SERVICES
 from evgp_testing.ros_side import RosSide
@@ -19,8 +20,10 @@ GREEN_GREEN = msg.RaceState.GREEN_GREEN
 RED_FLAG = msg.RaceState.RED_FLAG
 RED_RED = msg.RaceState.RED_RED
 
-RACE_STOPS = ('all_kill', 'red_flag', 'record_msr')
-KART_STOPS = ('kart/red_red', 'kart/red_flag')
+KART_STOPS = tuple(
+    entry.service for entry in CATALOGUE.values() if entry.stop and entry.to_one_kart
+)
+STATEMENTS = tuple(entry.statement for entry in CATALOGUE.values() if entry.statement)
 
 
 class _Caller(RosSide):
@@ -53,11 +56,10 @@ class _Caller(RosSide):
 
         :raises AssertionError: if there is no answer.
         """
-        statements = ('track_clear', 'track_safe', 'made_safe_by_hand', 'without_record')
         call = Call(
             command=service,
             kart=request.get('kart'),
-            statement=any(request.get(name) for name in statements),
+            statement=any(request.get(name) for name in STATEMENTS),
             in_race=bool(request.get('in_race')),
             began=time.monotonic(),
         )
@@ -239,7 +241,7 @@ class Officials:
         request = {**seen(self._race, service, request.get('kart', 0)), **request}
         beside = None
         if service not in ('set_in_race', 'kart/in_garage') and self._rng.random() < 0.03:
-            stop = self._rng.choice((*RACE_STOPS, *KART_STOPS))
+            stop = self._rng.choice(STOPS)
             of_one = {'kart': self._rng.choice(self._numbers)} if stop in KART_STOPS else {}
             beside = self._beside.submit(self._second.call, stop, **of_one)
         success = self._first.call(service, **request)

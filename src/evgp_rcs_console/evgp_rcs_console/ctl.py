@@ -17,11 +17,10 @@ import signal
 import sys
 
 from evgp_protocol.clock import now
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import words
 from evgp_rcs_console.apart import Apart, Report
-from evgp_rcs_console.commands import FORMS
 from evgp_rcs_console.exits import Exit
-from evgp_rcs_console.snapshot import Command
 
 STARTING = 5.0
 """Maximum time that ROS may take to start, before what ``--wait`` allows, in seconds."""
@@ -35,40 +34,32 @@ TIDY = 1.0
 STALLED = 5.0
 """Time after which a `watch` that shows nothing new hangs, in seconds; it shows every second."""
 
-COMMANDS: dict[str, tuple[Command, str]] = {
-    'all-kill': (Command.ALL_KILL, 'RED_RED to every kart'),
-    'red-flag': (Command.RED_FLAG, 'RED_FLAG to the race'),
-    'kart-red-red': (Command.KART_RED_RED, 'RED_RED to one kart'),
-    'kart-red-flag': (Command.KART_RED_FLAG, 'RED_FLAG to one kart'),
-    'record-msr': (Command.RECORD_MSR, 'record that you used the MSR; also RED_RED to every kart'),
-    'join': (Command.JOIN_RACE, 'put a kart into the race'),
-    'leave': (Command.LEAVE_RACE, 'take a kart out of the race'),
-    'heat': (Command.SET_HEAT, 'put a heat of the roster into the race, and all others out'),
-    'grid-active': (Command.GRID_ACTIVE, 'GRID_ACTIVE to the race'),
-    'green-green': (Command.GREEN_GREEN, 'GREEN_GREEN to the race'),
-    'kart-finish': (Command.KART_FINISH, 'a kart has crossed the line'),
-    'race-over': (Command.RACE_OVER, 'RED_RED to the race, which is over'),
-    'open-track': (Command.OPEN_TRACK, 'open the track to humans'),
-    'close-track': (Command.CLOSE_TRACK, 'close the track to humans'),
-    'in-garage': (Command.IN_GARAGE, 'IN_GARAGE to the race'),
-    'kart-in-garage': (Command.KART_IN_GARAGE, 'release one kart from its hold'),
+SHORT = {
+    CommandKind.JOIN_RACE: 'join',
+    CommandKind.LEAVE_RACE: 'leave',
+    CommandKind.SET_HEAT: 'heat',
+}
+"""The commands whose name on the command line is not that of their kind."""
+
+COMMANDS: dict[str, CommandKind] = {
+    SHORT.get(kind, kind.name.lower().replace('_', '-')): kind for kind in CATALOGUE
 }
 """Every command of an official, by its name on the command line."""
 
-STATEMENTS: dict[Command, tuple[str, str, bool]] = {
-    Command.RECORD_MSR: ('--msr-was-used', 'you state that you used the MSR', True),
-    Command.GRID_ACTIVE: (
+STATEMENTS: dict[CommandKind, tuple[str, str, bool]] = {
+    CommandKind.RECORD_MSR: ('--msr-was-used', 'you state that you used the MSR', True),
+    CommandKind.GRID_ACTIVE: (
         '--track-is-clear',
         'you state that the track is clear of humans',
         True,
     ),
-    Command.GREEN_GREEN: (
+    CommandKind.GREEN_GREEN: (
         '--without-record',
         'you state that the race may start without a record; needed only while the record fails',
         False,
     ),
-    Command.IN_GARAGE: ('--track-is-safe', 'you declare the track safe for humans', True),
-    Command.KART_IN_GARAGE: (
+    CommandKind.IN_GARAGE: ('--track-is-safe', 'you declare the track safe for humans', True),
+    CommandKind.KART_IN_GARAGE: (
         '--made-safe-by-hand',
         'you state that someone made this kart safe; needed if it has not acknowledged its stop',
         False,
@@ -120,13 +111,14 @@ def _no_answer(wanted: argparse.Namespace) -> str:
     where = f'ROS domain {os.environ.get("ROS_DOMAIN_ID", "0")}'
     if wanted.command == 'watch':
         return f'{words.NOT_YET}: {words.USE_MSR} (ROS hangs; {where})'
-    return no_answer(COMMANDS[wanted.command][0], wanted.wait, f'ROS hangs; {where}')
+    return no_answer(COMMANDS[wanted.command], wanted.wait, f'ROS hangs; {where}')
 
 
-def no_answer(command: Command, wait: float, where: str) -> str:
+def no_answer(command: CommandKind, wait: float, where: str) -> str:
     """Return what is said when race control has not answered in time."""
-    advice = 'USE THE MSR.' if FORMS[command].stop else 'Check the race to see if it took effect.'
-    return f'{words.LABELS[command]}: no answer within {wait:g} s ({where}). {advice}'
+    entry = CATALOGUE[command]
+    advice = 'USE THE MSR.' if entry.stop else 'Check the race to see if it took effect.'
+    return f'{entry.label}: no answer within {wait:g} s ({where}). {advice}'
 
 
 def without_ros_arguments(given: Sequence[str]) -> list[str]:
@@ -160,13 +152,16 @@ def parser() -> argparse.ArgumentParser:
         help='how long to wait for race control, once ROS has started (default: %(default)s)',
     )
     commands = whole.add_subparsers(dest='command', required=True, metavar='command')
-    for name, (command, meaning) in COMMANDS.items():
-        each = commands.add_parser(name, help=meaning, description=meaning, parents=[waiting])
-        if FORMS[command].to_one_kart:
+    for name, command in COMMANDS.items():
+        entry = CATALOGUE[command]
+        each = commands.add_parser(
+            name, help=entry.meaning, description=entry.meaning, parents=[waiting]
+        )
+        if entry.to_one_kart:
             each.add_argument('kart', type=_kart_number, help='its number in the roster')
-        if FORMS[command].names_heat:
+        if entry.names_heat:
             each.add_argument('heat', help='its name in the roster')
-        if FORMS[command].names_karts:
+        if entry.names_karts:
             each.add_argument(
                 'karts',
                 type=_kart_number,

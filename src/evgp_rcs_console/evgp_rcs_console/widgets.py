@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from evgp_rcs_console.commands import FORMS
+from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.view import Button, Cell, Danger
 
@@ -192,7 +192,7 @@ class CommandButton(QtWidgets.QPushButton):
         name = button.command.value.lower()
         self.setObjectName(f'{name}_{button.kart}' if button.kart else name)
         set_text(self, f'{button.label}  {button.key}' if button.key else button.label)
-        set_property(self, 'stop', 'true' if FORMS[button.command].stop else 'false')
+        set_property(self, 'stop', 'true' if CATALOGUE[button.command].stop else 'false')
         set_property(self, 'barred', 'false' if button.enabled else 'true')
         tip = button.explanation
         self.setToolTip(tip)

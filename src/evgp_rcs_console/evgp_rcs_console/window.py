@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import time
 
 from evgp_protocol import clock
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import keys, style, words
 from evgp_rcs_console.alerts import AlertsArea
-from evgp_rcs_console.commands import FORMS, Order
+from evgp_rcs_console.commands import Order
 from evgp_rcs_console.freshness import Aim, Beat, InputClock, Repeats, STALE
 from evgp_rcs_console.karts import chooses, KartList
 from evgp_rcs_console.keys import Act
@@ -24,7 +25,7 @@ from evgp_rcs_console.outcome import Outcome
 from evgp_rcs_console.panels import EventPanel, KillBox, NowPanel, SidePanel, TOP_HEIGHT
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.sheets import Heats, Help, Question
-from evgp_rcs_console.snapshot import Answer, Command, Event, Race
+from evgp_rcs_console.snapshot import Answer, Event, Race
 from evgp_rcs_console.sound import Sound
 from evgp_rcs_console.standing import Standing
 from evgp_rcs_console.view import (
@@ -122,7 +123,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._shown_at = 0.0
         self._screen: Screen | None = None
         self._danger_title = ''
-        self._orders: dict[tuple[Command, int], Order] = {}
+        self._orders: dict[tuple[CommandKind, int], Order] = {}
         self._stops: tuple[Standing, ...] = ()
         self._input_clock = InputClock()
         self._beat = Beat(LOOK / 1000, clock.now())
@@ -305,7 +306,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._alerts.show_notices(self._book.shown, own, known)
 
     def _show_kill(self) -> None:
-        stop = next((s for s in self._stops if s.order.command is Command.ALL_KILL), None)
+        stop = next((s for s in self._stops if s.order.command is CommandKind.ALL_KILL), None)
         late = clock.now() - stop.since if stop else 0.0
         # The first moment of a press that is about to be answered is not worth a word.
         pressing = stop is not None and late > LATE
@@ -351,7 +352,7 @@ class ConsoleWindow(QtWidgets.QWidget):
                 why=stop.said or words.NO_ANSWER,
             )
             for stop in self._stops
-            if stop.order.command is not Command.ALL_KILL and now - stop.since > LATE
+            if stop.order.command is not CommandKind.ALL_KILL and now - stop.since > LATE
         )
 
     def _say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
@@ -364,7 +365,7 @@ class ConsoleWindow(QtWidgets.QWidget):
     # ----- what the official does ---------------------------------------------------------
 
     def _press_kill(self) -> None:
-        self._give(Order(Command.ALL_KILL))
+        self._give(Order(CommandKind.ALL_KILL))
         self._clear_field()
 
     def _let_go_of(self, down: Button, button: Button) -> None:
@@ -378,7 +379,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         """Give the command of a button, ask for its confirmation, or say why it is not allowed."""
         if not button.enabled:
             self._say(button.explanation, Tone.WAIT)
-        elif button.command is Command.SET_HEAT and not button.heat:
+        elif button.command is CommandKind.SET_HEAT and not button.heat:
             self._help.close_sheet()
             self._heats.open_sheet()
             self._place_sheets()
@@ -394,7 +395,7 @@ class ConsoleWindow(QtWidgets.QWidget):
     def _send(self, button: Button) -> None:
         order = button.order()
         self._give(order)
-        if not FORMS[order.command].stop:  # of the stops the client tells what waits
+        if not CATALOGUE[order.command].stop:  # of the stops the client tells what waits
             self._orders[order.command, order.kart] = order
         self._say(words.GIVEN.format(clock=_clock(), command=words.order_name(order)))
         self._refresh()
@@ -546,7 +547,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         :param aimed: what stood there when the official aimed.
         """
         there = target.button if isinstance(target, CommandButton) else None
-        if aimed is None and (there is None or FORMS[there.command].stop):
+        if aimed is None and (there is None or CATALOGUE[there.command].stop):
             return False  # no kart stood there that it could have been meant for
         if aimed is not None and there is not None and aimed.is_same_command(there):
             return False
@@ -572,7 +573,7 @@ class ConsoleWindow(QtWidgets.QWidget):
 
     def _is_stop(self, widget: QtWidgets.QWidget | None) -> bool:
         if isinstance(widget, CommandButton) and widget.button is not None:
-            return FORMS[widget.button.command].stop
+            return CATALOGUE[widget.button.command].stop
         return widget is self._kill.button
 
     def _take_key(self, event: QtGui.QKeyEvent) -> bool:
@@ -657,7 +658,7 @@ class ConsoleWindow(QtWidgets.QWidget):
                 self._clear_field()
                 return
         elif stroke.to_chosen:
-            name = words.LABELS[stroke.commands[0]]
+            name = CATALOGUE[stroke.commands[0]].label
             kart, why = self._field.take(name, at)
             if not kart:
                 self._follow_field()
@@ -675,9 +676,9 @@ class ConsoleWindow(QtWidgets.QWidget):
                 return
         if button is not None:
             self._pressed(button)
-        elif stroke.commands and stroke.commands[0] is Command.OPEN_TRACK:
+        elif stroke.commands and stroke.commands[0] is CommandKind.OPEN_TRACK:
             self._say(words.TRACK_OPEN)
-        elif stroke.commands and stroke.commands[0] is Command.CLOSE_TRACK:
+        elif stroke.commands and stroke.commands[0] is CommandKind.CLOSE_TRACK:
             self._say(words.TRACK_CLOSED)
 
     def _type(self, digit: str, at: float) -> None:
@@ -807,7 +808,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         super().closeEvent(event)
 
 
-def _commands(screen: Screen) -> list[tuple[Command, int]]:
+def _commands(screen: Screen) -> list[tuple[CommandKind, int]]:
     """Return which command each button of a screen gives, place by place."""
     buttons = [button for row in screen.rows for button in row.buttons]
     buttons += [screen.track_button] if screen.track_button else []
