@@ -20,6 +20,7 @@ import time
 from typing import Any
 
 from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs_msgs import msg
 from evgp_testing.console import Console
 from evgp_testing.domains import Domain
@@ -1251,7 +1252,7 @@ def test_every_stop_is_pressed_until_race_control_is_back(
 
 
 _TO_THE_RACE = ('GRID_ACTIVE', 'GREEN_GREEN', 'RED_FLAG', 'RACE_OVER', 'IN_GARAGE', 'RECORD_MSR')
-_TO_A_KART = ('KART_RED_RED', 'KART_RED_FLAG', 'KART_FINISH', 'KART_IN_GARAGE')
+_TO_A_KART = tuple(kind.name for kind, entry in CATALOGUE.items() if entry.to_one_kart)
 LONG = 'waiting for kart 17 (Technische Hochschule Ostwestfalen-Lippe): no GRID_ACTIVE yet; ' * 2
 
 
@@ -1291,9 +1292,7 @@ def race_of(
                 hold_reason='lost its connection in GREEN_GREEN' if reason else '',
                 may_be_moving=bool(reason),
                 place=number if reason else 0,
-                commands=offers(
-                    *_TO_A_KART, 'LEAVE_RACE' if in_race else 'JOIN_RACE', reason=reason
-                ),
+                commands=offers(*_TO_A_KART, reason=reason),
             )
             for number in numbers
         ],
@@ -1314,11 +1313,26 @@ def lost(number: int) -> msg.Alert:
     )
 
 
+SHARED = [
+    (kind.name.lower(), entry.undoes.name.lower())
+    for kind, entry in CATALOGUE.items()
+    if entry.undoes is not None
+]
+"""The names of the two commands of each button that has two."""
+
+
+def spot_of(name: str) -> str:
+    """Return the name of a button whichever of its commands it offers."""
+    for by, undone in SHARED:
+        name = name.replace(by, undone)
+    return name
+
+
 def places(console: Console) -> dict[str, tuple[int, int, int, int]]:
     """Return where every button and every area is on the screen, and how large."""
     areas = ('banner', 'karts', 'log', 'number_field', 'standing', 'status')
     return {
-        name.replace('leave_race', 'join_race').replace('close_track', 'open_track'): (
+        spot_of(name): (
             each['x'],
             each['y'],
             each['width'],
@@ -1381,7 +1395,7 @@ def test_no_control_moves_whatever_is_shown(
     mark_as_seen(console, 'seen_all', 'Alerts: 1 seen')
     compare('alerts that are seen')
     control.tell(race_of(numbers, 'RED_RED', reason=LONG, in_race=False))
-    console.wait_for('kart_finish_1', barred='true')
+    console.wait_for('kart_in_garage_1', barred='true')
     compare('long reasons')
     console.press('F3', see='status', text='Ostwestfalen')
     compare('a long text in the bottom line')
@@ -1530,7 +1544,7 @@ def test_nothing_that_opens_takes_a_stop(
     speak: Callable[..., Speaker], open_console: OpenConsole, opener: str
 ) -> None:
     console = open_console(speak(race=race_of(range(1, 13), reason=LONG)))
-    console.wait_for('kart_finish_1', barred='true')
+    console.wait_for('kart_in_garage_1', barred='true')
     x, y = console.place('log')
     bar = console.wait_for('karts')
 

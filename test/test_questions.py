@@ -22,11 +22,10 @@ from evgp_rcs.race import (
     RaceMemory,
     RaceTimes,
 )
-from evgp_rcs_console.commands import FORMS
+from evgp_rcs_console.commands import asks
 from evgp_rcs_console.effects import Effects, effects
 from evgp_rcs_console.reading import read_race
 from evgp_rcs_console.snapshot import Available, State
-from evgp_rcs_console.snapshot import Command as Shown
 from evgp_rcs_console.snapshot import Kart as ShownKart
 from evgp_rcs_console.snapshot import Race as ShownRace
 from evgp_rcs_console.view import Button, show
@@ -44,7 +43,14 @@ NEXT = {
 }
 """What an official does next in a race."""
 
-ASKING = [command for command, form in FORMS.items() if form.confirmed]
+ASKING = [kind for kind in CommandKind if asks(kind)]
+
+
+LETS_HUMANS_NEAR = (
+    CommandKind.IN_GARAGE,
+    CommandKind.KART_IN_GARAGE,
+    CommandKind.OPEN_TRACK,
+)
 
 
 def published(race: Race, now: float) -> ShownRace:
@@ -56,7 +62,7 @@ def given(button: Button) -> Command:
     """Return the command of a button as race control gets it."""
     order = button.order()
     return Command(
-        CommandKind(order.command.value),
+        order.command,
         order.kart or None,
         order.stated,
         frozenset(order.karts),
@@ -138,7 +144,7 @@ class Walk:
         screen = show(shown, 0.0, {})
         for command in ASKING:
             karts: tuple[ShownKart | None, ...] = (
-                shown.karts if FORMS[command].to_one_kart else (None,)
+                shown.karts if CATALOGUE[command].to_one_kart else (None,)
             )
             for kart in karts:
                 button = screen.button(command, kart.number if kart else 0)
@@ -179,7 +185,7 @@ def check(button: Button, said: Effects, walk: Walk) -> None:
     assert sorted([*now, *later, *held, *rest]) == sorted(NUMBERS), 'each is named once'
     changed = {number for number in NUMBERS if before[number] != after[number]}
     sent = {order.kart for order in outcome.orders}
-    if button.command is Shown.RECORD_MSR:
+    if button.command is CommandKind.RECORD_MSR:
         assert changed <= now | later  # who was stopped already is sent the same again
         assert sent <= now
     else:
@@ -198,7 +204,7 @@ def check(button: Button, said: Effects, walk: Walk) -> None:
 def test_a_question_says_which_karts_are_sent_what_and_which_stay_as_they_are(
     dice: random.Random,
 ) -> None:
-    asked: dict[Shown, int] = dict.fromkeys(ASKING, 0)
+    asked: dict[CommandKind, int] = dict.fromkeys(ASKING, 0)
     for walk in walks(dice):
         for button, said, _ in walk.questions():
             asked[button.command] += 1
@@ -213,7 +219,11 @@ def test_a_question_that_lets_humans_near_says_what_the_screen_says_against_it(
     against = 0
     for walk in walks(dice):
         for button, _, shown in walk.questions():
-            if button.command not in (Shown.IN_GARAGE, Shown.KART_IN_GARAGE, Shown.OPEN_TRACK):
+            if button.command not in (
+                CommandKind.IN_GARAGE,
+                CommandKind.KART_IN_GARAGE,
+                CommandKind.OPEN_TRACK,
+            ):
                 continue
             if not shown.track.allowed:
                 against += 1
@@ -230,7 +240,7 @@ def test_a_start_under_an_open_track_says_so(dice: random.Random) -> None:
     opened = 0
     for walk in walks(dice):
         for button, _, shown in walk.questions():
-            if button.command in (Shown.GRID_ACTIVE, Shown.GREEN_GREEN):
+            if button.command in (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN):
                 opened += shown.track.is_open
                 assert bool(button.warning) is shown.track.is_open
     assert opened

@@ -15,11 +15,11 @@ import time
 
 from ament_index_python.packages import get_package_prefix
 from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console.client import Client, request_message
-from evgp_rcs_console.commands import FORMS, Order
-from evgp_rcs_console.ctl import COMMANDS, STARTING, TIDY
+from evgp_rcs_console.commands import Order
+from evgp_rcs_console.ctl import COMMANDS, STARTING, STATEMENTS, TIDY
 from evgp_rcs_console.desk import Desk
-from evgp_rcs_console.snapshot import Command
 from evgp_rcs_console.standing import Standing
 from evgp_testing import nursery
 from evgp_testing.domains import Domain
@@ -77,7 +77,7 @@ def accepted(control: RaceControl, official: Official, *words: str) -> str:
 
     :param official: sees when it is available, as after a pause.
     """
-    form = FORMS[COMMANDS[words[0]][0]]
+    form = CATALOGUE[COMMANDS[words[0]]]
     request = {**form.fixed, **({'kart': int(words[1])} if form.to_one_kart else {})}
     for _ in range(TRIES):
         race = official.wait_for_available(form.service, **request)
@@ -518,7 +518,7 @@ def test_that_all_kill_is_accepted_is_told_last(start_race_control: StartRaceCon
     client = Client('slow', listener, context=context, use_global_arguments=False)
 
     try:
-        client.give(Order(Command.ALL_KILL))
+        client.give(Order(CommandKind.ALL_KILL))
         with listener.news:
             assert listener.news.wait_for(lambda: listener.answer, PATIENCE)
     finally:
@@ -528,7 +528,13 @@ def test_that_all_kill_is_accepted_is_told_last(start_race_control: StartRaceCon
     assert listener.told[-1] == 0
 
 
-def test_every_command_of_an_official_is_there_and_fits_its_service() -> None:
-    assert {command for command, _ in COMMANDS.values()} == set(Command)
-    for command in FORMS:
+def test_every_command_of_an_official_is_there_once_and_fits_its_service() -> None:
+    assert sorted(COMMANDS.values(), key=list(CommandKind).index) == list(CommandKind)
+    for command in CommandKind:
         request_message(Order(command, 1, stated=True, karts=(1, 2)))
+
+
+def test_every_statement_that_a_request_takes_has_a_flag() -> None:
+    stating = {kind for kind, entry in CATALOGUE.items() if entry.statement}
+
+    assert stating <= set(STATEMENTS)

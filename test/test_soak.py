@@ -13,6 +13,7 @@ from types import ModuleType
 from typing import Any
 
 from evgp_rcs import race as rules
+from evgp_rcs.catalogue import CATALOGUE, kinds_by_service
 from evgp_testing.faults import Fault, module_with, source_with
 from evgp_testing.judge import Call, Judge, STRICTNESS
 import pytest
@@ -20,20 +21,12 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 KARTS = range(1, 6)
 
-SERVICES = {
-    'all_kill': 'ALL_KILL',
-    'red_flag': 'RED_FLAG',
-    'record_msr': 'RECORD_MSR',
-    'grid_active': 'GRID_ACTIVE',
-    'green_green': 'GREEN_GREEN',
-    'race_over': 'RACE_OVER',
-    'in_garage': 'IN_GARAGE',
-    'kart/red_red': 'KART_RED_RED',
-    'kart/red_flag': 'KART_RED_FLAG',
-    'kart/finish': 'KART_FINISH',
-    'kart/in_garage': 'KART_IN_GARAGE',
-    'set_in_race': '',
+KINDS = {
+    name: kinds
+    for name, kinds in kinds_by_service().items()
+    if name not in ('set_heat', 'set_track_open')
 }
+"""The commands that the simulation gives; it has no heats, and nobody on its track."""
 
 
 FAULTS = {
@@ -176,7 +169,7 @@ class Simulation:
         elif what < 0.9:
             self.bring_on()
         else:
-            self.command(self.rng.choice(list(SERVICES)), kart, self.rng.random() < 0.5)
+            self.command(self.rng.choice(list(KINDS)), kart, self.rng.random() < 0.5)
         if self.on_the_way and self.rng.random() < 0.3:
             number, link, serial, state = self.on_the_way.pop(0)
             if self.links.get(number) == link:
@@ -209,13 +202,14 @@ class Simulation:
                     self.command('kart/in_garage', kart.number, True)
 
     def command(self, service: str, kart: int | None, statement: bool) -> None:
-        kart = kart if '/' in service or service == 'set_in_race' else None
-        statement = statement or service == 'record_msr'
-        name = SERVICES[service] or ('JOIN_RACE' if statement else 'LEAVE_RACE')
+        # Of two, the first is the one that a request with a true field asks for.
+        kind = KINDS[service][0 if statement else -1]
+        entry = CATALOGUE[kind]
+        kart = kart if entry.to_one_kart else None
+        statement = statement or entry.call_is_statement
         call = Call(service, kart, statement, statement, self.now)
         self.judge.called(call)
         module = self.module
-        kind = module.CommandKind[name]
         hold = self.race.karts[kart].hold if kart else None
         seen = frozenset(self.race.availability(kind, kart or 0, self.now).karts)
         outcome = self.race.command(module.Command(kind, kart, statement, seen, hold), self.now)

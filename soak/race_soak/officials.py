@@ -8,6 +8,7 @@ import threading
 import time
 from typing import Any
 
+from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs_msgs import msg
 from evgp_testing.judge import Judge, STOPS
 from evgp_testing.official import Official, SERVICES
@@ -19,8 +20,10 @@ GREEN_GREEN = msg.RaceState.GREEN_GREEN
 RED_FLAG = msg.RaceState.RED_FLAG
 RED_RED = msg.RaceState.RED_RED
 
-RACE_STOPS = ('all_kill', 'red_flag', 'record_msr')
-KART_STOPS = ('kart/red_red', 'kart/red_flag')
+KART_STOPS = tuple(
+    entry.service for entry in CATALOGUE.values() if entry.stop and entry.to_one_kart
+)
+STATEMENTS = tuple(entry.statement for entry in CATALOGUE.values() if entry.statement)
 
 
 class Officials(Part):
@@ -174,7 +177,7 @@ class Officials(Part):
             return False
         beside = None
         if service not in ('set_in_race', 'kart/in_garage') and self._rng.random() < 0.03:
-            stop = self._rng.choice((*RACE_STOPS, *KART_STOPS))
+            stop = self._rng.choice(STOPS)
             of_one = {'kart': self._rng.choice(self._numbers)} if stop in KART_STOPS else {}
             beside = self._beside.submit(self._second.call, stop, **of_one)
         answers = [self._first.call(service, **request)]

@@ -3,9 +3,10 @@ The catalogue of officials' commands (§4.B): what each is called, and what kind
 
 One row says everything about a command that does not depend on the race. What it does, and when it
 is refused, stands in the table of the rules (``race.COMMANDS``). Node, console, ``rcs_ctl``, soak
-and tests go by these rows; so a new command is a row here, a row there, and its service's type.
+and tests go by these rows. So a new command is a row here, a row there, and a constant of
+`CommandAvailability.msg`; if no service type fits, a new one too.
 
-Pure: standard library only.
+Pure: standard library and race states only.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 import enum
+
+from evgp_protocol.states import RaceState
 
 
 class CommandKind(enum.Enum):
@@ -37,13 +40,38 @@ class CommandKind(enum.Enum):
 
 
 @dataclass(frozen=True)
+class Result:
+    """
+    What a screen shows once a command is in force; an empty field says nothing.
+
+    :param race: the race is in one of these states.
+    :param hold: the kart's hold is one of these; ``None`` is no hold.
+    :param in_race: whether the kart is in the race.
+    :param placed: whether the kart has a finishing place.
+    :param track_open: whether the track is open to humans.
+    """
+
+    race: tuple[RaceState, ...] = ()
+    hold: tuple[RaceState | None, ...] = ()
+    in_race: bool | None = None
+    placed: bool | None = None
+    track_open: bool | None = None
+
+
+@dataclass(frozen=True)
 class Entry:
     """
     One row of the catalogue.
 
+    :param label: what its button says; `RED RED` to one kart or to all, since the place tells.
+    :param meaning: what it does, in a few words.
     :param service: the name of its service below race control's node; two commands may share one.
     :param service_type: the type of the service.
     :param fixed: the fields of a request that make it this command, where two share a service.
+    :param result: what is so once it is in force.
+    :param undoes: the command that it takes back. The two share a button, which offers this one
+        while the result of the other holds.
+    :param note: what a question says of it, besides which karts are sent what; a sentence.
     :param statement: the field of the request that takes the official's statement; empty: none.
     :param call_is_statement: to call the service is the statement.
     :param to_one_kart: the request names a kart (`kart`).
@@ -57,9 +85,14 @@ class Entry:
     :param needs_journal: what it does must be on the disk before any kart is told.
     """
 
+    label: str
+    meaning: str
     service: str
     service_type: str
+    result: Result = field(default_factory=Result)
     fixed: Mapping[str, bool] = field(default_factory=dict)
+    undoes: CommandKind | None = None
+    note: str = ''
     statement: str = ''
     call_is_statement: bool = False
     to_one_kart: bool = False
@@ -73,63 +106,173 @@ class Entry:
 
 
 TRIGGER = 'std_srvs/srv/Trigger'
+SET_BOOL = 'std_srvs/srv/SetBool'
 KART_COMMAND = 'evgp_rcs_msgs/srv/KartCommand'
 SET_IN_RACE = 'evgp_rcs_msgs/srv/SetInRace'
-SET_BOOL = 'std_srvs/srv/SetBool'
+
+FLAG_OR_RED = (RaceState.RED_FLAG, RaceState.RED_RED)
 
 CATALOGUE: dict[CommandKind, Entry] = {
-    CommandKind.ALL_KILL: Entry('all_kill', TRIGGER, stop=True, overtakes=True),
-    CommandKind.RED_FLAG: Entry('red_flag', TRIGGER, stop=True, overtakes=True),
+    CommandKind.ALL_KILL: Entry(
+        'ALL KILL',
+        'RED_RED to every kart',
+        'all_kill',
+        TRIGGER,
+        Result(race=(RaceState.RED_RED,)),
+        stop=True,
+        overtakes=True,
+    ),
+    CommandKind.RED_FLAG: Entry(
+        'RED FLAG',
+        'RED_FLAG to the race',
+        'red_flag',
+        TRIGGER,
+        Result(race=FLAG_OR_RED),
+        stop=True,
+        overtakes=True,
+    ),
     CommandKind.KART_RED_RED: Entry(
-        'kart/red_red', KART_COMMAND, to_one_kart=True, stop=True, overtakes=True
+        'RED RED',
+        'RED_RED to one kart',
+        'kart/red_red',
+        KART_COMMAND,
+        Result(hold=(RaceState.RED_RED,)),
+        to_one_kart=True,
+        stop=True,
+        overtakes=True,
     ),
     CommandKind.KART_RED_FLAG: Entry(
-        'kart/red_flag', KART_COMMAND, to_one_kart=True, stop=True, overtakes=True
+        'RED FLAG',
+        'RED_FLAG to one kart',
+        'kart/red_flag',
+        KART_COMMAND,
+        Result(hold=FLAG_OR_RED),
+        to_one_kart=True,
+        stop=True,
+        overtakes=True,
     ),
     CommandKind.RECORD_MSR: Entry(
-        'record_msr', TRIGGER, call_is_statement=True, stop=True, overtakes=True
+        'MSR WAS USED',
+        'record that you used the MSR; also RED_RED to every kart',
+        'record_msr',
+        TRIGGER,
+        Result(race=(RaceState.RED_RED,)),
+        note='Records that you used the MSR. It does not trigger the MSR.',
+        call_is_statement=True,
+        stop=True,
+        overtakes=True,
     ),
     # It stops karts too, but may be refused.
-    CommandKind.RACE_OVER: Entry('race_over', TRIGGER, overtakes=True),
+    CommandKind.RACE_OVER: Entry(
+        'RACE OVER',
+        'RED_RED to the race, which is over',
+        'race_over',
+        TRIGGER,
+        Result(race=(RaceState.RED_RED,)),
+        overtakes=True,
+    ),
     CommandKind.GRID_ACTIVE: Entry(
+        'GRID ACTIVE',
+        'GRID_ACTIVE to the race',
         'grid_active',
         'evgp_rcs_msgs/srv/GridActive',
+        Result(race=(RaceState.GRID_ACTIVE,)),
         statement='track_clear',
         names_karts=True,
         loosens=True,
     ),
     CommandKind.GREEN_GREEN: Entry(
+        'GREEN GREEN',
+        'GREEN_GREEN to the race',
         'green_green',
         'evgp_rcs_msgs/srv/GreenGreen',
+        Result(race=(RaceState.GREEN_GREEN,)),
         statement='without_record',
         names_karts=True,
         loosens=True,
         needs_journal=True,
     ),
     CommandKind.IN_GARAGE: Entry(
+        'IN GARAGE',
+        'IN_GARAGE to the race',
         'in_garage',
         'evgp_rcs_msgs/srv/InGarage',
+        Result(race=(RaceState.IN_GARAGE,)),
         statement='track_safe',
         names_karts=True,
         loosens=True,
     ),
-    CommandKind.KART_FINISH: Entry('kart/finish', KART_COMMAND, to_one_kart=True),
+    CommandKind.KART_FINISH: Entry(
+        'FINISH',
+        'a kart has crossed the line',
+        'kart/finish',
+        KART_COMMAND,
+        Result(placed=True),
+        to_one_kart=True,
+    ),
     CommandKind.KART_IN_GARAGE: Entry(
+        'GARAGE',
+        'release one kart from its hold',
         'kart/in_garage',
         'evgp_rcs_msgs/srv/KartInGarage',
+        Result(hold=(None,)),
         statement='made_safe_by_hand',
         to_one_kart=True,
         names_hold=True,
         loosens=True,
     ),
     CommandKind.JOIN_RACE: Entry(
-        'set_in_race', SET_IN_RACE, fixed={'in_race': True}, to_one_kart=True
+        'JOIN',
+        'put a kart into the race',
+        'set_in_race',
+        SET_IN_RACE,
+        Result(in_race=True),
+        fixed={'in_race': True},
+        to_one_kart=True,
     ),
     CommandKind.LEAVE_RACE: Entry(
-        'set_in_race', SET_IN_RACE, fixed={'in_race': False}, to_one_kart=True
+        'LEAVE',
+        'take a kart out of the race',
+        'set_in_race',
+        SET_IN_RACE,
+        Result(in_race=False),
+        fixed={'in_race': False},
+        undoes=CommandKind.JOIN_RACE,
+        to_one_kart=True,
     ),
-    CommandKind.SET_HEAT: Entry('set_heat', 'evgp_rcs_msgs/srv/SetHeat', names_heat=True),
-    CommandKind.OPEN_TRACK: Entry('set_track_open', SET_BOOL, fixed={'data': True}, loosens=True),
-    CommandKind.CLOSE_TRACK: Entry('set_track_open', SET_BOOL, fixed={'data': False}),
+    CommandKind.SET_HEAT: Entry(
+        'HEAT',
+        'put a heat of the roster into the race, and all others out',
+        'set_heat',
+        'evgp_rcs_msgs/srv/SetHeat',
+        names_heat=True,
+    ),
+    CommandKind.OPEN_TRACK: Entry(
+        'OPEN TRACK',
+        'open the track to humans',
+        'set_track_open',
+        SET_BOOL,
+        Result(track_open=True),
+        fixed={'data': True},
+        note='Opens the track to humans. Sends nothing to the karts.',
+        loosens=True,
+    ),
+    CommandKind.CLOSE_TRACK: Entry(
+        'CLOSE TRACK',
+        'close the track to humans',
+        'set_track_open',
+        SET_BOOL,
+        Result(track_open=False),
+        fixed={'data': False},
+        undoes=CommandKind.OPEN_TRACK,
+    ),
 }
 """Every command of an official, stops first."""
+
+
+def kinds_by_service() -> dict[str, tuple[CommandKind, ...]]:
+    """Return each service with its commands: one, or two that ``fixed`` tells apart."""
+    found: dict[str, tuple[CommandKind, ...]] = {}
+    for kind, entry in CATALOGUE.items():
+        found[entry.service] = (*found.get(entry.service, ()), kind)
+    return found

@@ -15,7 +15,6 @@ one starts it, and neither outlives the other. Each thread here has its own work
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import concurrent.futures
 import sys
 import threading
@@ -24,9 +23,10 @@ from typing import Any
 from evgp_node.graph import GraphError, refuse_open_graph, where_reachable
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
+from evgp_node.services import service_class
 from evgp_node.states import state_of
 from evgp_protocol import clock
-from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs.kart_client import KartServerClient
 from evgp_rcs.kart_server import KartServerError
 from evgp_rcs.race import Answer, Command, URGENT
@@ -40,11 +40,9 @@ from evgp_rcs.rival import (
 from evgp_rcs.roster import RosterError
 from evgp_rcs.settings import read_settings
 from evgp_rcs.teller import Teller
-from evgp_rcs_msgs import srv
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from std_srvs.srv import SetBool, Trigger
 
 ANSWER_TIMEOUT = 4.0
 """Maximum time an official's call waits for the kart server, in seconds. A kart server that works
@@ -169,56 +167,10 @@ class RcsNode(StrictNode):
         # Asked by a thread, as a timer would not do: some middlewares wait for one by the wall
         # clock. That the executor of the stops answers shows that it can take a stop.
         self._ask_whether_alive = stops.create_guard_condition(self._say_alive)
-        others = self
-        offer = self._offer
-        offer(stops, '~/all_kill', Trigger, CommandKind.ALL_KILL)
-        offer(stops, '~/red_flag', Trigger, CommandKind.RED_FLAG)
-        offer(stops, '~/kart/red_red', srv.KartCommand, CommandKind.KART_RED_RED)
-        offer(stops, '~/kart/red_flag', srv.KartCommand, CommandKind.KART_RED_FLAG)
-        offer(stops, '~/record_msr', Trigger, CommandKind.RECORD_MSR, lambda request: True)
-        offer(stops, '~/race_over', Trigger, CommandKind.RACE_OVER)
-        offer(
-            starts,
-            '~/green_green',
-            srv.GreenGreen,
-            CommandKind.GREEN_GREEN,
-            lambda request: bool(request.without_record),
-        )
-        offer(
-            others,
-            '~/grid_active',
-            srv.GridActive,
-            CommandKind.GRID_ACTIVE,
-            lambda request: bool(request.track_clear),
-        )
-        offer(
-            others,
-            '~/in_garage',
-            srv.InGarage,
-            CommandKind.IN_GARAGE,
-            lambda request: bool(request.track_safe),
-        )
-        offer(others, '~/kart/finish', srv.KartCommand, CommandKind.KART_FINISH)
-        offer(
-            others,
-            '~/kart/in_garage',
-            srv.KartInGarage,
-            CommandKind.KART_IN_GARAGE,
-            lambda request: bool(request.made_safe_by_hand),
-        )
-        offer(
-            others,
-            '~/set_in_race',
-            srv.SetInRace,
-            lambda request: CommandKind.JOIN_RACE if request.in_race else CommandKind.LEAVE_RACE,
-        )
-        offer(others, '~/set_heat', srv.SetHeat, CommandKind.SET_HEAT)
-        offer(
-            others,
-            '~/set_track_open',
-            SetBool,
-            lambda request: CommandKind.OPEN_TRACK if request.data else CommandKind.CLOSE_TRACK,
-        )
+        for name, kinds in kinds_by_service().items():
+            entry = CATALOGUE[kinds[0]]
+            node = stops if entry.overtakes else starts if entry.needs_journal else self
+            self._offer(node, name, kinds)
 
     def _node_beside(self, what: str) -> Node:
         """Return a node of this process that only offers services, in an executor of its own."""
@@ -232,31 +184,18 @@ class RcsNode(StrictNode):
             parameter_overrides=[Parameter('start_type_description_service', value=False)],
         )
 
-    def _offer(
-        self,
-        node: Node,
-        name: str,
-        service: Any,
-        kind: CommandKind | Callable[[Any], CommandKind],
-        statement: Callable[[Any], bool] = lambda request: False,
-    ) -> None:
+    def _offer(self, node: Node, name: str, kinds: tuple[CommandKind, ...]) -> None:
+        """Offer a service below a node, for the commands that share it."""
+
         def serve(request: Any, response: Any) -> Any:
-            answer = self._command(
-                Command(
-                    kind if isinstance(kind, CommandKind) else kind(request),
-                    getattr(request, 'kart', None),
-                    statement(request),
-                    frozenset(getattr(request, 'karts', ())),
-                    state_of(request.hold) if hasattr(request, 'hold') else None,
-                    getattr(request, 'heat', ''),
-                )
-            )
+            answer = self._command(_asked_for(kinds, request))
             response.success = answer.success
             response.message = answer.message
             return response
 
         # Also below another node a name is what it is in this one, remapped or not.
-        own = name if node is self else self.resolve_service_name(name)
+        own = f'~/{name}' if node is self else self.resolve_service_name(f'~/{name}')
+        service = service_class(CATALOGUE[kinds[0]].service_type)
         node.create_service(service, own, serve, qos_profile=SERVICE_QOS)
 
     def _command(self, command: Command) -> Answer:
@@ -279,6 +218,24 @@ class RcsNode(StrictNode):
                 else '; check the race to see whether it took effect.'
             ),
         )
+
+
+def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
+    """Return the command of a request to the service that these commands share."""
+    kind = next(
+        each
+        for each in kinds
+        if all(getattr(request, name) == value for name, value in CATALOGUE[each].fixed.items())
+    )
+    entry = CATALOGUE[kind]
+    return Command(
+        kind,
+        request.kart if entry.to_one_kart else None,
+        entry.call_is_statement or (bool(entry.statement) and getattr(request, entry.statement)),
+        frozenset(request.karts) if entry.names_karts else frozenset(),
+        state_of(request.hold) if entry.names_hold else None,
+        request.heat if entry.names_heat else '',
+    )
 
 
 def main(args: list[str] | None = None) -> int:

@@ -19,39 +19,28 @@ import threading
 from typing import Any, Protocol
 
 from evgp_node.graph import bind_graph, EVERY, fence_graph, reachable_at
+from evgp_node.services import service_class
 from evgp_node.spinning import Spinning
 from evgp_protocol.clock import now
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import words
-from evgp_rcs_console.commands import FORMS, Order
+from evgp_rcs_console.commands import Order, request
 from evgp_rcs_console.reading import read_event, read_race, state_message
-from evgp_rcs_console.snapshot import Answer, Command, Event, Race, State
+from evgp_rcs_console.snapshot import Answer, Event, Race, State
 from evgp_rcs_console.sources import Sources
 from evgp_rcs_console.standing import PRESS_AGAIN, Standing, StandingStops
-from evgp_rcs_msgs import msg, srv
+from evgp_rcs_msgs import msg
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
-from std_srvs.srv import SetBool, Trigger
 
 GIVE_UP = 15.0
 """Time for which an answer to a command that is no stop is waited for, in seconds."""
 
 PRESSES = 10
 """Number of unanswered presses of one stop whose answers are still waited for."""
-
-KINDS: dict[str, Any] = {
-    'Trigger': Trigger,
-    'SetBool': SetBool,
-    'GreenGreen': srv.GreenGreen,
-    'GridActive': srv.GridActive,
-    'InGarage': srv.InGarage,
-    'KartCommand': srv.KartCommand,
-    'KartInGarage': srv.KartInGarage,
-    'SetHeat': srv.SetHeat,
-    'SetInRace': srv.SetInRace,
-}
 
 
 def latched(depth: int) -> QoSProfile:
@@ -104,7 +93,7 @@ class Client:
         name: str,
         listener: Listener,
         context: Context | None = None,
-        commands: Iterable[Command] = tuple(FORMS),
+        commands: Iterable[CommandKind] = tuple(CATALOGUE),
         **node_options: Any,
     ) -> None:
         """Join the domain and begin to hear."""
@@ -112,10 +101,10 @@ class Client:
         fence_graph()
         self._listener = listener
         self._services: dict[str, Any] = {}
-        for form in map(FORMS.__getitem__, commands):
-            if form.service not in self._services:
-                self._services[form.service] = self.node.create_client(
-                    KINDS[form.kind], f'rcs/{form.service}'
+        for entry in map(CATALOGUE.__getitem__, commands):
+            if entry.service not in self._services:
+                self._services[entry.service] = self.node.create_client(
+                    service_class(entry.service_type), f'rcs/{entry.service}'
                 )
         self.node.create_subscription(msg.Race, 'rcs/race', self._hear_race, latched(1))
         self.node.create_subscription(msg.RaceEvent, 'rcs/events', self._hear_event, latched(200))
@@ -134,9 +123,9 @@ class Client:
         """Give a command, and return at once."""
         self._orders.put(order)
 
-    def wait_for(self, command: Command, seconds: float) -> bool:
+    def wait_for(self, command: CommandKind, seconds: float) -> bool:
         """Return whether race control offers a command, once it does or time is up."""
-        return bool(self._services[FORMS[command].service].wait_for_service(seconds))
+        return bool(self._services[CATALOGUE[command].service].wait_for_service(seconds))
 
     def close(self) -> None:
         """Leave the domain."""
@@ -157,7 +146,7 @@ class Client:
                 continue
             if order is None:
                 return
-            if FORMS[order.command].stop:
+            if CATALOGUE[order.command].stop:
                 with self._lock:
                     self._standing.add(order, now())
                 self._press()
@@ -182,15 +171,15 @@ class Client:
                 self._listener.on_pressing(self._standing.pressed)
 
     def _call(self, order: Order) -> None:
-        if self._services[FORMS[order.command].service].service_is_ready():
+        if self._services[CATALOGUE[order.command].service].service_is_ready():
             self._request(order)
             return
         name = words.order_name(order)
         self._listener.on_answer(order, Answer(False, words.NOT_THERE.format(command=name)))
 
     def _request(self, order: Order) -> None:
-        form = FORMS[order.command]
-        future = self._services[form.service].call_async(request_message(order))
+        service = self._services[CATALOGUE[order.command].service]
+        future = service.call_async(request_message(order))
         with self._lock:
             self._waiting[future] = order
         future.add_done_callback(self._answered)
@@ -198,10 +187,10 @@ class Client:
     def _give_up(self) -> None:
         """Forget what can no longer be answered."""
         late: dict[Any, Order] = {}
-        presses: dict[tuple[Command, int], list[Any]] = {}
+        presses: dict[tuple[CommandKind, int], list[Any]] = {}
         with self._lock:
             for future, order in self._waiting.items():
-                if FORMS[order.command].stop:
+                if CATALOGUE[order.command].stop:
                     presses.setdefault((order.command, order.kart), []).append(future)
                 elif now() - order.at > GIVE_UP:
                     late[future] = order
@@ -211,8 +200,8 @@ class Client:
             for future in late:
                 del self._waiting[future]
         for future, order in late.items():
-            self._services[FORMS[order.command].service].remove_pending_request(future)
-            if not FORMS[order.command].stop:
+            self._services[CATALOGUE[order.command].service].remove_pending_request(future)
+            if not CATALOGUE[order.command].stop:
                 name = words.order_name(order)
                 text = words.GAVE_UP.format(command=name, age=words.age(GIVE_UP))
                 self._listener.on_answer(order, Answer(False, text))
@@ -237,7 +226,7 @@ class Client:
             if ended:
                 self._listener.on_pressing(self._standing.pressed)
         # An earlier press of the same, or one that failed, is pressed again and not told.
-        if ended or not FORMS[order.command].stop:
+        if ended or not CATALOGUE[order.command].stop:
             self._listener.on_answer(order, answer)
 
     def _hear_race(self, message: msg.Race, info: dict[str, Any]) -> None:
@@ -271,12 +260,11 @@ def join_graph(program: str, arguments: Sequence[str]) -> None:
 
 def request_message(order: Order) -> Any:
     """Return the request of a command."""
-    form = FORMS[order.command]
     fields = {
         name: state_message(value) if isinstance(value, State) else value
-        for name, value in form.request(order).items()
+        for name, value in request(order).items()
     }
-    return KINDS[form.kind].Request(**fields)
+    return service_class(CATALOGUE[order.command].service_type).Request(**fields)
 
 
 def domain_of(context: Context | None = None) -> int:

@@ -17,11 +17,10 @@ import signal
 import sys
 
 from evgp_protocol.clock import now
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import words
 from evgp_rcs_console.apart import Apart, Report
-from evgp_rcs_console.commands import FORMS
 from evgp_rcs_console.exits import Exit
-from evgp_rcs_console.snapshot import Command
 
 STARTING = 5.0
 """Maximum time for ROS to start, before the time of ``--wait`` begins, in seconds."""
@@ -36,40 +35,32 @@ STALLED = 5.0
 """Time without anything new after which a `watch` counts as hanging, in seconds. It shows the race
 once a second."""
 
-COMMANDS: dict[str, tuple[Command, str]] = {
-    'all-kill': (Command.ALL_KILL, 'RED_RED to every kart'),
-    'red-flag': (Command.RED_FLAG, 'RED_FLAG to the karts of the race'),
-    'kart-red-red': (Command.KART_RED_RED, 'RED_RED to one kart'),
-    'kart-red-flag': (Command.KART_RED_FLAG, 'RED_FLAG to one kart'),
-    'record-msr': (Command.RECORD_MSR, 'record that you used the MSR; also RED_RED to every kart'),
-    'join': (Command.JOIN_RACE, 'put a kart into the race'),
-    'leave': (Command.LEAVE_RACE, 'take a kart out of the race'),
-    'heat': (Command.SET_HEAT, 'put the karts of a heat into the race, and take all others out'),
-    'grid-active': (Command.GRID_ACTIVE, 'GRID_ACTIVE to the karts of the race'),
-    'green-green': (Command.GREEN_GREEN, 'GREEN_GREEN to the karts of the race'),
-    'kart-finish': (Command.KART_FINISH, 'mark a kart as finished'),
-    'race-over': (Command.RACE_OVER, 'end the race: RED_RED to its karts'),
-    'open-track': (Command.OPEN_TRACK, 'open the track to humans'),
-    'close-track': (Command.CLOSE_TRACK, 'close the track to humans'),
-    'in-garage': (Command.IN_GARAGE, 'IN_GARAGE to the karts of the race'),
-    'kart-in-garage': (Command.KART_IN_GARAGE, 'release one kart from its hold'),
+SHORT = {
+    CommandKind.JOIN_RACE: 'join',
+    CommandKind.LEAVE_RACE: 'leave',
+    CommandKind.SET_HEAT: 'heat',
+}
+"""The commands whose name on the command line is not that of their kind."""
+
+COMMANDS: dict[str, CommandKind] = {
+    SHORT.get(kind, kind.name.lower().replace('_', '-')): kind for kind in CATALOGUE
 }
 """Every command of an official, by its name on the command line."""
 
-STATEMENTS: dict[Command, tuple[str, str, bool]] = {
-    Command.RECORD_MSR: ('--msr-was-used', 'you state that you used the MSR', True),
-    Command.GRID_ACTIVE: (
+STATEMENTS: dict[CommandKind, tuple[str, str, bool]] = {
+    CommandKind.RECORD_MSR: ('--msr-was-used', 'you state that you used the MSR', True),
+    CommandKind.GRID_ACTIVE: (
         '--track-is-clear',
         'you state that the track is clear of humans',
         True,
     ),
-    Command.GREEN_GREEN: (
+    CommandKind.GREEN_GREEN: (
         '--without-record',
         'you state that the race may start without a record; needed only if the record has failed',
         False,
     ),
-    Command.IN_GARAGE: ('--track-is-safe', 'you declare the track safe for humans', True),
-    Command.KART_IN_GARAGE: (
+    CommandKind.IN_GARAGE: ('--track-is-safe', 'you declare the track safe for humans', True),
+    CommandKind.KART_IN_GARAGE: (
         '--made-safe-by-hand',
         'you state that someone made this kart safe; needed if it has not acknowledged its stop',
         False,
@@ -123,20 +114,19 @@ def _no_answer(wanted: argparse.Namespace, waited: float) -> str:
     where = f'ROS domain {os.environ.get("ROS_DOMAIN_ID", "0")}'
     if wanted.command == 'watch':
         return f'{words.NOT_YET}: {words.USE_MSR} (ROS hangs; {where})'
-    return no_answer(COMMANDS[wanted.command][0], waited, f'ROS hangs; {where}')
+    return no_answer(COMMANDS[wanted.command], waited, f'ROS hangs; {where}')
 
 
-def no_answer(command: Command, waited: float, details: str) -> str:
+def no_answer(command: CommandKind, waited: float, details: str) -> str:
     """
     Return what to say when race control has not answered in time.
 
     :param waited: how long it had to answer, in seconds.
     :param details: what else is known of the wait.
     """
-    advice = 'USE THE MSR.' if FORMS[command].stop else 'Check the race to see if it took effect.'
-    return (
-        f'{words.LABELS[command]}: no answer within {round(waited, 1):g} s ({details}). {advice}'
-    )
+    entry = CATALOGUE[command]
+    advice = 'USE THE MSR.' if entry.stop else 'Check the race to see if it took effect.'
+    return f'{entry.label}: no answer within {round(waited, 1):g} s ({details}). {advice}'
 
 
 def without_ros_arguments(given: Sequence[str]) -> list[str]:
@@ -171,13 +161,16 @@ def parser() -> argparse.ArgumentParser:
         f'up to {STARTING:g} s before that to start',
     )
     commands = whole.add_subparsers(dest='command', required=True, metavar='command')
-    for name, (command, meaning) in COMMANDS.items():
-        each = commands.add_parser(name, help=meaning, description=meaning, parents=[waiting])
-        if FORMS[command].to_one_kart:
+    for name, command in COMMANDS.items():
+        entry = CATALOGUE[command]
+        each = commands.add_parser(
+            name, help=entry.meaning, description=entry.meaning, parents=[waiting]
+        )
+        if entry.to_one_kart:
             each.add_argument('kart', type=_kart_number, help='its number in the roster')
-        if FORMS[command].names_heat:
+        if entry.names_heat:
             each.add_argument('heat', help='its name in the roster')
-        if FORMS[command].names_karts:
+        if entry.names_karts:
             each.add_argument(
                 'karts',
                 type=_kart_number,

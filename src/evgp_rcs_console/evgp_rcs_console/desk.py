@@ -11,14 +11,15 @@ import threading
 
 from evgp_node.graph import GraphError
 from evgp_protocol.clock import now
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import words
 from evgp_rcs_console.apart import Report
 from evgp_rcs_console.client import Client, domain_of, join_graph, looking
-from evgp_rcs_console.commands import FORMS, Order
+from evgp_rcs_console.commands import Order
 from evgp_rcs_console.ctl import COMMANDS, GRACE, no_answer, STARTING, STATEMENTS
 from evgp_rcs_console.effects import effects, nobody_is_heard
 from evgp_rcs_console.exits import Exit
-from evgp_rcs_console.snapshot import Answer, Available, Command, Event, Kart, Race, State
+from evgp_rcs_console.snapshot import Answer, Available, Event, Kart, Race, State
 from evgp_rcs_console.standing import Standing
 from evgp_rcs_console.terminal import table
 from evgp_rcs_console.view import danger, is_gone, ReasonTimes, show, silence
@@ -94,7 +95,7 @@ def attend(given: Sequence[str], wanted: argparse.Namespace, began: float, repor
         return
     desk = Desk()
     # Watching needs no permission to command: a spectators' screen has none.
-    commands = () if wanted.command == 'watch' else (COMMANDS[wanted.command][0],)
+    commands = () if wanted.command == 'watch' else (COMMANDS[wanted.command],)
     try:
         client = Client('rcs_ctl', desk, commands=commands)
     except RCLError as error:
@@ -122,28 +123,28 @@ def _give(
     :param until: when to give up, in seconds.
     :param starting: how long ROS took to start, in seconds.
     """
-    command, _ = COMMANDS[wanted.command]
-    form = FORMS[command]
+    command = COMMANDS[wanted.command]
+    entry = CATALOGUE[command]
     where = f'{client.topic}, ROS domain {domain_of()}'
     unanswered = no_answer(
         command, until - now(), f'once ROS had started, which took {starting:.1f} s; {where}'
     )
-    if not form.stop and not client.wait_for(command, until - now()):
-        said = words.NOT_THERE.format(command=words.LABELS[command])
+    if not entry.stop and not client.wait_for(command, until - now()):
+        said = words.NOT_THERE.format(command=CATALOGUE[command].label)
         error = f'{said} ({where})'
         return {'code': Exit.NOT_THERE, 'error': error}
     karts = tuple(sorted(set(getattr(wanted, 'karts', ()))))
     hold = State.UNKNOWN
     released = ''
-    if (form.names_karts and not karts) or form.names_hold:
+    if (entry.names_karts and not karts) or entry.names_hold:
         if not desk.wait_for(lambda: desk.race is not None, until):
             return {'code': Exit.NOT_THERE, 'error': unanswered}
         assert desk.race is not None
         concerned = desk.race.commands.get(command, Available(False))
         # IN GARAGE may be for no kart; then there is none to name.
-        if form.names_karts and (concerned.karts or not concerned.yes or not wanted.stated):
+        if entry.names_karts and (concerned.karts or not concerned.yes or not wanted.stated):
             return _name_them(wanted, desk.race)
-        kart = desk.race.kart(wanted.kart) if form.names_hold else None
+        kart = desk.race.kart(wanted.kart) if entry.names_hold else None
         if kart is not None:
             hold = kart.hold
             offered = kart.commands.get(command, Available(False))
@@ -175,7 +176,7 @@ def _give(
 
 def _next_step(wanted: argparse.Namespace, order: Order, race: Race) -> list[str]:
     """Return what to type in place of a refused command, if it lacked karts or a statement."""
-    form = FORMS[order.command]
+    form = CATALOGUE[order.command]
     kart = race.kart(order.kart) if form.to_one_kart else None
     if form.to_one_kart and kart is None:
         return []
@@ -195,9 +196,9 @@ def _next_step(wanted: argparse.Namespace, order: Order, race: Race) -> list[str
 
 def _name_them(wanted: argparse.Namespace, race: Race) -> Told:
     """Say which karts a command would start or release, and send nothing."""
-    command, _ = COMMANDS[wanted.command]
+    command = COMMANDS[wanted.command]
     offered = race.commands.get(command)
-    label = words.LABELS[command]
+    label = CATALOGUE[command].label
     if offered is None or not offered.yes:
         reason = offered.reason if offered else 'race control does not offer it'
         said = f'{label}: nothing was sent. It is not possible now: {reason}.'
@@ -229,7 +230,7 @@ def as_called(arguments: str) -> str:
     return f'{called}"{arguments}"' if called else f'rcs_ctl {arguments}'
 
 
-def said_of(command: Command, race: Race, offered: Available, kart: Kart | None) -> list[str]:
+def said_of(command: CommandKind, race: Race, offered: Available, kart: Kart | None) -> list[str]:
     """Return what a command would do, and why not to confirm it, as sentences."""
     said = words.consequences(command, effects(command, race, offered, kart), race, kart)
     warning = words.warning(command, race, nobody_is_heard(race))

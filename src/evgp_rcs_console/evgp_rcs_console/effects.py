@@ -9,14 +9,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from evgp_rcs_console.snapshot import Available, Command, Kart, Race, State
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs_console.snapshot import Available, Kart, Race, State
 
 SENDS = {
-    Command.GRID_ACTIVE: State.GRID_ACTIVE,
-    Command.GREEN_GREEN: State.GREEN_GREEN,
-    Command.IN_GARAGE: State.IN_GARAGE,
-    Command.RECORD_MSR: State.RED_RED,
-    Command.KART_IN_GARAGE: State.IN_GARAGE,
+    CommandKind.GRID_ACTIVE: State.GRID_ACTIVE,
+    CommandKind.GREEN_GREEN: State.GREEN_GREEN,
+    CommandKind.IN_GARAGE: State.IN_GARAGE,
+    CommandKind.RECORD_MSR: State.RED_RED,
+    CommandKind.KART_IN_GARAGE: State.IN_GARAGE,
 }
 """What the commands that ask send; OPEN_TRACK sends nothing."""
 
@@ -40,7 +41,7 @@ class Effects:
     rest: tuple[Kart, ...] = ()
 
 
-def effects(command: Command, race: Race, offered: Available, kart: Kart | None) -> Effects:
+def effects(command: CommandKind, race: Race, offered: Available, kart: Kart | None) -> Effects:
     """
     Return what a command would do.
 
@@ -51,7 +52,7 @@ def effects(command: Command, race: Race, offered: Available, kart: Kart | None)
         concerned: set[int] = set()
     elif kart is not None:
         concerned = {kart.number}
-    elif command is Command.RECORD_MSR:
+    elif command is CommandKind.RECORD_MSR:
         concerned = {each.number for each in race.karts}
     else:
         concerned = set(offered.karts)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from evgp_protocol import clock
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import keys, words
 from evgp_rcs_console.alarm import Alarm
 from evgp_rcs_console.areas import Areas
@@ -14,7 +15,6 @@ from evgp_rcs_console.late_input import LateInput
 from evgp_rcs_console.presses import Presses
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.sight import Sight
-from evgp_rcs_console.snapshot import Command
 from evgp_rcs_console.view import ANSWER_KEYS, Button, Screen, Tone
 from evgp_rcs_console.widgets import CommandButton
 
@@ -122,7 +122,7 @@ class Keyboard:
                 self._chosen.clear()
                 return
         elif stroke.to_chosen:
-            kart, why = self._chosen.take(words.LABELS[stroke.commands[0]], at)
+            kart, why = self._chosen.take(CATALOGUE[stroke.commands[0]].label, at)
             if not kart:
                 self._bottom.say(why, Tone.BAD)
                 if stroke.stop:
@@ -138,9 +138,9 @@ class Keyboard:
                 return
         if button is not None:
             self._presses.press(button)
-        elif stroke.commands and stroke.commands[0] is Command.OPEN_TRACK:
+        elif stroke.commands and stroke.commands[0] is CommandKind.OPEN_TRACK:
             self._bottom.say(words.TRACK_OPEN)
-        elif stroke.commands and stroke.commands[0] is Command.CLOSE_TRACK:
+        elif stroke.commands and stroke.commands[0] is CommandKind.CLOSE_TRACK:
             self._bottom.say(words.TRACK_CLOSED)
 
     def _do(self, act: Act, at: float) -> None:

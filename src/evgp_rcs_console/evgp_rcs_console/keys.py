@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import enum
 import string
 
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import words
-from evgp_rcs_console.commands import FORMS
-from evgp_rcs_console.snapshot import Command
+from evgp_rcs_console.commands import asks
 from evgp_rcs_console.view import Cell, CHOSEN_KART_KEYS, FINISH_KEYS, KEYS, Tone
 
 KILL_KEYS = frozenset({'Space', 'F12'})
@@ -92,7 +92,7 @@ class Stroke:
     :param act: what else it does.
     """
 
-    commands: tuple[Command, ...] = ()
+    commands: tuple[CommandKind, ...] = ()
     to_chosen: bool = False
     finish: int | None = None
     digit: str = ''
@@ -101,12 +101,12 @@ class Stroke:
     @property
     def stop(self) -> bool:
         """Return whether it sends a stop."""
-        return bool(self.commands) and all(FORMS[command].stop for command in self.commands)
+        return bool(self.commands) and all(CATALOGUE[command].stop for command in self.commands)
 
     @property
     def asks(self) -> bool:
         """Return whether it asks for a confirmation first."""
-        return any(FORMS[command].confirmed for command in self.commands)
+        return any(asks(command) for command in self.commands)
 
 
 def meaning(key: str) -> Stroke | None:
@@ -116,7 +116,7 @@ def meaning(key: str) -> Stroke | None:
     if key in _CHOSEN:
         return Stroke(_CHOSEN[key], to_chosen=True)
     if key in FINISH_KEYS:
-        return Stroke((Command.KART_FINISH,), finish=FINISH_KEYS.index(key))
+        return Stroke((CommandKind.KART_FINISH,), finish=FINISH_KEYS.index(key))
     if key in _ACTS:
         return Stroke(act=_ACTS[key])
     if len(key) == 1 and key.isdecimal():

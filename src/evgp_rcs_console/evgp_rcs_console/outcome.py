@@ -10,30 +10,14 @@ Pure: snapshots and times go in.
 
 from __future__ import annotations
 
+from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CATALOGUE, Result
 from evgp_rcs_console.commands import Order
-from evgp_rcs_console.snapshot import Command, Kart, Race, State
+from evgp_rcs_console.snapshot import Kart, Race, State
 
 SETTLED = 1.0
 """Time after an answer when every snapshot that comes is newer than it, in seconds. Race control
 publishes one every 0.5 s at least."""
-
-_STATES = {
-    Command.ALL_KILL: (State.RED_RED,),
-    Command.RECORD_MSR: (State.RED_RED,),
-    Command.RACE_OVER: (State.RED_RED,),
-    Command.RED_FLAG: (State.RED_FLAG, State.RED_RED),
-    Command.GRID_ACTIVE: (State.GRID_ACTIVE,),
-    Command.GREEN_GREEN: (State.GREEN_GREEN,),
-    Command.IN_GARAGE: (State.IN_GARAGE,),
-}
-"""The states of the race after each command to it."""
-
-_HOLDS = {
-    Command.KART_RED_RED: (State.RED_RED,),
-    Command.KART_RED_FLAG: (State.RED_FLAG, State.RED_RED),
-    Command.KART_IN_GARAGE: (State.UNKNOWN,),
-}
-"""The holds of a kart after each command to it."""
 
 
 class Outcome:
@@ -64,10 +48,10 @@ class Outcome:
 
     def _shown(self, race: Race) -> object:
         """Return the part of a snapshot that the command can change."""
-        command = self.order.command
-        if command in (Command.OPEN_TRACK, Command.CLOSE_TRACK):
+        entry = CATALOGUE[self.order.command]
+        if entry.result.track_open is not None:
             return race.track.is_open
-        if command is Command.SET_HEAT:
+        if entry.names_heat:
             return race.state, _racing(race)
         kart = race.kart(self.order.kart)
         if kart is None:
@@ -76,25 +60,37 @@ class Outcome:
 
     def _is_done(self, race: Race) -> bool:
         order = self.order
-        if order.command in _STATES:
-            return race.state in _STATES[order.command]
-        if order.command in (Command.OPEN_TRACK, Command.CLOSE_TRACK):
-            return race.track.is_open is (order.command is Command.OPEN_TRACK)
-        if order.command is Command.SET_HEAT:
+        entry = CATALOGUE[order.command]
+        if entry.names_heat:
             return any(
                 heat.name == order.heat and heat.karts == _racing(race) for heat in race.heats
             )
-        kart = race.kart(order.kart)
-        return kart is not None and _is_done_to(kart, order.command)
+        return is_so(entry.result, race, race.kart(order.kart))
+
+
+def is_so(result: Result, race: Race, kart: Kart | None) -> bool:
+    """
+    Return whether a snapshot shows what a command brings about.
+
+    :param kart: the kart that the command is for, if it is for one.
+    """
+    shown = []
+    if result.race:
+        shown.append(race.state in map(_state, result.race))
+    if result.track_open is not None:
+        shown.append(race.track.is_open is result.track_open)
+    if kart is not None and result.hold:
+        shown.append(kart.hold in map(_state, result.hold))
+    if kart is not None and result.in_race is not None:
+        shown.append(kart.in_race is result.in_race)
+    if kart is not None and result.placed is not None:
+        shown.append((kart.place > 0) is result.placed)
+    return bool(shown) and all(shown)
+
+
+def _state(each: RaceState | None) -> State:
+    return State.UNKNOWN if each is None else State[each.name]
 
 
 def _racing(race: Race) -> tuple[int, ...]:
     return tuple(kart.number for kart in race.karts if kart.in_race)
-
-
-def _is_done_to(kart: Kart, command: Command) -> bool:
-    if command in _HOLDS:
-        return kart.hold in _HOLDS[command]
-    if command is Command.KART_FINISH:
-        return kart.place > 0
-    return kart.in_race is (command is Command.JOIN_RACE)

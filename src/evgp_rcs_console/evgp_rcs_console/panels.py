@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import words
 from evgp_rcs_console.notices import concerns, EventLog
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
-from evgp_rcs_console.snapshot import Command, Event
+from evgp_rcs_console.snapshot import Event
 from evgp_rcs_console.view import Cell, Row, Screen
 from evgp_rcs_console.widgets import (
     column,
@@ -80,7 +81,7 @@ class KillBox(QtWidgets.QWidget):
     def __init__(self) -> None:
         """Be ready."""
         super().__init__()
-        self.button = QtWidgets.QPushButton(words.LABELS[Command.ALL_KILL])
+        self.button = QtWidgets.QPushButton(CATALOGUE[CommandKind.ALL_KILL].label)
         self.button.setObjectName('all_kill')
         self.button.setSizePolicy(
             QtWidgets.QSizePolicy.Policy.Preferred, QtWidgets.QSizePolicy.Policy.Expanding

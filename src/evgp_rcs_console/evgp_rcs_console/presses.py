@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console import words
 from evgp_rcs_console.areas import Areas
 from evgp_rcs_console.bottom_line import BottomLine
@@ -11,7 +12,6 @@ from evgp_rcs_console.chosen import ChosenKart
 from evgp_rcs_console.commands import Order
 from evgp_rcs_console.display import Display
 from evgp_rcs_console.qt import QtWidgets
-from evgp_rcs_console.snapshot import Command
 from evgp_rcs_console.unanswered import Unanswered
 from evgp_rcs_console.view import Button, Tone
 from evgp_rcs_console.widgets import CommandButton
@@ -46,7 +46,7 @@ class Presses:
 
     def kill(self) -> None:
         """Send ALL KILL."""
-        self._give(Order(Command.ALL_KILL))
+        self._give(Order(CommandKind.ALL_KILL))
         self._chosen.clear()
 
     def let_go(self, down: Button, button: Button) -> None:
@@ -61,7 +61,7 @@ class Presses:
         areas = self._areas
         if not button.enabled:
             self._bottom.say(button.explanation, Tone.WAIT)
-        elif button.command is Command.SET_HEAT and not button.heat:
+        elif button.command is CommandKind.SET_HEAT and not button.heat:
             areas.help.close_sheet()
             areas.heats.open_sheet()
             areas.place_sheets()

@@ -6,11 +6,11 @@ from collections.abc import Iterable
 import time
 from typing import Any
 
+from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console.snapshot import (
     Alert,
     Availability,
     Available,
-    Command,
     Event,
     Heat,
     Kart,
@@ -21,7 +21,7 @@ from evgp_rcs_console.snapshot import (
 from evgp_rcs_msgs import msg
 
 _STATES = {int(getattr(msg.RaceState, state.name)): state for state in State}
-_COMMANDS = {int(getattr(msg.CommandAvailability, each.name)): each for each in Command}
+_COMMANDS = {int(getattr(msg.CommandAvailability, each.name)): each for each in CommandKind}
 _ALERTS = {
     value: name
     for name in dir(msg.Alert)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from evgp_protocol import clock
+from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs_console import words
-from evgp_rcs_console.commands import FORMS
 from evgp_rcs_console.freshness import SEEN
 from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
 from evgp_rcs_console.view import Button, Cell, Tone
@@ -132,7 +132,7 @@ class Question(Sheet):
         Once it differs from what was asked, YES stays off, also if it becomes the same again.
         """
         assert self.button is not None
-        if FORMS[self.button.command].stop:
+        if CATALOGUE[self.button.command].stop:
             self._problem_text = ''
             if button is not None:
                 self._show_texts(button)

@@ -12,10 +12,10 @@ import contextlib
 from dataclasses import dataclass
 
 from evgp_protocol import clock
+from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.sheets import Sheet
-from evgp_rcs_console.snapshot import Command
 from evgp_rcs_console.view import Button, Screen
 from evgp_rcs_console.widgets import CommandButton
 
@@ -90,7 +90,7 @@ class Sight:
         return Shown(screen, tuple(buttons))
 
 
-def _commands(screen: Screen) -> list[tuple[Command, int]]:
+def _commands(screen: Screen) -> list[tuple[CommandKind, int]]:
     """Return which command each button of a screen gives, place by place."""
     buttons = [button for row in screen.rows for button in row.buttons]
     buttons += [screen.track_button] if screen.track_button else []

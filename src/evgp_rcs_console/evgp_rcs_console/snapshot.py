@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 import enum
 
+from evgp_rcs.catalogue import CommandKind
+
 
 class State(enum.Enum):
     """A race state (§3.A); UNKNOWN is none."""
@@ -21,27 +23,6 @@ class State(enum.Enum):
     GREEN_GREEN = 'GREEN_GREEN'
     RED_FLAG = 'RED_FLAG'
     RED_RED = 'RED_RED'
-
-
-class Command(enum.Enum):
-    """A command of an official (§4.B); the names are those of `CommandAvailability.msg`."""
-
-    ALL_KILL = 'ALL_KILL'
-    RED_FLAG = 'RED_FLAG'
-    GRID_ACTIVE = 'GRID_ACTIVE'
-    GREEN_GREEN = 'GREEN_GREEN'
-    RACE_OVER = 'RACE_OVER'
-    IN_GARAGE = 'IN_GARAGE'
-    OPEN_TRACK = 'OPEN_TRACK'
-    CLOSE_TRACK = 'CLOSE_TRACK'
-    RECORD_MSR = 'RECORD_MSR'
-    KART_RED_RED = 'KART_RED_RED'
-    KART_RED_FLAG = 'KART_RED_FLAG'
-    KART_FINISH = 'KART_FINISH'
-    KART_IN_GARAGE = 'KART_IN_GARAGE'
-    JOIN_RACE = 'JOIN_RACE'
-    LEAVE_RACE = 'LEAVE_RACE'
-    SET_HEAT = 'SET_HEAT'
 
 
 @dataclass(frozen=True)
@@ -61,7 +42,7 @@ class Available:
     again_in: float = 0.0
 
 
-Availability = Mapping[Command, Available]
+Availability = Mapping[CommandKind, Available]
 
 
 @dataclass(frozen=True)

@@ -13,20 +13,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from evgp_rcs_console.commands import FORMS, Order
-from evgp_rcs_console.snapshot import Command
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs_console.commands import Order
 
 PRESS_AGAIN = 0.5
 """Time between two presses of a stop that is not answered, in seconds."""
 
-LOOSENS_RACE = frozenset({Command.GRID_ACTIVE, Command.GREEN_GREEN, Command.IN_GARAGE})
+LOOSENS_RACE = frozenset(
+    kind for kind, entry in CATALOGUE.items() if entry.loosens and entry.names_karts
+)
 """Commands that end the stops given before them: those to the race and to its karts."""
 
-ENDED_BY_RACE = frozenset({Command.RED_FLAG, Command.KART_RED_RED, Command.KART_RED_FLAG})
-"""The stops that end with an accepted command of ``LOOSENS_RACE``."""
-
-ENDED_BY_RELEASE = frozenset({Command.KART_RED_RED, Command.KART_RED_FLAG})
+ENDED_BY_RELEASE = frozenset(
+    kind for kind, entry in CATALOGUE.items() if entry.stop and entry.to_one_kart
+)
 """The stops of a kart that end with its accepted release."""
+
+ENDED_BY_RACE = ENDED_BY_RELEASE | {CommandKind.RED_FLAG}
+"""The stops that end with an accepted command of ``LOOSENS_RACE``."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,7 @@ class StandingStops:
 
     def __init__(self) -> None:
         """Begin with none."""
-        self._stops: dict[tuple[Command, int], Standing] = {}
+        self._stops: dict[tuple[CommandKind, int], Standing] = {}
 
     @property
     def pressed(self) -> tuple[Standing, ...]:
@@ -116,16 +120,13 @@ class StandingStops:
             self._stops[_key(order)] = replace(stop, said=said)
 
 
-def _key(order: Order) -> tuple[Command, int]:
+def _key(order: Order) -> tuple[CommandKind, int]:
     return order.command, order.kart
 
 
 def _ends(later: Order, stop: Order) -> bool:
     if later.command in LOOSENS_RACE:
         return stop.command in ENDED_BY_RACE
-    if later.command is Command.KART_IN_GARAGE:
+    if later.command is CommandKind.KART_IN_GARAGE:
         return stop.command in ENDED_BY_RELEASE and stop.kart == later.kart
     return False
-
-
-assert all(FORMS[command].stop for command in ENDED_BY_RACE | ENDED_BY_RELEASE)

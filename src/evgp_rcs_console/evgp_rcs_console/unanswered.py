@@ -6,8 +6,8 @@ Pure: times go in.
 
 from __future__ import annotations
 
+from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console.commands import Order
-from evgp_rcs_console.snapshot import Command
 from evgp_rcs_console.standing import Standing
 
 LATE = 0.3
@@ -24,7 +24,7 @@ class Unanswered:
     def __init__(self) -> None:
         """Begin with none."""
         self.stops: tuple[Standing, ...] = ()
-        self._orders: dict[tuple[Command, int], Order] = {}
+        self._orders: dict[tuple[CommandKind, int], Order] = {}
 
     def __bool__(self) -> bool:
         """Return whether a command waits for its answer; stops do not count."""
@@ -39,7 +39,7 @@ class Unanswered:
         if self._orders.get((order.command, order.kart)) is order:
             del self._orders[order.command, order.kart]
 
-    def ages(self, now: float) -> dict[tuple[Command, int], float]:
+    def ages(self, now: float) -> dict[tuple[CommandKind, int], float]:
         """Return for how long each command has waited, in seconds."""
         return {key: now - order.at for key, order in self._orders.items()}
 
@@ -61,4 +61,4 @@ class Unanswered:
 
 
 def _is_all_kill(stop: Standing) -> bool:
-    return stop.order.command is Command.ALL_KILL
+    return stop.order.command is CommandKind.ALL_KILL

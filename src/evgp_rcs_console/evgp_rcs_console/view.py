@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 import enum
 import string
 
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import words
-from evgp_rcs_console.commands import FORMS, Order
+from evgp_rcs_console.commands import asks, Order
 from evgp_rcs_console.effects import effects, nobody_is_heard
+from evgp_rcs_console.outcome import is_so
 from evgp_rcs_console.snapshot import (
     Availability,
     Available,
-    Command,
     Heat,
     Kart,
     Race,
@@ -35,13 +36,25 @@ It publishes one every 0.5 s at least, and an official must know within 1 s.
 """
 
 RACE_COMMANDS = (
-    Command.GRID_ACTIVE,
-    Command.GREEN_GREEN,
-    Command.RED_FLAG,
-    Command.RACE_OVER,
-    Command.IN_GARAGE,
+    CommandKind.GRID_ACTIVE,
+    CommandKind.GREEN_GREEN,
+    CommandKind.RED_FLAG,
+    CommandKind.RACE_OVER,
+    CommandKind.IN_GARAGE,
 )
 """The commands to the karts of the race, in the order of a race (§4.B)."""
+
+KART_COMMANDS = (
+    CommandKind.KART_RED_RED,
+    CommandKind.KART_RED_FLAG,
+    CommandKind.KART_FINISH,
+    CommandKind.KART_IN_GARAGE,
+    CommandKind.JOIN_RACE,
+)
+"""The buttons of a kart's row; one whose result holds offers to take it back."""
+
+UNDONE_BY = {entry.undoes: kind for kind, entry in CATALOGUE.items() if entry.undoes is not None}
+"""The command that takes back each one that can be taken back."""
 
 ANSWER_KEYS = ('Y', 'N')
 """The letters that answer a question, and do nothing else: one typed too late has no effect."""
@@ -55,7 +68,7 @@ PART_FAILED = 'PART_FAILED'
 TWO_RACE_CONTROLS = 'TWO_RACE_CONTROLS'
 """The kinds of alert that are shown in the largest type."""
 
-Pending = Mapping[tuple[Command, int], float]
+Pending = Mapping[tuple[CommandKind, int], float]
 """The time that each command to each kart (0: none) has waited for its answer, in seconds."""
 
 
@@ -109,7 +122,7 @@ class Button:
     :param key: the key that presses it; empty if none does.
     """
 
-    command: Command
+    command: CommandKind
     kart: int
     label: str
     enabled: bool
@@ -150,7 +163,7 @@ class Button:
     @property
     def is_stop(self) -> bool:
         """Return whether it is a stop."""
-        return FORMS[self.command].stop
+        return CATALOGUE[self.command].stop
 
     @property
     def is_instant(self) -> bool:
@@ -170,7 +183,11 @@ class Button:
 
 @dataclass(frozen=True)
 class Row:
-    """A kart as a row."""
+    """
+    A kart as a row.
+
+    :param finish: what its letter presses, whatever its button offers.
+    """
 
     number: int
     team: str
@@ -184,6 +201,7 @@ class Row:
     place: str
     note: str
     buttons: tuple[Button, ...]
+    finish: Button
 
 
 @dataclass(frozen=True)
@@ -226,36 +244,36 @@ class Screen:
     track_button: Button | None
     rows: tuple[Row, ...]
 
-    def button(self, command: Command, kart: int = 0) -> Button | None:
+    def button(self, command: CommandKind, kart: int = 0) -> Button | None:
         """Return the button of a command, if this screen has it."""
         buttons = [*self.race, *self.all_karts]
         buttons += filter(None, [self.track_button, self.heat_button])
         for row in self.rows:
             if row.number == kart:
-                buttons += row.buttons
+                buttons += (*row.buttons, row.finish)
         return next(
             (each for each in buttons if (each.command, each.kart) == (command, kart)), None
         )
 
 
 KEYS = {
-    Command.GRID_ACTIVE: 'F2',
-    Command.GREEN_GREEN: 'F3',
-    Command.RED_FLAG: 'F4',
-    Command.RACE_OVER: 'F5',
-    Command.IN_GARAGE: 'F6',
-    Command.OPEN_TRACK: 'F7',
-    Command.CLOSE_TRACK: 'F8',
-    Command.RECORD_MSR: 'F9',
-    Command.SET_HEAT: 'Ctrl+H',
+    CommandKind.GRID_ACTIVE: 'F2',
+    CommandKind.GREEN_GREEN: 'F3',
+    CommandKind.RED_FLAG: 'F4',
+    CommandKind.RACE_OVER: 'F5',
+    CommandKind.IN_GARAGE: 'F6',
+    CommandKind.OPEN_TRACK: 'F7',
+    CommandKind.CLOSE_TRACK: 'F8',
+    CommandKind.RECORD_MSR: 'F9',
+    CommandKind.SET_HEAT: 'Ctrl+H',
 }
 """The keys of the commands that concern no single kart, without ALL KILL."""
 
 CHOSEN_KART_KEYS = {
-    'R': (Command.KART_RED_RED,),
-    'F': (Command.KART_RED_FLAG,),
-    'G': (Command.KART_IN_GARAGE,),
-    'J': (Command.JOIN_RACE, Command.LEAVE_RACE),
+    'R': (CommandKind.KART_RED_RED,),
+    'F': (CommandKind.KART_RED_FLAG,),
+    'G': (CommandKind.KART_IN_GARAGE,),
+    'J': (CommandKind.JOIN_RACE, CommandKind.LEAVE_RACE),
 }
 """With Ctrl, the keys of the commands to the chosen kart."""
 
@@ -336,9 +354,9 @@ class ReasonTimes:
 
     def __init__(self) -> None:
         """Have seen no reason."""
-        self._first: dict[Command, tuple[str, float]] = {}
+        self._first: dict[CommandKind, tuple[str, float]] = {}
 
-    def update(self, offered: Availability, now: float) -> dict[Command, float]:
+    def update(self, offered: Availability, now: float) -> dict[CommandKind, float]:
         """Take what race control says of commands at a time (s); return the times, in seconds."""
         first = {command: (each.reason, now) for command, each in offered.items()}
         for command, (reason, since) in self._first.items():
@@ -353,7 +371,7 @@ def show(
     age: float,
     pending: Pending,
     danger: Danger | None = None,
-    reasons: Mapping[Command, float] | None = None,
+    reasons: Mapping[CommandKind, float] | None = None,
 ) -> Screen:
     """
     Return what a screen shows of a snapshot.
@@ -372,15 +390,15 @@ def show(
     return Screen(
         state=_state_cell(race.state),
         since=f'{since}, {words.OVER}' if race.over else since,
-        heat_button=buttons.race(Command.SET_HEAT) if race.heats else None,
+        heat_button=buttons.race(CommandKind.SET_HEAT) if race.heats else None,
         heats=tuple(buttons.heat(heat) for heat in race.heats),
         places=_places(race),
         humans=humans,
         humans_reason=reason,
         track=words.TRACK_OPEN if track.is_open else words.TRACK_CLOSED,
         race=tuple(buttons.race(command) for command in RACE_COMMANDS),
-        all_karts=(buttons.race(Command.RECORD_MSR),),
-        track_button=buttons.race(Command.CLOSE_TRACK if track.is_open else Command.OPEN_TRACK),
+        all_karts=(buttons.race(CommandKind.RECORD_MSR),),
+        track_button=buttons.race(_offered(CommandKind.OPEN_TRACK, race, None)),
         rows=tuple(_row(kart, place, age, buttons) for place, kart in enumerate(race.karts)),
     )
 
@@ -418,6 +436,7 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
         says = Cell(words.STATES[kart.reported], Tone.WAIT)
     missing = Tone.BAD if kart.in_race or kart.may_be_moving else Tone.FAINT
     key = FINISH_KEYS[place] if place < len(FINISH_KEYS) else ''
+    finish = buttons.kart(CommandKind.KART_FINISH, kart, key)
     return Row(
         number=kart.number,
         team=kart.team,
@@ -430,14 +449,20 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
         says=says,
         place=f'P{kart.place}' if kart.place else '',
         note=', '.join(notes),
-        buttons=(
-            buttons.kart(Command.KART_RED_RED, kart),
-            buttons.kart(Command.KART_RED_FLAG, kart),
-            buttons.kart(Command.KART_FINISH, kart, key),
-            buttons.kart(Command.KART_IN_GARAGE, kart),
-            buttons.kart(Command.LEAVE_RACE if kart.in_race else Command.JOIN_RACE, kart),
+        buttons=tuple(
+            finish if command is finish.command else buttons.kart(command, kart)
+            for command in (_offered(each, buttons.snapshot, kart) for each in KART_COMMANDS)
         ),
+        finish=finish,
     )
+
+
+def _offered(command: CommandKind, race: Race, kart: Kart | None) -> CommandKind:
+    """Return what the button of a command offers: to take it back, while its result holds."""
+    undone_by = UNDONE_BY.get(command)
+    if undone_by is not None and is_so(CATALOGUE[command].result, race, kart):
+        return undone_by
+    return command
 
 
 def _state_cell(state: State) -> Cell:
@@ -452,13 +477,13 @@ class _Buttons:
     pending: Pending
     age: float
     barred: str
-    reasons: Mapping[Command, float]
+    reasons: Mapping[CommandKind, float]
 
-    def race(self, command: Command) -> Button:
+    def race(self, command: CommandKind) -> Button:
         offered = self.snapshot.commands.get(command, Available(False))
         return self._button(command, None, offered, KEYS.get(command, ''))
 
-    def kart(self, command: Command, kart: Kart, key: str = '') -> Button:
+    def kart(self, command: CommandKind, kart: Kart, key: str = '') -> Button:
         offered = kart.commands.get(command, Available(False))
         return self._button(command, kart, offered, key)
 
@@ -467,17 +492,17 @@ class _Buttons:
         racing = tuple(kart.number for kart in self.snapshot.karts if kart.in_race)
         label = words.heat(heat, in_race=heat.karts == racing)
         return replace(
-            self.race(Command.SET_HEAT), label=label, heat=heat.name, karts=heat.karts, key=''
+            self.race(CommandKind.SET_HEAT), label=label, heat=heat.name, karts=heat.karts, key=''
         )
 
     def _button(
         self,
-        command: Command,
+        command: CommandKind,
         kart: Kart | None,
         offered: Available,
         key: str,
     ) -> Button:
-        form = FORMS[command]
+        entry = CATALOGUE[command]
         waits = self.pending.get((command, kart.number if kart else 0))
         reason = offered.reason
         since = self.reasons.get(command, 0.0) if kart is None else 0.0
@@ -486,12 +511,12 @@ class _Buttons:
         elif reason and since >= WORTH_A_FIGURE:
             reason = words.WITH_AGE.format(reason=reason, age=words.age(since))
         # A stop can always be pressed, also while one waits or nobody answers: it does no harm.
-        if not form.stop and self.barred:
+        if not entry.stop and self.barred:
             reason = self.barred
-        elif not form.stop and waits is not None:
+        elif not entry.stop and waits is not None:
             reason = words.PENDING_REASON.format(age=words.short_age(waits))
         condition = consequence = warning = ''
-        if form.confirmed or (offered.statement and not form.stop):
+        if asks(command) or (offered.statement and not entry.stop):
             race = self.snapshot
             does = effects(command, race, offered, kart)
             condition = words.condition(command, kart, race, offered.statement)
@@ -500,14 +525,14 @@ class _Buttons:
         return Button(
             command=command,
             kart=kart.number if kart else 0,
-            label=words.LABELS[command],
-            enabled=form.stop or (offered.yes and not reason),
+            label=entry.label,
+            enabled=entry.stop or (offered.yes and not reason),
             reason=reason,
             condition=condition,
             consequence=consequence,
             statement=offered.statement,
             karts=offered.karts,
-            hold=kart.hold if kart and form.names_hold else State.UNKNOWN,
+            hold=kart.hold if kart and entry.names_hold else State.UNKNOWN,
             warning=warning,
             key=key,
         )

@@ -1,7 +1,8 @@
 """
 Every text that the console itself writes, in one place.
 
-Sentences of race control (reasons, answers, alerts, events) are shown as they are.
+Sentences of race control (reasons, answers, alerts, events) are shown as they are. The labels of
+the commands are in the catalogue.
 """
 
 from __future__ import annotations
@@ -9,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 import math
 
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console.commands import Order
 from evgp_rcs_console.effects import Effects
-from evgp_rcs_console.snapshot import Command, Heat, Kart, Race, State
+from evgp_rcs_console.snapshot import Heat, Kart, Race, State
 
 TITLE = 'EVGP race control'
 
@@ -33,25 +35,6 @@ SYMBOLS = {
     State.RED_RED: '■',
 }
 """Every state has a word and a symbol: it is never shown by its colour alone."""
-
-LABELS = {
-    Command.ALL_KILL: 'ALL KILL',
-    Command.RED_FLAG: 'RED FLAG',
-    Command.GRID_ACTIVE: 'GRID ACTIVE',
-    Command.GREEN_GREEN: 'GREEN GREEN',
-    Command.RACE_OVER: 'RACE OVER',
-    Command.IN_GARAGE: 'IN GARAGE',
-    Command.OPEN_TRACK: 'OPEN TRACK',
-    Command.CLOSE_TRACK: 'CLOSE TRACK',
-    Command.RECORD_MSR: 'MSR WAS USED',
-    Command.KART_RED_RED: 'RED RED',
-    Command.KART_RED_FLAG: 'RED FLAG',
-    Command.KART_FINISH: 'FINISH',
-    Command.KART_IN_GARAGE: 'GARAGE',
-    Command.JOIN_RACE: 'JOIN',
-    Command.LEAVE_RACE: 'LEAVE',
-    Command.SET_HEAT: 'HEAT',
-}
 
 IN_RACE = 'IN RACE'
 ALL_KARTS = 'ALL KARTS'
@@ -250,9 +233,9 @@ def kart_name(kart: Kart) -> str:
     return f'kart {kart.number} ({kart.team})' if kart.team else f'kart {kart.number}'
 
 
-def command_name(command: Command, kart: int = 0) -> str:
+def command_name(command: CommandKind, kart: int = 0) -> str:
     """Return the name of a command in a sentence."""
-    return f'{LABELS[command]} kart {kart}' if kart else LABELS[command]
+    return f'{CATALOGUE[command].label} kart {kart}' if kart else CATALOGUE[command].label
 
 
 def order_name(order: Order) -> str:
@@ -267,38 +250,38 @@ def heat(each: Heat, in_race: bool = False) -> str:
     return IN_RACE_NOW.format(text=text) if in_race else text
 
 
-def condition(command: Command, kart: Kart | None, race: Race, statement: str) -> str:
+def condition(command: CommandKind, kart: Kart | None, race: Race, statement: str) -> str:
     """
     Return what an official confirms.
 
     :param statement: what race control asks the official to state; empty if nothing.
     """
-    if command is Command.GREEN_GREEN:
+    if command is CommandKind.GREEN_GREEN:
         start = 'the race may start, and the track is clear of humans'
         return f'{start}; {statement}' if statement else start
     if statement:
         return statement
-    if command is Command.RECORD_MSR:
+    if command is CommandKind.RECORD_MSR:
         return 'the Master Safety Remote was used'
-    if command is Command.OPEN_TRACK:
+    if command is CommandKind.OPEN_TRACK:
         return 'teams may go onto the track'
-    if command is Command.KART_IN_GARAGE and kart is not None:
+    if command is CommandKind.KART_IN_GARAGE and kart is not None:
         return f'{kart_name(kart)} stands still and may go to its team'
-    return f'{LABELS[command]} is what I want'
+    return f'{CATALOGUE[command].label} is what I want'
 
 
-def warning(command: Command, race: Race, nobody_heard: bool) -> str:
+def warning(command: CommandKind, race: Race, nobody_heard: bool) -> str:
     """
     Return why an official should not confirm a command; empty if nothing is known against it.
 
     :param nobody_heard: humans are allowed on the track only because no kart is connected.
     """
     track = race.track
-    if command in (Command.IN_GARAGE, Command.KART_IN_GARAGE, Command.OPEN_TRACK):
+    if command in (CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK):
         if not track.allowed:
             return f'humans must stay off the track now: {track.reason}'
         return f'no kart is connected; {HUMANS_UNKNOWN_REASON}' if nobody_heard else ''
-    if command in (Command.GRID_ACTIVE, Command.GREEN_GREEN) and track.is_open:
+    if command in (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN) and track.is_open:
         return 'the track is open to humans now'
     return ''
 
@@ -317,16 +300,15 @@ def kart_list(karts: tuple[Kart, ...]) -> str:
     return f'kart {numbers}' if len(karts) == 1 else f'{len(karts)} karts: {numbers}'
 
 
-def consequences(command: Command, does: Effects, race: Race, kart: Kart | None) -> list[str]:
+def consequences(command: CommandKind, does: Effects, race: Race, kart: Kart | None) -> list[str]:
     """
     Return what a command does, as sentences.
 
     :param kart: the kart it is for, if it is for one.
     """
-    said = []
-    if command is Command.RECORD_MSR:
-        said.append('Records that you used the MSR. It does not trigger the MSR.')
-    if kart is not None and kart.hold is not State.UNKNOWN:
+    entry = CATALOGUE[command]
+    said = [entry.note] if entry.note else []
+    if entry.names_hold and kart is not None and kart.hold is not State.UNKNOWN:
         said.append(f'Ends the hold of {held(kart)}.')
     if does.state is not State.UNKNOWN and (does.now or kart is None):
         one, several = _THEN.get(command, ('', ''))
@@ -336,7 +318,7 @@ def consequences(command: Command, does: Effects, race: Race, kart: Kart | None)
         gets = 'gets it when it connects' if len(does.later) == 1 else 'get it when they connect'
         said.append(f'Not connected now, {gets}: {kart_list(does.later)}.')
     if kart is not None:
-        if kart.in_race and race.state is not State.IN_GARAGE:
+        if entry.names_hold and kart.in_race and race.state is not State.IN_GARAGE:
             said.append('Takes it out of the race.')
         return said
     if does.held:
@@ -347,10 +329,8 @@ def consequences(command: Command, does: Effects, race: Race, kart: Kart | None)
     if does.rest and does.state is not State.UNKNOWN:
         stays = 'Stays as it is' if len(does.rest) == 1 else 'Stay as they are'
         said.append(f'{stays}: {kart_list(does.rest)}.')
-    if command is Command.GRID_ACTIVE and any(each.place for each in race.karts):
+    if command is CommandKind.GRID_ACTIVE and any(each.place for each in race.karts):
         said.append('Clears the places of the last race.')
-    if command is Command.OPEN_TRACK:
-        said.append('Opens the track to humans. Sends nothing to the karts.')
     return said
 
 
@@ -358,8 +338,8 @@ FEW = 4
 """Maximum number of held karts whose reasons are given; if there are more, only their numbers."""
 
 _THEN = {
-    Command.GREEN_GREEN: (' It drives off.', ' They drive off.'),
-    Command.IN_GARAGE: (' The team has its kart back.', ' The teams have their karts back.'),
+    CommandKind.GREEN_GREEN: (' It drives off.', ' They drive off.'),
+    CommandKind.IN_GARAGE: (' The team has its kart back.', ' The teams have their karts back.'),
 }
 """What happens then, if the command is sent to one kart, and if it is sent to several."""
 
@@ -371,11 +351,12 @@ def held(kart: Kart) -> str:
 
 def now_so(order: Order, race: Race) -> str:
     """Return the present state of what a command has changed; it replaces the command's answer."""
-    if order.command in (Command.OPEN_TRACK, Command.CLOSE_TRACK):
+    if CATALOGUE[order.command].result.track_open is not None:
         return 'the track is open' if race.track.is_open else 'the track is closed'
     kart = race.kart(order.kart)
     if kart is None:
         return f'the race is in {STATES[race.state]}'
     sent = f'{kart_name(kart)} is sent {STATES[kart.sent]}'
     sent += f', held: {kart.hold_reason}' if kart.hold is not State.UNKNOWN else ''
+    sent += f', place {kart.place}' if kart.place else ''
     return f'{sent}, in the race' if kart.in_race else f'{sent}, not in the race'

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from evgp_rcs_console.snapshot import Available, Command, Kart, Race, State, Track
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs_console.snapshot import Available, Kart, Race, State, Track
 
-EVERYTHING = {command: Available(True) for command in Command}
+EVERYTHING = {command: Available(True) for command in CommandKind}
 """Race control offers every command."""
 
 KART = Kart(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console.keys import Act, FORGOTTEN, KartField, key_name, KILL_KEYS, meaning
-from evgp_rcs_console.snapshot import Command
 from evgp_rcs_console.view import ANSWER_KEYS, CHOSEN_KART_KEYS, FINISH_KEYS, KEYS, Tone
 import pytest
 
@@ -27,7 +27,7 @@ def test_a_letter_is_the_finish_of_the_kart_that_shows_it() -> None:
     stroke = meaning('C')
 
     assert stroke is not None
-    assert stroke.commands == (Command.KART_FINISH,)
+    assert stroke.commands == (CommandKind.KART_FINISH,)
     assert stroke.finish == 2
 
 
@@ -35,9 +35,9 @@ def test_keys_of_the_race_of_the_chosen_kart_and_of_the_window() -> None:
     green, garage, seen = meaning('F3'), meaning('Ctrl+G'), meaning('F10')
 
     assert green is not None
-    assert green.commands == (Command.GREEN_GREEN,)
+    assert green.commands == (CommandKind.GREEN_GREEN,)
     assert garage is not None
-    assert (garage.commands, garage.to_chosen) == ((Command.KART_IN_GARAGE,), True)
+    assert (garage.commands, garage.to_chosen) == ((CommandKind.KART_IN_GARAGE,), True)
     assert seen is not None
     assert seen.act is Act.SEEN
 

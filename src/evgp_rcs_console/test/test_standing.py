@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from evgp_rcs_console.commands import FORMS, Order
-from evgp_rcs_console.snapshot import Command
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs_console.commands import Order
 from evgp_rcs_console.standing import PRESS_AGAIN, StandingStops
 import pytest
 
-STOPS = [command for command, form in FORMS.items() if form.stop]
+STOPS = [kind for kind, entry in CATALOGUE.items() if entry.stop]
 
 
-def kart_of(command: Command) -> int:
+def kart_of(command: CommandKind) -> int:
     """Return kart 7 for a command to one kart, 0 for any other."""
-    return 7 if FORMS[command].to_one_kart else 0
+    return 7 if CATALOGUE[command].to_one_kart else 0
 
 
 @pytest.mark.parametrize('command', STOPS)
-def test_every_stop_is_pressed_again_until_it_is_accepted(command: Command) -> None:
+def test_every_stop_is_pressed_again_until_it_is_accepted(command: CommandKind) -> None:
     stops = StandingStops()
     order = Order(command, kart_of(command), at=0.0)
     stops.add(order, 0.0)
@@ -33,7 +33,7 @@ def test_every_stop_is_pressed_again_until_it_is_accepted(command: Command) -> N
 
 def test_a_stop_is_not_pressed_before_its_time() -> None:
     stops = StandingStops()
-    stops.add(Order(Command.RED_FLAG, at=0.0), 0.0)
+    stops.add(Order(CommandKind.RED_FLAG, at=0.0), 0.0)
     stops.press(0.0)
 
     assert stops.press(PRESS_AGAIN - 0.01) == []
@@ -42,7 +42,7 @@ def test_a_stop_is_not_pressed_before_its_time() -> None:
 
 def test_stops_of_several_karts_stand_beside_each_other() -> None:
     stops = StandingStops()
-    orders = [Order(Command.KART_RED_RED, kart, at=0.0) for kart in (1, 2)]
+    orders = [Order(CommandKind.KART_RED_RED, kart, at=0.0) for kart in (1, 2)]
     for order in orders:
         stops.add(order, 0.0)
 
@@ -53,7 +53,7 @@ def test_stops_of_several_karts_stand_beside_each_other() -> None:
 
 def test_an_official_who_presses_again_waits_for_the_answer_to_that() -> None:
     stops = StandingStops()
-    first, second = Order(Command.ALL_KILL, at=0.0), Order(Command.ALL_KILL, at=5.0)
+    first, second = Order(CommandKind.ALL_KILL, at=0.0), Order(CommandKind.ALL_KILL, at=5.0)
     stops.add(first, 0.0)
     stops.press(0.0)
     stops.add(second, 5.0)
@@ -67,7 +67,7 @@ def test_an_official_who_presses_again_waits_for_the_answer_to_that() -> None:
 
 def test_a_stop_that_is_refused_for_good_is_given_up() -> None:
     stops = StandingStops()
-    order = Order(Command.KART_RED_RED, 99, at=0.0)
+    order = Order(CommandKind.KART_RED_RED, 99, at=0.0)
     stops.add(order, 0.0)
 
     stops.refused(order, 'there is no kart 99 in the roster', final=True)
@@ -77,7 +77,7 @@ def test_a_stop_that_is_refused_for_good_is_given_up() -> None:
 
 def test_a_stop_that_failed_is_pressed_on_and_says_why() -> None:
     stops = StandingStops()
-    order = Order(Command.RED_FLAG, at=0.0)
+    order = Order(CommandKind.RED_FLAG, at=0.0)
     stops.add(order, 0.0)
 
     stops.refused(order, 'race control ends', final=False)
@@ -87,32 +87,35 @@ def test_a_stop_that_failed_is_pressed_on_and_says_why() -> None:
     assert stops.press(PRESS_AGAIN) == [order]
 
 
-@pytest.mark.parametrize('later', [Command.GRID_ACTIVE, Command.GREEN_GREEN, Command.IN_GARAGE])
-def test_what_an_official_loosens_later_ends_the_stops_given_before(later: Command) -> None:
+@pytest.mark.parametrize(
+    'later', [CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN, CommandKind.IN_GARAGE]
+)
+def test_what_an_official_loosens_later_ends_the_stops_given_before(later: CommandKind) -> None:
     stops = StandingStops()
     for command in STOPS:
         stops.add(Order(command, kart_of(command), at=0.0), 0.0)
 
     stops.accepted(Order(later, at=1.0))
 
-    assert [stop.order.command for stop in stops.pressed] == [Command.ALL_KILL, Command.RECORD_MSR]
+    stand = [stop.order.command for stop in stops.pressed]
+    assert stand == [CommandKind.ALL_KILL, CommandKind.RECORD_MSR]
 
 
 def test_the_release_of_a_kart_ends_the_stops_of_that_kart_only() -> None:
     stops = StandingStops()
     for kart in (1, 2):
-        stops.add(Order(Command.KART_RED_RED, kart, at=0.0), 0.0)
-        stops.add(Order(Command.KART_RED_FLAG, kart, at=0.0), 0.0)
+        stops.add(Order(CommandKind.KART_RED_RED, kart, at=0.0), 0.0)
+        stops.add(Order(CommandKind.KART_RED_FLAG, kart, at=0.0), 0.0)
 
-    stops.accepted(Order(Command.KART_IN_GARAGE, 1, at=1.0))
+    stops.accepted(Order(CommandKind.KART_IN_GARAGE, 1, at=1.0))
 
     assert [stop.order.kart for stop in stops.pressed] == [2, 2]
 
 
 def test_a_stop_given_after_what_loosens_stands() -> None:
     stops = StandingStops()
-    loosens = Order(Command.KART_IN_GARAGE, 1, at=0.0)
-    stop = Order(Command.KART_RED_RED, 1, at=1.0)
+    loosens = Order(CommandKind.KART_IN_GARAGE, 1, at=0.0)
+    stop = Order(CommandKind.KART_RED_RED, 1, at=1.0)
     stops.add(stop, 1.0)
 
     stops.accepted(loosens)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import words
-from evgp_rcs_console.commands import FORMS
-from evgp_rcs_console.snapshot import Alert, Available, Command, Heat, Kart, Race, State, Track
+from evgp_rcs_console.commands import request
+from evgp_rcs_console.snapshot import Alert, Available, Heat, Kart, Race, State, Track
 from evgp_rcs_console.terminal import table
 from evgp_rcs_console.view import (
     Button,
@@ -14,6 +15,7 @@ from evgp_rcs_console.view import (
     danger,
     FINISH_KEYS,
     GONE_AFTER,
+    KART_COMMANDS,
     NOTHING,
     RACE_COMMANDS,
     ReasonTimes,
@@ -22,6 +24,7 @@ from evgp_rcs_console.view import (
     silence,
     STATE_TONES,
     Tone,
+    UNDONE_BY,
 )
 from example_race import EVERYTHING, KART, RACE
 import pytest
@@ -43,14 +46,14 @@ def test_a_command_is_enabled_if_race_control_says_so() -> None:
 
 def test_a_command_that_race_control_does_not_offer_shows_its_reason_and_for_how_long() -> None:
     why = 'waiting for kart 7 (Purdue): no GRID_ACTIVE yet'
-    commands = {**EVERYTHING, Command.GREEN_GREEN: Available(False, why)}
+    commands = {**EVERYTHING, CommandKind.GREEN_GREEN: Available(False, why)}
 
     times = ReasonTimes()
     said = []
     for now in (100.0, 101.9, 134.0):
         since = times.update(commands, now)
         screen = show(replace(RACE, commands=commands), 1.0, {}, None, since)
-        button = screen.button(Command.GREEN_GREEN)
+        button = screen.button(CommandKind.GREEN_GREEN)
         assert button is not None
         assert not button.enabled
         said.append(button.explanation)
@@ -60,13 +63,13 @@ def test_a_command_that_race_control_does_not_offer_shows_its_reason_and_for_how
 
 def test_a_command_that_a_pause_refuses_shows_in_how_many_seconds_it_is_possible_again() -> None:
     why = 'a stop was sent just now'
-    commands = {**EVERYTHING, Command.IN_GARAGE: Available(False, why, again_in=4.6)}
-    since = {Command.IN_GARAGE: 100.0}
+    commands = {**EVERYTHING, CommandKind.IN_GARAGE: Available(False, why, again_in=4.6)}
+    since = {CommandKind.IN_GARAGE: 100.0}
 
     said = []
     for age in (0.0, 1.0, 4.5, 4.7):
         button = show(replace(RACE, commands=commands), age, {}, None, since).button(
-            Command.IN_GARAGE
+            CommandKind.IN_GARAGE
         )
         assert button is not None
         assert not button.enabled  # until race control says so
@@ -77,15 +80,15 @@ def test_a_command_that_a_pause_refuses_shows_in_how_many_seconds_it_is_possible
 
 def test_another_reason_is_timed_from_its_own_beginning() -> None:
     times = ReasonTimes()
-    times.update({Command.GREEN_GREEN: Available(False, 'one')}, 100.0)
+    times.update({CommandKind.GREEN_GREEN: Available(False, 'one')}, 100.0)
 
-    other = times.update({Command.GREEN_GREEN: Available(False, 'other')}, 134.0)
+    other = times.update({CommandKind.GREEN_GREEN: Available(False, 'other')}, 134.0)
 
-    assert other == {Command.GREEN_GREEN: 0.0}
+    assert other == {CommandKind.GREEN_GREEN: 0.0}
 
 
 def test_a_command_that_race_control_does_not_know_is_not_enabled() -> None:
-    button = show(replace(RACE, commands={}), 0.0, {}).button(Command.GREEN_GREEN)
+    button = show(replace(RACE, commands={}), 0.0, {}).button(CommandKind.GREEN_GREEN)
 
     assert button is not None
     assert not button.enabled
@@ -100,65 +103,69 @@ def test_every_command_that_loosens_asks_for_a_condition_and_no_stop_but_the_sta
     asking = {button.command for button in buttons if button.condition}
 
     assert asking == {
-        Command.GRID_ACTIVE,
-        Command.GREEN_GREEN,
-        Command.IN_GARAGE,
-        Command.RECORD_MSR,
-        Command.KART_IN_GARAGE,
+        CommandKind.GRID_ACTIVE,
+        CommandKind.GREEN_GREEN,
+        CommandKind.IN_GARAGE,
+        CommandKind.RECORD_MSR,
+        CommandKind.KART_IN_GARAGE,
     }
     assert screen.track_button is not None
     assert screen.track_button.condition
 
 
-def button_of(command: Command, offered: Available, **changes: object) -> Button:
+def button_of(command: CommandKind, offered: Available, **changes: object) -> Button:
     """Return the button of a command that race control offers so, to a race or a kart so."""
     commands = {**EVERYTHING, command: offered}
     kart = replace(KART, commands=commands, **changes)  # type: ignore[arg-type]
     others = tuple(replace(KART, number=number) for number in (1, 2, 3))
     race = replace(RACE, commands=commands, karts=(*others, kart))
-    button = show(race, 0.0, {}).button(command, 7 if FORMS[command].to_one_kart else 0)
+    button = show(race, 0.0, {}).button(command, 7 if CATALOGUE[command].to_one_kart else 0)
     assert button is not None
     return button
 
 
-@pytest.mark.parametrize('command', [Command.GRID_ACTIVE, Command.GREEN_GREEN, Command.IN_GARAGE])
+@pytest.mark.parametrize(
+    'command', [CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN, CommandKind.IN_GARAGE]
+)
 def test_a_start_or_release_says_and_sends_the_karts_that_race_control_named(
-    command: Command,
+    command: CommandKind,
 ) -> None:
     button = button_of(command, Available(True, karts=(1, 2)))
 
     assert 'now to 2 karts: 1, 2.' in button.consequence
-    assert FORMS[command].request(button.order())['karts'] == [1, 2]
+    assert request(button.order())['karts'] == [1, 2]
 
 
 def test_a_release_says_and_sends_the_hold_that_it_ends() -> None:
     offered = Available(True, karts=(7,))
-    button = button_of(Command.KART_IN_GARAGE, offered, hold=State.RED_RED, hold_reason='ALL_KILL')
+    button = button_of(
+        CommandKind.KART_IN_GARAGE, offered, hold=State.RED_RED, hold_reason='ALL_KILL'
+    )
 
     assert 'Ends the hold of kart 7 (Purdue): RED RED, ALL_KILL.' in button.consequence
-    assert FORMS[button.command].request(button.order())['hold'] is State.RED_RED
+    assert request(button.order())['hold'] is State.RED_RED
 
 
 @pytest.mark.parametrize(
     ('command', 'field'),
     [
-        (Command.GRID_ACTIVE, 'track_clear'),
-        (Command.GREEN_GREEN, 'without_record'),
-        (Command.IN_GARAGE, 'track_safe'),
-        (Command.KART_IN_GARAGE, 'made_safe_by_hand'),
+        (CommandKind.GRID_ACTIVE, 'track_clear'),
+        (CommandKind.GREEN_GREEN, 'without_record'),
+        (CommandKind.IN_GARAGE, 'track_safe'),
+        (CommandKind.KART_IN_GARAGE, 'made_safe_by_hand'),
     ],
 )
 def test_a_statement_is_sent_only_if_race_control_asked_for_it_in_its_words(
-    command: Command, field: str
+    command: CommandKind, field: str
 ) -> None:
     asked = button_of(command, Available(True, statement='something is so'))
     not_asked = button_of(command, Available(True))
 
     assert 'something is so' in asked.condition
     assert asked.order().stated
-    assert FORMS[command].request(asked.order())[field] is True
+    assert request(asked.order())[field] is True
     assert not_asked.condition
-    assert FORMS[command].request(not_asked.order())[field] is False
+    assert request(not_asked.order())[field] is False
 
 
 @pytest.mark.parametrize(
@@ -172,13 +179,13 @@ def test_a_statement_is_sent_only_if_race_control_asked_for_it_in_its_words(
 def test_a_question_about_other_karts_or_another_statement_is_another_question(
     offered: Available,
 ) -> None:
-    asked = button_of(Command.GREEN_GREEN, Available(True, statement='one', karts=(1, 2)))
+    asked = button_of(CommandKind.GREEN_GREEN, Available(True, statement='one', karts=(1, 2)))
 
-    assert not asked.asks_the_same(button_of(Command.GREEN_GREEN, offered))
+    assert not asked.asks_the_same(button_of(CommandKind.GREEN_GREEN, offered))
     assert asked.asks_the_same(replace(asked, reason='not now', label='other'))
 
 
-def offering(command: Command, karts: tuple[Kart, ...], track: Track = RACE.track) -> Button:
+def offering(command: CommandKind, karts: tuple[Kart, ...], track: Track = RACE.track) -> Button:
     """Return the button of a command to the race which race control offers for kart 7."""
     commands = {**EVERYTHING, command: Available(True, karts=(7,))}
     button = show(replace(RACE, commands=commands, karts=karts, track=track), 0.0, {}).button(
@@ -189,8 +196,8 @@ def offering(command: Command, karts: tuple[Kart, ...], track: Track = RACE.trac
 
 
 def test_a_question_tells_a_kart_that_is_not_connected_from_one_that_is() -> None:
-    there = offering(Command.GRID_ACTIVE, (KART,))
-    away = offering(Command.GRID_ACTIVE, (replace(KART, connected=False),))
+    there = offering(CommandKind.GRID_ACTIVE, (KART,))
+    away = offering(CommandKind.GRID_ACTIVE, (replace(KART, connected=False),))
 
     assert 'now to kart 7.' in there.consequence
     assert 'now to no kart.' in away.consequence
@@ -201,7 +208,7 @@ def test_a_question_tells_a_kart_that_is_not_connected_from_one_that_is() -> Non
 def test_a_question_names_the_karts_that_stay_held_and_why() -> None:
     held = replace(KART, number=4, hold=State.RED_RED, hold_reason='lost its connection')
 
-    button = offering(Command.IN_GARAGE, (held, KART))
+    button = offering(CommandKind.IN_GARAGE, (held, KART))
 
     assert 'now to kart 7.' in button.consequence
     assert 'Stays held: kart 4 (Purdue): RED RED, lost its connection.' in button.consequence
@@ -211,8 +218,8 @@ def test_what_speaks_against_a_command_is_said_and_makes_it_another_question() -
     fine = replace(RACE.track, allowed=True, reason='all stand')
     bad = replace(RACE.track, allowed=False, reason='kart 4 was lost in motion: use the MSR')
 
-    before = offering(Command.IN_GARAGE, (KART,), fine)
-    after = offering(Command.IN_GARAGE, (KART,), bad)
+    before = offering(CommandKind.IN_GARAGE, (KART,), fine)
+    after = offering(CommandKind.IN_GARAGE, (KART,), bad)
 
     assert (before.warning, bad.reason in after.warning) == ('', True)
     assert not before.asks_the_same(after)
@@ -252,11 +259,11 @@ def test_each_heat_of_the_roster_is_a_button_that_names_it() -> None:
     screen = show(with_heats(), 0.0, {})
 
     assert [button.label for button in screen.heats] == ['Heat A: 3', 'Final: 7  (in the race)']
-    assert [FORMS[Command.SET_HEAT].request(button.order()) for button in screen.heats] == [
+    assert [request(button.order()) for button in screen.heats] == [
         {'heat': 'Heat A'},
         {'heat': 'Final'},
     ]
-    assert screen.button(Command.SET_HEAT) == screen.heat_button
+    assert screen.button(CommandKind.SET_HEAT) == screen.heat_button
     assert not any(button.condition for button in screen.heats)
 
 
@@ -267,7 +274,7 @@ def test_without_heats_in_the_roster_none_is_offered() -> None:
 
 
 def test_a_heat_that_is_not_possible_says_why() -> None:
-    commands = {**EVERYTHING, Command.SET_HEAT: Available(False, 'the race is in RED_RED')}
+    commands = {**EVERYTHING, CommandKind.SET_HEAT: Available(False, 'the race is in RED_RED')}
 
     screen = show(replace(with_heats(), commands=commands), 0.0, {})
 
@@ -287,10 +294,10 @@ def test_the_places_are_told_from_the_first_on_whatever_the_state_of_the_race() 
 
 
 def test_the_release_of_another_hold_is_another_question() -> None:
-    asked = button_of(Command.KART_IN_GARAGE, Available(True), hold=State.RED_FLAG)
+    asked = button_of(CommandKind.KART_IN_GARAGE, Available(True), hold=State.RED_FLAG)
 
     assert not asked.asks_the_same(
-        button_of(Command.KART_IN_GARAGE, Available(True), hold=State.RED_RED)
+        button_of(CommandKind.KART_IN_GARAGE, Available(True), hold=State.RED_RED)
     )
 
 
@@ -305,7 +312,7 @@ def test_two_race_controls_leave_nothing_but_stops() -> None:
         assert told.title == words.TWO
         screen = show(RACE, 0.0, {}, told)
         buttons = [*screen.race, *screen.rows[0].buttons]
-        assert all(FORMS[button.command].stop for button in buttons if button.enabled)
+        assert all(CATALOGUE[button.command].stop for button in buttons if button.enabled)
 
 
 def test_the_failure_of_a_part_of_race_control_asks_for_the_msr() -> None:
@@ -321,9 +328,9 @@ def test_any_other_alert_is_no_danger_of_race_control_itself() -> None:
 
 def test_the_condition_is_the_statement_of_race_control_where_it_has_one() -> None:
     wanted = Available(True, statement='the track is clear of humans')
-    commands = {**EVERYTHING, Command.GRID_ACTIVE: wanted}
+    commands = {**EVERYTHING, CommandKind.GRID_ACTIVE: wanted}
 
-    button = show(replace(RACE, commands=commands), 0.0, {}).button(Command.GRID_ACTIVE)
+    button = show(replace(RACE, commands=commands), 0.0, {}).button(CommandKind.GRID_ACTIVE)
 
     assert button is not None
     assert button.condition == 'the track is clear of humans'
@@ -334,7 +341,9 @@ def test_without_race_control_only_stops_can_be_pressed() -> None:
     buttons = [*screen.race, *screen.all_karts, *screen.rows[0].buttons]
 
     assert {button.command for button in buttons if button.enabled} == {
-        command for command, form in FORMS.items() if form.stop and command is not Command.ALL_KILL
+        command
+        for command, entry in CATALOGUE.items()
+        if entry.stop and command is not CommandKind.ALL_KILL
     }
     assert all(button.reason == words.GONE_REASON for button in buttons if not button.enabled)
 
@@ -342,15 +351,15 @@ def test_without_race_control_only_stops_can_be_pressed() -> None:
 def test_before_race_control_is_heard_nothing_but_stops_can_be_pressed() -> None:
     screen = show(NOTHING, 0.0, {}, SILENT)
 
-    assert [button.command for button in screen.race if button.enabled] == [Command.RED_FLAG]
+    assert [button.command for button in screen.race if button.enabled] == [CommandKind.RED_FLAG]
 
 
 def test_a_command_that_waits_for_its_answer_shows_the_time_and_cannot_be_given_twice() -> None:
-    pending = {(Command.GREEN_GREEN, 0): 2.1, (Command.RED_FLAG, 0): 2.1}
+    pending = {(CommandKind.GREEN_GREEN, 0): 2.1, (CommandKind.RED_FLAG, 0): 2.1}
     screen = show(RACE, 0.0, pending)
 
-    green = screen.button(Command.GREEN_GREEN)
-    flag = screen.button(Command.RED_FLAG)
+    green = screen.button(CommandKind.GREEN_GREEN)
+    flag = screen.button(CommandKind.RED_FLAG)
 
     assert green is not None
     assert flag is not None
@@ -387,8 +396,8 @@ def test_a_held_kart_shows_why() -> None:
 def test_a_kart_in_the_race_can_leave_and_one_outside_can_join() -> None:
     inside, outside = with_kart().rows[0], with_kart(in_race=False).rows[0]
 
-    assert inside.buttons[-1].command is Command.LEAVE_RACE
-    assert outside.buttons[-1].command is Command.JOIN_RACE
+    assert inside.buttons[-1].command is CommandKind.LEAVE_RACE
+    assert outside.buttons[-1].command is CommandKind.JOIN_RACE
 
 
 def test_the_finish_key_of_a_kart_stays_its_own_when_another_leaves_the_race() -> None:
@@ -425,7 +434,7 @@ def test_the_track_button_is_the_one_that_makes_sense() -> None:
 
     assert shut is not None
     assert opened is not None
-    assert (shut.command, opened.command) == (Command.OPEN_TRACK, Command.CLOSE_TRACK)
+    assert (shut.command, opened.command) == (CommandKind.OPEN_TRACK, CommandKind.CLOSE_TRACK)
     assert not opened.condition
 
 
@@ -460,7 +469,7 @@ def test_ages_are_short(seconds: float, text: str) -> None:
 
 def test_the_terminal_shows_the_same() -> None:
     alert = Alert('RED_UNACKNOWLEDGED', 7, True, 'Use the MSR: kart 7')
-    commands = {**EVERYTHING, Command.GREEN_GREEN: Available(False, 'waiting for kart 7')}
+    commands = {**EVERYTHING, CommandKind.GREEN_GREEN: Available(False, 'waiting for kart 7')}
     race = replace(RACE, commands=commands, alerts=(alert,))
 
     lines = '\n'.join(table(show(race, 0.0, {}), race.alerts))
@@ -471,17 +480,52 @@ def test_the_terminal_shows_the_same() -> None:
     assert '7     Purdue  ● in race' in lines
 
 
-def test_every_command_has_a_label_and_a_form() -> None:
-    assert set(words.LABELS) == set(FORMS) == set(Command)
-    assert set(RACE_COMMANDS) < set(Command)
+def test_every_command_has_a_button() -> None:
+    shown = {*RACE_COMMANDS, *KART_COMMANDS, *UNDONE_BY.values()}
+    apart = {CommandKind.ALL_KILL, CommandKind.RECORD_MSR}
+
+    assert shown | apart | {CommandKind.SET_HEAT, CommandKind.OPEN_TRACK} == set(CommandKind)
 
 
 def test_a_question_speaks_of_one_kart_and_of_several() -> None:
-    said = [offering(Command.GREEN_GREEN, (KART,)), offering(Command.IN_GARAGE, (KART,))]
-    away = button_of(Command.KART_IN_GARAGE, Available(True), connected=False)
+    said = [offering(CommandKind.GREEN_GREEN, (KART,)), offering(CommandKind.IN_GARAGE, (KART,))]
+    away = button_of(CommandKind.KART_IN_GARAGE, Available(True), connected=False)
 
     assert [button.consequence.splitlines()[0] for button in said] == [
         'Sends GREEN GREEN now to kart 7. It drives off.',
         'Sends IN GARAGE now to kart 7. The team has its kart back.',
     ]
     assert 'no kart' not in away.consequence
+
+
+@pytest.mark.parametrize(('command', 'by'), UNDONE_BY.items())
+def test_the_button_of_a_command_in_force_offers_to_take_it_back(
+    command: CommandKind, by: CommandKind
+) -> None:
+    def offered(in_force: bool) -> set[CommandKind]:
+        result = CATALOGUE[command].result
+        kart = replace(
+            KART,
+            in_race=in_force and bool(result.in_race),
+            place=int(in_force and bool(result.placed)),
+        )
+        track = replace(RACE.track, is_open=in_force and bool(result.track_open))
+        screen = show(replace(RACE, karts=(kart,), track=track), 0.0, {})
+        assert screen.track_button is not None
+        return {each.command for each in (*screen.rows[0].buttons, screen.track_button)}
+
+    assert {command, by} & offered(False) == {command}
+    assert {command, by} & offered(True) == {by}
+
+
+def test_the_letter_of_finish_never_takes_a_finish_back() -> None:
+    said = 'kart 7 (Purdue) has finished already, in place 1'
+    commands = {**EVERYTHING, CommandKind.KART_FINISH: Available(False, said)}
+
+    screen = with_kart(place=1, commands=commands)
+
+    finish = screen.button(CommandKind.KART_FINISH, 7)
+    assert finish is not None
+    assert not finish.enabled
+    assert finish.reason == said
+    assert not any(each.key for each in screen.rows[0].buttons if each != finish)

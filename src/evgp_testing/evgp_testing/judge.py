@@ -3,8 +3,9 @@ The judge of what was on the wire: by what karts are sent and say, and how calls
 
 Rules of what lives here:
 
-- Nothing of race control is used, its rules least of all. What is known are the frames that
-  arrived, the frames that were said, when connections began and ended, and officials' calls.
+- Nothing of race control is used but the names of its commands, its rules least of all. What is
+  known are the frames that arrived, the frames that were said, when connections began and ended,
+  and officials' calls.
 - No clock, socket or ROS: every input brings its time, s of one monotonic clock. Inputs may come
   from any thread.
 - Never a false alarm. What is observed from outside has no instant but an interval: a call took
@@ -27,6 +28,8 @@ import heapq
 import itertools
 import threading
 
+from evgp_rcs.catalogue import CATALOGUE
+
 # Loosest first.
 STRICTNESS: dict[str, int] = {
     'GREEN_GREEN': 0,
@@ -37,7 +40,7 @@ STRICTNESS: dict[str, int] = {
 }
 REDS = ('RED_FLAG', 'RED_RED')
 
-STOPS = ('all_kill', 'red_flag', 'record_msr', 'kart/red_red', 'kart/red_flag')
+STOPS = tuple(entry.service for entry in CATALOGUE.values() if entry.stop)
 # Membership and the track are no commands to karts: they leave GRID_ACTIVE the last one (§4.B).
 BOOKKEEPING = ('set_in_race', 'set_track_open')
 

@@ -8,14 +8,14 @@ import threading
 import time
 from typing import Any
 
+from evgp_node.services import service_class
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE
-from evgp_rcs_msgs import msg, srv
+from evgp_rcs_msgs import msg
 from evgp_testing.judge import Call, Judge
 from evgp_testing.ros_side import RosSide
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from std_srvs.srv import SetBool, Trigger
 
 
 def latched(depth: int) -> QoSProfile:
@@ -28,31 +28,15 @@ def latched(depth: int) -> QoSProfile:
     )
 
 
-SERVICES = {
-    'all_kill': Trigger,
-    'red_flag': Trigger,
-    'green_green': srv.GreenGreen,
-    'race_over': Trigger,
-    'record_msr': Trigger,
-    'grid_active': srv.GridActive,
-    'in_garage': srv.InGarage,
-    'set_in_race': srv.SetInRace,
-    'set_heat': srv.SetHeat,
-    'set_track_open': SetBool,
-    'kart/red_red': srv.KartCommand,
-    'kart/red_flag': srv.KartCommand,
-    'kart/finish': srv.KartCommand,
-    'kart/in_garage': srv.KartInGarage,
-}
+SERVICES = {entry.service: service_class(entry.service_type) for entry in CATALOGUE.values()}
 """Every command of an official, by the name of its service below ``/rcs/``."""
 
-
 SEES = {
-    'grid_active': msg.CommandAvailability.GRID_ACTIVE,
-    'green_green': msg.CommandAvailability.GREEN_GREEN,
-    'in_garage': msg.CommandAvailability.IN_GARAGE,
+    entry.service: kind
+    for kind, entry in CATALOGUE.items()
+    if entry.names_karts or entry.names_hold
 }
-"""The commands that say which karts they start or release, as `~/race` has them."""
+"""The commands that say what the official saw, by their services."""
 
 
 _WAY: dict[RaceState, tuple[RaceState | None, str, dict[str, bool]]] = {
@@ -67,15 +51,14 @@ _WAY: dict[RaceState, tuple[RaceState | None, str, dict[str, bool]]] = {
 
 def seen(race: msg.Race | None, service: str, kart: int) -> dict[str, Any]:
     """Return the fields of a request that say what the official saw in a snapshot."""
-    if race is None:
+    if race is None or service not in SEES:
         return {}
-    if service in SEES:
-        offered = (each for each in race.commands if each.command == SEES[service])
-        return {'karts': next(offered).karts}
-    if service == 'kart/in_garage':
+    kind = SEES[service]
+    if CATALOGUE[kind].names_hold:
         held = next((each for each in race.karts if each.number == kart), None)
         return {} if held is None else {'hold': held.hold}
-    return {}
+    number = getattr(msg.CommandAvailability, kind.name)
+    return {'karts': next(each.karts for each in race.commands if each.command == number)}
 
 
 TRIES = 5
@@ -134,7 +117,7 @@ class Official(RosSide):
 
         :raises AssertionError: if race control does not answer in time.
         """
-        if service in (*SEES, 'kart/in_garage'):
+        if service in SEES:
             self.wait_for_race(lambda race: True, 'a first look at the race')
         request = {**seen(self.race, service, request.get('kart', 0)), **request}
         call = Call(

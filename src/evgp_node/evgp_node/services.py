@@ -1,0 +1,12 @@
+"""Service types by their names."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+
+def service_class(name: str) -> Any:
+    """Return the class of a service type by its ROS name, such as 'std_srvs/srv/Trigger'."""
+    package, folder, type_name = name.split('/')
+    return getattr(importlib.import_module(f'{package}.{folder}'), type_name)

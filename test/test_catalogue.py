@@ -1,0 +1,144 @@
+"""Whatever names officials' commands has just those of the catalogue."""
+
+from __future__ import annotations
+
+import fnmatch
+import pathlib
+import re
+import subprocess
+import sys
+
+from evgp_node.services import service_class
+from evgp_rcs.catalogue import CATALOGUE, CommandKind, Entry, kinds_by_service, Result
+from evgp_rcs.race import COMMANDS
+from evgp_rcs_msgs import msg
+import pytest
+import race_oracle
+
+DOCS = pathlib.Path(__file__).parents[1] / 'docs'
+
+
+def fields_of(entry: Entry) -> dict[str, str]:
+    """Return the fields of the request of a command, with their types, as the catalogue has it."""
+    fields = dict.fromkeys(entry.fixed, 'boolean')
+    if entry.to_one_kart:
+        fields['kart'] = 'uint16'
+    if entry.statement:
+        fields[entry.statement] = 'boolean'
+    if entry.names_karts:
+        fields['karts'] = 'sequence<uint16>'
+    if entry.names_hold:
+        fields['hold'] = 'evgp_rcs_msgs/RaceState'
+    if entry.names_heat:
+        fields['heat'] = 'string'
+    return fields
+
+
+def table_rows(page: str, section: str) -> list[list[str]]:
+    """Return the rows of the tables of a section of a page of docs/, cell by cell."""
+    text = (DOCS / page).read_text(encoding='utf-8')
+    level = section.split(' ')[0]
+    _, _, rest = text.partition(f'\n{section}\n')
+    lines = re.split(rf'\n#{{2,{len(level)}}} ', rest)[0].splitlines()
+    return [line.strip('|').split('|') for line in lines if line.startswith('| ')]
+
+
+def test_every_command_has_a_row_here_and_one_in_the_rules() -> None:
+    assert set(CATALOGUE) == set(COMMANDS) == set(CommandKind)
+
+
+def test_the_message_has_a_constant_for_every_command_and_none_besides() -> None:
+    constants = {
+        name: getattr(msg.CommandAvailability, name)
+        for name in dir(msg.CommandAvailability)
+        if name.isupper() and isinstance(getattr(msg.CommandAvailability, name), int)
+    }
+
+    assert constants.pop('UNKNOWN') == 0
+    assert set(constants) == {kind.name for kind in CommandKind}
+    assert len(set(constants.values()) - {0}) == len(constants)
+
+
+@pytest.mark.parametrize('kind', CommandKind)
+def test_the_request_of_a_command_has_the_fields_that_the_catalogue_names(
+    kind: CommandKind,
+) -> None:
+    entry = CATALOGUE[kind]
+
+    request = service_class(entry.service_type).Request
+
+    assert request.get_fields_and_field_types() == fields_of(entry)
+
+
+@pytest.mark.parametrize('name', kinds_by_service())
+def test_commands_that_share_a_service_differ_in_a_field_of_the_request_alone(name: str) -> None:
+    kinds = kinds_by_service()[name]
+    entries = [CATALOGUE[kind] for kind in kinds]
+
+    def of_service(entry: Entry) -> tuple[object, ...]:
+        called = entry.service_type, entry.overtakes, entry.needs_journal
+        return *called, entry.call_is_statement, fields_of(entry)
+
+    assert [of_service(entry) for entry in entries] == [of_service(entries[0])] * len(kinds)
+    (field,) = entries[0].fixed if len(kinds) > 1 else ('',)
+    assert [entry.fixed.get(field) for entry in entries] == [True, False][: len(kinds)] or (
+        len(kinds) == 1 and not entries[0].fixed
+    )
+
+
+def test_every_stop_overtakes_and_no_stop_loosens_or_waits_for_the_disk() -> None:
+    for entry in CATALOGUE.values():
+        assert entry.overtakes or not entry.stop
+        assert not (entry.overtakes and (entry.loosens or entry.needs_journal))
+
+
+def test_what_takes_a_command_back_can_have_its_button() -> None:
+    for entry in CATALOGUE.values():
+        if entry.undoes is not None:
+            undone = CATALOGUE[entry.undoes]
+            assert entry.to_one_kart == undone.to_one_kart
+            assert undone.result != Result()
+
+
+def test_the_oracle_knows_every_command_and_calls_it_what_the_catalogue_does() -> None:
+    to_one_kart = {kind.name for kind, entry in CATALOGUE.items() if entry.to_one_kart}
+    everything = {kind.name for kind in CommandKind}
+
+    assert set(race_oracle.KART_COMMANDS) == to_one_kart
+    assert set(race_oracle.RACE_COMMANDS) == everything - to_one_kart
+    assert set(race_oracle.STOPS) == {k.name for k, entry in CATALOGUE.items() if entry.stop}
+    assert set(race_oracle.LOOSENING) == {k.name for k, each in CATALOGUE.items() if each.loosens}
+    assert set(race_oracle.NAMING) == {k.name for k, each in CATALOGUE.items() if each.names_karts}
+
+
+def test_who_reads_the_catalogue_needs_no_ros() -> None:
+    code = "import evgp_rcs.catalogue, sys; assert not {'rclpy', 'evgp_rcs_msgs'} & {*sys.modules}"
+
+    subprocess.run([sys.executable, '-c', code], check=True)
+
+
+def test_the_documented_services_are_those_of_the_catalogue() -> None:
+    """A row is for one service or for several; one with a star is for all that have no other."""
+    _, *rows = table_rows('ros-interface.md', '### Services')
+    documented = {
+        name: (type_name.strip(' `'), request)
+        for names, type_name, request in rows
+        for name in re.findall(r'`~/([^`]+)`', names)
+    }
+    used = set()
+    for entry in CATALOGUE.values():
+        stars = [each for each in documented if fnmatch.fnmatch(entry.service, each)]
+        (name,) = [entry.service] if entry.service in documented else stars
+        used.add(name)
+        type_name, request = documented[name]
+        assert type_name == entry.service_type.replace('/srv/', '/')
+        assert set(re.findall(r'`[^`]+ (\w+)`', request)) == set(fields_of(entry))
+
+    assert used == set(documented)
+
+
+def test_the_rules_name_the_service_of_every_command() -> None:
+    rows = table_rows('rules.md', '## Commands (§4.B)')
+    named = {name for row in rows for name in re.findall(r'`(\S+)`', row[1])}
+
+    assert {entry.service for entry in CATALOGUE.values()} <= named
