@@ -23,7 +23,6 @@ RED_RED = msg.RaceState.RED_RED
 KART_STOPS = tuple(
     entry.service for entry in CATALOGUE.values() if entry.stop and entry.to_one_kart
 )
-STATEMENTS = tuple(entry.statement for entry in CATALOGUE.values() if entry.statement)
 
 
 class Officials(Part):
