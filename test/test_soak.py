@@ -46,10 +46,10 @@ FAULTS = {
         ('not connected', 'looser than a stop', 'held on the grid'),
     ),
     'a stop is refused': Fault(
-        'self._refusal(command.kind, kart) or self._unknown_heat(command)\n',
-        'self._refusal(command.kind, kart) or self._unknown_heat(command)\n'
+        '        if refusal:\n            return refusal\n        statement',
         '        if command.kind is CommandKind.RED_FLAG and self.state is RED_FLAG:\n'
-        "            refusal = 'the race has RED_FLAG already'\n",
+        "            refusal = 'the race has RED_FLAG already'\n"
+        '        if refusal:\n            return refusal\n        statement',
         ('stop refused',),
     ),
     'ALL_KILL is for the race only': Fault(
@@ -70,9 +70,9 @@ FAULTS = {
         ('not connected', 'not acknowledged', 'unexplained GREEN_GREEN'),
     ),
     'GREEN_GREEN does not wait': Fault(
-        "        return f'waiting for {_cut(missing)}' if missing else ''\n\n"
-        '    def _no_race_over',
-        "        return ''\n\n    def _no_race_over",
+        "        if missing:\n            return f'waiting for {_cut(missing)}'\n"
+        "        return 'another",
+        "        return 'another",
         ('not acknowledged', 'not connected'),
     ),
     'GREEN_GREEN also after another command': Fault(
