@@ -124,6 +124,6 @@ class Forgetful(oracle.Search):  # type: ignore[misc, name-defined]
 
 
 def test_a_search_that_takes_too_many_states_for_one_is_found_out() -> None:
-    search = Forgetful(race, racing=1, outside=1, compare=40)
+    search = Forgetful(race, racing=2, outside=0, begin='green', compare=20)
     with pytest.raises(oracle.RuleBrokenError, match='abstraction'):
         search.run(20_000)

@@ -218,7 +218,7 @@ def _name_them(wanted: argparse.Namespace, race: Race) -> Told:
 
 def _line(wanted: argparse.Namespace, karts: Sequence[int], stated: bool) -> str:
     """Return the line that sends a command again, naming these karts."""
-    flag = STATEMENTS.get(COMMANDS[wanted.command][0], ('',))[0]
+    flag = STATEMENTS.get(COMMANDS[wanted.command], ('',))[0]
     parts = [wanted.command, getattr(wanted, 'kart', ''), getattr(wanted, 'heat', ''), *karts]
     parts.append(flag if stated else '')
     return as_called(shlex.join(str(part) for part in parts if part != ''))
