@@ -72,6 +72,7 @@ def test_both_races_are_driven_and_nothing_is_missing() -> None:
     assert max(len(line) for line in done.stdout.splitlines()) <= 100
 
 
+@pytest.mark.long
 def test_a_kart_that_never_acknowledges_holds_the_race_and_is_named() -> None:
     done = run_demo('--mute', '42')
 

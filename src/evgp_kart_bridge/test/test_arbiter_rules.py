@@ -671,6 +671,7 @@ def judge_numbers(arbiter: Arbiter, commands: list[RaceState | None], first: int
         assert order != present or answer.accepted or not state.is_red or order == 0
 
 
+@hypothesis_settings(deadline=None)
 @given(
     commands=st.lists(st.sampled_from([*RaceState, None]), max_size=30),
     first=st.integers(1, 2**52),

@@ -8,7 +8,7 @@ import re
 from evgp_rcs.race import Heat
 from evgp_rcs.roster import load_roster, MAX_BYTES, parse_roster, Roster, RosterEntry, RosterError
 from evgp_rcs.roster_check import main as check_roster
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
@@ -353,6 +353,7 @@ ROSTERS_WITH_A_STRETCH_REPLACED = st.builds(
 )
 
 
+@settings(deadline=None)
 @given(st.one_of(st.text(), TEXTS_YAML_GIVES_A_MEANING_TO, ROSTERS_WITH_A_STRETCH_REPLACED))
 def test_any_text_is_a_roster_or_refused_in_lines_that_name_the_file(text: str) -> None:
     for line in refusal_of_anything(text).split('\n'):

@@ -116,15 +116,14 @@ class Console(Program):
         On a busy machine the window may be held up; then it drops keys, and says so. What it says
         it dropped is pressed again, as an official would.
         """
-        return self._until(lambda: self.key(*names), see, wanted)
+        return self.until(lambda: self.key(*names), see, **wanted)
 
     def press_on(self, button: str, see: str, **wanted: object) -> dict[str, Any]:
         """Click a widget, again if the window says that it dropped that, as ``press`` does."""
-        return self._until(lambda: self.click(button), see, wanted)
+        return self.until(lambda: self.click(button), see, **wanted)
 
-    def _until(
-        self, act: Callable[[], None], name: str, wanted: dict[str, object]
-    ) -> dict[str, Any]:
+    def until(self, act: Callable[[], None], name: str, **wanted: object) -> dict[str, Any]:
+        """Press or click by a function, again if the window drops that, as ``press`` does."""
         ends = time.monotonic() + PATIENCE
         while time.monotonic() < ends:
             before = self.wait_for('status')['text']
