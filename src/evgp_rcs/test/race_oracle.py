@@ -1333,13 +1333,15 @@ class Search:
                     raise RuleBrokenError('refused-changes', f'{given} in {view}')
                 continue
             report.transitions += 1
-            if after == view and learned == facts:
+            if after == view and learned == facts and after_time == now:
                 # It changed nothing but what was reported and told.
                 scratch.load(saved)
                 continue
             check_state(race, after, learned, after_time)
             found = self._key(after, learned, after_time)
-            if found not in self._seen:
+            if found == key and after == view:
+                pass  # time that brings nothing nearer
+            elif found not in self._seen:
                 self._seen[found] = (scratch.save(), learned, after_time)
                 self._parent[found] = (key, given)
                 todo.append(found)
