@@ -34,6 +34,7 @@ class CommandKind(enum.Enum):
     KART_RED_RED = 'KART_RED_RED'
     KART_RED_FLAG = 'KART_RED_FLAG'
     KART_FINISH = 'KART_FINISH'
+    KART_UNDO_FINISH = 'KART_UNDO_FINISH'
     KART_IN_GARAGE = 'KART_IN_GARAGE'
     JOIN_RACE = 'JOIN_RACE'
     LEAVE_RACE = 'LEAVE_RACE'
@@ -208,6 +209,17 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'kart/finish',
         KART_COMMAND,
         Result(placed=True),
+        to_one_kart=True,
+    ),
+    CommandKind.KART_UNDO_FINISH: Entry(
+        'UNDO FINISH',
+        'take back that a kart has finished; it stops all the same',
+        'kart/undo_finish',
+        KART_COMMAND,
+        Result(placed=False),
+        undoes=CommandKind.KART_FINISH,
+        note='Takes its place away; later places move up. Its RED FLAG stays, or still comes.',
+        call_is_statement=True,
         to_one_kart=True,
     ),
     CommandKind.KART_IN_GARAGE: Entry(

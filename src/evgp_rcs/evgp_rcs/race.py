@@ -804,7 +804,7 @@ class Race:
         for kart in self.karts.values():
             if kart.finish_due is not None and now >= kart.finish_due:
                 kart.finish_due = None
-                self._hold(kart, RED_FLAG, f'finished in place {kart.place}', now)
+                self._hold(kart, RED_FLAG, MARKED_AS_FINISHED, now)
         due = self._race_over_due()
         if due is not None and now >= due:
             self.over = True
@@ -1032,9 +1032,29 @@ class Race:
         assert kart is not None
         self.places_given += 1
         kart.place = self.places_given
-        delay = self.times.finish_delay(kart.place)
-        kart.finish_due = now + delay
-        return f'{_capital(kart)} finished in place {kart.place}; RED_FLAG follows in {delay:g} s'
+        due = now + self.times.finish_delay(kart.place)
+        # The RED_FLAG of a finish that was undone is still due. A second finish never puts it off.
+        kart.finish_due = due if kart.finish_due is None else min(due, kart.finish_due)
+        text = f'{_capital(kart)} finished in place {kart.place}'
+        return f'{text}; RED_FLAG follows in {_seconds(kart.finish_due - now, 3)} s'
+
+    def _kart_undo_finish(self, kart: Kart | None, command: Command, now: float) -> str:
+        assert kart is not None
+        place, kart.place = kart.place, 0
+        self.places_given -= 1
+        moved_up = [each for each in self.karts.values() if each.place > place]
+        for each in moved_up:
+            each.place -= 1
+        moved_up.sort(key=lambda each: each.place)
+        text = f'{_capital(kart)} has no place any more'
+        # Neither its hold nor its RED_FLAG that is due is touched: nothing is loosened.
+        if kart.finish_due is not None:
+            text += f'; RED_FLAG still follows in {_seconds(kart.finish_due - now, 1)} s'
+        elif kart.hold is not None:
+            text += f'; it stays held in {kart.hold.value}'
+        if moved_up:
+            text += f'; moved up: {_cut([f"{each.place}. {each}" for each in moved_up])}'
+        return text
 
     def _release_kart(self, kart: Kart | None, command: Command, now: float) -> str:
         assert kart is not None
@@ -1179,6 +1199,17 @@ class Race:
             return f'{kart} is held: {kart.hold_reason}'
         return ''
 
+    def _no_undo_finish(self, kart: Kart | None) -> str:
+        assert kart is not None
+        if not kart.place:
+            return f'{kart} has no place'
+        if kart.number not in self.starters:
+            return (
+                f'the results with {kart} in place {kart.place} have been reported; '
+                'correct them on paper'
+            )
+        return ''
+
     def _no_release(self, kart: Kart | None) -> str:
         assert kart is not None
         if kart.sent is IN_GARAGE:
@@ -1287,6 +1318,10 @@ class Race:
             'this race may start without a record: after a crash, race control would not know '
             'that karts were moving'
         )
+
+    def _state_not_finished(self, kart: Kart | None) -> str:
+        assert kart is not None
+        return f'{kart} has not finished'
 
     def _state_made_safe(self, kart: Kart | None) -> str:
         assert kart is not None
@@ -1513,6 +1548,9 @@ _NEXT: dict[RaceState, tuple[CommandKind, str]] = {
 
 NOT_IN_ROSTER = 'not in the roster any more'
 
+MARKED_AS_FINISHED = 'marked as finished'
+"""Why a kart is held; still true when later places move up, or its finish is undone."""
+
 
 def _remembered(kart: Kart) -> KartMemory:
     return KartMemory(
@@ -1562,6 +1600,11 @@ def _receivers(karts: Iterable[Kart]) -> str:
         named = '; '.join(map(str, absent[: 3 if more else 4]))
         text += f'; not connected, sent when {it_connects}: {named}{more}'
     return text
+
+
+def _seconds(left: float, digits: int) -> str:
+    """Return a time that is left, rounded to so many digits; none if it is over."""
+    return f'{round(max(0.0, left), digits):g}'
 
 
 def _capital(kart: Kart) -> str:
@@ -1630,7 +1673,13 @@ COMMANDS: dict[CommandKind, Rule] = {
         Race._state_made_safe,
         karts=Race._this_kart,
     ),
-    # Membership and the track are no commands to a kart: they leave GRID_ACTIVE the last one.
+    # Places, membership and the track are no commands to a kart: GRID_ACTIVE stays the last one.
+    CommandKind.KART_UNDO_FINISH: Rule(
+        Race._kart_undo_finish,
+        Race._no_undo_finish,
+        Race._state_not_finished,
+        is_command=False,
+    ),
     CommandKind.JOIN_RACE: Rule(Race._join_race, Race._no_join, is_command=False),
     CommandKind.LEAVE_RACE: Rule(Race._leave_race, Race._no_leave, is_command=False),
     CommandKind.SET_HEAT: Rule(Race._set_heat, Race._no_set_heat, is_command=False),

@@ -52,9 +52,23 @@ RACE_COMMANDS = (
     'OPEN_TRACK',
     'CLOSE_TRACK',
 )
-KART_COMMANDS = (*KART_STOPS, 'KART_FINISH', 'KART_IN_GARAGE', 'JOIN_RACE', 'LEAVE_RACE')
+KART_COMMANDS = (
+    *KART_STOPS,
+    'KART_FINISH',
+    'KART_UNDO_FINISH',
+    'KART_IN_GARAGE',
+    'JOIN_RACE',
+    'LEAVE_RACE',
+)
 # Bookkeeping that is no command to karts: §4.B's "last button pressed" does not mean these.
-NO_BUTTON = ('JOIN_RACE', 'LEAVE_RACE', 'SET_HEAT', 'OPEN_TRACK', 'CLOSE_TRACK')
+NO_BUTTON = (
+    'KART_UNDO_FINISH',
+    'JOIN_RACE',
+    'LEAVE_RACE',
+    'SET_HEAT',
+    'OPEN_TRACK',
+    'CLOSE_TRACK',
+)
 # What starts karts, releases them or lets humans near, and what of it names the karts concerned.
 LOOSENING = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE', 'KART_IN_GARAGE', 'OPEN_TRACK')
 NAMING = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE')
@@ -72,6 +86,7 @@ PROPERTIES = {
     'green-needs-acks': 'S: GREEN_GREEN only if every kart acknowledged this GRID_ACTIVE',
     'red-loosened': 'S: only the two IN_GARAGE commands loosen a red',
     'red-to-green': 'S: no way from red to GREEN_GREEN but by IN_GARAGE and a new GRID_ACTIVE',
+    'finish-put-off': 'S: once a kart is marked as finished, its RED_FLAG comes, and no later',
     'membership-loosens': 'S: joining, leaving and heats never change what a red kart is sent',
     'heat-halved': 'a heat is put into the race whole, and nothing else is changed by it',
     'results': 'the results of a race are told once, when it is over or goes to IN_GARAGE',
@@ -371,6 +386,9 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     if kind == 'KART_FINISH':
         drives = kart.in_race and kart.connected and kart.hold is None
         return Judgement(drives and state is GREEN_GREEN and not kart.place)
+    if kind == 'KART_UNDO_FINISH':
+        # Only while the results of its race are not told.
+        return Judgement(kart.place > 0 and bool(view.starters), True)
     if kind == 'KART_IN_GARAGE':
         return Judgement(_red(kart), not (kart.connected and kart.acked), (), (number,))
     if kind == 'JOIN_RACE':
@@ -580,7 +598,16 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
         places += 1
         mine[0]['place'] = places
         delays = times.finish_delays
-        mine[0]['finish_at'] = now + delays[min(places, len(delays)) - 1]
+        due = now + delays[min(places, len(delays)) - 1]
+        # It never comes later than what is due from a finish before, which was undone.
+        before = mine[0]['finish_at']
+        mine[0]['finish_at'] = due if before is None or due < before else before
+    elif kind == 'KART_UNDO_FINISH':
+        places -= 1
+        gone = mine[0]['place']
+        for each in after:
+            each['place'] -= each['place'] > gone
+        mine[0]['place'] = 0
     elif kind == 'KART_IN_GARAGE':
         mine[0].update(hold=None, alone=False, moving=False, on_grid=False, finish_at=None)
         if state is not IN_GARAGE:
@@ -904,6 +931,12 @@ def _check_safety(before: View, facts: Facts, given: Input, outcome: Any, after:
                 raise RuleBrokenError('red-loosened', f'{given}: {old} became {kart}')
         if sent is GREEN_GREEN and was is not GREEN_GREEN and kind != 'GREEN_GREEN':
             raise RuleBrokenError('green-only-by-command', f'{given}: {old} became {kart}')
+        if old.finish_at is not None and kart.finish_at != old.finish_at:
+            sooner = kart.finish_at is not None and kart.finish_at < old.finish_at
+            flagged = what == 'tick' and kart.finish_at is None and _red(kart)
+            released = kind == 'IN_GARAGE' or (kind == 'KART_IN_GARAGE' and this)
+            if not (sooner or flagged or released):
+                raise RuleBrokenError('finish-put-off', f'{given}: {old} became {kart}')
         if kart.hold is not old.hold:
             falls = kart.hold is None or (
                 old.hold is not None and _strictness(kart.hold) < _strictness(old.hold)
@@ -1293,13 +1326,14 @@ class Search:
       withdrew its word, and whether the race is over: only events and alerts are made of them;
     - that a kart was told to form the grid, while it may be moving: what ends this ends both;
     - the age of what a kart is sent, but for the time until the race goes over by itself, which
-      reads it for a kart of the race that is being sent a red (one that acknowledged it may drop,
-      or take its word back, and have to do so again); alerts read it too, and do not act;
-    - that a finish is due, where its RED_FLAG can change nothing;
+      reads it for a kart of the race that has a place and is being sent a red (one that
+      acknowledged it may drop, or take its word back, and have to do so again; one that is sent
+      a red without a place gets none any more); alerts read it too, and do not act;
+    - that a finish is due, where its RED_FLAG can change nothing, and the race does not wait for
+      it to go over by itself;
     - the acknowledgement of IN_GARAGE and GREEN_GREEN: no rule asks for it;
-    - the number of a place: only whether a kart of the race has one (in GREEN_GREEN and
-      RED_FLAG: it is read nowhere else), and how many are given, up to the last delay that
-      differs (in GREEN_GREEN: FINISH is refused elsewhere);
+    - the number of a place, and how many are given: only whether a kart has one in a race whose
+      results are not told yet (later nothing but the telling reads it), which says how many have;
     - who started the race whose results are not told yet: only the telling reads it;
     - when a pause ended, and when a start came, but for whether the pause refuses it;
     - whether the track is open, if ``track`` is false;
@@ -1387,7 +1421,7 @@ class Search:
         timed = green or (state is RED_FLAG and bool(view.starters))
         start = view.start
         karts = [
-            self._kart_key(kart, memory, timed, now, start)
+            self._kart_key(kart, memory, timed, bool(view.starters), now, start)
             for kart, memory in zip(view.karts, facts.karts, strict=True)
         ]
         karts.sort()
@@ -1397,7 +1431,6 @@ class Search:
             start.came < view.paused,
             max(start.until - now, 0.0),
         )
-        given = min(view.places, len(self.times.finish_delays) - 1) if green else 0
         opened = view.track_open and self.track
         race = (
             RANK[state._value_],
@@ -1405,7 +1438,6 @@ class Search:
             facts.grid_last,
             opened,
             view.msr_used,
-            given,
             view.restarted,
             view.rival,
             view.trouble,
@@ -1415,14 +1447,20 @@ class Search:
         return (self._names.setdefault(race, len(self._names)), *karts)
 
     def _kart_key(
-        self, kart: KartView, memory: KartFacts, timed: bool, now: float, start: StartView | None
+        self,
+        kart: KartView,
+        memory: KartFacts,
+        timed: bool,
+        untold: bool,
+        now: float,
+        start: StartView | None,
     ) -> int:
         red = kart.sent is RED_FLAG or kart.sent is RED_RED
         finishing = timed and kart.in_race
         due = left = -1.0
-        if kart.finish_at is not None and (timed or kart.hold is None):
+        if kart.finish_at is not None and ((timed and kart.place) or kart.hold is None):
             due = max(kart.finish_at - now, 0.0)
-        if finishing and red:
+        if finishing and red and kart.place:
             left = max(kart.since + self.times.finish_stop - now, due, 0.0)
         key = (
             kart.in_race,
@@ -1432,7 +1470,7 @@ class Search:
             kart.moving,
             kart.on_grid and not kart.moving,
             kart.alone,
-            finishing and kart.place > 0,
+            untold and kart.place > 0,
             due,
             left,
             memory.ready,
@@ -1555,13 +1593,15 @@ class Search:
                 if given.kind not in STOPS:
                     continue
             report.transitions += 1
-            if after == view and learned == facts:
+            if after == view and learned == facts and after_time == now:
                 # It changed nothing but what was reported and told.
                 scratch.load(saved)
                 continue
             check_state(race, after, learned, after_time)
             found = self._key(after, learned, after_time)
-            if found not in self._seen:
+            if found == key and after == view:
+                pass  # time that brings nothing nearer
+            elif found not in self._seen:
                 self._seen[found] = (scratch.save(), learned, after_time)
                 self._parent[found] = (key, given)
                 todo.append(found)

@@ -189,9 +189,9 @@ FAULTS = {
         ('sent-wrong', 'effect'),
     ),
     'a finish is never followed by RED_FLAG': Fault(
-        "self._hold(kart, RED_FLAG, f'finished in place {kart.place}', now)",
+        'self._hold(kart, RED_FLAG, MARKED_AS_FINISHED, now)',
         'pass',
-        ('sent-wrong', 'effect'),
+        ('finish-put-off',),
     ),
     'every place has the delay of the first': Fault(
         'min(place, len(self.finish_delays)) - 1',
@@ -202,6 +202,51 @@ FAULTS = {
         '        if kart.place:\n',
         '        if kart.place > 1:\n',
         ('availability',),
+    ),
+    'a finish that is undone takes its RED_FLAG with it': Fault(
+        '        place, kart.place = kart.place, 0\n',
+        '        place, kart.place = kart.place, 0\n        kart.finish_due = None\n',
+        ('finish-put-off',),
+    ),
+    'a kart that is marked and unmarked again and again drives on': Fault(
+        'kart.finish_due = due if kart.finish_due is None else min(due, kart.finish_due)',
+        'kart.finish_due = due',
+        ('finish-put-off',),
+    ),
+    'a finish that is undone ends the hold of the kart': Fault(
+        '        place, kart.place = kart.place, 0\n',
+        '        place, kart.place = kart.place, 0\n'
+        '        if kart.finish_due is None:\n'
+        '            self._unhold(kart)\n'
+        '            self._redirect(kart, now)\n',
+        ('red-loosened', 'hold-forgotten'),
+    ),
+    'a finish that is undone sends the kart on': Fault(
+        '        place, kart.place = kart.place, 0\n',
+        '        place, kart.place = kart.place, 0\n'
+        '        if self.state is RED_FLAG:\n'
+        '            self._go(GREEN_GREEN, now)\n',
+        ('red-loosened', 'green-only-by-command'),
+    ),
+    'later places stay when a finish is undone': Fault(
+        '            each.place -= 1\n',
+        '            pass\n',
+        ('effect',),
+    ),
+    'a place that was taken back counts for the next one': Fault(
+        '        self.places_given -= 1\n',
+        '',
+        ('effect',),
+    ),
+    'a finish is undone when the results are out': Fault(
+        '        if kart.number not in self.starters:\n',
+        '        if False:\n',
+        ('availability',),
+    ),
+    'a finish is undone without the statement that the kart has not finished': Fault(
+        "        return f'{kart} has not finished'\n",
+        "        return ''\n",
+        ('statement',),
     ),
     'the race goes over while a finish is outstanding': Fault(
         'if not kart.place or kart.finish_due is not None:',
@@ -740,6 +785,7 @@ FAULTS = {
 def search(rules: ModuleType) -> oracle.Report:
     """Search from the garage, and first, a little, small worlds and those further on."""
     oracle.Search(rules, racing=1, outside=1).run(BOUND // 10)
+    oracle.Search(rules, racing=1, outside=0, begin='green').run(BOUND // 10)
     oracle.Search(rules, racing=1, outside=0, around=True, begin='grid').run(BOUND // 10)
     oracle.Search(rules, racing=1, outside=0, begin='crash').run(BOUND // 10)
     oracle.Search(rules, racing=1, outside=1, begin='grid', waits=True).run(BOUND // 3)
