@@ -121,7 +121,7 @@ FAULTS = {
     'GREEN_GREEN after another command than GRID_ACTIVE': Fault(
         'return race.grid_was_last and not self.is_command',
         'return race.grid_was_last',
-        ('availability', 'green-needs-grid'),
+        ('available-from', 'availability', 'green-needs-grid'),
     ),
     'GREEN_GREEN while a kart is not connected': Fault(
         'if not (each.connected and each.acknowledged)',
@@ -191,7 +191,10 @@ FAULTS = {
     'a finish is never followed by RED_FLAG': Fault(
         'self._hold(kart, RED_FLAG, MARKED_AS_FINISHED, now)',
         'pass',
-        ('finish-put-off',),
+        (
+            'sent-wrong',
+            'finish-put-off',
+        ),
     ),
     'every place has the delay of the first': Fault(
         'min(place, len(self.finish_delays)) - 1',
@@ -226,7 +229,7 @@ FAULTS = {
         '        place, kart.place = kart.place, 0\n'
         '        if self.state is RED_FLAG:\n'
         '            self._go(GREEN_GREEN, now)\n',
-        ('red-loosened', 'green-only-by-command'),
+        ('green-needs-grid', 'red-loosened', 'green-only-by-command'),
     ),
     'later places stay when a finish is undone': Fault(
         '            each.place -= 1\n',
@@ -361,7 +364,10 @@ FAULTS = {
     'the places are gone with IN_GARAGE': Fault(
         '            each.finish_due = None\n        self.over',
         '            each.finish_due = None\n            each.place = 0\n        self.over',
-        ('effect',),
+        (
+            'results',
+            'effect',
+        ),
     ),
     'the results of a race that was stopped are never told': Fault(
         '        self._tell_results()  # of a race that was stopped and never declared over\n',
