@@ -1,8 +1,8 @@
 """
 An oracle for the rules of the race, and an exhaustive search that puts every question to it.
 
-The oracle is a second reading of spec.md and design.md §3. It calls nothing of ``race`` to form
-its opinion: it has its own order of strictness, its own judgement of every command and its own
+The oracle is a second reading of the proposal and of docs/rules.md. It calls nothing of ``race``
+to form its opinion: it has its own order of strictness, its own judgement of every command and its own
 expectation of every effect. It looks at the rules from outside (``look``), before and after an
 input, and says what is wrong (``RuleBrokenError``). ``PROPERTIES`` names everything it looks for.
 
@@ -33,7 +33,7 @@ RED_RED = RaceState.RED_RED
 REDS = (RED_FLAG, RED_RED)
 UNDER_WAY = (GREEN_GREEN, RED_FLAG, RED_RED)
 
-# The oracle's own strictness, copied from design §3 and not taken from the code under test.
+# The oracle's own strictness, copied from docs/rules.md and not taken from the code under test.
 RANK = {
     state.value: rank
     for rank, state in enumerate((GREEN_GREEN, GRID_ACTIVE, IN_GARAGE, RED_FLAG, RED_RED))
@@ -111,15 +111,15 @@ PROPERTIES = {
     'hold-forgotten': 'S: a hold falls only with an acknowledged red, or by an official alone',
     'order-wrong': 'S: a connected kart gets an order exactly when what it is sent changes',
     'order-serial': 'S: serials rise, and the last order sent is the one that counts',
-    'sent-wrong': 'what a kart is sent is the sentence of design §3',
+    'sent-wrong': 'what a kart is sent is the sentence of docs/rules.md',
     'track-open-in-motion': 'S: the track is never open in GRID_ACTIVE or GREEN_GREEN',
     'track-access': 'the track may be opened exactly under the three conditions of §3.A',
-    'availability': 'announced availability is the table of design §3, and what happens',
+    'availability': 'announced availability is the table of docs/rules.md, and what happens',
     'statement': 'a command that asks for a statement is refused without it, and only then',
     'refused-changes': 'S: a refused command changes nothing and orders nothing',
     'refusal-silent': 'a refusal says which command, and names each kart that fails, up to three',
-    'effect': 'every input has the whole effect of design §3, and no other',
-    'alerts': 'the alerts are those of design §3',
+    'effect': 'every input has the whole effect of docs/rules.md, and no other',
+    'alerts': 'the alerts are those of docs/rules.md',
     'alerts-act': 'S: looking, and alerts, change nothing',
     'false-news': 'what is announced as possible now is possible now',
     'stuck': 'the officials can bring every state home, karts answering or not',
@@ -303,7 +303,7 @@ def recall(view: View, now: float) -> Facts:
     )
 
 
-# ----- the oracle's reading of design §3 --------------------------------------------------
+# ----- the oracle's reading of docs/rules.md --------------------------------------------------
 
 
 def _strictness(state: RaceState) -> int:
@@ -340,7 +340,7 @@ def _red(kart: KartView) -> bool:
 
 
 def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
-    """Return what the table of design §3 says of a command now."""
+    """Return what the table of docs/rules.md says of a command now."""
     if kind in STOPS:
         return Judgement(True, kind == 'RECORD_MSR')
     if view.rival and kind in LOOSENING:
@@ -509,7 +509,7 @@ def _hear(kart: dict[str, Any], given: Input) -> None:
 
 def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'accepted') -> View:
     """
-    Return the race after an input, as design §3 has it; serials apart.
+    Return the race after an input, as docs/rules.md has it; serials apart.
 
     :param becomes: what becomes of the command, or of the start that waits (``fate``).
     """
@@ -634,7 +634,7 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
 
 
 def _settle(state: RaceState, karts: list[dict[str, Any]], anew: int, now: float) -> None:
-    """Give every kart what the sentence of design §3 says."""
+    """Give every kart what the sentence of docs/rules.md says."""
     for kart in karts:
         sent = _stricter(state if kart['in_race'] else IN_GARAGE, kart['hold'])
         told = kart['number'] == anew
@@ -662,7 +662,7 @@ def _race_is_over(state: RaceState, karts: list[dict[str, Any]], now: float, tim
 
 
 def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple[str, int]]:
-    """Return the alerts of design §3: which, and of which kart."""
+    """Return the alerts of docs/rules.md: which, and of which kart."""
     alerts = set()
     for kart, memory in zip(view.karts, facts.karts, strict=True):
         if memory.missing is not None:
