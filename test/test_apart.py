@@ -14,6 +14,7 @@ import threading
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from evgp_node.process import IN_THE_WAY, WRONG_SETTING
 from evgp_node.states import state_of
 from evgp_protocol.frames import encode
@@ -310,7 +311,10 @@ def changes_for_all(race: msg.Race) -> dict[str, Any]:
         for kart in race.karts
     )
     for kart in (own, *others):
-        del kart['sent_since']  # told anew by another clock with each message
+        # Times come from another clock with each message.
+        del kart['sent_since']
+        for command in kart['commands']:
+            command.available_from = Time()
     for its_own in ('acknowledged', 'reported', 'commands', 'may_be_moving'):
         del own[its_own]  # what may be commanded, and whether it moves, follows from what it says
     return {

@@ -999,6 +999,7 @@ def test_that_a_kart_was_made_safe_by_hand_is_stated_only_if_that_was_confirmed(
     official.command('kart/red_red', kart=1)
     official.wait_for_acks(RED_RED, 1)
     console.wait_for('kart_1', text='■ RED RED(.|\n)*✓ yes')
+    console.wait_for('kart_in_garage_1', barred='false')  # after the pause
     console.press('1', 'ctrl+g', see='question_statement', text='kart 1 .* stands still')
 
     kart.close()  # its word is gone: now it would take someone who made it safe
@@ -1574,7 +1575,7 @@ def test_nothing_that_opens_takes_a_stop(
         elif opener == 'bar menu':
             console.screen.right_click(bar['x'] + bar['width'] - 10, y - 200)
         else:
-            console.hover('kart_finish_3')
+            console.hover('kart_undo_finish_3')
             time.sleep(1.5)  # a tip comes after a while
 
     begin()

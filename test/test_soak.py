@@ -43,7 +43,7 @@ FAULTS = {
     'an acknowledgement survives the connection': Fault(
         '        kart.connected = False\n        kart.acknowledged = False\n',
         '        kart.connected = False\n',
-        ('not connected', 'looser than a stop', 'held on the grid'),
+        ('not connected', 'looser than a stop', 'held on the grid', 'not stated'),
     ),
     'a stop is refused': Fault(
         '        if refusal:\n            return refusal\n        statement',

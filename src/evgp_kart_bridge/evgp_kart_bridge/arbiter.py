@@ -273,6 +273,11 @@ class Arbiter:
         return min(due, default=None)
 
     @property
+    def starting(self) -> bool:
+        """Whether the bridge has not heard its own team yet, as it must first of all."""
+        return self._team_unheard and self._starting
+
+    @property
     def missing_odometry(self) -> str:
         """Why, as of the last input, no red can be acknowledged for want of odometry; or empty."""
         if not self._odometry_expected or self._now - self._speed_at <= ODOMETRY_FRESH:
@@ -541,7 +546,7 @@ class Arbiter:
             reasons.append('another node offers ~/team_stop')
         if self._remote_missing:
             reasons.append(f'nothing from the safety remote for {self._settings.tsr_timeout:g} s')
-        if self._team_unheard and self._starting:
+        if self.starting:
             reasons.append('the bridge is starting')
         elif self._team_unheard:
             reasons.append(

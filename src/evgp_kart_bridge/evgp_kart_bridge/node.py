@@ -367,7 +367,8 @@ class KartBridge(StrictNode):
                 self.get_logger().info(obeyed)
             elif verdict.acknowledged and not told.acknowledged:
                 self.get_logger().info(f'{verdict.state.value} is acknowledged')
-        elif status.failures == 0 and not status.heard_anything:  # nothing is wrong yet
+        elif status.failures == 0 and (not status.heard_anything or self._arbiter.starting):
+            # Nothing is wrong yet.
             if told is None:
                 self.get_logger().info(f'Starting: {obeyed} until {self._peer} is heard')
         else:

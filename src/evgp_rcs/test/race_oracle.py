@@ -2,8 +2,8 @@
 An oracle for the rules of the race, and an exhaustive search that puts every question to it.
 
 The oracle is a second reading of the proposal and of docs/rules.md. It calls nothing of ``race``
-to form its opinion: it has its own order of strictness, its own judgement of every command and its own
-expectation of every effect. It looks at the rules from outside (``look``), before and after an
+to form its opinion: it has its own order of strictness, its own judgement of every command and its
+own expectation of every effect. It looks at the rules from outside (``look``), before and after an
 input, and says what is wrong (``RuleBrokenError``). ``PROPERTIES`` names everything it looks for.
 
 The rules are a parameter (a module), so that the same search can be let loose on broken ones.
