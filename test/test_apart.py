@@ -14,7 +14,6 @@ import threading
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from evgp_node.process import IN_THE_WAY, WRONG_SETTING
 from evgp_node.states import state_of
 from evgp_protocol.frames import encode
@@ -279,7 +278,8 @@ def send_everything(
 ) -> None:
     """Send every frame, command, half and rubbish there is; nothing but the kart's own changes."""
     official.wait_for_kart(1, lambda kart: state_of(kart.sent) is hostile.state, 'what it is sent')
-    before = copy.deepcopy(official.race)
+    # Once no pause ends any more.
+    before = copy.deepcopy(official.wait_for_race(not_in_a_pause, 'the end of the pause'))
     changes = [list(kart.changes) for kart in others]
     sent = list(hostile.changes)
     words = [
@@ -297,11 +297,15 @@ def send_everything(
             lambda race, state=last: state_of(race.karts[0].reported) is state,
             'what the kart said last',
         )
-        assert before is not None
         assert changes_for_all(race) == changes_for_all(before)
         hostile.wait_for_frames(2)
     assert [list(kart.changes) for kart in others] == changes
     assert hostile.changes == sent
+
+
+def not_in_a_pause(race: msg.Race) -> bool:
+    offered = [*race.commands, *(each for kart in race.karts for each in kart.commands)]
+    return not any(each.available_from.sec for each in offered)
 
 
 def changes_for_all(race: msg.Race) -> dict[str, Any]:
@@ -311,10 +315,7 @@ def changes_for_all(race: msg.Race) -> dict[str, Any]:
         for kart in race.karts
     )
     for kart in (own, *others):
-        # Times come from another clock with each message.
-        del kart['sent_since']
-        for command in kart['commands']:
-            command.available_from = Time()
+        del kart['sent_since']  # from another clock with each message
     for its_own in ('acknowledged', 'reported', 'commands', 'may_be_moving'):
         del own[its_own]  # what may be commanded, and whether it moves, follows from what it says
     return {
