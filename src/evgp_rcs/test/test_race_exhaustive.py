@@ -49,6 +49,7 @@ def test_two_karts_in_the_race_and_one_outside(
 
 
 @pytest.mark.long
+@pytest.mark.timeout(1800)
 def test_two_karts_with_an_open_track_told_apart(
     record_property: Callable[[str, object], None],
 ) -> None:
@@ -102,6 +103,7 @@ def test_the_nearest_states_of_two_karts_with_pauses_and_starts_that_wait_for_th
 
 # Karts join and leave, so it must not matter who is in the race to begin with.
 @pytest.mark.long
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
     ('racing', 'times'),
     [
