@@ -94,7 +94,7 @@ class Event:
             last = sessions(database)[-1].number
             return [event.sequence for event in events(database, last)]
 
-    # The steps of a race, each from where the one before it has left off.
+    # The steps of a race, each from where the official has seen the one before it leave off.
 
     def grid(self) -> None:
         self.official.bring_to(GRID_ACTIVE)
@@ -121,12 +121,17 @@ class Event:
                 self.official.command('kart/in_garage', kart=status.number)
         for kart in self.karts.values():
             kart.wait_for_state(IN_GARAGE)
+        self.official.wait_for_race(
+            lambda race: all(state_of(kart.hold) is None for kart in race.karts), 'no kart held'
+        )
 
     def kill_all(self) -> None:
         self.official.command('all_kill')
+        self.official.wait_for_acks(RED_RED, *RACING)
 
     def hold_the_spectator(self) -> None:
         self.official.command('kart/red_red', kart=OUTSIDE)
+        self.official.wait_for_acks(RED_RED, OUTSIDE)
 
 
 STEPS: tuple[Callable[[Event], None], ...] = (
