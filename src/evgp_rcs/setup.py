@@ -28,7 +28,7 @@ setup(
     entry_points={
         'console_scripts': [
             'rcs_node = evgp_rcs.node:main',
-            'rcs_record = evgp_rcs.timeline:main',
+            'rcs_record = evgp_rcs.rcs_record:main',
             'rcs_roster = evgp_rcs.roster_check:main',
         ],
     },

@@ -111,6 +111,7 @@ class Command:
         them.
     :param hold: for the release of one kart: its hold, as the official saw it; ``None`` for none.
     :param heat: for SET_HEAT: the name of the heat.
+    :param official: who gives it, by their own word; empty: unnamed. No rule depends on it.
     """
 
     kind: CommandKind
@@ -119,6 +120,7 @@ class Command:
     karts: frozenset[int] = frozenset()
     hold: RaceState | None = None
     heat: str = ''
+    official: str = ''
 
 
 @dataclass(frozen=True)
@@ -158,6 +160,7 @@ class Event:
 
     :param chatter: a kart can cause any number of these just by what it says; whoever passes
         events on may limit them.
+    :param official: for a command, who gave it, by their own word; empty: unnamed.
     """
 
     kind: EventKind
@@ -167,6 +170,7 @@ class Event:
     command: CommandKind | None = None
     success: bool = True
     chatter: bool = False
+    official: str = ''
 
 
 @dataclass(frozen=True)
@@ -675,6 +679,7 @@ class Race:
                 kart=command.kart or 0,
                 command=command.kind,
                 success=answer.success,
+                official=command.official,
             ),
         )
         return answer

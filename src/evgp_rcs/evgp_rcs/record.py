@@ -28,7 +28,8 @@ written once, when the run begins, and only a voucher of the very run is believe
 that the record has. A voucher that was taken back says that there was such a start, perhaps of
 karts that the record does not have in the race: then nothing is known.
 
-The schema (``PRAGMA user_version`` 1):
+The schema (``PRAGMA user_version`` 2; version 1 had neither `event.official` nor the last two
+tables, and is brought up to date when the next run begins):
 
 ======== =================== ======================================================================
 table    column              meaning
@@ -44,10 +45,16 @@ event    session, sequence   the run, and the number of the event in it: from 1,
 ..       success             for a command, whether it was accepted
 ..       state               a name of ``RaceState``; null: none
 ..       text                one sentence for the official
+..       official            for a command, who gave it, by their own word; empty: unnamed
 memory   session             the run
 ..       sequence            the last event that this comes after
 ..       state               the race's state
 ..       karts               JSON: of each kart's number, the fields of ``KartMemory`` in order
+setup    session             the run
+..       rules               the version of the rules (``replay.rules_version``)
+..       setup               JSON: with what the rules began (``inputs.Setup``)
+input    session, block      the run, and the number of the block in it: from 1, without a gap
+..       data                what went into the rules, in order (``inputs``)
 ======== =================== ======================================================================
 """
 
@@ -76,7 +83,7 @@ from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.race import KartMemory, RaceMemory, StampedEvent
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 MOST_UNWRITTEN = 100_000
 """Maximum backlog of events while the disk takes none; what comes after them is lost."""
@@ -106,7 +113,8 @@ UNRECORDED = 'unrecorded'
 NOTHING_KNOWN = RaceMemory(RaceState.RED_RED, {}, known=False)
 """What is left behind where the record cannot tell."""
 
-_SCHEMA = """
+_STEPS = (
+    """
 CREATE TABLE session (
     id INTEGER PRIMARY KEY,
     began_ns INTEGER NOT NULL,
@@ -131,7 +139,25 @@ CREATE TABLE memory (
     state TEXT NOT NULL,
     karts TEXT NOT NULL
 );
-"""
+""",
+    """
+ALTER TABLE event ADD COLUMN official TEXT NOT NULL DEFAULT '';
+CREATE TABLE setup (
+    session INTEGER PRIMARY KEY REFERENCES session,
+    rules TEXT NOT NULL,
+    setup TEXT NOT NULL
+);
+CREATE TABLE input (
+    session INTEGER NOT NULL REFERENCES session,
+    block INTEGER NOT NULL,
+    data BLOB NOT NULL,
+    PRIMARY KEY (session, block)
+);
+""",
+)
+"""What makes a record of each version out of one of the version before; the first, of nothing."""
+
+assert len(_STEPS) == SCHEMA_VERSION
 
 
 _every_field = operator.attrgetter(*(field.name for field in dataclasses.fields(KartMemory)))
@@ -433,20 +459,21 @@ class Record:
     ) -> RaceMemory | None:
         (version,) = database.execute('PRAGMA user_version').fetchone()
         tables = database.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]
-        if version != SCHEMA_VERSION and (version or tables):
+        if version > SCHEMA_VERSION or (not version and tables):
             raise _NoRecordError(
                 f'{self._path} is no record of this race control (its version is {version}, '
-                f'not {SCHEMA_VERSION}): move it away, or choose another file with the parameter '
-                'record'
+                f'not 1 to {SCHEMA_VERSION}): move it away, or choose another file with the '
+                'parameter record'
             )
         database.execute('PRAGMA journal_mode = WAL')
         # A race control that loses its power has lost nothing that it wrote.
         database.execute('PRAGMA synchronous = FULL')
         begins = not self._session
         with _transaction(database):
-            if not version:
-                for statement in _SCHEMA.split(';'):
-                    database.execute(statement)
+            if version != SCHEMA_VERSION:
+                for step in _STEPS[version:]:
+                    for statement in step.split(';'):
+                        database.execute(statement)
                 database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
             left_behind = None if said is None else _left_behind(database, said, vouched)
             if begins:
@@ -469,7 +496,7 @@ class Record:
         sequence = events[-1].sequence if events else self._written
         with _transaction(self._database):
             self._database.executemany(
-                'INSERT INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)', rows
+                'INSERT INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)', rows
             )
             if memory is not None:
                 karts = {
@@ -633,6 +660,7 @@ def _row(session: int, stamped: StampedEvent) -> tuple[object, ...]:
         event.success,
         event.state.name if event.state is not None else None,
         event.text,
+        event.official,
     )
 
 
@@ -693,6 +721,7 @@ class RecordedEvent:
     success: bool
     state: str | None
     text: str
+    official: str
 
 
 def open_read_only(path: pathlib.Path) -> sqlite3.Connection:
@@ -733,9 +762,12 @@ def sessions(database: sqlite3.Connection) -> list[Session]:
 
 def events(database: sqlite3.Connection, session: int) -> Iterator[RecordedEvent]:
     """Yield the events of one run, in order."""
+    (version,) = database.execute('PRAGMA user_version').fetchone()
     rows = database.execute(
-        'SELECT sequence, wall_ns, monotonic, kind, kart, command, success, state, text '
-        'FROM event WHERE session = ? ORDER BY sequence',
+        'SELECT sequence, wall_ns, monotonic, kind, kart, command, success, state, text, '
+        # The first version has no such column.
+        + ('official ' if version > 1 else "'' ")
+        + 'FROM event WHERE session = ? ORDER BY sequence',
         (session,),
     )
     for row in rows:

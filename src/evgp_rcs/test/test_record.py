@@ -24,6 +24,7 @@ from evgp_rcs.race import (
     RaceMemory,
     StampedEvent,
 )
+from evgp_rcs.rcs_record import main as print_timeline
 import evgp_rcs.record
 from evgp_rcs.record import (
     _Remember,
@@ -34,7 +35,6 @@ from evgp_rcs.record import (
     RecordError,
     sessions,
 )
-from evgp_rcs.timeline import main as print_timeline
 import pytest
 
 PATIENCE = 20.0
@@ -146,6 +146,28 @@ def test_all_of_an_event_is_written(begin: Begin, path: pathlib.Path) -> None:
     assert (found.sequence, found.wall_ns, found.monotonic) == (1, begin_ns, 1.5)
     assert (found.kind, found.kart, found.command) == ('COMMAND', 7, 'KART_RED_RED')
     assert (found.success, found.text) == (True, told.text)
+
+
+def test_a_record_of_the_first_version_is_read_and_written_on(
+    begin: Begin, path: pathlib.Path
+) -> None:
+    path.parent.mkdir()
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.executescript(evgp_rcs.record._STEPS[0])
+        database.execute('PRAGMA user_version = 1')
+        database.execute('INSERT INTO session VALUES (1, 1, 2)')
+        row = (1, 1, 1, 0.1, 'COMMAND', 0, 'ALL_KILL', True, None, 'ALL_KILL is sent')
+        database.execute('INSERT INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)', row)
+        database.execute('INSERT INTO memory VALUES (1, 1, ?, ?)', ('IN_GARAGE', '{}'))
+        database.commit()
+    with contextlib.closing(open_read_only(path)) as database:
+        (before,) = events(database, 1)
+    record = begin()
+    record.put([event(1, official='Anna')])
+    record.end(PATIENCE)
+    with contextlib.closing(open_read_only(path)) as database:
+        assert [*events(database, 1)] == [before]
+        assert [each.official for each in events(database, 2)] == ['Anna']
 
 
 def test_a_run_that_ended_at_home_leaves_nothing_behind(begin: Begin) -> None:
