@@ -6,8 +6,8 @@ import contextlib
 import copy
 import os
 import pathlib
-import re
 import random
+import re
 import runpy
 import subprocess
 import sys
