@@ -19,6 +19,7 @@ from evgp_rcs_console.commands import Order
 from evgp_rcs_console.ctl import COMMANDS, GRACE, no_answer, STARTING, STATEMENTS
 from evgp_rcs_console.effects import effects, nobody_is_heard
 from evgp_rcs_console.exits import Exit
+from evgp_rcs_console.signature import Signature
 from evgp_rcs_console.snapshot import Answer, Available, Event, Kart, Race, State
 from evgp_rcs_console.standing import Standing
 from evgp_rcs_console.terminal import table
@@ -156,6 +157,7 @@ def _give(
         karts,
         hold,
         getattr(wanted, 'heat', ''),
+        Signature(wanted.official).claim,
     )
     client.give(order)
     desk.wait_for(lambda: desk.answer is not None, until)
@@ -296,7 +298,7 @@ def _watch_events(desk: Desk, wanted: argparse.Namespace, until: float, report: 
             error = f'{words.NOT_YET}: {words.USE_MSR} ({where})'
             return {'code': Exit.NOT_THERE, 'error': error}
         lines = [
-            f'{event.clock} {" " if event.success else "!"} {event.text}'
+            f'{event.clock} {" " if event.success else "!"} {event.told}'
             for event in fresh
             if not wanted.kart or event.kart in (0, wanted.kart)
         ]
