@@ -21,8 +21,9 @@ run console ctl: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
 # control must know it, so that karts never reach the officials' network.
 ADDRESS :=
 
-# The official at the window; empty: the name that is kept, or that is typed into the window.
+# Who commands from the window or by ctl; empty: the name that is kept, or else asked for.
 OFFICIAL :=
+OFFICIAL_QUOTED = $(subst ','\'',$(OFFICIAL))
 
 # A test must not command a real kart: neither our programs, nor nodes with ROS's own settings.
 bench demo fuzz screenshots soak test test-long: export EVGP_GRAPH_INTERFACE :=
@@ -95,12 +96,12 @@ record:
 
 console:
 	$(IN_WORKSPACE) --console install/evgp_rcs_console/lib/evgp_rcs_console/rcs_gui $(ARGS) \
-	  $(if $(OFFICIAL),--ros-args -p 'official:="$(subst ','\'',$(subst ",,$(OFFICIAL)))"' --)
+	  $(if $(OFFICIAL),--ros-args -p 'official:="$(subst ",,$(OFFICIAL_QUOTED))"' --)
 
 # How it was called, for the command lines that it prints.
 ctl: export EVGP_CTL := make ctl $(if $(OFFICIALS),OFFICIALS=$(OFFICIALS) )ARGS=
 ctl:
-	@$(IN_WORKSPACE) install/evgp_rcs_console/lib/evgp_rcs_console/rcs_ctl $(or $(ARGS),--help)
+	@$(IN_WORKSPACE) install/evgp_rcs_console/lib/evgp_rcs_console/rcs_ctl $(if $(OFFICIAL),--official '$(OFFICIAL_QUOTED)') $(or $(ARGS),--help)
 
 # It comes back after a failure or a crash, in RED_RED; not where a setting is wrong.
 bridge:

@@ -879,6 +879,12 @@ def test_screenshots_of_every_state(
     karts[3] = connect_kart(control, 3)
     see_karts(console, 1, 2, 3, 4)
     shoot('garage')
+    open_name(console)
+    console.press('shift+a', see='name', text=r'^A\W')
+    for letter, name in zip('nna', ('An', 'Ann', 'Anna'), strict=True):
+        console.press(letter, see='name', text=rf'^{name}\W')
+    shoot('name')
+    console.press('Return', see='official', text='Anna')
     console.ask('F2')
     console.wait_for('yes', barred='false')
     shoot('question')

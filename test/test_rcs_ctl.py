@@ -213,7 +213,7 @@ def test_an_official_at_a_terminal_is_asked_for_a_name_once_and_never_before_a_s
     assert stop.end() == ACCEPTED
     assert not kept.exists()
     first = AtTerminal(control.domain, 'close-track')
-    first.type_line('Anna\n'.encode())
+    first.type_line(b'Anna\n')
     assert first.end() == ACCEPTED
     second = AtTerminal(control.domain, 'close-track')
     assert second.end() == ACCEPTED
@@ -245,6 +245,19 @@ def test_without_a_terminal_nobody_is_asked_and_an_option_names_the_official(
     ]
     assert f'[Bob ({machine})]' in shown
     assert not kept.exists()
+
+
+def test_the_line_to_type_next_has_the_name_that_was_given(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,))
+    connect_kart(control, 1)
+    join_official(control).wait_for_connected(1)
+
+    done = run(control.domain, '--official', 'Anna M', 'grid-active', '--track-is-clear')
+
+    assert done.returncode == USAGE
+    assert done.stderr.endswith("rcs_ctl grid-active 1 --track-is-clear --official 'Anna M'\n")
 
 
 def test_an_official_who_breaks_off_at_the_question_for_a_name_sends_nothing(

@@ -111,13 +111,13 @@ def _ask_for_name(wanted: argparse.Namespace) -> None:
     print(words.NAME_PROMPT.format(command=CATALOGUE[command].label), end='', file=sys.stderr)
     sys.stderr.flush()
     line = os.read(sys.stdin.fileno(), MOST_BYTES).decode(errors='replace')
-    wanted.official = tidy(line)
     if not line.endswith('\n'):
         print(file=sys.stderr)  # no answer: asked again the next time
         return
     try:
-        keep_name(wanted.official)
+        keep_name(line)
     except (OSError, RuntimeError) as error:
+        wanted.official = tidy(line)
         print(words.NAME_NOT_KEPT.format(error=error), file=sys.stderr)
 
 

@@ -12,6 +12,7 @@ import threading
 from evgp_node.graph import GraphError
 from evgp_protocol.clock import now
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.official import tidy
 from evgp_rcs_console import words
 from evgp_rcs_console.apart import Report
 from evgp_rcs_console.client import Client, domain_of, join_graph, looking
@@ -223,6 +224,7 @@ def _line(wanted: argparse.Namespace, karts: Sequence[int], stated: bool) -> str
     flag = STATEMENTS.get(COMMANDS[wanted.command], ('',))[0]
     parts = [wanted.command, getattr(wanted, 'kart', ''), getattr(wanted, 'heat', ''), *karts]
     parts.append(flag if stated else '')
+    parts += ['--official', tidy(wanted.official)] if wanted.official else []
     return as_called(shlex.join(str(part) for part in parts if part != ''))
 
 
