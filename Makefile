@@ -21,6 +21,10 @@ run console ctl: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
 # control must know it, so that karts never reach the officials' network.
 ADDRESS :=
 
+# Who commands from the window or by ctl; empty: the name that is kept, or else asked for.
+OFFICIAL :=
+OFFICIAL_QUOTED = $(subst ','\'',$(OFFICIAL))
+
 # A test must not command a real kart: neither our programs, nor nodes with ROS's own settings.
 bench demo fuzz screenshots soak test test-long: export EVGP_GRAPH_INTERFACE :=
 bench demo fuzz screenshots soak test test-long: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
@@ -45,7 +49,7 @@ help:
 	@echo 'make roster  check a list of karts, without starting anything (ROSTER=karts.yaml)'
 	@echo 'make record  print what happened in the last run     (ARGS="--list", ARGS="--help")'
 	@echo "make bridge  on a kart: start its bridge              (HOST=10.0.0.1 ODOM=/odom ARGS='-p ...')"
-	@echo "make console open the officials' window               (OFFICIALS=10.1.0.6)"
+	@echo "make console open the officials' window               (OFFICIAL=Anna OFFICIALS=10.1.0.6)"
 	@echo 'make ctl     the same in the terminal                (ARGS="watch" OFFICIALS=10.1.0.6)'
 	@echo 'make lint    check style and types'
 	@echo 'make format  format the code, as far as a tool can'
@@ -91,12 +95,13 @@ record:
 	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_record $(ARGS)
 
 console:
-	$(IN_WORKSPACE) --console install/evgp_rcs_console/lib/evgp_rcs_console/rcs_gui $(ARGS)
+	$(IN_WORKSPACE) --console install/evgp_rcs_console/lib/evgp_rcs_console/rcs_gui $(ARGS) \
+	  $(if $(OFFICIAL),--ros-args -p 'official:="$(subst ",,$(OFFICIAL_QUOTED))"' --)
 
 # How it was called, for the command lines that it prints.
 ctl: export EVGP_CTL := make ctl $(if $(OFFICIALS),OFFICIALS=$(OFFICIALS) )ARGS=
 ctl:
-	@$(IN_WORKSPACE) install/evgp_rcs_console/lib/evgp_rcs_console/rcs_ctl $(or $(ARGS),--help)
+	@$(IN_WORKSPACE) install/evgp_rcs_console/lib/evgp_rcs_console/rcs_ctl $(if $(OFFICIAL),--official '$(OFFICIAL_QUOTED)') $(or $(ARGS),--help)
 
 # It comes back after a failure or a crash, in RED_RED; not where a setting is wrong.
 bridge:

@@ -19,7 +19,7 @@ from evgp_node.process import IN_THE_WAY, WRONG_SETTING
 from evgp_node.states import state_of
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
-from evgp_rcs_msgs import msg
+from evgp_rcs_msgs import msg, srv
 from evgp_testing.fixtures import (
     ConnectKart,
     JoinOfficial,
@@ -31,7 +31,6 @@ from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl
 from evgp_testing.wire_kart import Acknowledges, kart_socket, read_to_end, WireKart
 import pytest
-from std_srvs.srv import Trigger
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 INTERFACE = 'EVGP_GRAPH_INTERFACE'
@@ -50,12 +49,12 @@ def test_a_node_on_a_karts_domain_neither_sees_nor_calls_all_kill(
     official = join_official(control)
     team = join_team(start_bridge(control.port, 1))
     official.wait_for_connected(1)
-    all_kill = team.node.create_client(Trigger, '/rcs/all_kill')
+    all_kill = team.node.create_client(srv.RaceCommand, '/rcs/all_kill')
 
     # It sees its own bridge, so it sees all there is to see.
     team.wait_for_state(RaceState.IN_GARAGE)
     answered = threading.Event()
-    all_kill.call_async(Trigger.Request()).add_done_callback(lambda _: answered.set())
+    all_kill.call_async(srv.RaceCommand.Request()).add_done_callback(lambda _: answered.set())
     assert team.team_stop(True).success
     team.wait_for_state(RaceState.RED_RED)
 

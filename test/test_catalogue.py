@@ -20,7 +20,7 @@ DOCS = pathlib.Path(__file__).parents[1] / 'docs'
 
 def fields_of(entry: Entry) -> dict[str, str]:
     """Return the fields of the request of a command, with their types, as the catalogue has it."""
-    fields = dict.fromkeys(entry.fixed, 'boolean')
+    fields = {'official': 'string', **dict.fromkeys(entry.fixed, 'boolean')}
     if entry.to_one_kart:
         fields['kart'] = 'uint16'
     if entry.statement:
@@ -92,6 +92,13 @@ def test_every_stop_overtakes_and_no_stop_loosens_or_waits_for_the_disk() -> Non
         assert not (entry.overtakes and (entry.loosens or entry.needs_journal))
 
 
+def test_every_request_says_who_gives_the_command_in_a_text_of_any_length() -> None:
+    for entry in CATALOGUE.values():
+        fields = service_class(entry.service_type).Request.get_fields_and_field_types()
+        # With a bound, a name that is too long would keep a stop from being sent.
+        assert fields['official'] == 'string'
+
+
 def test_what_takes_a_command_back_can_have_its_button() -> None:
     for entry in CATALOGUE.values():
         if entry.undoes is not None:
@@ -132,7 +139,7 @@ def test_the_documented_services_are_those_of_the_catalogue() -> None:
         used.add(name)
         type_name, request = documented[name]
         assert type_name == entry.service_type.replace('/srv/', '/')
-        assert set(re.findall(r'`[^`]+ (\w+)`', request)) == set(fields_of(entry))
+        assert set(re.findall(r'`[^`]+ (\w+)`', request)) == set(fields_of(entry)) - {'official'}
 
     assert used == set(documented)
 

@@ -6,7 +6,7 @@ What the window shows is asked of its widgets; what it does is seen at the karts
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 import contextlib
 import importlib.util
 import os
@@ -21,11 +21,12 @@ from typing import Any
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE
+from evgp_rcs.official import UNNAMED
 from evgp_rcs_msgs import msg
 from evgp_testing.console import Console, SLOW
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from evgp_testing.official import latched
+from evgp_testing.official import latched, Official
 from evgp_testing.process import PATIENCE, Process
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
@@ -73,10 +74,14 @@ def open_console(
     """Return a function that opens an official's window on a screen of its own."""
 
     def open_(
-        control: RaceControl, width: int = 1366, height: int = 768, **environment: str
+        control: RaceControl,
+        width: int = 1366,
+        height: int = 768,
+        arguments: Sequence[str] = (),
+        **environment: str,
     ) -> Console:
         screen = parts.enter_context(screens.one(width, height))
-        console = Console(tmp_path, control.domain, screen, environment)
+        console = Console(tmp_path, control.domain, screen, environment, arguments)
         parts.callback(console.close)
         return console
 
@@ -323,7 +328,7 @@ def test_red_flag_by_key_while_a_question_is_open(
     kart.wait_for_state(RED_FLAG)
 
 
-@pytest.mark.parametrize('where', ['filter', 'log', 'mute', 'kart_finish_1'])
+@pytest.mark.parametrize('where', ['filter', 'log', 'mute', 'kart_finish_1', 'official'])
 def test_all_kill_by_key_whichever_widget_has_the_focus(
     start_race_control: StartRaceControl,
     open_console: OpenConsole,
@@ -348,6 +353,128 @@ def tab_to(console: Console, name: str) -> None:
             return
         console.key('Tab')
     raise AssertionError(f'Tab never reaches {name}')
+
+
+# ----- the official's name ----------------------------------------------------------------
+
+
+def open_name(console: Console) -> None:
+    """Click the official's name, until letters go into it."""
+    console.press_on('official', see='name', focus=True)
+
+
+def sender(official: Official, command: int) -> str:
+    """Return who sent a command, once it is told."""
+    told = official.wait_for_event(lambda event: event.command == command, 'the command')
+    return str(told.official)
+
+
+def test_a_name_is_typed_once_and_goes_with_every_command_also_of_the_next_window(
+    start_race_control: StartRaceControl,
+    open_console: OpenConsole,
+    join_official: JoinOfficial,
+    tmp_path: pathlib.Path,
+) -> None:
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
+    console = open_console(control)
+    console.wait_for('kart_1')
+    console.wait_for('official', text='Your name')
+    console.click('all_kill')
+    assert sender(official, msg.CommandAvailability.ALL_KILL).startswith(f'{UNNAMED} (')
+    open_name(console)
+    for letter, name in zip('anx', ('a', 'an', 'anx'), strict=True):
+        console.press(letter, see='name', text=f'^{name}\\W')
+    console.press('BackSpace', see='name', text=r'^an\W')
+    console.press('n', see='name', text=r'^ann\W')
+
+    console.press('Return', see='official', text='ann')
+
+    console.wait_for('your_name', visible=False)
+    console.press('F4', see='log', text=r'\[ann \(')
+    first = sender(official, msg.CommandAvailability.RED_FLAG)
+    kept = tmp_path / 'evgp_rcs' / 'official'
+    official.wait_until_polled(kept.exists, 'the name is kept')
+    assert kept.read_text() == 'ann\n'
+    other = open_console(control)
+    other.wait_for('official', text='ann')
+    other.wait_for('kart_1')
+    other.key('1', 'ctrl+f')
+    second = sender(official, msg.CommandAvailability.KART_RED_FLAG)
+    assert first.startswith('ann (')
+    assert second.startswith('ann (')
+    assert first != second
+
+
+@pytest.mark.parametrize('keys', [('space',), ('F12',), ('1', 'ctrl+r'), ('ctrl+space',)])
+def test_a_stop_by_key_acts_while_the_name_is_typed_and_is_no_part_of_it(
+    start_race_control: StartRaceControl,
+    open_console: OpenConsole,
+    connect_kart: ConnectKart,
+    keys: tuple[str, ...],
+) -> None:
+    control = start_race_control(in_race=(1,))
+    console = open_console(control)
+    kart = connect_kart(control, 1, EACH_CHANGE)
+    see_karts(console, 1)
+    open_name(console)
+    console.press('a', see='name', text=r'^a\W')
+
+    console.key(*keys)
+
+    kart.wait_for_state(RED_RED)
+    console.press('b', see='name', text=r'^ab\W')
+
+
+def test_letters_are_part_of_the_name_only_while_it_is_typed(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 2))
+    console = open_console(control)
+    for number in (1, 2):
+        connect_kart(control, number, EACH_CHANGE)
+    see_karts(console, 1, 2)
+    console.start_race()
+    console.wait_for('kart_finish_1', barred='false')
+    open_name(console)
+    console.press('a', see='name', text=r'^a\W')
+    console.press('Escape', see='your_name', visible=False)
+    console.wait_for('official', text='Your name')
+
+    console.press('b', see='kart_2', text='P1')
+
+    assert 'P' not in console.wait_for('kart_1')['text'].split()
+
+
+def test_the_name_that_a_window_is_given_goes_before_the_one_that_is_kept(
+    start_race_control: StartRaceControl,
+    open_console: OpenConsole,
+    join_official: JoinOfficial,
+    tmp_path: pathlib.Path,
+) -> None:
+    (tmp_path / 'evgp_rcs').mkdir()
+    (tmp_path / 'evgp_rcs' / 'official').write_text('Bob\n')
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
+    given = '"Anna & <b>Meier"'
+
+    console = open_console(control, arguments=('--ros-args', '-p', f'official:={given}'))
+
+    console.wait_for('kart_1')
+    console.key('F12')
+    told = sender(official, msg.CommandAvailability.ALL_KILL)
+    assert told.startswith('Anna & <b>Meier (')
+    console.wait_for('log', text=re.escape(f'[{told}]'))
+
+
+def test_a_name_that_ros_takes_for_a_number_is_a_name(
+    start_race_control: StartRaceControl, open_console: OpenConsole
+) -> None:
+    control = start_race_control(in_race=(1,))
+
+    console = open_console(control, arguments=('--ros-args', '-p', 'official:=7'))
+
+    console.wait_for('official', text=r'\b7$')
 
 
 def test_the_window_does_not_hang_with_race_control_and_presses_all_kill_meanwhile(
@@ -752,6 +879,12 @@ def test_screenshots_of_every_state(
     karts[3] = connect_kart(control, 3)
     see_karts(console, 1, 2, 3, 4)
     shoot('garage')
+    open_name(console)
+    console.press('shift+a', see='name', text=r'^A\W')
+    for letter, name in zip('nna', ('An', 'Ann', 'Anna'), strict=True):
+        console.press(letter, see='name', text=rf'^{name}\W')
+    shoot('name')
+    console.press('Return', see='official', text='Anna')
     console.ask('F2')
     console.wait_for('yes', barred='false')
     shoot('question')

@@ -234,7 +234,7 @@ def test_karts_that_never_got_green_are_lost_on_the_grid_and_not_in_motion(
     assert [kart.may_be_moving for kart in race.karts] == [False, False, False]
     assert {alert.kind for alert in race.alerts} == {msg.Alert.KART_LOST}
     assert not race.track.allowed
-    assert not meeting.official.call('set_track_open', data=True).success
+    assert not meeting.official.call('set_track_open', open=True).success
 
 
 def test_a_crash_is_not_forgotten_when_what_lies_beside_the_record_was_deleted(
@@ -275,9 +275,9 @@ def test_a_kart_that_left_the_roster_after_a_crash_is_named_and_keeps_the_track_
     meeting.official.wait_for_acks(RED_RED, 2, OUTSIDE)
     gone = meeting.official.wait_for_kart(1, lambda kart: not kart.connected, 'named')
     assert (state_of(gone.hold), gone.may_be_moving, gone.address) == (RED_RED, True, '')
-    assert not meeting.official.call('set_track_open', data=True).success
+    assert not meeting.official.call('set_track_open', open=True).success
     assert not meeting.official.call('in_garage', track_safe=False).success
     meeting.official.command('in_garage', track_safe=True)
-    assert not meeting.official.call('set_track_open', data=True).success
+    assert not meeting.official.call('set_track_open', open=True).success
     meeting.official.command('kart/in_garage', kart=1, made_safe_by_hand=True)
-    meeting.official.command('set_track_open', data=True)
+    meeting.official.command('set_track_open', open=True)

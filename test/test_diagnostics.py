@@ -81,7 +81,7 @@ def test_a_record_that_cannot_be_written_is_an_alert_and_an_error_until_it_can(
     health.wait_for('rcs: race', OK)
     with contextlib.closing(sqlite3.connect(record, isolation_level=None)) as other:
         other.execute('BEGIN IMMEDIATE')  # nobody else can write the file now
-        official.command('set_track_open', data=False)  # something to be written
+        official.command('set_track_open', open=False)  # something to be written
         race = official.wait_for_race(lambda race: race.alerts, 'an alert')
         (alert,) = race.alerts
         assert (alert.kind, alert.use_msr) == (msg.Alert.RECORD_FAILING, False)

@@ -197,4 +197,4 @@ def test_a_start_without_a_record_needs_a_statement_and_is_not_forgotten_by_a_cr
     assert race.karts[0].may_be_moving
     assert not race.track.allowed
     assert kart.wait_for_state(RED_RED)
-    assert not official.call('set_track_open', data=True).success
+    assert not official.call('set_track_open', open=True).success

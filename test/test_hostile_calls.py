@@ -8,9 +8,11 @@ import ctypes
 import random
 from typing import Any
 
+from evgp_protocol.states import RaceState
+from evgp_rcs.official import MOST
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.domains import Domain
-from evgp_testing.fixtures import StartBridge, StartRaceControl
+from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartBridge, StartRaceControl
 from evgp_testing.kart import ExampleStack
 from evgp_testing.official import SERVICES
 from evgp_testing.process import Process
@@ -134,6 +136,17 @@ def ask_for(client: Any, name: bytes) -> None:
     assert code == 0
 
 
+def stop_as(client: Any, official: bytes) -> None:
+    """Send a stop in a name that need be no UTF-8, as a client in C can."""
+    text = String(official, len(official), len(official) + 1)
+    number = ctypes.c_int64()
+    with client.handle:
+        code = ctypes.CDLL('librcl.so').rcl_send_request(
+            ctypes.c_void_p(client.handle.pointer), ctypes.byref(text), ctypes.byref(number)
+        )
+    assert code == 0
+
+
 # ----- each node of ours ------------------------------------------------------------------
 
 
@@ -252,6 +265,43 @@ def test_a_name_that_is_no_text_and_random_messages_end_nothing(
                 publisher.publish(b'\0\1\0\0' + body)
 
     check_it_lives(process, name, hostile)
+
+
+@pytest.mark.parametrize(
+    'name',
+    [
+        b'',
+        b'J\xfcrgen',
+        b'\xff\xfe',
+        b'\xc3(',
+        b'\xed\xa0\x80',
+        b'a\0b',
+        b'\x1b[2J\r\n',
+        b'x' * 2**20,
+    ],
+    ids=lambda name: f'{name[:9]!r}',
+)
+def test_a_stop_acts_whatever_its_official_is_called(
+    start_race_control: StartRaceControl,
+    connect_kart: ConnectKart,
+    join_official: JoinOfficial,
+    join_hostile: Callable[[int], Hostile],
+    name: bytes,
+) -> None:
+    control = start_race_control(in_race=[1])
+    official = join_official(control)
+    kart = connect_kart(control, 1)
+    kart.wait_for_state(RaceState.IN_GARAGE)
+    client = join_hostile(control.domain).client('/rcs/all_kill', SERVICES['all_kill'])
+
+    stop_as(client, name)
+
+    kart.wait_for_state(RaceState.RED_RED)
+    told = official.wait_for_event(
+        lambda event: event.command == msg.CommandAvailability.ALL_KILL, 'the stop'
+    )
+    assert 0 < len(told.official) <= MOST
+    assert told.official.isprintable()
 
 
 # ----- what raises in a callback of ours --------------------------------------------------

@@ -7,17 +7,18 @@ import pathlib
 
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.kart_client import KART_SERVER_SILENCE
 from evgp_rcs.node import ANSWER_TIMEOUT
+from evgp_rcs.official import UNNAMED
 from evgp_rcs.race import RaceTimes
-from evgp_rcs_msgs import msg
+from evgp_rcs_msgs import msg, srv
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import seen, SERVICES
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges
-from std_srvs.srv import Trigger
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -220,11 +221,50 @@ def test_the_stops_have_the_name_that_race_control_was_given(
     caller.spin()
 
     answers = [
-        caller.request(caller.node.create_client(Trigger, name), Trigger.Request())
+        caller.request(caller.node.create_client(srv.RaceCommand, name), srv.RaceCommand.Request())
         for name in ('/north/control/all_kill', '/flag')
     ]
 
     assert [answer.success for answer in answers] == [True, True]
+
+
+def test_every_command_tells_who_gave_it_accepted_or_refused(
+    start_race_control: StartRaceControl, join_official: JoinOfficial
+) -> None:
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
+    given: dict[int, tuple[bool, str]] = {}
+    for kind, entry in CATALOGUE.items():
+        request = {**entry.fixed, **({'kart': 1} if entry.to_one_kart else {})}
+        name = f'Anna {kind.name}'
+        answer = official.call(entry.service, official=name, **request)
+        given[getattr(msg.CommandAvailability, kind.name)] = (answer.success, name)
+
+    official.wait_for_event(lambda event: event.command == list(given)[-1], 'the last command')
+    told = {
+        event.command: (event.success, event.official)
+        for event in official.events
+        if event.command
+    }
+    others = {event.official for event in official.events if not event.command}
+
+    assert told == given
+    assert {success for success, _ in given.values()} == {True, False}
+    assert others == {''}
+    for _, name in given.values():
+        control.wait_for_line(rf'\[{name}\]')
+
+
+def test_a_command_without_a_name_is_told_as_that_of_an_unnamed_official(
+    start_race_control: StartRaceControl, join_official: JoinOfficial
+) -> None:
+    control = start_race_control()
+    official = join_official(control)
+
+    official.command('all_kill', official='')
+
+    event = official.wait_for_event(lambda event: event.command, 'the command')
+    assert event.official == UNNAMED
 
 
 def test_a_late_official_gets_the_race_and_its_past_events(
@@ -250,11 +290,11 @@ def test_humans_are_let_onto_the_track_only_when_every_kart_has_acknowledged_its
     official.wait_for_connected(1)
     official.command('all_kill')
     kart.wait_for_state(RED_RED)
-    refused = official.call('set_track_open', data=True)
+    refused = official.call('set_track_open', open=True)
 
     kart.say(RED_RED)
     official.wait_for_acks(RED_RED, 1)
-    opened = official.command('set_track_open', data=True)
+    opened = official.command('set_track_open', open=True)
 
     assert (refused.success, opened.success) == (False, True)
     assert 'kart 1 (Team 1) has not acknowledged RED_RED' in refused.message

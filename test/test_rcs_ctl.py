@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass
+import fcntl
 import os
 import pathlib
+import platform
 import re
+import select
 import signal
 import subprocess
 import sys
+import termios
 import threading
 import time
 
 from ament_index_python.packages import get_package_prefix
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.official import UNNAMED
 from evgp_rcs_console.client import Client, request_message
 from evgp_rcs_console.commands import Order
 from evgp_rcs_console.ctl import COMMANDS, STARTING, STATEMENTS, TIDY
@@ -35,12 +40,16 @@ from rclpy.context import Context
 ACCEPTED, REFUSED, USAGE, NOT_THERE = 0, 1, 2, 3
 
 
+def executable() -> list[str]:
+    """Return how `rcs_ctl` is called."""
+    package = 'evgp_rcs_console'
+    return [str(pathlib.Path(get_package_prefix(package), 'lib', package, 'rcs_ctl'))]
+
+
 def start(domain: int, *words: str) -> subprocess.Popen[str] | nursery.Grown:
     """Start `rcs_ctl` on a domain."""
-    package = 'evgp_rcs_console'
-    executable = pathlib.Path(get_package_prefix(package), 'lib', package, 'rcs_ctl')
     environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
-    command = [str(executable), *words]
+    command = [*executable(), *words]
     return nursery.start(command, environment, stderr=subprocess.PIPE) or subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
@@ -131,6 +140,139 @@ def test_a_refusal_is_the_sentence_of_race_control(start_race_control: StartRace
     assert done.stderr == (
         'GREEN_GREEN refused: the race is in IN_GARAGE; GREEN_GREEN follows GRID_ACTIVE.\n'
     )
+
+
+# ----- the official's name ----------------------------------------------------------------
+
+
+class AtTerminal:
+    """`rcs_ctl` as an official starts it, at a terminal of its own."""
+
+    def __init__(self, domain: int, *words: str) -> None:
+        """Start it."""
+        self._terminal, its_end = os.openpty()
+        self.shown = b''
+        self._process = subprocess.Popen(
+            [*executable(), *words],
+            stdin=its_end,
+            stdout=its_end,
+            stderr=its_end,
+            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+            start_new_session=True,
+            preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+        )
+        os.close(its_end)
+
+    def type_line(self, text: bytes) -> None:
+        """Type a line once it asks for one."""
+        while not self.shown.endswith(b': '):
+            assert self._read(), f'it asks for nothing: {self.shown!r}'
+        os.write(self._terminal, text)
+
+    def end(self) -> int:
+        """Return its exit code, once it has ended."""
+        while self._read():
+            pass
+        os.close(self._terminal)
+        return self._process.wait(2 * PATIENCE)
+
+    def _read(self) -> bytes:
+        assert select.select([self._terminal], [], [], 2 * PATIENCE)[0], self.shown
+        try:
+            read = os.read(self._terminal, 4096)
+        except OSError:  # it has ended
+            read = b''
+        self.shown += read
+        return read
+
+
+@pytest.fixture
+def kept(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> pathlib.Path:
+    """Return the file in which the official's name is kept; it does not exist yet."""
+    monkeypatch.setenv('ROS_HOME', str(tmp_path / 'ros'))
+    return tmp_path / 'ros' / 'evgp_rcs' / 'official'
+
+
+def senders(official: Official, number: int) -> list[str]:
+    """Return who sent the commands, in order, once there are so many."""
+    official.wait_until(
+        lambda: sum(event.command > 0 for event in official.events) >= number,
+        lambda: f'{number} commands; heard: {[event.text for event in official.events]}',
+    )
+    return [event.official for event in official.events if event.command]
+
+
+def test_an_official_at_a_terminal_is_asked_for_a_name_once_and_never_before_a_stop(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, kept: pathlib.Path
+) -> None:
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
+    machine = platform.node()
+
+    stop = AtTerminal(control.domain, 'all-kill')
+    assert stop.end() == ACCEPTED
+    assert not kept.exists()
+    first = AtTerminal(control.domain, 'close-track')
+    first.type_line(b'Anna\n')
+    assert first.end() == ACCEPTED
+    second = AtTerminal(control.domain, 'close-track')
+    assert second.end() == ACCEPTED
+
+    assert senders(official, 3) == [
+        f'{UNNAMED} ({machine})',
+        f'Anna ({machine})',
+        f'Anna ({machine})',
+    ]
+    assert kept.read_text() == 'Anna\n'
+
+
+def test_without_a_terminal_nobody_is_asked_and_an_option_names_the_official(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, kept: pathlib.Path
+) -> None:
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
+    machine = platform.node()
+
+    assert run(control.domain, 'close-track').returncode == ACCEPTED
+    assert run(control.domain, '--official', 'Anna', 'close-track').returncode == ACCEPTED
+    assert run(control.domain, 'all-kill', '--official', 'B\x1bob\n').returncode == ACCEPTED
+    shown = run(control.domain, 'watch', '--events', '--once').stdout
+
+    assert senders(official, 3) == [
+        f'{UNNAMED} ({machine})',
+        f'Anna ({machine})',
+        f'Bob ({machine})',
+    ]
+    assert f'[Bob ({machine})]' in shown
+    assert not kept.exists()
+
+
+def test_the_line_to_type_next_has_the_name_that_was_given(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,))
+    connect_kart(control, 1)
+    join_official(control).wait_for_connected(1)
+
+    done = run(control.domain, '--official', 'Anna M', 'grid-active', '--track-is-clear')
+
+    assert done.returncode == USAGE
+    assert done.stderr.endswith("rcs_ctl grid-active 1 --track-is-clear --official 'Anna M'\n")
+
+
+def test_an_official_who_breaks_off_at_the_question_for_a_name_sends_nothing(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, kept: pathlib.Path
+) -> None:
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
+
+    asked = AtTerminal(control.domain, 'close-track')
+    asked.type_line(b'\x03')
+
+    assert asked.end() == NOT_THERE
+    official.command('all_kill')
+    assert len(senders(official, 1)) == 1
+    assert not kept.exists()
 
 
 def test_a_refusal_for_want_of_a_statement_gives_the_line_to_type(

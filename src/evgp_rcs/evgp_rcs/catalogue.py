@@ -67,7 +67,8 @@ class Entry:
     :param label: what its button says; `RED RED` to one kart or to all, since the place tells.
     :param meaning: what it does, in a few words.
     :param service: the name of its service below race control's node; two commands may share one.
-    :param service_type: the type of the service.
+    :param service_type: the type of the service. Every request has `official`: who gives the
+        command, by their own word.
     :param fixed: the fields of a request that make it this command, where two share a service.
     :param result: what is so once it is in force.
     :param undoes: the command that it takes back. The two share a button, which offers this one
@@ -106,10 +107,10 @@ class Entry:
     needs_journal: bool = False
 
 
-TRIGGER = 'std_srvs/srv/Trigger'
-SET_BOOL = 'std_srvs/srv/SetBool'
+RACE_COMMAND = 'evgp_rcs_msgs/srv/RaceCommand'
 KART_COMMAND = 'evgp_rcs_msgs/srv/KartCommand'
 SET_IN_RACE = 'evgp_rcs_msgs/srv/SetInRace'
+SET_TRACK_OPEN = 'evgp_rcs_msgs/srv/SetTrackOpen'
 
 FLAG_OR_RED = (RaceState.RED_FLAG, RaceState.RED_RED)
 
@@ -118,7 +119,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'ALL KILL',
         'RED_RED to every kart',
         'all_kill',
-        TRIGGER,
+        RACE_COMMAND,
         Result(race=(RaceState.RED_RED,)),
         stop=True,
         overtakes=True,
@@ -127,7 +128,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'RED FLAG',
         'RED_FLAG to the race',
         'red_flag',
-        TRIGGER,
+        RACE_COMMAND,
         Result(race=FLAG_OR_RED),
         stop=True,
         overtakes=True,
@@ -156,7 +157,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'MSR WAS USED',
         'record that you used the MSR; also RED_RED to every kart',
         'record_msr',
-        TRIGGER,
+        RACE_COMMAND,
         Result(race=(RaceState.RED_RED,)),
         note='Records that you used the MSR. It does not trigger the MSR.',
         call_is_statement=True,
@@ -168,7 +169,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'RACE OVER',
         'RED_RED to the race, which is over',
         'race_over',
-        TRIGGER,
+        RACE_COMMAND,
         Result(race=(RaceState.RED_RED,)),
         overtakes=True,
     ),
@@ -263,9 +264,9 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'OPEN TRACK',
         'open the track to humans',
         'set_track_open',
-        SET_BOOL,
+        SET_TRACK_OPEN,
         Result(track_open=True),
-        fixed={'data': True},
+        fixed={'open': True},
         note='Opens the track to humans. Sends nothing to the karts.',
         loosens=True,
     ),
@@ -273,9 +274,9 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'CLOSE TRACK',
         'close the track to humans',
         'set_track_open',
-        SET_BOOL,
+        SET_TRACK_OPEN,
         Result(track_open=False),
-        fixed={'data': False},
+        fixed={'open': False},
         undoes=CommandKind.OPEN_TRACK,
     ),
 }

@@ -126,4 +126,5 @@ def event_message(stamped: StampedEvent) -> msg.RaceEvent:
         success=event.success,
         state=state_message(event.state),
         text=event.text,
+        official=event.official,
     )

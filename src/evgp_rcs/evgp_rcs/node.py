@@ -29,6 +29,7 @@ from evgp_protocol import clock
 from evgp_rcs.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs.kart_client import KartServerClient
 from evgp_rcs.kart_server import KartServerError
+from evgp_rcs.official import heard
 from evgp_rcs.race import Answer, Command, URGENT
 from evgp_rcs.rival import (
     claim_the_graph,
@@ -235,6 +236,7 @@ def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
         frozenset(request.karts) if entry.names_karts else frozenset(),
         state_of(request.hold) if entry.names_hold else None,
         request.heat if entry.names_heat else '',
+        heard(request.official),
     )
 
 

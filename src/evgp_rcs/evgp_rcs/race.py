@@ -111,7 +111,7 @@ class Command:
         them.
     :param hold: for the release of one kart: its hold, as the official saw it; ``None`` for none.
     :param heat: for SET_HEAT: the name of the heat.
-    :param official: who gives it, by their own word; empty: unnamed. No rule depends on it.
+    :param official: who gives it, by their own word (``official``). No rule depends on it.
     """
 
     kind: CommandKind
@@ -160,7 +160,7 @@ class Event:
 
     :param chatter: a kart can cause any number of these just by what it says; whoever passes
         events on may limit them.
-    :param official: for a command, who gave it, by their own word; empty: unnamed.
+    :param official: for a command, who gave it, by their own word (``official``).
     """
 
     kind: EventKind

@@ -81,6 +81,7 @@ from typing import IO
 
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
+from evgp_rcs.home import home
 from evgp_rcs.race import KartMemory, RaceMemory, StampedEvent
 
 SCHEMA_VERSION = 2
@@ -183,8 +184,7 @@ class Session:
 
 def default_path() -> pathlib.Path:
     """Return where race control keeps its record if it is not told: below ROS_HOME."""
-    home = os.environ.get('ROS_HOME') or pathlib.Path.home() / '.ros'
-    return pathlib.Path(home, 'evgp_rcs', 'record.sqlite3')
+    return home() / 'record.sqlite3'
 
 
 @dataclasses.dataclass(frozen=True)

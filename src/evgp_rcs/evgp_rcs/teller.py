@@ -19,6 +19,7 @@ from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
 from evgp_rcs.messages import event_message, failure_alert, race_message
+from evgp_rcs.official import said_by
 from evgp_rcs.race import AlertKind, Event, EventKind, Kart, Race, StampedEvent
 from evgp_rcs.roster import Roster
 from evgp_rcs_msgs import msg
@@ -159,12 +160,13 @@ class Teller:
     def _tell(self, stamped: StampedEvent) -> None:
         event = stamped.event
         log = self._node.get_logger()
+        text = said_by(event.text, event.official)
         if event.kind is EventKind.ALERT_RAISED or not event.success:
-            log.warning(event.text)
+            log.warning(text)
         elif event.kind is EventKind.ACKNOWLEDGED:
-            log.debug(event.text)  # that all have, or that one is late, is told for itself
+            log.debug(text)  # that all have, or that one is late, is told for itself
         elif event.kind is not EventKind.KART_STATE:  # the command says it
-            log.info(event.text)
+            log.info(text)
         self._events.publish(event_message(stamped))
         self._sequence = stamped.sequence
 

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Sequence
 import datetime
 
+from evgp_rcs.official import said_by
 from evgp_rcs.record import default_path, events, RecordedEvent, Session
 from evgp_rcs.runs import add_run_arguments, open_runs
 
@@ -80,8 +81,8 @@ def _print_timeline(happened: Sequence[RecordedEvent], kart: int | None) -> None
         if event.kind == FINISHED:
             continue  # the command before it said so
         mark = ' ' if event.success else '!'
-        who = f' [{event.official}]' if event.official else ''
-        print(f'{_clock(event.wall_ns)} {event.monotonic - first:10.3f} {mark} {event.text}{who}')
+        said = said_by(event.text, event.official)
+        print(f'{_clock(event.wall_ns)} {event.monotonic - first:10.3f} {mark} {said}')
 
 
 def _time(wall_ns: int) -> datetime.datetime:

@@ -7,7 +7,7 @@ from evgp_rcs_console.alerts import AlertsArea
 from evgp_rcs_console.karts import KartList, Scrolling
 from evgp_rcs_console.panels import EventPanel, KillBox, NowPanel, SidePanel, TOP_HEIGHT
 from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
-from evgp_rcs_console.sheets import Heats, Help, Question, Sheet
+from evgp_rcs_console.sheets import Heats, Help, Question, Sheet, YourName
 from evgp_rcs_console.widgets import CommandButton, DangerPanel, Fitted
 
 
@@ -56,7 +56,8 @@ class Areas(QtCore.QObject):
         self.question = Question(window)
         self.help = Help(window)
         self.heats = Heats(window, press)
-        self._sheets: tuple[Sheet, ...] = (self.question, self.help, self.heats)
+        self.your_name = YourName(window)
+        self._sheets: tuple[Sheet, ...] = (self.question, self.help, self.heats, self.your_name)
 
     def fit(self) -> None:
         """Take the size of the window."""
@@ -74,6 +75,12 @@ class Areas(QtCore.QObject):
             for area in (*areas, self.side, self.status, self.question):
                 area.fit(by)
         self.place_sheets()
+
+    def close_sheets(self) -> None:
+        """Hide every sheet but the question, which only an answer ends."""
+        for sheet in self._sheets:
+            if sheet is not self.question:
+                sheet.close_sheet()
 
     def place_sheets(self) -> None:
         """Put the sheets that are open over the karts."""

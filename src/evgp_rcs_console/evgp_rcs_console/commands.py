@@ -24,6 +24,7 @@ class Order:
     :param karts: for a command that starts or releases karts: which, as the official saw it.
     :param hold: for the release of one kart: its hold, as the official saw it.
     :param heat: for putting a heat into the race: its name.
+    :param official: who gave it, as it is sent.
     :param at: when it was given, by the clock that counts a suspend, in seconds.
     """
 
@@ -33,6 +34,7 @@ class Order:
     karts: tuple[int, ...] = ()
     hold: State = State.UNKNOWN
     heat: str = ''
+    official: str = ''
     at: float = field(default_factory=now)
 
 
@@ -45,7 +47,10 @@ def asks(command: CommandKind) -> bool:
 def request(order: Order) -> dict[str, int | bool | str | list[int] | State]:
     """Return the fields of the request of a command."""
     entry = CATALOGUE[order.command]
-    fields: dict[str, int | bool | str | list[int] | State] = dict(entry.fixed)
+    fields: dict[str, int | bool | str | list[int] | State] = {
+        'official': order.official,
+        **entry.fixed,
+    }
     if entry.to_one_kart:
         fields['kart'] = order.kart
     if entry.statement:

@@ -18,9 +18,11 @@ import sys
 
 from evgp_protocol.clock import now
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.official import tidy
 from evgp_rcs_console import words
 from evgp_rcs_console.apart import Apart, Report
 from evgp_rcs_console.exits import Exit
+from evgp_rcs_console.signature import keep_name, kept_name, MOST_BYTES
 
 STARTING = 5.0
 """Maximum time for ROS to start, before the time of ``--wait`` begins, in seconds."""
@@ -79,6 +81,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     wanted = parser().parse_args(without_ros_arguments(given))
     # A shell that starts it in the background makes it ignore SIGINT, and Python keeps that.
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        _ask_for_name(wanted)
+    except KeyboardInterrupt:
+        return Exit.NOT_THERE
     began = now()
 
     def work(report: Report) -> None:
@@ -93,6 +99,37 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return Exit.ACCEPTED if wanted.command == 'watch' else Exit.NOT_THERE
     finally:
         apart.end(TIDY)
+
+
+def _ask_for_name(wanted: argparse.Namespace) -> None:
+    """Ask the official at the terminal for a name, once; never before what stops a kart."""
+    command = COMMANDS.get(wanted.command)
+    if command is None or CATALOGUE[command].overtakes:
+        return
+    if wanted.official or not _official_is_there() or kept_name() is not None:
+        return
+    print(words.NAME_PROMPT.format(command=CATALOGUE[command].label), end='', file=sys.stderr)
+    sys.stderr.flush()
+    line = os.read(sys.stdin.fileno(), MOST_BYTES).decode(errors='replace')
+    if not line.endswith('\n'):
+        print(file=sys.stderr)  # no answer: asked again the next time
+        return
+    try:
+        keep_name(line)
+    except (OSError, RuntimeError) as error:
+        wanted.official = tidy(line)
+        print(words.NAME_NOT_KEPT.format(error=error), file=sys.stderr)
+
+
+def _official_is_there() -> bool:
+    """Return whether someone at a terminal sees a question, and can answer it."""
+    if sys.stdin is None or not sys.stdin.isatty() or not sys.stderr.isatty():
+        return False
+    try:
+        # Whoever reads from the terminal in the background is stopped.
+        return os.tcgetpgrp(sys.stdin.fileno()) == os.getpgrp()
+    except OSError:
+        return False  # it is not our terminal
 
 
 def _answer(apart: Apart, wanted: argparse.Namespace, began: float) -> int:
@@ -160,11 +197,20 @@ def parser() -> argparse.ArgumentParser:
         help='how long to wait for race control (default: %(default)s); ROS may take '
         f'up to {STARTING:g} s before that to start',
     )
+    signing = argparse.ArgumentParser(add_help=False)
+    # Before the command or after it.
+    for each, default in ((whole, ''), (signing, argparse.SUPPRESS)):
+        each.add_argument(
+            '--official',
+            default=default,
+            metavar='NAME',
+            help='who gives the command, for the record (default: the name that is kept)',
+        )
     commands = whole.add_subparsers(dest='command', required=True, metavar='command')
     for name, command in COMMANDS.items():
         entry = CATALOGUE[command]
         each = commands.add_parser(
-            name, help=entry.meaning, description=entry.meaning, parents=[waiting]
+            name, help=entry.meaning, description=entry.meaning, parents=[waiting, signing]
         )
         if entry.to_one_kart:
             each.add_argument('kart', type=_kart_number, help='its number in the roster')

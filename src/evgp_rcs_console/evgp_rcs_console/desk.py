@@ -12,6 +12,7 @@ import threading
 from evgp_node.graph import GraphError
 from evgp_protocol.clock import now
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.official import tidy
 from evgp_rcs_console import words
 from evgp_rcs_console.apart import Report
 from evgp_rcs_console.client import Client, domain_of, join_graph, looking
@@ -19,6 +20,7 @@ from evgp_rcs_console.commands import Order
 from evgp_rcs_console.ctl import COMMANDS, GRACE, no_answer, STARTING, STATEMENTS
 from evgp_rcs_console.effects import effects, nobody_is_heard
 from evgp_rcs_console.exits import Exit
+from evgp_rcs_console.signature import Signature
 from evgp_rcs_console.snapshot import Answer, Available, Event, Kart, Race, State
 from evgp_rcs_console.standing import Standing
 from evgp_rcs_console.terminal import table
@@ -156,6 +158,7 @@ def _give(
         karts,
         hold,
         getattr(wanted, 'heat', ''),
+        Signature(wanted.official).claim,
     )
     client.give(order)
     desk.wait_for(lambda: desk.answer is not None, until)
@@ -221,6 +224,7 @@ def _line(wanted: argparse.Namespace, karts: Sequence[int], stated: bool) -> str
     flag = STATEMENTS.get(COMMANDS[wanted.command], ('',))[0]
     parts = [wanted.command, getattr(wanted, 'kart', ''), getattr(wanted, 'heat', ''), *karts]
     parts.append(flag if stated else '')
+    parts += ['--official', tidy(wanted.official)] if wanted.official else []
     return as_called(shlex.join(str(part) for part in parts if part != ''))
 
 
@@ -296,7 +300,7 @@ def _watch_events(desk: Desk, wanted: argparse.Namespace, until: float, report: 
             error = f'{words.NOT_YET}: {words.USE_MSR} ({where})'
             return {'code': Exit.NOT_THERE, 'error': error}
         lines = [
-            f'{event.clock} {" " if event.success else "!"} {event.text}'
+            f'{event.clock} {" " if event.success else "!"} {event.told}'
             for event in fresh
             if not wanted.kart or event.kart in (0, wanted.kart)
         ]

@@ -13,8 +13,11 @@ from evgp_node.ending import end_within
 from evgp_node.graph import GraphError
 from evgp_rcs_console import words
 from evgp_rcs_console.client import Client, join_graph, looking
+from evgp_rcs_console.signature import Signature
+from rcl_interfaces.msg import ParameterDescriptor
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
+from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
 END_TIMEOUT = 5.0
@@ -41,8 +44,8 @@ def main(
     if not any(map(os.environ.get, ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM'))):
         print(words.NO_DISPLAY, file=sys.stderr)
         return 2
-    # The window takes no text. An input method could only keep a key from it, such as the space
-    # bar while an accent is being composed.
+    # The window reads every key itself. An input method could only keep one from it, such as the
+    # space bar while an accent is being composed.
     os.environ['QT_IM_MODULE'] = 'none'
     # The thread that sends ALL KILL must not wait for one that draws.
     sys.setswitchinterval(0.001)
@@ -60,7 +63,8 @@ def main(
     except RCLError as error:
         print(f'rcs_gui: {words.NOT_ALLOWED.format(error=error)}', file=sys.stderr)
         return 2
-    window = ConsoleWindow(inbox, client.give, looking(client.topic))
+    signature = Signature(_name_given(client.node), os.getpid())
+    window = ConsoleWindow(inbox, client.give, signature, looking(client.topic))
     # Python runs these when the window's timer gives it the chance. To quit at once would be in
     # vain before the loop runs.
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -78,6 +82,15 @@ def main(
         client.close()
         rclpy.try_shutdown()
     return 0
+
+
+def _name_given(node: Node) -> str:
+    """Return the official's name, if the node was given one."""
+    meaning = 'Who commands from this window; empty: the name that is kept, or asked for.'
+    # A name such as 7 or yes, unquoted, is a number or a truth to ROS: no reason not to start.
+    descriptor = ParameterDescriptor(description=meaning, read_only=True, dynamic_typing=True)
+    value = node.declare_parameter('official', '', descriptor).value
+    return '' if value is None else str(value)
 
 
 if __name__ == '__main__':

@@ -59,6 +59,8 @@ class Keyboard:
             return self._late.drop(name, age) if named and not repeated else True
         self._late.in_time()
         at = clock.now() - age
+        if self._areas.your_name.is_typed_into and not asking and self._spell(event, stroke):
+            return True
         means = stroke is not None or name in ANSWER_KEYS
         twice = means and not repeated and self._repeats.same_press(name, at)
         if asking:
@@ -75,6 +77,23 @@ class Keyboard:
             pass  # the same press once more: the first one has taken the kart
         elif stroke.stop or not twice:
             self._press(stroke, at)
+        return True
+
+    def _spell(self, event: QtGui.QKeyEvent, stroke: Stroke | None) -> bool:
+        """Take a key for the name that is being typed; return whether it is one for that."""
+        sheet = self._areas.your_name
+        act = stroke.act if stroke is not None else None
+        letter = keys.letter_of_name(_typed(event))
+        if act is Act.ERASE and not self._chosen.digits:
+            sheet.erase()
+        elif act is not Act.PRESS and not letter:
+            return False
+        elif event.isAutoRepeat():
+            pass  # held down a little too long
+        elif letter:
+            sheet.type_letter(letter)
+        else:
+            sheet.save()
         return True
 
     def _acts_late(self, stroke: Stroke | None) -> bool:
@@ -164,8 +183,7 @@ class Keyboard:
             if self._chosen.digits:
                 self._chosen.clear()
                 return
-            self._areas.help.close_sheet()
-            self._areas.heats.close_sheet()
+            self._areas.close_sheets()
             self._areas.window.setFocus()
 
     def _press_focused(self, at: float) -> None:
@@ -194,9 +212,14 @@ def _name(event: QtGui.QKeyEvent) -> str:
     name = QtGui.QKeySequence(event.keyCombination()).toString()
     if event.modifiers() & modifiers.KeypadModifier:
         name = _alone(event)
+    return keys.key_name(name, _typed(event), event.nativeScanCode())
+
+
+def _typed(event: QtGui.QKeyEvent) -> str:
+    """Return what a key types; nothing with Ctrl, Alt or Meta."""
+    modifiers = QtCore.Qt.KeyboardModifier
     commanding = modifiers.ControlModifier | modifiers.AltModifier | modifiers.MetaModifier
-    text = '' if event.modifiers() & commanding else event.text()
-    return keys.key_name(name, text, event.nativeScanCode())
+    return '' if event.modifiers() & commanding else event.text()
 
 
 def _kart_at(screen: Screen, place: int) -> int:

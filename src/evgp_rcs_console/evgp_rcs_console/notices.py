@@ -178,7 +178,7 @@ class EventLog:
         if event.sequence <= self._last:
             added.append(Line('', 0, True, words.NEW_RUN))
         self._last = event.sequence
-        added.append(Line(event.clock, event.kart, event.success, event.text))
+        added.append(Line(event.clock, event.kart, event.success, event.told))
         self._lines.extend(added)
         return added
 

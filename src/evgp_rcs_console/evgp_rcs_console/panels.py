@@ -146,10 +146,13 @@ class SidePanel(QtWidgets.QWidget):
 
 
 class EventPanel(QtWidgets.QWidget):
-    """What happened, of all karts or of one."""
+    """What happened, of all karts or of one; and in whose name this window sends commands."""
 
     toggled = Signal()
     """The official wants the events of one kart only, or of all again."""
+
+    name_wanted = Signal()
+    """The official wants to say who they are."""
 
     def __init__(self) -> None:
         """Begin with nothing."""
@@ -170,12 +173,17 @@ class EventPanel(QtWidgets.QWidget):
         self._filter = QtWidgets.QPushButton()
         self._filter.setObjectName('filter')
         self._filter.clicked.connect(self.toggled)
+        self._name = ''
+        self._official = QtWidgets.QPushButton()
+        self._official.setObjectName('official')
+        self._official.clicked.connect(self.name_wanted)
         title = Label(section='true')
         title.setText(words.LOG)
         left = QtWidgets.QVBoxLayout()
         left.setSpacing(2)
         left.addWidget(title)
         left.addWidget(self._filter)
+        left.addWidget(self._official)
         left.addStretch(1)
         layout = QtWidgets.QHBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
@@ -185,7 +193,9 @@ class EventPanel(QtWidgets.QWidget):
 
     def fit(self, by: float, height: int) -> None:
         """Take the size of a scale, in a window of a height (pixels)."""
-        self._filter.setFixedWidth(round(190 * by))
+        for button in (self._filter, self._official):
+            button.setFixedWidth(round(190 * by))
+        self.show_name(self._name)
         self._view.setFixedHeight(round(max(76 * by, 0.12 * height - 20)))
 
     def add(self, event: Event) -> None:
@@ -193,6 +203,19 @@ class EventPanel(QtWidgets.QWidget):
         for line in self._events.add(event):
             if concerns(line, self._kart):
                 self._view.appendPlainText(str(line))
+
+    def show_name(self, name: str) -> None:
+        """Show the official's name; empty: it is not known."""
+        self._name = name
+        text = words.NAME_IS.format(name=name) if name else words.NAME_UNKNOWN
+        set_property(self._official, 'tone', 'plain' if name else 'wait')
+        self._official.ensurePolished()
+        room = self._official.contentsRect().width() - 16
+        shown = self._official.fontMetrics().elidedText(
+            text, QtCore.Qt.TextElideMode.ElideRight, room
+        )
+        # No letter of a name is a shortcut.
+        set_text(self._official, shown.replace('&', '&&'))
 
     def show_karts(self, rows: tuple[Row, ...]) -> None:
         """Take the karts of the roster; if the kart that is shown is gone, all are shown."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console import words
@@ -12,6 +13,7 @@ from evgp_rcs_console.chosen import ChosenKart
 from evgp_rcs_console.commands import Order
 from evgp_rcs_console.display import Display
 from evgp_rcs_console.qt import QtWidgets
+from evgp_rcs_console.signature import Signature
 from evgp_rcs_console.unanswered import Unanswered
 from evgp_rcs_console.view import Button, Tone
 from evgp_rcs_console.widgets import CommandButton
@@ -25,11 +27,13 @@ class Presses:
     Does what the official pressed.
 
     :param give: sends a command.
+    :param signature: in whose name.
     """
 
     def __init__(
         self,
         give: Give,
+        signature: Signature,
         areas: Areas,
         chosen: ChosenKart,
         bottom: BottomLine,
@@ -38,6 +42,7 @@ class Presses:
     ) -> None:
         """Wait for a press."""
         self._give = give
+        self._signature = signature
         self._areas = areas
         self._chosen = chosen
         self._bottom = bottom
@@ -46,7 +51,7 @@ class Presses:
 
     def kill(self) -> None:
         """Send ALL KILL."""
-        self._give(Order(CommandKind.ALL_KILL))
+        self._give(Order(CommandKind.ALL_KILL, official=self._signature.claim))
         self._chosen.clear()
 
     def let_go(self, down: Button, button: Button) -> None:
@@ -62,12 +67,11 @@ class Presses:
         if not button.enabled:
             self._bottom.say(button.explanation, Tone.WAIT)
         elif button.command is CommandKind.SET_HEAT and not button.heat:
-            areas.help.close_sheet()
+            areas.close_sheets()
             areas.heats.open_sheet()
             areas.place_sheets()
         elif button.condition:
-            areas.help.close_sheet()
-            areas.heats.close_sheet()
+            areas.close_sheets()
             areas.question.ask(button)
             areas.place_sheets()
         else:
@@ -118,13 +122,27 @@ class Presses:
         self._areas.help.setVisible(not self._areas.help.isVisible())
         self._areas.place_sheets()
 
+    def open_name(self) -> None:
+        """Ask for the official's name."""
+        self._areas.close_sheets()
+        self._areas.your_name.open_sheet(self._signature.name)
+        self._areas.place_sheets()
+
+    def sign(self, name: str) -> None:
+        """Send commands in a name from now on."""
+        self._signature.sign(name)
+        self._areas.your_name.close_sheet()
+        self._areas.window.setFocus()
+        self._areas.events.show_name(self._signature.name)
+        self._bottom.say(words.SIGNED.format(claim=self._signature.claim))
+
     def toggle_events(self) -> None:
         """Show the events of the chosen kart only, or of all karts."""
         if not self._areas.events.toggle(self._chosen.kart):
             self._bottom.say(words.WHOSE_EVENTS, Tone.WAIT)
 
     def _send(self, button: Button) -> None:
-        order = button.order()
+        order = replace(button.order(), official=self._signature.claim)
         self._give(order)
         if not button.is_stop:  # the client says which stops are not accepted yet
             self._unanswered.add(order)

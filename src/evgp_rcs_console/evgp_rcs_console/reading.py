@@ -65,6 +65,7 @@ def read_event(event: msg.RaceEvent) -> Event:
         kart=event.kart,
         success=event.success,
         text=event.text,
+        official=event.official,
     )
 
 

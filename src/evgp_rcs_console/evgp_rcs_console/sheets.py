@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from evgp_protocol import clock
 from evgp_rcs.catalogue import CATALOGUE
+from evgp_rcs.official import MOST_OF_NAME
 from evgp_rcs_console import words
 from evgp_rcs_console.freshness import SEEN
 from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
@@ -211,6 +212,67 @@ class Heats(Sheet):
     def _choose(self, down: Button, button: Button) -> None:
         self.close_sheet()
         self._pressed(down, button)
+
+
+class YourName(Sheet):
+    """
+    Asks for the official's name, when the official wants that.
+
+    It has no text field of Qt's: that would take the space bar, digits and other keys, which may
+    be a stop. The keyboard hands over the letters while the name has the focus.
+    """
+
+    signed = Signal(str)
+    """The official has typed a name; empty: unnamed."""
+
+    def __init__(self, parent: QtWidgets.QWidget) -> None:
+        """Begin empty."""
+        super().__init__(parent, 'your_name')
+        self._name = ''
+        title, about = Label(sheet_title='true'), Label(sheet_text='true')
+        title.setText(words.NAME_TITLE)
+        about.setText(words.NAME_ABOUT)
+        about.setWordWrap(True)
+        self._field = Label('name')
+        self._field.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
+        keep = QtWidgets.QPushButton(words.NAME_KEEP)
+        keep.setObjectName('keep_name')
+        keep.clicked.connect(self.save)
+        cancel = QtWidgets.QPushButton(words.NAME_CANCEL)
+        cancel.setObjectName('close_name')
+        cancel.clicked.connect(self.close_sheet)
+        layout = column(self, title, about, self._field, keep, cancel)
+        layout.setContentsMargins(24, 16, 24, 20)
+        layout.setSpacing(12)
+
+    def open_sheet(self, name: str) -> None:
+        """Show it with the name that there is."""
+        self._show_name(name)
+        self.show()
+        self.raise_()
+        self._field.setFocus()
+
+    @property
+    def is_typed_into(self) -> bool:
+        """Return whether letters are part of the name now."""
+        return self.isVisible() and self._field.hasFocus()
+
+    def type_letter(self, letter: str) -> None:
+        """Take a letter; one too many is left out."""
+        if len(self._name) < MOST_OF_NAME:
+            self._show_name(self._name + letter)
+
+    def erase(self) -> None:
+        """Delete the last letter."""
+        self._show_name(self._name[:-1])
+
+    def save(self) -> None:
+        """Hand over the name."""
+        self.signed.emit(self._name)
+
+    def _show_name(self, name: str) -> None:
+        self._name = name
+        set_text(self._field, words.NAME_CARET.format(name=name))
 
 
 class Help(Sheet):

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import enum
 
 from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.official import said_by
 
 
 class State(enum.Enum):
@@ -112,13 +113,24 @@ class Race:
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened; `clock` is race control's wall time, as hours:minutes:seconds."""
+    """
+    Something that happened.
+
+    :param clock: race control's wall time, as hours:minutes:seconds.
+    :param official: who caused it, by their own word; empty if it is no command.
+    """
 
     sequence: int
     clock: str
     kart: int
     success: bool
     text: str
+    official: str = ''
+
+    @property
+    def told(self) -> str:
+        """Return the sentence, with who caused it."""
+        return said_by(self.text, self.official)
 
 
 @dataclass(frozen=True)

@@ -136,7 +136,13 @@ QScrollBar::handle:vertical {{ background: #555; min-height: {px(40)}; border-ra
 QScrollBar::add-line, QScrollBar::sub-line {{ height: 0; }}
 
 QPlainTextEdit#log {{ border: 1px solid #333; background: #FFF; font-size: {px(13)}; }}
-QPushButton#filter {{ text-align: left; font-size: {px(14)}; }}
+QPushButton#filter, QPushButton#official {{ text-align: left; font-size: {px(14)}; }}
+QPushButton#official[tone="wait"] {{ background: #FFE08A; }}
+QPushButton#official[tone="wait"]:focus {{ background: #DCE8FF; }}
+QLabel#name {{
+  font-size: {px(28)}; font-weight: bold; border: {px(2)} solid #333; padding: {px(4)} {px(8)};
+}}
+QLabel#name:focus {{ border: {px(3)} solid #0047C2; }}
 QPlainTextEdit#log:focus {{ border: {px(2)} solid #0047C2; }}
 QLabel#status {{
   font-size: {px(15)}; font-weight: bold; border: 1px solid #333; padding: {px(1)} {px(6)};

@@ -21,6 +21,7 @@ from evgp_rcs_console.mouse import Mouse
 from evgp_rcs_console.presses import Give, Presses
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.sight import Sight
+from evgp_rcs_console.signature import Signature
 from evgp_rcs_console.unanswered import Unanswered
 from evgp_rcs_console.view import Tone
 from evgp_rcs_console.widgets import CommandButton, Fitted
@@ -35,10 +36,11 @@ class ConsoleWindow(QtWidgets.QWidget):
 
     :param inbox: what is heard comes from it.
     :param give: sends a command, and returns at once.
+    :param signature: in whose name.
     :param looking: where race control is looked for, as a sentence says it.
     """
 
-    def __init__(self, inbox: Inbox, give: Give, looking: str) -> None:
+    def __init__(self, inbox: Inbox, give: Give, signature: Signature, looking: str) -> None:
         """Show that race control is being looked for."""
         super().__init__()
         self.setObjectName('window')
@@ -52,7 +54,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         self._alarm = alarm = Alarm(areas.alerts)
         display = Display(areas, sight, chosen, alarm, bottom, unanswered, looking)
         self._display = display
-        presses = Presses(give, areas, chosen, bottom, unanswered, display)
+        presses = Presses(give, signature, areas, chosen, bottom, unanswered, display)
         self._late = late = LateInput(LOOK / 1000, chosen, bottom)
         self._mouse = Mouse(areas, sight, presses, late)
         self._keyboard = Keyboard(areas, sight, presses, late, chosen, alarm, bottom)
@@ -62,6 +64,8 @@ class ConsoleWindow(QtWidgets.QWidget):
         areas.kill.button.pressed.connect(presses.kill)
         areas.question.answered.connect(presses.answer)
         areas.events.toggled.connect(presses.toggle_events)
+        areas.events.name_wanted.connect(presses.open_name)
+        areas.your_name.signed.connect(presses.sign)
         areas.karts.chosen.connect(chosen.choose_in_sight)
         areas.karts.wanted.connect(chosen.choose)
         areas.alerts.seen.connect(alarm.see)
@@ -80,6 +84,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         application = QtWidgets.QApplication.instance()
         assert application is not None
         application.installEventFilter(self)
+        areas.events.show_name(signature.name)
         areas.fit()
         self.setFocus()
         self._look()

@@ -4,6 +4,7 @@ from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import EnvironmentVariable, LaunchConfiguration
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -25,6 +26,12 @@ def generate_launch_description() -> LaunchDescription:
                 default_value=EnvironmentVariable('ROS_DOMAIN_ID', default_value='0'),
                 description='The ROS domain, 0 to 101.',
             ),
+            DeclareLaunchArgument(
+                'official',
+                default_value='',
+                description='Your name, which goes with every command; empty: the one that is '
+                'kept, or that you type into the window.',
+            ),
             Node(
                 package='evgp_rcs_console',
                 executable='rcs_gui',
@@ -33,6 +40,9 @@ def generate_launch_description() -> LaunchDescription:
                     'EVGP_GRAPH_INTERFACE': LaunchConfiguration('officials'),
                     'ROS_DOMAIN_ID': LaunchConfiguration('domain_id'),
                 },
+                parameters=[
+                    {'official': ParameterValue(LaunchConfiguration('official'), value_type=str)}
+                ],
                 output='screen',
             ),
         ]

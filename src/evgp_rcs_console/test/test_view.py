@@ -259,10 +259,7 @@ def test_each_heat_of_the_roster_is_a_button_that_names_it() -> None:
     screen = show(with_heats(), 0.0, {})
 
     assert [button.label for button in screen.heats] == ['Heat A: 3', 'Final: 7  (in the race)']
-    assert [request(button.order()) for button in screen.heats] == [
-        {'heat': 'Heat A'},
-        {'heat': 'Final'},
-    ]
+    assert [request(button.order())['heat'] for button in screen.heats] == ['Heat A', 'Final']
     assert screen.button(CommandKind.SET_HEAT) == screen.heat_button
     assert not any(button.condition for button in screen.heats)
 

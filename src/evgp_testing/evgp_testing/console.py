@@ -9,7 +9,7 @@ Commands never go through the probe; they are clicks and keys on the X server.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import json
 import pathlib
 import re
@@ -37,6 +37,7 @@ class Console(Program):
 
     :param folder: where its socket goes.
     :param environment: more environment variables of its process.
+    :param arguments: of its command line.
     """
 
     def __init__(
@@ -45,6 +46,7 @@ class Console(Program):
         domain: int,
         screen: Screen,
         environment: dict[str, str] | None = None,
+        arguments: Sequence[str] = (),
     ) -> None:
         """Open the window; it need not find race control."""
         self.screen = screen
@@ -56,10 +58,16 @@ class Console(Program):
         listening.settimeout(PATIENCE)
         super().__init__(
             'rcs_gui',
-            [sys.executable, '-m', 'evgp_testing.console', str(address)],
+            [sys.executable, '-m', 'evgp_testing.console', str(address), *arguments],
             domain,
-            {'DISPLAY': screen.display, 'QT_QPA_PLATFORM': 'xcb', **(environment or {})},
-            grown=([__file__, str(address)], nursery.WINDOWS),
+            {
+                'DISPLAY': screen.display,
+                'QT_QPA_PLATFORM': 'xcb',
+                # The official's name is kept below it.
+                'ROS_HOME': str(folder),
+                **(environment or {}),
+            },
+            grown=([__file__, str(address), *arguments], nursery.WINDOWS),
         )
         with listening:
             try:
@@ -291,7 +299,7 @@ def main() -> int:
     from evgp_rcs_console.gui import main as gui
 
     attach: Callable[[Any], None] = lambda window: probe(window, sys.argv[1])  # noqa: E731
-    return gui([], attach)
+    return gui(sys.argv[2:], attach)
 
 
 if __name__ == '__main__':

@@ -92,6 +92,7 @@ class Official(RosSide):
     ) -> None:
         """Join race control's domain."""
         super().__init__(name, domain)
+        self._name = name
         self._judge = judge
         self.race: msg.Race | None = None
         self.events: list[msg.RaceEvent] = []
@@ -113,13 +114,18 @@ class Official(RosSide):
         """
         Give a command, such as 'kart/red_red' with ``kart=7``, and return its answer.
 
-        What the official sees (which karts, which hold) goes with it, unless ``request`` says.
+        The official's name and what the official sees (which karts, which hold) go with it, unless
+        ``request`` says.
 
         :raises AssertionError: if race control does not answer in time.
         """
         if service in SEES:
             self.wait_for_race(lambda race: True, 'a first look at the race')
-        request = {**seen(self.race, service, request.get('kart', 0)), **request}
+        request = {
+            'official': self._name,
+            **seen(self.race, service, request.get('kart', 0)),
+            **request,
+        }
         call = Call(
             service,
             request.get('kart'),

@@ -1,0 +1,16 @@
+"""Where our programs keep what outlives them, if they are not told."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+
+
+def home() -> pathlib.Path:
+    """
+    Return the folder of race control and its officials, below ROS_HOME; it need not exist.
+
+    :raises RuntimeError: if neither ROS_HOME nor a home folder is known.
+    """
+    ros_home = os.environ.get('ROS_HOME') or pathlib.Path.home() / '.ros'
+    return pathlib.Path(ros_home, 'evgp_rcs')

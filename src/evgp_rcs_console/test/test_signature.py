@@ -1,0 +1,102 @@
+"""The name of the official, as it is kept between two starts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import os
+import pathlib
+import threading
+
+from evgp_rcs.official import MOST
+from evgp_rcs_console.keys import letter_of_name
+from evgp_rcs_console.signature import file_of_name, keep_name, kept_name, Signature
+import pytest
+
+
+@pytest.fixture
+def kept_in(monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path) -> pathlib.Path:
+    """Return the file in which the name is kept; it does not exist yet."""
+    monkeypatch.setenv('ROS_HOME', str(tmp_path / 'ros'))
+    return file_of_name()
+
+
+def wait_for_writers() -> None:
+    """Return once no other thread of this process writes a name."""
+    for thread in threading.enumerate():
+        if thread is not threading.current_thread() and thread.daemon:
+            thread.join(10)
+
+
+def test_a_name_is_kept_as_plain_text_and_read_at_the_next_start(kept_in: pathlib.Path) -> None:
+    assert kept_name() is None
+    signature = Signature(process=4711)
+    assert signature.name == ''
+
+    signature.sign('Anna')
+
+    wait_for_writers()
+    assert kept_in.read_text(encoding='utf-8') == 'Anna\n'
+    assert [each.name for each in kept_in.parent.iterdir()] == ['official']
+    assert Signature().name == 'Anna'
+    assert signature.claim.startswith('Anna (')
+    assert signature.claim.endswith(' 4711)')
+
+
+def test_a_name_given_at_start_goes_before_the_one_that_is_kept(kept_in: pathlib.Path) -> None:
+    keep_name('Anna')
+
+    assert Signature('Bob').name == 'Bob'
+    assert kept_name() == 'Anna'
+
+
+def test_an_official_who_wants_no_name_has_been_asked(kept_in: pathlib.Path) -> None:
+    keep_name('')
+
+    assert kept_name() == ''
+    assert Signature().name == ''
+
+
+def write_rubbish(path: pathlib.Path) -> None:
+    path.write_bytes(b'\xff\x1b[2J\n' * 100_000)
+
+
+def make_unreadable(path: pathlib.Path) -> None:
+    path.write_text('Anna')
+    path.chmod(0)
+
+
+@pytest.mark.parametrize(
+    'make',
+    [write_rubbish, make_unreadable, pathlib.Path.mkdir, os.mkfifo],
+    ids=lambda each: each.__name__,
+)
+def test_a_file_that_holds_no_name_hinders_nobody(
+    kept_in: pathlib.Path, make: Callable[[pathlib.Path], object]
+) -> None:
+    kept_in.parent.mkdir(parents=True)
+    make(kept_in)
+
+    name = Signature().name
+
+    assert len(name) <= MOST
+    assert name.isprintable()
+
+
+def test_where_no_name_can_be_kept_it_counts_all_the_same(
+    kept_in: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept_in.parent.parent.write_text('not a folder')
+    signature = Signature()
+
+    signature.sign('Anna')
+
+    wait_for_writers()
+    assert signature.name == 'Anna'
+    assert 'not saved' in capsys.readouterr().err
+
+
+def test_no_key_of_a_stop_and_no_digit_is_a_letter_of_a_name() -> None:
+    assert [letter_of_name(each) for each in ('A', 'z', 'é', 'Ж', '-', '.', '_')] == [
+        *('A', 'z', 'é', 'Ж', '-', '.', '_')
+    ]
+    assert not any(map(letter_of_name, (' ', '7', '', '\r', '\x12', 'ab', '\x7f', '\u00a0')))
