@@ -162,6 +162,10 @@ def _cut(text: str, font: QtGui.QFont, room: QtCore.QRect) -> str:
     return metrics.elidedText(text, QtCore.Qt.TextElideMode.ElideRight, max(0, room.width()))
 
 
+IN_A_ROW = 10
+"""Maximum length of what a button in a kart's row says in one line, in characters."""
+
+
 class CommandButton(QtWidgets.QPushButton):
     """
     A command. One that is not allowed looks and is disabled, but can still be focused and tapped.
@@ -190,7 +194,10 @@ class CommandButton(QtWidgets.QPushButton):
         self.button = button
         name = button.command.value.lower()
         self.setObjectName(f'{name}_{button.kart}' if button.kart else name)
-        set_text(self, f'{button.label}  {button.key}' if button.key else button.label)
+        text = f'{button.label}  {button.key}' if button.key else button.label
+        if button.kart and len(text) > IN_A_ROW:
+            text = text.replace(' ', '\n', 1)
+        set_text(self, text)
         set_property(self, 'stop', 'true' if button.is_stop else 'false')
         set_property(self, 'barred', 'false' if button.enabled else 'true')
         tip = button.explanation
