@@ -491,6 +491,7 @@ def acknowledgement(folder: pathlib.Path, times: int) -> None:
 def growth(counts: Sequence[int]) -> None:
     """Measure what a snapshot and an event of the rules cost with N karts."""
     from evgp_rcs.catalogue import CommandKind
+    from evgp_rcs.inputs import offers
     from evgp_rcs.messages import race_message
     from evgp_rcs.race import Command, Kart, Race
     from rclpy.serialization import serialize_message
@@ -501,7 +502,7 @@ def growth(counts: Sequence[int]) -> None:
         for number in race.karts:
             race.connected(number, 0.0)
         addresses = {number: address_of(number) for number in race.karts}
-        message = race_message(race, 1.0, time.time_ns(), addresses)
+        message = race_message(race, 1.0, time.time_ns(), addresses, offers(race, 1.0))
         rules: tuple[Callable[[], object], ...] = (
             lambda r=race: r.tick(1.0),
             lambda r=race: r.heard(1, r.karts[1].serial, IN_GARAGE, 1.0),
@@ -514,7 +515,11 @@ def growth(counts: Sequence[int]) -> None:
             (
                 count,
                 f'{len(serialize_message(message)) / 1e3:.1f}',
-                micro(lambda r=race, a=addresses: race_message(r, 1.0, time.time_ns(), a)),
+                micro(
+                    lambda r=race, a=addresses: race_message(
+                        r, 1.0, time.time_ns(), a, offers(r, 1.0)
+                    )
+                ),
                 micro(lambda m=message: serialize_message(m)),
                 *(micro(work) for work in rules),
             )

@@ -308,7 +308,7 @@ def test_a_ros_half_that_never_gave_a_sign_of_life_is_not_waited_for_for_ever(
 
 def test_a_kart_server_that_is_killed_is_told_of_and_every_command_refused(begin: Begin) -> None:
     ended: queue.SimpleQueue[str] = queue.SimpleQueue()
-    client = KartServerClient(begin, lambda events: None, lambda race, at: None, ended.put)
+    client = KartServerClient(begin, lambda events: None, lambda copy: None, ended.put)
     client.start()
     try:
         client._process.send_signal(signal.SIGSTOP)
@@ -328,7 +328,7 @@ def test_a_kart_server_that_hangs_and_takes_nothing_is_given_up_and_no_thread_wa
 ) -> None:
     ended = threading.Event()
     client = KartServerClient(
-        begin, lambda events: None, lambda race, at: None, lambda why: ended.set()
+        begin, lambda events: None, lambda copy: None, lambda why: ended.set()
     )
     client.start()
     try:
@@ -345,7 +345,7 @@ def test_a_kart_server_that_hangs_and_takes_nothing_is_given_up_and_no_thread_wa
 def test_a_hearing_thread_that_fails_ends_race_control(begin: Begin) -> None:
     ended: queue.SimpleQueue[str] = queue.SimpleQueue()
 
-    def broken(race: object, at: float) -> None:
+    def broken(copy: object) -> None:
         raise ZeroDivisionError('a fault put in by the test')
 
     client = KartServerClient(begin, lambda events: None, broken, ended.put)
@@ -360,7 +360,7 @@ def test_no_module_is_taken_from_the_working_directory(
 ) -> None:
     (tmp_path / 'sqlite3.py').write_text("raise ZeroDivisionError('it was taken')")
     monkeypatch.chdir(tmp_path)
-    client = KartServerClient(begin, lambda e: None, lambda race, at: None, lambda why: None)
+    client = KartServerClient(begin, lambda e: None, lambda copy: None, lambda why: None)
     client.start()
     client.stop(in_order=True)
 
