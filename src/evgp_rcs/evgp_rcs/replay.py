@@ -327,8 +327,9 @@ class Kept:
         found = inputs_of(database, run)
         if found is None:
             raise UnreadableError(
-                f'run {run} cannot be replayed: an older version of race control recorded it, '
-                'without what went into the rules. Its events can be printed'
+                f'run {run} cannot be replayed: the record does not have what went into the '
+                'rules. An older version of race control recorded it, or it ended before anything '
+                'was written'
             )
         rules, setup, blocks = found
         try:

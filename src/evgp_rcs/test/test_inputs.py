@@ -183,9 +183,7 @@ def test_every_input_of_the_rules_can_be_logged() -> None:
             return lambda *given: name
 
     fields = {'command': Command(CommandKind.ALL_KILL), 'memory': RaceMemory(STATES, {})}
-    fed = [
-        kind(*(fields.get(name, 0) for name in kind._fields)).feed(Noting()) for kind in INPUTS
-    ]
+    fed = [kind(*(fields.get(name, 0) for name in kind._fields)).feed(Noting()) for kind in INPUTS]
     assert sorted(fed) == sorted(ways_into_the_rules())
 
 

@@ -16,10 +16,15 @@ def replay_without_difference(record: pathlib.Path) -> list[Replayed]:
     :raises UnreadableError: if it cannot be read.
     """
     with open_runs(record) as runs:
-        present = runs.present
-        kept = [(Kept.read(runs.database, run.number), run is present) for run in runs.listed]
-    replayed = [each.replay(goes_on) for each, goes_on in kept]
-    for number, each in enumerate(replayed, 1):
-        assert each.difference is None, f'run {number} of {record}: {each.difference}'
-        assert not each.missing, f'run {number} of {record}: {each.missing}'
+        kept = {
+            run.number: (Kept.read(runs.database, run.number), run is runs.present)
+            for run in runs.listed
+            if run.events  # otherwise it was killed before anything was written
+        }
+    replayed = []
+    for number, (each, goes_on) in kept.items():
+        found = each.replay(goes_on)
+        assert found.difference is None, f'run {number} of {record}: {found.difference}'
+        assert not found.missing, f'run {number} of {record}: {found.missing}'
+        replayed.append(found)
     return replayed
