@@ -7,8 +7,8 @@ the inputs the log has *marks*: the orders that an input has brought about, whic
 events it made, where the race was shown to the ROS half, and what the ROS half published of it.
 
 A log is cut into blocks. A block says how many entries came before it, so that a missing one is
-noticed. Encoding is fast, since the thread that stops karts does it; ``compressed`` is for the
-record's thread.
+noticed. The thread that stops karts only appends to the log, and encodes what is new when frames
+and answers are out; ``compressed`` is for the record's thread.
 
 Pure. No clock, socket, ROS, thread, file or log. All numbers are little-endian.
 """
@@ -521,30 +521,28 @@ class Log:
 
     def __init__(self, at: float) -> None:
         """Begin with nothing."""
-        self._data = bytearray()
+        self._new: list[Entry] = []
         self._begins = Block(0, 0, at, 0, b'')
         self._at = at
         self._inputs = 0
-        self._length = 0
 
     def add(self, given: Input) -> None:
         """Take an input, before it goes into the rules."""
-        self._data += encode(given)
+        self._new.append(given)
         self._at = given.at
         self._inputs += 1
-        self._length += 1
 
     def mark(self, mark: Mark) -> None:
         """Take a mark."""
-        self._data += encode(mark)
-        self._length += 1
+        self._new.append(mark)
 
     def take(self) -> Block:
         """Return what was added since this was asked last; perhaps nothing."""
-        block = self._begins._replace(length=self._length, data=bytes(self._data))
+        data = b''.join(map(encode, self._new))
+        block = self._begins._replace(length=len(self._new), data=data)
         self._begins = Block(
             block.entries + block.length, block.inputs + self._inputs, self._at, 0, b''
         )
-        self._data.clear()
-        self._inputs = self._length = 0
+        self._new.clear()
+        self._inputs = 0
         return block
