@@ -21,10 +21,13 @@ def main() -> None:
     the first time, once all have; ``gaps SECONDS`` with the frames of each kart in that time and
     its longest gap (s).
 
+    The third argument says what karts say: ``mute`` nothing, ``acknowledge`` each change, ``echo``
+    every frame.
+
     What a kart acknowledges while a state is watched for it says when all have seen the state:
     each would have a processor of its own, and none takes time from another that reads.
     """
-    port, count, acknowledges = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3] == 'acknowledge'
+    port, count, manner = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3]
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, max(soft, count + 100)), hard))
     selector = selectors.DefaultSelector()
@@ -67,7 +70,9 @@ def main() -> None:
                 selector.unregister(kart.socket)
                 continue
             for state, change in heard:
-                if change and acknowledges:
+                if manner == 'echo':
+                    kart.say(state)
+                elif change and manner == 'acknowledge':
                     unsaid.append(kart)
                 if state is wanted and kart in waiting:
                     waiting.discard(kart)

@@ -50,10 +50,13 @@ def rules(count: int) -> None:
         def look(self) -> None:
             """Nothing comes by here."""
 
-        def tell(self, events: object) -> None:
+        def tell(self, events: object, log: object) -> None:
             """Nobody listens."""
 
-        def show(self, race: object, at: float) -> None:
+        def keep(self, log: object) -> None:
+            """Nothing is kept."""
+
+        def show(self, race: object, at: float, number: int) -> None:
             """Nobody looks."""
 
         def remember(self, memory: object, at: float) -> None:

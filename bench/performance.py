@@ -31,6 +31,7 @@ from evgp_testing.domains import Domain
 from evgp_testing.kart import Bridge, Team
 from evgp_testing.official import Official
 from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.replaying import replay_without_difference
 from evgp_testing.usage import cpu_seconds, family, resident
 from std_srvs.srv import Trigger
 
@@ -89,13 +90,19 @@ def control_of(folder: pathlib.Path, domain: int, count: int) -> RaceControl:
 
 
 @contextlib.contextmanager
-def racing(folder: pathlib.Path, count: int) -> Iterator[tuple[RaceControl, Official, Party]]:
-    """Have race control, an official, and so many karts that acknowledge each change."""
+def racing(
+    folder: pathlib.Path, count: int, manner: str = 'acknowledge'
+) -> Iterator[tuple[RaceControl, Official, Party]]:
+    """
+    Have race control, an official, and so many karts.
+
+    :param manner: what the karts say; see ``crowd.py``.
+    """
     with (
         Domain() as domain,
         control_of(folder, domain.number, count) as control,
         Official(domain.number) as official,
-        Party('crowd.py', control.port, count, 'acknowledge') as crowd,
+        Party('crowd.py', control.port, count, manner) as crowd,
     ):
         assert crowd.hear() == 'ready'
         official.wait_for_race(
@@ -485,12 +492,53 @@ def acknowledgement(folder: pathlib.Path, times: int) -> None:
     )
 
 
-# ----- 6: growth ---------------------------------------------------------------------------
+# ----- 6: the record -----------------------------------------------------------------------
+
+
+def record_size(folder: pathlib.Path, counts: Sequence[int], seconds: float) -> None:
+    """Measure how fast the record grows with racing karts, and how long its replay takes."""
+    table(
+        f'The record of {seconds:g} s of racing',
+        ('karts', 'they say', 'kB', 'MB an hour', 'kart server, of one core', 'replay, s', ''),
+        (
+            record_of(pathlib.Path(tempfile.mkdtemp(dir=folder)), count, manner, seconds)
+            for count in counts
+            for manner in ('acknowledge', 'echo')
+        ),
+    )
+
+
+def record_of(folder: pathlib.Path, count: int, manner: str, seconds: float) -> tuple[object, ...]:
+    """Return the row of one number of karts; with a stop and what leads to green before it."""
+    with racing(folder, count, manner) as (control, official, crowd):
+        official.bring_to(RaceState.GREEN_GREEN)
+        began, before = time.monotonic(), cpu_seconds(control.kart_server_pid)
+        crowd.tell('gaps', seconds)
+        crowd.hear()
+        cpu = cpu_seconds(control.kart_server_pid) - before
+        lasted = time.monotonic() - began
+    (file,) = folder.glob('*/record.sqlite3')
+    size = file.stat().st_size
+    began = time.monotonic()
+    (replayed,) = replay_without_difference(file)
+    return (
+        count,
+        'every frame' if manner == 'echo' else 'each change',
+        f'{size / 1e3:.0f}',
+        f'{size / 1e6 / lasted * 3600:.1f}',
+        f'{cpu / lasted * 100:.1f} %',
+        f'{time.monotonic() - began:.1f}',
+        replayed,
+    )
+
+
+# ----- 7: growth ---------------------------------------------------------------------------
 
 
 def growth(counts: Sequence[int]) -> None:
     """Measure what a snapshot and an event of the rules cost with N karts."""
     from evgp_rcs.catalogue import CommandKind
+    from evgp_rcs.inputs import offers
     from evgp_rcs.messages import race_message
     from evgp_rcs.race import Command, Kart, Race
     from rclpy.serialization import serialize_message
@@ -501,7 +549,7 @@ def growth(counts: Sequence[int]) -> None:
         for number in race.karts:
             race.connected(number, 0.0)
         addresses = {number: address_of(number) for number in race.karts}
-        message = race_message(race, 1.0, time.time_ns(), addresses)
+        message = race_message(race, 1.0, time.time_ns(), addresses, offers(race, 1.0))
         rules: tuple[Callable[[], object], ...] = (
             lambda r=race: r.tick(1.0),
             lambda r=race: r.heard(1, r.karts[1].serial, IN_GARAGE, 1.0),
@@ -514,7 +562,11 @@ def growth(counts: Sequence[int]) -> None:
             (
                 count,
                 f'{len(serialize_message(message)) / 1e3:.1f}',
-                micro(lambda r=race, a=addresses: race_message(r, 1.0, time.time_ns(), a)),
+                micro(
+                    lambda r=race, a=addresses: race_message(
+                        r, 1.0, time.time_ns(), a, offers(r, 1.0)
+                    )
+                ),
                 micro(lambda m=message: serialize_message(m)),
                 *(micro(work) for work in rules),
             )
@@ -566,6 +618,7 @@ def main() -> None:
         'bridge': lambda folder, given: bridge_cost(given.seconds / 3),
         'kart': lambda folder, given: kart_side(10 * given.times),
         'acknowledge': lambda folder, given: acknowledgement(folder, given.times),
+        'record': lambda folder, given: record_size(folder, given.karts, given.seconds),
         'growth': lambda folder, given: growth(given.karts),
     }
     parser = argparse.ArgumentParser(prog='bench/performance.py', description=__doc__)

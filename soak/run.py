@@ -18,6 +18,7 @@ import time
 from evgp_testing.domains import Domain
 from evgp_testing.judge import Judge
 from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.replaying import replay_without_difference
 from evgp_testing.usage import resident
 from race_soak.fleet import Fleet
 from race_soak.officials import Officials
@@ -99,6 +100,13 @@ def _soak(stack: contextlib.ExitStack, options: argparse.Namespace, rng: random.
     if fleet.failure is not None:
         raise fleet.failure
     judge.finish()
+    control.close()
+    began_replay = time.monotonic()
+    try:
+        (replayed,) = replay_without_difference(folder / 'record.sqlite3')
+    except AssertionError as error:
+        trouble = f'{trouble}\n{error}'.lstrip()
+    replay_took = time.monotonic() - began_replay
 
     print(f'\n{elapsed:.0f} s of {options.karts} karts')
     print(f'frames sent to karts   {judge.judged["frame"]}')
@@ -112,6 +120,8 @@ def _soak(stack: contextlib.ExitStack, options: argparse.Namespace, rng: random.
         f' slowest {fleet.slowest:.1f}/s'
     )
     print(f'memory of rcs_node     {memory_at_start:.1f} MiB, then {memory_at_end:.1f} MiB')
+    if not trouble:
+        print(f'replay                 {replayed}; no difference; {replay_took:.1f} s')
     print(f'violations             {len(judge.violations)}')
     for violation in judge.violations[:50]:
         print(f'  {violation.at - began:8.3f} s  {violation.rule}: {violation.text}')

@@ -19,6 +19,7 @@ from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Answer, Official
 from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.replaying import replay_without_difference
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 
@@ -53,6 +54,7 @@ class Event:
         self._stack = contextlib.ExitStack()
         self._domain = self._stack.enter_context(Domain())
         self._port = 0
+        self.harmed = False  # the record was, by the test
         self.racing = RACING
         self.start()
 
@@ -150,6 +152,8 @@ def meeting(tmp_path: pathlib.Path) -> Iterator[Event]:
     event = Event(tmp_path)
     yield event
     event.close()
+    if not event.harmed:
+        replay_without_difference(event.record)
 
 
 def check_restart(meeting: Event) -> None:
@@ -197,6 +201,7 @@ def test_race_control_killed_at_random_comes_back_with_every_kart_held(
         meeting.kill()
         recorded = meeting.recorded()
         assert recorded == list(range(1, len(recorded) + 1))
+        replay_without_difference(meeting.record)
         published += len(meeting.seen)
         unrecorded += sum(event.sequence > len(recorded) for event in meeting.seen)
         meeting.start()
@@ -241,6 +246,7 @@ def test_a_crash_is_not_forgotten_when_what_lies_beside_the_record_was_deleted(
     meeting: Event,
 ) -> None:
     crashed_in_green(meeting)
+    meeting.harmed = True
     for beside in meeting.record.parent.glob(f'{meeting.record.name}-*'):
         beside.unlink()
     meeting.start(connect=())
@@ -256,6 +262,7 @@ def test_a_record_that_was_destroyed_keeps_no_race_control_from_starting_and_eve
     meeting: Event, harm: bytes
 ) -> None:
     crashed_in_green(meeting)
+    meeting.harmed = True
     for beside in meeting.record.parent.glob(f'{meeting.record.name}-*'):
         beside.unlink()
     meeting.record.write_bytes(harm)

@@ -6,7 +6,7 @@ One has ROS (``rcs_node``), the other the rules and the karts' sockets. Neither 
 
 from __future__ import annotations
 
-import contextlib
+from collections.abc import Iterator
 import os
 import pathlib
 import signal
@@ -17,6 +17,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.process import wait_until_ended
+from evgp_testing.replaying import replay_without_difference
 from evgp_testing.wire_kart import Acknowledges
 from evgp_testing.wire_race import WireRace
 import pytest
@@ -32,9 +33,11 @@ OUTSIDE = 3
 
 
 @pytest.fixture
-def scene(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> WireRace:
-    """Return a race of two karts, with one outside it."""
-    return parts.enter_context(WireRace(tmp_path, RACING, [OUTSIDE]))
+def scene(tmp_path: pathlib.Path) -> Iterator[WireRace]:
+    """Return a race of two karts, with one outside it; its record can be replayed afterwards."""
+    with WireRace(tmp_path, RACING, [OUTSIDE]) as race:
+        yield race
+    replay_without_difference(tmp_path / 'record.sqlite3')
 
 
 def test_every_kart_hears_red_red_when_the_ros_half_is_killed(
@@ -198,3 +201,4 @@ def test_a_start_without_a_record_needs_a_statement_and_is_not_forgotten_by_a_cr
     assert not race.track.allowed
     assert kart.wait_for_state(RED_RED)
     assert not official.call('set_track_open', open=True).success
+    replay_without_difference(record)

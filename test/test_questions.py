@@ -13,6 +13,7 @@ import random
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.inputs import offers
 from evgp_rcs.messages import race_message
 from evgp_rcs.race import (
     Command,
@@ -55,7 +56,7 @@ LETS_HUMANS_NEAR = (
 
 def published(race: Race, now: float) -> ShownRace:
     """Return the race as a console reads it."""
-    return read_race(race_message(race, now, round(now * 1e9), {}))
+    return read_race(race_message(race, now, round(now * 1e9), {}, offers(race, now)))
 
 
 def given(button: Button) -> Command:

@@ -278,6 +278,7 @@ def test_race_control_breaks_no_rule_in_a_short_soak(seconds: int, dice: random.
     assert done.returncode == 0, done.stdout
     assert f'seed {seed}, 20 karts' in done.stdout
     assert re.search(r'^violations +0$', done.stdout, re.MULTILINE), done.stdout
+    assert re.search(r'^replay +[1-9].*; no difference', done.stdout, re.MULTILINE), done.stdout
     for counted in ('frames sent to karts', 'frames said by karts', 'faults injected', 'commands'):
         assert re.search(rf'^{counted} +[1-9]', done.stdout, re.MULTILINE), done.stdout
     assert re.search(r'memory of rcs_node +[\d.]+ MiB, then [\d.]+ MiB', done.stdout)

@@ -8,6 +8,7 @@ import threading
 import time
 
 from evgp_protocol import clock
+from evgp_rcs.channel import Copy
 from evgp_rcs.race import Event, EventKind, Kart, Race, StampedEvent
 from evgp_rcs.roster import Roster, RosterEntry
 from evgp_rcs.teller import MOST_UNTOLD, Teller
@@ -64,9 +65,13 @@ def a_race() -> Race:
     return Race([Kart(7, 'Team', True)])
 
 
+def a_copy(race: Race) -> Copy:
+    return Copy(race, clock.now(), 1)
+
+
 def test_the_race_does_not_wait_for_all_the_events_before_it(telling: Telling) -> None:
     telling.teller.events(some_events(MOST_UNTOLD))
-    telling.teller.race(a_race(), clock.now())
+    telling.teller.race(a_copy(a_race()))
     telling.teller.start()
     telling.official.wait_for_race(lambda race: race.karts[0].number == 7, 'the race')
     assert len(telling.official.events) < MOST_UNTOLD
@@ -92,12 +97,12 @@ def test_an_alert_is_told_however_often_karts_say_too_much(telling: Telling) -> 
 def test_a_teller_that_cannot_go_on_says_so_and_its_last_words_are_heard(
     telling: Telling,
 ) -> None:
-    telling.teller.race(a_race(), clock.now())
+    telling.teller.race(a_copy(a_race()))
     telling.teller.start()
     telling.official.wait_for_race(lambda race: True, 'a race')
     broken = a_race()
     broken.karts = None  # type: ignore[assignment]
-    telling.teller.race(broken, clock.now())
+    telling.teller.race(a_copy(broken))
     assert telling.failed.wait(PATIENCE)
     assert isinstance(telling.failures[0], AttributeError)
 

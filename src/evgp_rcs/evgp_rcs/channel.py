@@ -66,6 +66,19 @@ class Alive:
 
 
 @dataclass(frozen=True)
+class Published:
+    """
+    What officials were shown of a copy. It is no sign of life: it says nothing about stops.
+
+    :param number: of the `Copy`.
+    :param digest: of the commands that it offered (``inputs.digest``).
+    """
+
+    number: int
+    digest: int
+
+
+@dataclass(frozen=True)
 class End:
     """Send RED_RED to every kart and end."""
 
@@ -106,10 +119,15 @@ class Happened:
 
 @dataclass(frozen=True)
 class Copy:
-    """The race as it was at this time (the clock of the rules, s)."""
+    """
+    The race as it was at this time (the clock of the rules, s).
+
+    :param number: counts the copies; one that was left out is missing.
+    """
 
     race: Race
     at: float
+    number: int
 
 
 @dataclass(frozen=True)

@@ -29,13 +29,14 @@ from evgp_rcs.channel import (
     Happened,
     Listening,
     pack,
+    Published,
     Refused,
     Request,
     Unpacker,
     Withdraw,
 )
 from evgp_rcs.kart_server import KartServerError
-from evgp_rcs.race import Answer, Command, Race, StampedEvent
+from evgp_rcs.race import Answer, Command, StampedEvent
 
 KART_SERVER_END_TIMEOUT = 5.0
 """Maximum time the kart server's process may take to end, in seconds; then it is killed."""
@@ -70,7 +71,7 @@ class KartServerClient:
 
     :param begin: with what it starts.
     :param on_events: takes the events, in order, in the hearing thread: it must only hand them on.
-    :param on_copy: takes a copy of the race and the time (s) it was taken, likewise.
+    :param on_copy: takes a copy of the race, likewise.
     :param on_end: is called, in the hearing thread, when the kart server has ended by itself; the
         text says why. Every kart has been sent RED_RED or has lost its connection.
     """
@@ -79,7 +80,7 @@ class KartServerClient:
         self,
         begin: Begin,
         on_events: Callable[[list[StampedEvent]], None],
-        on_copy: Callable[[Race, float], None],
+        on_copy: Callable[[Copy], None],
         on_end: Callable[[str], None],
     ) -> None:
         """Take note of everything; nothing is started before ``start``."""
@@ -164,6 +165,12 @@ class KartServerClient:
         """
         if not self._stopping:
             self._send(Alive(rival))
+
+    def published(self, number: int, digest: int) -> None:
+        """Say what officials were shown of a copy, for the record; nothing if it has ended."""
+        if not self._stopping:
+            with contextlib.suppress(KartServerError):  # its end is noticed by another thread
+                self._send(Published(number, digest))
 
     def end(self, in_order: bool) -> None:
         """
@@ -252,7 +259,7 @@ class KartServerClient:
         if isinstance(message, Happened):
             self._on_events(message.events)
         elif isinstance(message, Copy):
-            self._on_copy(message.race, message.at)
+            self._on_copy(message)
         elif isinstance(message, Answered):
             answer = self._waiting.pop(message.number, None)
             if answer is not None:

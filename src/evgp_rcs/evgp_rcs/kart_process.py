@@ -33,19 +33,22 @@ from evgp_rcs.channel import (
     Happened,
     Listening,
     pack,
+    Published,
     Refused,
     Request,
     Unpacker,
     Withdraw,
 )
+from evgp_rcs.inputs import Block, Entrant, Recovered, Setup
 from evgp_rcs.kart_server import (
     KartServer,
     KartServerError,
     RosHalfGoneError,
     Waiting,
 )
-from evgp_rcs.race import Answer, Event, EventKind, Kart, Race, RaceMemory, StampedEvent
+from evgp_rcs.race import Answer, Event, EventKind, Race, RaceMemory, StampedEvent
 from evgp_rcs.record import Record, RecordError
+from evgp_rcs.rules_version import rules_version
 
 LOOP_SWITCH_INTERVAL = 0.00001
 """Time after which the record's thread hands the interpreter to the loop's, in seconds. With
@@ -150,10 +153,10 @@ class RosHalf:
         if len(self._unsent) > TO_ROS_HALF_BYTES:
             self._lose('it takes nothing any more')
 
-    def show(self, race: Race, at: float) -> None:
+    def show(self, race: Race, at: float, number: int) -> None:
         """Send a copy of the race, unless something still waits to be sent."""
         if not self._unsent:
-            self.send(Copy(race, at))
+            self.send(Copy(race, at, number))
 
     def tell(self, events: list[StampedEvent]) -> None:
         """Send events, in order; those of a few milliseconds are one message."""
@@ -177,6 +180,10 @@ class RosHalf:
     def _take(self, message: Any) -> None:
         assert self._server is not None
         server = self._server
+        if isinstance(message, Published):
+            # Whoever publishes takes no stops: this must not count as a sign of life.
+            server.published(message.number, message.digest)
+            return
         self._heard_at = clock.now()
         if isinstance(message, Request):
             number = message.number
@@ -238,10 +245,14 @@ class World:
         """Call back in this loop."""
         self._loop = loop
 
-    def tell(self, events: list[StampedEvent]) -> None:
+    def tell(self, events: list[StampedEvent], log: Block) -> None:
         """Send the events on, and have them recorded."""
-        self._record.put(events)
+        self._record.put(events, log)
         self._ros_half.tell(events)
+
+    def keep(self, log: Block) -> None:
+        """Have recorded what went into the rules."""
+        self._record.put((), log)
 
     def make_sure(self, memory: RaceMemory, at: float, done: Callable[[bool], None]) -> None:
         """Have this on the disk, then call ``done`` in the loop."""
@@ -254,16 +265,14 @@ def _call(loop: Any, work: Callable[..., None], *arguments: object) -> None:
         loop.call_soon_threadsafe(work, *arguments)
 
 
-def race_of(begin: Begin, now: float) -> Race:
-    """Return a race with every kart of the roster."""
-    return Race(
-        [
-            Kart(number=entry.number, team=entry.team, in_race=entry.in_race)
-            for entry in begin.roster.entries
-        ],
+def setup_of(begin: Begin, now: float) -> Setup:
+    """Return with what the rules begin: every kart of the roster."""
+    entries = begin.roster.entries
+    return Setup(
+        tuple(Entrant(entry.number, entry.team, entry.in_race) for entry in entries),
         begin.times,
-        now=now,
-        heats=begin.roster.heats,
+        begin.roster.heats,
+        now,
     )
 
 
@@ -275,18 +284,18 @@ async def serve(begin: Begin, ros_half: RosHalf, world: World, record: Record) -
     :raises BaseException: what ended it.
     """
     loop = asyncio.get_running_loop()
-    race = race_of(begin, loop.time())
-    first: tuple[Event, ...] = ()
-    if record.left_behind is not None:
-        first = race.recover(record.left_behind, loop.time()).events
-    record.remember(race.memory(), loop.time())
+    setup = setup_of(begin, loop.time())
+    record.begin(rules_version(), setup)
+    race = setup.race()
+    left_behind = record.left_behind
     server = KartServer(
         race,
         {entry.address: entry.number for entry in begin.roster.entries},
         begin.settings,
         world,
-        first,
+        None if left_behind is None else Recovered(loop.time(), left_behind),
     )
+    record.remember(race.memory(), loop.time())
 
     def record_failed(error: BaseException) -> None:
         _call(loop, _part_failed, server, error)

@@ -8,6 +8,8 @@ Rules of what lives in this file:
 - No disk, no log, no other process. What they need leaves through ``Outside``, which never waits.
 - A command is judged and its frames are written to every socket in one go, without an await in
   between: nothing else runs between an official's stop and its bytes.
+- Everything goes into the rules through ``KartServer._take``, which logs it: what does not could
+  not be replayed.
 - Every peer is bounded: bytes read per beat, bytes waiting to be written, events told.
 """
 
@@ -23,6 +25,7 @@ import time
 from typing import Protocol
 
 from evgp_protocol.frames import DEFAULT_PORT, MalformedFrame
+from evgp_rcs import inputs
 from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.hearing import Heard
 from evgp_rcs.kart_link import in_words, KartLink
@@ -117,11 +120,18 @@ class Outside(Protocol):
     def look(self) -> None:
         """Take in what has come, and hand commands over with ``submit``."""
 
-    def tell(self, events: list[StampedEvent]) -> None:
-        """Take the events, in order."""
+    def tell(self, events: list[StampedEvent], log: inputs.Block) -> None:
+        """Take the events, in order, and what went into the rules up to them."""
 
-    def show(self, race: Race, at: float) -> None:
-        """Take what there is to see of the race at this time (s); it must not be kept."""
+    def keep(self, log: inputs.Block) -> None:
+        """Take what went into the rules since the last time."""
+
+    def show(self, race: Race, at: float, number: int) -> None:
+        """
+        Take what there is to see of the race at this time (s); it must not be kept.
+
+        :param number: counts what is shown, from 1.
+        """
 
     def remember(self, memory: RaceMemory, at: float) -> None:
         """Save this for the next run, as soon as the disk takes it."""
@@ -172,7 +182,7 @@ class KartServer:
     :param addresses: the roster's IPv4 addresses and the kart number of each (§4.A).
     :param settings: how to listen and send.
     :param outside: the ROS half and the record.
-    :param first_events: what happened before, to be told first.
+    :param left_behind: what the last run left, which the race is to take up.
     """
 
     def __init__(
@@ -181,14 +191,17 @@ class KartServer:
         addresses: Mapping[str, int],
         settings: ServerSettings,
         outside: Outside,
-        first_events: Iterable[Event] = (),
+        left_behind: inputs.Recovered | None = None,
     ) -> None:
         """Take note of everything; nothing is opened before ``serve``."""
         self._race = race
         self._addresses = dict(addresses)
         self._settings = settings
         self._outside = outside
-        self._first_events = tuple(first_events)
+        self._log = inputs.Log(race.state_since)
+        self._first_events: tuple[Event, ...] = ()
+        if left_behind is not None:
+            self._first_events = self._feed(left_behind).events
         self._links: dict[int, KartLink] = {}
         self._stops: deque[Waiting] = deque()
         self._commands: deque[Waiting] = deque()
@@ -203,6 +216,7 @@ class KartServer:
         self._beat_at = 0.0
         self._began_again_at = 0.0
         self._copied_at = 0.0
+        self._copies = 0
         self._copy_interval = max(settings.copy_interval, COPY_PER_KART * len(race.karts))
         self._copy_asked = False
         self._copied_pause = 0.0
@@ -242,7 +256,7 @@ class KartServer:
                 'is another race control still running here? Stop the program that has the port, '
                 'or choose another address or port'
             ) from error
-        self._tell(self._first_events)
+        self._tell_of_rules(self._first_events)
         self._beat_at = self._began_again_at = loop.time()
         loop.call_soon(self._beat, loop.time())
         try:
@@ -252,13 +266,14 @@ class KartServer:
             server.close()
             for link in list(self._links.values()):
                 link.farewell()
-            self._tell([_ended(self._failure)])
+            self._tell(_ended(self._failure))
             self._refuse_the_rest()
             # What changed since the last copy must be found by the next run too.
             self._outside.remember(self._race.memory(), self.now())
         # One turn of the loop, so that closed transports let go of their sockets, and the
         # disconnections are told after the end that they come from.
         await asyncio.sleep(0)
+        self._outside.keep(self._log.take())
         if self._failure is not None:
             raise self._failure
 
@@ -278,11 +293,15 @@ class KartServer:
     def rival(self, present: bool) -> None:
         """Take note whether another race control answers in the same ROS domain."""
         if present != self._race.has_rival:
-            self._apply(self._race.rival(present, self.now()))
+            self._take(inputs.Rival(self.now(), present))
+
+    def published(self, number: int, digest: int) -> None:
+        """Take note of what the ROS half published of a copy (``inputs.digest``)."""
+        self._log.mark(inputs.Published(number, digest))
 
     def report(self, event: Event) -> None:
         """Have something told among the events, in order with them."""
-        self._tell([event])
+        self._tell(event)
 
     def end(self, failure: BaseException | None = None) -> None:
         """
@@ -309,7 +328,7 @@ class KartServer:
             # Out of file descriptors: asyncio tries again in a second, the race goes on.
             if self._refusals.take(self.now()):
                 text = f'No further connection can be taken now: {in_words(error)}'
-                self._tell([Event(EventKind.REFUSED_CONNECTION, text, success=False)])
+                self._tell(Event(EventKind.REFUSED_CONNECTION, text, success=False))
             return
         self.end(
             error
@@ -335,7 +354,7 @@ class KartServer:
         self._notice_delay(now)
         self._beat_at = now
         self._look_at_the_ros_half(now)
-        self._apply(self._race.tick(now))
+        self._take(inputs.Tick(now))
         for count, link in enumerate(list(self._links.values())):
             if count % KARTS_BETWEEN_LOOKS == 0:
                 self.take_commands()
@@ -374,7 +393,7 @@ class KartServer:
             if CATALOGUE[waiting.command.kind].needs_journal:
                 # What it takes to start now depends on whether the record works now.
                 self._take_note_of(self._outside.trouble(), now)
-            self._apply(self._race.command(waiting.command, now, waiting.came), waiting)
+            self._take(inputs.Commanded(now, waiting.command, waiting.came), waiting)
 
     def _is_ending(self) -> bool:
         return self._closing is not None and self._closing.is_set()
@@ -388,7 +407,9 @@ class KartServer:
         self._notice_delay(now)
         if not written:
             self._take_note_of(self._outside.trouble(), now)
-        self._apply(self._race.journal(memory, written, now))
+        start = self._race.start
+        awaited = start is not None and start.memory is memory
+        self._take(inputs.Journal(now, awaited, written))
 
     def _withdraw_start(self, answer: Answer | None = None) -> None:
         """Have a start that waits not go out; whoever still waits for its answer gets this one."""
@@ -397,27 +418,33 @@ class KartServer:
             return
         if answer is not None and not starting.withdrawn:
             starting.answered(answer)
-        self._tell(self._race.withdraw(self.now()).events)
+        self._take(inputs.Withdrawn(self.now()))
 
     def _notice_delay(self, now: float) -> None:
         """Tell the rules if race control was held up."""
         held_up = now - self._beat_at - 1.0 / self._settings.beat_rate
         if held_up > HELD_UP:
             self._beat_at = self._began_again_at = now
-            self._apply(self._race.held_up(held_up, now))
+            self._take(inputs.HeldUp(now, held_up))
             self._ask_for_copy()
 
-    def _apply(self, outcome: Outcome, waiting: Waiting | None = None) -> None:
-        """
-        Send, answer and tell what an input has brought about.
+    def _feed(self, given: inputs.Input) -> Outcome:
+        """Hand an input to the rules; the only way to them."""
+        self._log.add(given)
+        return given.feed(self._race)
 
-        :param waiting: the command that was the input, if it was one.
+    def _take(self, given: inputs.Input, waiting: Waiting | None = None) -> None:
         """
+        Take an input: send, answer and tell what it brings about.
+
+        :param waiting: the command that is the input, if it is one.
+        """
+        outcome = self._feed(given)
         self._send(outcome)
         answered = waiting or self._starting
         if outcome.answer is not None and answered is not None:
             answered.answered(outcome.answer)
-        self._tell(outcome.events)
+        self._tell_of_rules(outcome.events)
         if outcome.write_first is not None:
             memory = outcome.write_first
             self._starting = waiting
@@ -427,7 +454,7 @@ class KartServer:
         elif outcome.note_first:
             self._starting = answered
             noted = self._outside.note_unrecorded_start()
-            self._apply(self._race.start_noted(noted, self.now()))
+            self._take(inputs.StartNoted(self.now(), noted))
         elif self._race.start is None and self._starting is not None:
             self._starting = None
             self._remember(self.now())
@@ -437,18 +464,33 @@ class KartServer:
             link = self._links.get(order.kart)
             if link is not None:
                 link.order(order.state, order.serial)
+        if outcome.orders:
+            self._log.mark(inputs.Ordered(outcome.orders))
 
-    def _tell(self, events: Iterable[Event]) -> None:
+    def _tell_of_rules(self, events: tuple[Event, ...]) -> None:
+        """Tell what the last input has made happen."""
+        if not events:
+            return
+        now = self.now()
+        stamped = self._stamped(
+            event for event in events if not event.chatter or self._reports[event.kart].take(now)
+        )
+        if stamped:
+            self._log.mark(inputs.Told(stamped[0].sequence, stamped[-1].sequence))
+            self._hand_on(stamped)
+
+    def _tell(self, event: Event) -> None:
+        """Tell what no input of the rules has made happen."""
+        self._hand_on(self._stamped((event,)))
+
+    def _stamped(self, events: Iterable[Event]) -> list[StampedEvent]:
         now = self.now()
         wall = time.time_ns()
-        stamped = [
-            StampedEvent(next(self._sequence), wall, now, event)
-            for event in events
-            if not event.chatter or self._reports[event.kart].take(now)
-        ]
-        if stamped:
-            self._outside.tell(stamped)
-            self._ask_for_copy()
+        return [StampedEvent(next(self._sequence), wall, now, event) for event in events]
+
+    def _hand_on(self, stamped: list[StampedEvent]) -> None:
+        self._outside.tell(stamped, self._log.take())
+        self._ask_for_copy()
 
     def _ask_for_copy(self) -> None:
         if not self._copy_asked:
@@ -463,7 +505,10 @@ class KartServer:
         now = self._copied_at = self.now()
         self._take_note_of(self._outside.trouble(), now)
         self._remember(now)
-        self._outside.show(self._race, now)
+        self._copies += 1
+        self._log.mark(inputs.Shown(now, self._copies))
+        self._outside.show(self._race, now, self._copies)
+        self._outside.keep(self._log.take())
         if self._race.paused_until > max(now, self._copied_pause):
             # Then more commands are available, though nothing happens.
             self._copied_pause = self._race.paused_until
@@ -471,7 +516,7 @@ class KartServer:
 
     def _take_note_of(self, trouble: str, now: float) -> None:
         if trouble != self._race.record_fails:
-            self._apply(self._race.record_trouble(trouble, now))
+            self._take(inputs.RecordTrouble(now, trouble))
 
     def _remember(self, now: float) -> None:
         self._outside.remember(self._race.memory(), now)
@@ -489,7 +534,7 @@ class KartServer:
                     f'A connection from {address} was refused: no kart of the roster has that '
                     f'address{self._refusals.mention()}'
                 )
-                self._tell([Event(EventKind.REFUSED_CONNECTION, text, success=False)])
+                self._tell(Event(EventKind.REFUSED_CONNECTION, text, success=False))
             return
         if not self._connections[number].take(now):
             link.drop('it connects too often')
@@ -499,8 +544,7 @@ class KartServer:
                     f'A connection of {self._race.karts[number]} was refused: it connects too '
                     f'often{allowance.mention()}'
                 )
-                event = Event(EventKind.REFUSED_CONNECTION, text, kart=number, success=False)
-                self._tell([event])
+                self._tell(Event(EventKind.REFUSED_CONNECTION, text, kart=number, success=False))
             return
         old = self._links.pop(number, None)
         if old is not None:
@@ -508,7 +552,7 @@ class KartServer:
         link.number = number
         link.set_up()
         self._links[number] = link
-        self._apply(self._race.connected(number, now))
+        self._take(inputs.Connected(now, number))
 
     def link_heard(self, link: KartLink, heard: Heard, serial: int) -> None:
         """Take a frame, or what should have been one, from a kart."""
@@ -520,15 +564,15 @@ class KartServer:
             if allowance.take(now):
                 kart = self._race.karts[link.number]
                 text = f'From {kart}: {heard.reason}: {heard.raw!r}{allowance.mention()}'
-                self._tell([Event(EventKind.MALFORMED, text, kart=link.number, success=False)])
+                self._tell(Event(EventKind.MALFORMED, text, kart=link.number, success=False))
             return
-        self._apply(self._race.heard(link.number, serial, heard.state, now))
+        self._take(inputs.Heard(now, link.number, serial, heard.state))
 
     def link_lost(self, link: KartLink) -> None:
         """Take note that a connection ended; one that was replaced has been told already."""
         if self._links.get(link.number) is link:
             del self._links[link.number]
-            self._apply(self._race.disconnected(link.number, link.reason, self.now()))
+            self._take(inputs.Disconnected(self.now(), link.number, link.reason))
 
 
 def _ended(failure: BaseException | None) -> Event:

@@ -13,8 +13,9 @@ from typing import Any
 from builtin_interfaces.msg import Duration, Time
 from evgp_node.stamps import stamp_of
 from evgp_node.states import state_message
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.race import AlertKind, EventKind, Kart, Race, StampedEvent
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.inputs import Offers
+from evgp_rcs.race import AlertKind, Availability, EventKind, Kart, Race, StampedEvent
 from evgp_rcs_msgs import msg
 
 NS = 1_000_000_000
@@ -28,9 +29,6 @@ _COMMAND = _constants(CommandKind, msg.CommandAvailability)
 _EVENT = _constants(EventKind, msg.RaceEvent)
 _ALERT = _constants(AlertKind, msg.Alert)
 
-_TO_ONE_KART = [kind for kind, entry in CATALOGUE.items() if entry.to_one_kart]
-_TO_ALL = [kind for kind, entry in CATALOGUE.items() if not entry.to_one_kart]
-
 
 def failure_alert(text: str, since_ns: int) -> msg.Alert:
     """Return the alert that a part of race control failed, at a wall time (ns since the epoch)."""
@@ -42,6 +40,7 @@ def race_message(
     now: float,
     wall_ns: int,
     addresses: dict[int, str],
+    offered: Offers,
 ) -> msg.Race:
     """
     Return the whole race as one message.
@@ -49,16 +48,16 @@ def race_message(
     :param now: the race's clock when the race was copied (s).
     :param wall_ns: the wall time of that moment (ns since the epoch).
     :param addresses: the address of each kart of the roster.
+    :param offered: the commands that it offers.
     """
 
     def wall(monotonic: float) -> Time:
         return stamp_of(wall_ns + round((monotonic - now) * NS))
 
-    def availability(kind: CommandKind, number: int = 0) -> msg.CommandAvailability:
-        available = race.availability(kind, number, now)
+    def availability(available: Availability) -> msg.CommandAvailability:
         paused_until = available.available_from
         return msg.CommandAvailability(
-            command=_COMMAND[kind],
+            command=_COMMAND[available.kind],
             available=available.available,
             reason=available.reason,
             statement=available.statement,
@@ -81,7 +80,7 @@ def race_message(
             hold_reason=kart.hold_reason,
             may_be_moving=kart.may_be_moving,
             place=kart.place,
-            commands=[availability(kind, kart.number) for kind in _TO_ONE_KART],
+            commands=[availability(each) for each in offered[kart.number]],
         )
 
     access = race.track_access()
@@ -91,7 +90,7 @@ def race_message(
         state_since=wall(race.state_since),
         over=race.over,
         karts=[status(race.karts[number]) for number in sorted(race.karts)],
-        commands=[availability(kind) for kind in _TO_ALL],
+        commands=[availability(each) for each in offered[0]],
         track=msg.TrackAccess(
             open=access.is_open,
             allowed=access.allowed,

@@ -95,7 +95,7 @@ class RcsNode(StrictNode):
         self._rival = False
         self._closing = threading.Event()
         self._asking = threading.Thread(target=self._ask, name='asking', daemon=True)
-        self._teller = Teller(self, begin.roster, self._teller_failed)
+        self._teller = Teller(self, begin.roster, self._teller_failed, self._published)
         self._server = KartServerClient(
             begin,
             on_events=self._teller.events,
@@ -123,6 +123,9 @@ class RcsNode(StrictNode):
         self._teller.stop()
         self._closing.set()
         self._asking.join()
+
+    def _published(self, number: int, offered: int) -> None:
+        self._server.published(number, offered)
 
     def _teller_failed(self, error: BaseException) -> None:
         self._fail(

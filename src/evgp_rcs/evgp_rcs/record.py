@@ -5,8 +5,12 @@ One thread writes; whoever hands something over puts it into a queue and waits f
 batch of events is one transaction of SQLite, together with what the race must remember, so that
 after a crash of the process or of the machine both are there up to the same event, or neither is.
 
+The same transaction has what went into the rules up to these events (``inputs``), so that a run
+can be replayed up to its last event. Inputs without events are written every `INPUTS_EVERY`
+seconds.
+
 When the disk does not take it, the events wait here, `trouble` says so, and the writer tries
-again. Nothing is lost until `MOST_UNWRITTEN` events wait.
+again. Nothing is lost until `MOST_UNWRITTEN` events or `MOST_UNWRITTEN_BYTES` of inputs wait.
 
 What the next run finds is `left_behind`. It is None only if the record proves that the last run
 ended in order with nothing under way, or if there never was a run. Three things make that proof
@@ -51,10 +55,10 @@ memory   session             the run
 ..       state               the race's state
 ..       karts               JSON: of each kart's number, the fields of ``KartMemory`` in order
 setup    session             the run
-..       rules               the version of the rules (``replay.rules_version``)
+..       rules               the version of the rules (``rules_version``)
 ..       setup               JSON: with what the rules began (``inputs.Setup``)
 input    session, block      the run, and the number of the block in it: from 1, without a gap
-..       data                what went into the rules, in order (``inputs``)
+..       data                what went into the rules, in order (``inputs.Block``)
 ======== =================== ======================================================================
 """
 
@@ -82,12 +86,21 @@ from typing import IO
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.home import home
+from evgp_rcs.inputs import Block, joined, Setup
 from evgp_rcs.race import KartMemory, RaceMemory, StampedEvent
 
 SCHEMA_VERSION = 2
 
 MOST_UNWRITTEN = 100_000
 """Maximum backlog of events while the disk takes none; what comes after them is lost."""
+
+MOST_UNWRITTEN_BYTES = 32 * 2**20
+"""Maximum backlog of inputs while the disk takes none, in bytes; what comes after them is lost. An
+hour of racing with 20 karts."""
+
+INPUTS_EVERY = 1.0
+"""Maximum time that inputs without events wait for others, in seconds. A disk that must confirm
+every write has little to do then."""
 
 CLAIM_TIMEOUT = 2.0
 """Maximum time to wait for a race control that is just ending to let go of its record, in
@@ -201,13 +214,29 @@ class _Remember:
 
 
 @dataclasses.dataclass(frozen=True)
+class _Happened:
+    """Events, and what went into the rules up to them; None: nothing, or it is lost."""
+
+    events: Sequence[StampedEvent]
+    inputs: Block | None
+
+
+@dataclasses.dataclass(frozen=True)
+class _Begin:
+    """With what the rules begin, and their version."""
+
+    rules: str
+    setup: Setup
+
+
+@dataclasses.dataclass(frozen=True)
 class _End:
     """The run ends."""
 
     in_order: bool
 
 
-_Given = Sequence[StampedEvent] | _Remember | _End
+_Given = _Happened | _Remember | _Begin | _End
 
 
 class Record:
@@ -228,13 +257,21 @@ class Record:
         self._given: queue.SimpleQueue[_Given] = queue.SimpleQueue()
         # Written by whoever hands over.
         self._put = 0
+        self._put_bytes = 0
         self._caught_up_at = time.monotonic()
         # Written by the writer alone; one word each, so that anybody can read them.
         self._taken = 0
+        self._taken_bytes = 0
         self._lost = 0
         self._error = ''
         # The writer's own.
         self._waiting: deque[StampedEvent] = deque()
+        self._inputs: list[Block] = []
+        self._inputs_since = 0.0
+        self._blocks: list[bytes] = []  # compressed once, however often the disk fails
+        self._blocks_written = 0
+        self._unwritten_bytes = 0
+        self._begin: _Begin | None = None
         self._memory: _Remember | None = None
         self._remembered: RaceMemory | None = None
         self._remembered_at = -math.inf
@@ -275,10 +312,23 @@ class Record:
 
     # ----- for whoever owns the race; none of these waits ---------------------------------
 
-    def put(self, events: Sequence[StampedEvent]) -> None:
-        """Have events written."""
+    def begin(self, rules: str, setup: Setup) -> None:
+        """Have written with what the rules begin, and their version."""
+        self._given.put(_Begin(rules, setup))
+
+    def put(self, events: Sequence[StampedEvent], inputs: Block | None = None) -> None:
+        """
+        Have events written.
+
+        :param inputs: what went into the rules up to these events, and was not handed over yet.
+        """
+        if inputs is not None:
+            if self._put_bytes - self._taken_bytes + len(inputs.data) > MOST_UNWRITTEN_BYTES:
+                inputs = None  # the next block shows that this one is missing
+            else:
+                self._put_bytes += len(inputs.data)
         self._put += len(events)
-        self._given.put(events)
+        self._given.put(_Happened(events, inputs))
 
     def remember(self, memory: RaceMemory, at: float) -> None:
         """
@@ -375,18 +425,23 @@ class Record:
     def _take_what_was_given(self) -> None:
         """Wait for something to write; after a failure, until it is time to try again."""
         again_at = clock.now() + RETRY if self._error else None
-        while self._end is None:
+        while self._end is None and (again_at is not None or not self._is_pressing()):
+            until = again_at
+            if until is None and self._inputs:
+                until = self._inputs_since + INPUTS_EVERY
             try:
-                if again_at is not None:
-                    self._take(self._given.get(timeout=max(0.0, again_at - clock.now())))
-                    self._tell_whoever_waits(False)
-                else:
-                    self._take(self._given.get())
-                    break
+                left = None if until is None else max(0.0, until - clock.now())
+                self._take(self._given.get(timeout=left))
             except queue.Empty:
                 break
+            if again_at is not None:
+                self._tell_whoever_waits(False)
         while not self._given.empty():
             self._take(self._given.get())
+
+    def _is_pressing(self) -> bool:
+        """Return whether there is anything to write that does not wait for more."""
+        return bool(self._waiting or self._memory or self._confirm or self._begin)
 
     def _take(self, given: _Given) -> None:
         if isinstance(given, _Remember):
@@ -397,12 +452,22 @@ class Record:
                 newest = self._remembered if self._memory is None else self._memory.memory
                 if given.memory != newest or given.done is not None:
                     self._memory = given
+        elif isinstance(given, _Begin):
+            self._begin = given
         elif isinstance(given, _End):
             self._end = given
         else:
             room = MOST_UNWRITTEN - len(self._waiting)
-            self._waiting += given[:room]
-            self._lost += max(0, len(given) - room)
+            lost = max(0, len(given.events) - room)
+            self._waiting += given.events[:room]
+            self._lost += lost
+            if given.inputs is not None and lost:
+                self._taken_bytes += len(given.inputs.data)  # lost with its events
+            elif given.inputs is not None:
+                if not self._inputs:
+                    self._inputs_since = clock.now()
+                self._inputs.append(given.inputs)
+                self._unwritten_bytes += len(given.inputs.data)
 
     def _tell_whoever_waits(self, there: bool) -> None:
         confirm, self._confirm = self._confirm, []
@@ -493,11 +558,23 @@ class Record:
         events = list(self._waiting)
         memory = self._memory
         rows = [_row(self._session, stamped) for stamped in events]
+        self._blocks += [block.compressed() for block in joined(self._inputs)]
+        self._inputs.clear()
+        blocks = [
+            (self._session, number, block)
+            for number, block in enumerate(self._blocks, self._blocks_written + 1)
+        ]
         sequence = events[-1].sequence if events else self._written
         with _transaction(self._database):
             self._database.executemany(
                 'INSERT INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)', rows
             )
+            if self._begin is not None:
+                self._database.execute(
+                    'INSERT INTO setup VALUES (?, ?, ?)',
+                    (self._session, self._begin.rules, self._begin.setup.to_json()),
+                )
+            self._database.executemany('INSERT INTO input VALUES (?, ?, ?)', blocks)
             if memory is not None:
                 karts = {
                     number: _every_field(kart) for number, kart in memory.memory.karts.items()
@@ -513,6 +590,11 @@ class Record:
         self._written = sequence
         self._waiting.clear()
         self._taken += len(events)
+        self._begin = None
+        self._blocks_written += len(blocks)
+        self._blocks.clear()
+        self._taken_bytes += self._unwritten_bytes
+        self._unwritten_bytes = 0
         if memory is not None:
             self._remembered = memory.memory
             self._memory = None
@@ -749,6 +831,29 @@ def is_being_written(path: pathlib.Path) -> bool:
         except BlockingIOError:
             return True
     return False
+
+
+def inputs_of(
+    database: sqlite3.Connection, session: int
+) -> tuple[str, str, list[tuple[int, bytes]]] | None:
+    """
+    Return what went into the rules in one run; None if the record does not have it.
+
+    :returns: the version of the rules; with what they began, as JSON; and the blocks, each with
+        its number and compressed.
+    """
+    (version,) = database.execute('PRAGMA user_version').fetchone()
+    if version < 2:
+        return None
+    begun = database.execute(
+        'SELECT rules, setup FROM setup WHERE session = ?', (session,)
+    ).fetchone()
+    if begun is None:
+        return None
+    blocks = database.execute(
+        'SELECT block, data FROM input WHERE session = ? ORDER BY block', (session,)
+    )
+    return (*begun, blocks.fetchall())
 
 
 def sessions(database: sqlite3.Connection) -> list[Session]:

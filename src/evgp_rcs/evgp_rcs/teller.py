@@ -18,6 +18,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
+from evgp_rcs.channel import Copy
+from evgp_rcs.inputs import digest, offers
 from evgp_rcs.messages import event_message, failure_alert, race_message
 from evgp_rcs.official import said_by
 from evgp_rcs.race import AlertKind, Event, EventKind, Kart, Race, StampedEvent
@@ -64,21 +66,26 @@ class Teller:
     Publishes the race, its events and diagnostics.
 
     :param on_failure: is called, in the teller's thread, when it cannot go on.
+    :param on_published: takes, in the teller's thread, the number of a copy that was published,
+        and the digest of the commands that it offered.
     """
 
     def __init__(
-        self, node: Node, roster: Roster, on_failure: Callable[[BaseException], None]
+        self,
+        node: Node,
+        roster: Roster,
+        on_failure: Callable[[BaseException], None],
+        on_published: Callable[[int, int], None] = lambda number, offered: None,
     ) -> None:
         """Create the publishers; nothing is published before ``start``."""
         self._node = node
         self._on_failure = on_failure
+        self._on_published = on_published
         self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
         self._events = node.create_publisher(msg.RaceEvent, '~/events', EVENTS_QOS)
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
-        self._happened: queue.SimpleQueue[list[StampedEvent] | tuple[Race, float] | None] = (
-            queue.SimpleQueue()
-        )
+        self._happened: queue.SimpleQueue[list[StampedEvent] | Copy | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name='teller', daemon=True)
         self._told_diagnostics = 0.0
         self._published = msg.Race()
@@ -88,9 +95,9 @@ class Teller:
         """Take events, from any thread."""
         self._happened.put(events)
 
-    def race(self, race: Race, at: float) -> None:
-        """Take a copy of the race, and when it was taken (s), from any thread."""
-        self._happened.put((race, at))
+    def race(self, copy: Copy) -> None:
+        """Take a copy of the race, from any thread."""
+        self._happened.put(copy)
 
     def start(self) -> None:
         """Begin to publish."""
@@ -132,11 +139,11 @@ class Teller:
             came = [] if waiting else [self._happened.get()]
             while not self._happened.empty():
                 came.append(self._happened.get())
-            newest: tuple[Race, float] | None = None
+            newest: Copy | None = None
             for news in came:
                 if news is None:
                     ended = True
-                elif isinstance(news, tuple):
+                elif isinstance(news, Copy):
                     newest = news
                 else:
                     waiting += news
@@ -146,7 +153,7 @@ class Teller:
             while waiting and time.monotonic() < until:
                 self._tell(waiting.popleft())
             if newest is not None:
-                self._tell_race(*newest)
+                self._tell_race(newest)
 
     def _without_lesser(self, events: deque[StampedEvent]) -> deque[StampedEvent]:
         """Return the events that are told when there are too many to tell them all."""
@@ -170,10 +177,13 @@ class Teller:
         self._events.publish(event_message(stamped))
         self._sequence = stamped.sequence
 
-    def _tell_race(self, race: Race, at: float) -> None:
+    def _tell_race(self, copy: Copy) -> None:
+        race, at = copy.race, copy.at
         wall_ns = time.time_ns() - round((clock.now() - at) * 1e9)
-        message = race_message(race, at, wall_ns, self._addresses)
+        offered = offers(race, at)
+        message = race_message(race, at, wall_ns, self._addresses, offered)
         self._race.publish(message)
+        self._on_published(copy.number, digest(offered))
         self._published = message
         if at - self._told_diagnostics >= 1.0:
             self._told_diagnostics = at

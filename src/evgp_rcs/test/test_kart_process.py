@@ -28,16 +28,19 @@ from evgp_rcs.channel import (
     Happened,
     Listening,
     pack,
+    Published,
     Refused,
     Request,
     Unpacker,
     Withdraw,
 )
+from evgp_rcs.inputs import digest, offers
 from evgp_rcs.kart_client import KartServerClient
 from evgp_rcs.kart_server import KartServerError, ROS_HALF_SILENCE, ServerSettings
 from evgp_rcs.race import Command, EventKind, RaceTimes
 from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs.roster import Roster, RosterEntry
+from evgp_testing.replaying import replay_without_difference
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
 import pytest
 
@@ -146,6 +149,29 @@ def test_a_silence_of_the_ros_half_means_red_red_to_every_kart(
     half.say(Alive(False))
     assert read_to_end(client).endswith(encode(RED_RED))
     assert f'silent for {ROS_HALF_SILENCE:.0f}' in half.wait_for(Failed).text
+
+
+def test_what_was_published_is_no_sign_that_a_stop_can_be_taken(
+    half: Half, connect: Connect
+) -> None:
+    client = connect(2)
+    read_until(client, IN_GARAGE)
+    half.say(Alive(False))
+    ended = threading.Event()
+
+    def go_on_publishing() -> None:
+        with contextlib.suppress(OSError):  # the kart server has ended
+            while not ended.wait(ROS_HALF_SILENCE / 20):
+                half.say(Published(1, 0))
+
+    publishing = threading.Thread(target=go_on_publishing)
+    publishing.start()
+    try:
+        assert read_to_end(client).endswith(encode(RED_RED))
+        half.wait_for(Failed)
+    finally:
+        ended.set()
+        publishing.join()
 
 
 def test_a_ros_half_that_reads_nothing_holds_nobody_up_and_loses_no_event(
@@ -284,6 +310,38 @@ def test_a_hold_of_the_last_moment_is_found_by_the_next_run(
     assert (race.state, race.karts[2].hold) == (RED_RED, RED_RED)
 
 
+def test_what_a_kart_server_has_recorded_can_be_replayed_also_what_a_run_has_left_behind(
+    half: Half, connect: Connect, begin: Begin
+) -> None:
+    client = connect(1)
+    client.sendall(encode(IN_GARAGE) + b'$rubbish;')
+    held = Request(1, Command(CommandKind.KART_RED_RED, 2), clock.now())
+    half.end.sendall(pack(held) + pack(Request(2, ALL_KILL, clock.now())))
+    copy = half.wait_for(Copy)
+    half.say(Published(copy.number, digest(offers(copy.race, copy.at))))
+    half.say(End(in_order=False))
+    half.process.wait(PATIENCE)
+    with contextlib.closing(Half()) as again:
+        again.say(begin)
+        again.wait_for(Listening)
+        again.say(End(True))
+        again.process.wait(PATIENCE)
+    _, second = replay_without_difference(begin.record)
+    assert second.events > 0
+
+
+def test_another_publication_than_that_of_the_copy_is_found_by_a_replay(
+    half: Half, connect: Connect, begin: Begin
+) -> None:
+    connect(1)
+    copy = half.wait_for(Copy)
+    half.say(Published(copy.number, digest(offers(copy.race, copy.at)) ^ 1))
+    half.say(End(True))
+    half.process.wait(PATIENCE)
+    with pytest.raises(AssertionError, match=f'copy {copy.number} '):
+        replay_without_difference(begin.record)
+
+
 def test_nothing_is_released_once_the_end_has_begun(half: Half, connect: Connect) -> None:
     client = connect(2)
     read_until(client, IN_GARAGE)
@@ -308,7 +366,7 @@ def test_a_ros_half_that_never_gave_a_sign_of_life_is_not_waited_for_for_ever(
 
 def test_a_kart_server_that_is_killed_is_told_of_and_every_command_refused(begin: Begin) -> None:
     ended: queue.SimpleQueue[str] = queue.SimpleQueue()
-    client = KartServerClient(begin, lambda events: None, lambda race, at: None, ended.put)
+    client = KartServerClient(begin, lambda events: None, lambda copy: None, ended.put)
     client.start()
     try:
         client._process.send_signal(signal.SIGSTOP)
@@ -328,7 +386,7 @@ def test_a_kart_server_that_hangs_and_takes_nothing_is_given_up_and_no_thread_wa
 ) -> None:
     ended = threading.Event()
     client = KartServerClient(
-        begin, lambda events: None, lambda race, at: None, lambda why: ended.set()
+        begin, lambda events: None, lambda copy: None, lambda why: ended.set()
     )
     client.start()
     try:
@@ -345,7 +403,7 @@ def test_a_kart_server_that_hangs_and_takes_nothing_is_given_up_and_no_thread_wa
 def test_a_hearing_thread_that_fails_ends_race_control(begin: Begin) -> None:
     ended: queue.SimpleQueue[str] = queue.SimpleQueue()
 
-    def broken(race: object, at: float) -> None:
+    def broken(copy: object) -> None:
         raise ZeroDivisionError('a fault put in by the test')
 
     client = KartServerClient(begin, lambda events: None, broken, ended.put)
@@ -360,7 +418,7 @@ def test_no_module_is_taken_from_the_working_directory(
 ) -> None:
     (tmp_path / 'sqlite3.py').write_text("raise ZeroDivisionError('it was taken')")
     monkeypatch.chdir(tmp_path)
-    client = KartServerClient(begin, lambda e: None, lambda race, at: None, lambda why: None)
+    client = KartServerClient(begin, lambda e: None, lambda copy: None, lambda why: None)
     client.start()
     client.stop(in_order=True)
 

@@ -18,6 +18,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs import kart_server
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.hearing import FLOOD_BYTES
+from evgp_rcs.inputs import Block
 from evgp_rcs.kart_link import KartLink
 from evgp_rcs.kart_server import (
     HELD_UP,
@@ -64,6 +65,7 @@ class Running:
 
     def __init__(self, beat_rate: float, times: RaceTimes, karts: int) -> None:
         self.events: list[Event] = []
+        self.log: list[Block] = []
         self.on_event: Callable[[Event], None] = lambda event: None
         self.failure: BaseException | None = None
         self.remembered: list[RaceMemory] = []
@@ -149,14 +151,18 @@ class Running:
         while not self._given.empty():
             self._given.get()()
 
-    def tell(self, stamped: list[StampedEvent]) -> None:
+    def tell(self, stamped: list[StampedEvent], log: Block) -> None:
+        self.keep(log)
         with self._news:
             self.events += [each.event for each in stamped]
             self._news.notify_all()
         for each in stamped:
             self.on_event(each.event)
 
-    def show(self, race: Race, at: float) -> None:
+    def keep(self, log: Block) -> None:
+        self.log.append(log)
+
+    def show(self, race: Race, at: float, number: int) -> None:
         with self._news:
             self._shown += 1
             self._shown_at = at

@@ -14,6 +14,7 @@ import time
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.inputs import Block, Setup
 from evgp_rcs.race import (
     Command,
     Event,
@@ -22,6 +23,7 @@ from evgp_rcs.race import (
     KartMemory,
     Race,
     RaceMemory,
+    RaceTimes,
     StampedEvent,
 )
 from evgp_rcs.rcs_record import main as print_timeline
@@ -29,6 +31,7 @@ import evgp_rcs.record
 from evgp_rcs.record import (
     _Remember,
     events,
+    inputs_of,
     is_being_written,
     open_read_only,
     Record,
@@ -38,6 +41,7 @@ from evgp_rcs.record import (
 import pytest
 
 PATIENCE = 20.0
+SETUP = Setup((), RaceTimes(), (), 0.0)
 HOME = RaceMemory(RaceState.IN_GARAGE, {7: KartMemory(True, False, 0, False, False, False)})
 RACING = RaceMemory(RaceState.GREEN_GREEN, {7: KartMemory(True, False, 0, True, True, False)})
 
@@ -809,3 +813,99 @@ def test_a_run_that_a_record_does_not_have_is_refused_with_those_it_has(
     begin()
     assert print_timeline([str(path), '--run', '7']) == 2
     assert f'{path} has no run 7; it has 1' in capsys.readouterr().err
+
+
+# ----- what goes into the rules ------------------------------------------------------------
+
+
+def blocks_of(path: pathlib.Path, run: int = 1) -> list[Block]:
+    with contextlib.closing(open_read_only(path)) as database:
+        found = inputs_of(database, run)
+    return [] if found is None else [Block.of(data) for _, data in found[2]]
+
+
+def block(entries: int, data: bytes = b'') -> Block:
+    return Block(entries, 0, 0.0, 1, data)
+
+
+def test_inputs_are_written_with_the_events_they_belong_to(
+    begin: Begin, path: pathlib.Path
+) -> None:
+    record = begin()
+    record.begin('rules', SETUP)
+    for number in range(100):
+        record.put([event(number + 1)], block(number, b'x'))
+        wait_for(lambda number=number: len(texts(path, 1)) > number)
+        assert sum(each.length for each in blocks_of(path)) == number + 1
+
+
+def test_inputs_without_events_are_written_before_long(begin: Begin, path: pathlib.Path) -> None:
+    record = begin()
+    record.begin('rules', SETUP)
+    record.put([], block(0, b'a'))
+    record.put([], block(1, b'b'))
+    wait_for(lambda: blocks_of(path))
+    record.end(PATIENCE)
+    assert b''.join(each.data for each in blocks_of(path)) == b'ab'
+
+
+def test_while_only_time_passes_the_disk_is_seldom_asked(
+    begin: Begin, path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(evgp_rcs.record, 'INPUTS_EVERY', 10 * PATIENCE)
+    record = begin()
+    record.begin('rules', SETUP)
+    record.put([event(1)])
+    wait_for(lambda: texts(path, 1))
+    for number in range(100):
+        record.put([], block(number))
+        record.remember(HOME, float(number))
+    wait_for(lambda: remembered_or_nothing(path))
+    record.put([event(2)], block(100))
+    wait_for(lambda: len(texts(path, 1)) == 2)
+    assert 1 <= len(blocks_of(path)) <= 4
+
+
+def remembered_or_nothing(path: pathlib.Path) -> str:
+    with contextlib.closing(open_read_only(path)) as database:
+        return ''.join(state for (state,) in database.execute('SELECT state FROM memory'))
+
+
+def test_inputs_that_no_disk_takes_need_bounded_memory_and_leave_a_gap_that_is_seen(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(evgp_rcs.record, 'RETRY', 0.01)
+    monkeypatch.setattr(evgp_rcs.record, 'MOST_UNWRITTEN_BYTES', 1000)
+    path = tmp_path / 'record.sqlite3'
+    path.mkdir()  # nobody can write it now, and root neither
+    record = started(path)
+    record.begin('rules', SETUP)
+    for number in range(100):
+        record.put([event(number + 1)], block(number, b'x' * 100))
+    assert record._put_bytes - record._taken_bytes <= 1000
+    path.rmdir()
+    wait_for(lambda: not record.trouble())
+    wait_for(lambda: len(texts(path, 1)) == 100)
+    record.put([event(101)], block(100, b'x'))
+    record.end(PATIENCE)
+    first, last = blocks_of(path)
+    assert (first.entries, first.length) == (0, 10)
+    assert (last.entries, last.length) == (100, 1)
+
+
+def test_inputs_are_lost_with_their_events_and_never_alone(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(evgp_rcs.record, 'RETRY', 0.01)
+    monkeypatch.setattr(evgp_rcs.record, 'MOST_UNWRITTEN', 10)
+    path = tmp_path / 'record.sqlite3'
+    path.mkdir()
+    record = started(path)
+    record.begin('rules', SETUP)
+    for number in range(100):
+        record.put([event(number + 1)], block(number, b'x'))
+    wait_for(lambda: record._lost == 90)
+    path.rmdir()
+    wait_for(lambda: not record.trouble())
+    record.end(PATIENCE)
+    assert len(texts(path, 1)) == sum(each.length for each in blocks_of(path)) == 10

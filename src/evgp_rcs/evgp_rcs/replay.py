@@ -1,0 +1,387 @@
+"""
+Runs the rules again on what went into them, and compares what comes out with the record.
+
+With the rules that made the record nothing may differ, ever: not an order to a kart, not an event,
+not what officials were offered. What differs first is named.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Mapping, Sequence
+import dataclasses
+from dataclasses import dataclass
+import enum
+import sqlite3
+from typing import Any
+
+from evgp_rcs import inputs
+from evgp_rcs.inputs import Block, Entry, Input, InputsError, Setup
+from evgp_rcs.race import Event, EventKind, Order
+from evgp_rcs.record import events, inputs_of, RecordedEvent
+from evgp_rcs.rules_version import rules_version
+from evgp_rcs.runs import add_run_arguments, open_runs, UnreadableError
+
+OF_THE_SERVER = frozenset(
+    kind.name for kind in (EventKind.MALFORMED, EventKind.REFUSED_CONNECTION, EventKind.ENDED)
+)
+"""Events that no input of the rules makes."""
+
+LONGEST = 400
+"""Maximum length of a value in words, in characters."""
+
+_PLACE = ('sequence', 'wall_ns', 'monotonic')
+_COMPARED = tuple(
+    field.name for field in dataclasses.fields(RecordedEvent) if field.name not in _PLACE
+)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """
+    Where a replay and the record part.
+
+    :param at: the time of the last input before (s), since the run began.
+    :param number: counts the inputs, from 1; 0: before the first.
+    :param given: this input, in words.
+    :param what: what differs.
+    :param recorded: what the record has.
+    :param replayed: what the rules make of the same inputs.
+    """
+
+    at: float
+    number: int
+    given: str
+    what: str
+    recorded: str
+    replayed: str
+
+    def __str__(self) -> str:
+        """Return it in three lines."""
+        return (
+            f'The first difference is {self.what}, {self.at:.6f} s after the run began, at input '
+            f'{self.number} ({self.given})\n'
+            f'  the record has:  {self.recorded}\n'
+            f'  the rules give:  {self.replayed}'
+        )
+
+
+@dataclass
+class Replayed:
+    """
+    What a replay has compared.
+
+    :param seconds: up to when, since the run began.
+    :param missing: why it could not go on to the end, as a sentence; empty: it could.
+    """
+
+    inputs: int = 0
+    orders: int = 0
+    events: int = 0
+    availabilities: int = 0
+    seconds: float = 0.0
+    difference: Difference | None = None
+    missing: str = ''
+
+    def __str__(self) -> str:
+        """Return the counts."""
+        return (
+            f'{self.inputs} inputs in {self.seconds:.1f} s: {self.orders} orders, {self.events} '
+            f'events and {self.availabilities} availabilities compared'
+        )
+
+
+class _DifferentError(Exception):
+    """A difference was found."""
+
+
+class Replay:
+    """
+    One run of the rules on recorded inputs.
+
+    :param setup: with what the rules began.
+    :param blocks: what went into them, each block with its number and compressed.
+    :param happened: the events of the record.
+    :param goes_on: the record is being written, and may have newer events than inputs.
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        blocks: Sequence[tuple[int, bytes]],
+        happened: Sequence[RecordedEvent],
+        goes_on: bool = False,
+    ) -> None:
+        """Begin as the race did."""
+        self._race = setup.race()
+        self._began = setup.now
+        self._blocks = blocks
+        self._recorded = {event.sequence: event for event in happened}
+        self._goes_on = goes_on
+        self._published: dict[int, int] = {}
+        # Of the last input: what it was, and what it made that was not compared yet.
+        self._given: Input | None = None
+        self._orders: Sequence[Order] = ()
+        self._events: Sequence[Event] = ()
+        self._told = 0
+        self._replayed = Replayed()
+        self._of_mark: Mapping[type[Any], Callable[[Any], None]] = {
+            inputs.Ordered: self._compare_orders,
+            inputs.Told: self._compare_events,
+            inputs.Shown: self._compare_offers,
+            inputs.Published: lambda mark: None,
+        }
+
+    def run(self) -> Replayed:
+        """Return what was compared, up to the first difference."""
+        try:
+            # What was published of a copy stands behind it.
+            for entry in self._entries():
+                if isinstance(entry, inputs.Published):
+                    self._published[entry.number] = entry.digest
+        except _DifferentError:
+            pass  # and again, in its place
+        try:
+            for entry in self._entries():
+                compare = self._of_mark.get(type(entry))
+                if compare is not None:
+                    compare(entry)
+                else:
+                    self._feed(entry)  # type: ignore[arg-type]
+            self._finish()
+            self._compare_the_rest()
+        except _DifferentError:
+            pass
+        return self._replayed
+
+    def _entries(self) -> Iterator[Entry]:
+        """Yield what is there without a gap."""
+        self._replayed.missing = ''
+        before = Block(0, 0, self._began, 0, b'')
+        for number, data in self._blocks:
+            try:
+                block = Block.of(data)
+                if block.entries != before.entries + before.length:
+                    self._replayed.missing = (
+                        'inputs are missing (the disk took none, or they were removed): nothing '
+                        f'can be compared from {self._replayed.seconds:.1f} s after the run began '
+                        f'on; the next ones are of {block.at - self._began:.1f} s'
+                    )
+                    return
+                yield from inputs.decode(block.data)
+            except InputsError as error:
+                self._differ(f'block {number} of the inputs', 'it is damaged', str(error))
+            before = block
+
+    def _feed(self, given: Input) -> None:
+        self._finish()
+        self._given = given
+        self._replayed.inputs += 1
+        self._replayed.seconds = given.at - self._began
+        try:
+            outcome = given.feed(self._race)
+        except Exception as error:  # noqa: BLE001 - whatever the rules raise is a difference
+            self._differ('an error of the rules', 'it was taken', repr(error))
+        else:
+            self._orders = outcome.orders
+            self._events = outcome.events
+
+    def _finish(self) -> None:
+        """Take it that the last input has brought about nothing more."""
+        if self._orders:
+            self._differ('an order', 'none', _order(self._orders[0]))
+        self._compare_untold(self._events)
+        self._events = ()
+
+    def _compare_orders(self, mark: inputs.Ordered) -> None:
+        orders, self._orders = self._orders, ()
+        for place in range(max(len(orders), len(mark.orders))):
+            recorded, replayed = (
+                _order(each[place]) if place < len(each) else 'none'
+                for each in (mark.orders, orders)
+            )
+            if recorded != replayed:
+                self._differ('an order', recorded, replayed)
+            self._replayed.orders += 1
+
+    def _compare_events(self, mark: inputs.Told) -> None:
+        left = list(self._events)
+        self._events = ()
+        for sequence in range(mark.first, mark.last + 1):
+            recorded = self._recorded.pop(sequence, None)
+            if recorded is None:
+                self._differ(f'event {sequence}', 'it is missing', _event_or_none(left))
+                return
+            what = tuple(getattr(recorded, name) for name in _COMPARED)
+            # What karts say too often is left out.
+            while left and left[0].chatter and _compared(left[0]) != what:
+                left.pop(0)
+            if not left or _compared(left[0]) != what:
+                self._differ(f'event {sequence}', _words(what), _event_or_none(left))
+            left.pop(0)
+            self._replayed.events += 1
+            self._told = sequence
+        self._compare_untold(left)
+
+    def _compare_untold(self, left: Sequence[Event]) -> None:
+        for event in left:
+            if not event.chatter:
+                self._differ('an event', 'none', _words(_compared(event)))
+
+    def _compare_offers(self, mark: inputs.Shown) -> None:
+        self._finish()
+        digest = self._published.get(mark.number)
+        if digest is None:
+            return  # the ROS half has left this copy out
+        offered = inputs.offers(self._race, mark.at)
+        if inputs.digest(offered) != digest:
+            listed = [
+                f'{each.kind.value}{f" {kart}" if kart else ""}'
+                for kart, availabilities in offered.items()
+                for each in availabilities
+                if each.available
+            ]
+            self._differ(
+                f'what copy {mark.number} of the race offered',
+                f'other commands, reasons or statements (their digest is {digest:08x})',
+                f'{inputs.digest(offered):08x}; available are {", ".join(listed)}',
+            )
+        self._replayed.availabilities += sum(map(len, offered.values()))
+
+    def _compare_the_rest(self) -> None:
+        """Look for events that no input has made, and for such as were removed."""
+        partly = self._goes_on or self._replayed.missing
+        for sequence, event in sorted(self._recorded.items()):
+            if partly and sequence > self._told:
+                return
+            own = event.kind in OF_THE_SERVER or (
+                event.kind == EventKind.ALERT_RAISED.name and not event.success
+            )
+            if not own:
+                what = tuple(getattr(event, name) for name in _COMPARED)
+                self._differ(f'event {sequence}', _words(what), 'no input has made it')
+
+    def _differ(self, what: str, recorded: str, replayed: str) -> None:
+        self._replayed.difference = Difference(
+            self._replayed.seconds,
+            self._replayed.inputs,
+            'the beginning' if self._given is None else _input(self._given),
+            what,
+            _cut(recorded),
+            _cut(replayed),
+        )
+        raise _DifferentError
+
+
+def _compared(event: Event) -> tuple[object, ...]:
+    """Return what the record has of an event."""
+    values = (getattr(event, name) for name in _COMPARED)
+    return tuple(each.name if isinstance(each, enum.Enum) else each for each in values)
+
+
+def _words(values: Sequence[object]) -> str:
+    named = zip(_COMPARED, values, strict=True)
+    return ', '.join(f'{name} {value!r}' for name, value in named if value not in (None, ''))
+
+
+def _event_or_none(left: Sequence[Event]) -> str:
+    return _words(_compared(left[0])) if left else 'no such event'
+
+
+def _order(order: Order) -> str:
+    return f'kart {order.kart} is sent {order.state.value}, order {order.serial}'
+
+
+def _input(given: Input) -> str:
+    name = type(given).__name__
+    fields = given._asdict().items()
+    words = [f'{name} {value!r}' for name, value in fields if name != 'at']
+    return _cut(', '.join([name, *words]))
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= LONGEST else f'{text[:LONGEST]}...'
+
+
+@dataclass(frozen=True)
+class Kept:
+    """
+    What a record has of a run, to replay it.
+
+    :param rules: the version of the rules that made it; empty: unknown.
+    """
+
+    rules: str
+    setup: Setup
+    blocks: Sequence[tuple[int, bytes]]
+    happened: Sequence[RecordedEvent]
+
+    @staticmethod
+    def read(database: sqlite3.Connection, run: int) -> Kept:
+        """
+        Read all of a run.
+
+        :raises UnreadableError: if its inputs are not there.
+        """
+        # Inputs first: what is written meanwhile are events that no input here has made.
+        found = inputs_of(database, run)
+        if found is None:
+            raise UnreadableError(
+                f'run {run} cannot be replayed: the record does not have what went into the '
+                'rules. An older version of race control recorded it, or it ended before anything '
+                'was written'
+            )
+        rules, setup, blocks = found
+        try:
+            return Kept(rules, Setup.from_json(setup), blocks, list(events(database, run)))
+        except InputsError as error:
+            raise UnreadableError(f'run {run} cannot be replayed: {error}') from error
+
+    def replay(self, goes_on: bool = False) -> Replayed:
+        """
+        Replay it.
+
+        :param goes_on: race control still writes it.
+        """
+        return Replay(self.setup, self.blocks, self.happened, goes_on).run()
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Replay a run, and print what was compared and what differs first.
+
+    :return: 0 if nothing differs, 1 if anything does.
+    :raises UnreadableError: if the record or the run cannot be read, or has no inputs.
+    """
+    parser = argparse.ArgumentParser(
+        prog='rcs_record replay',
+        description='Run the rules again on what went into them in a run, the newest by default, '
+        'and compare every order to a kart, every event and every command that was offered with '
+        'the record. A run that goes on is replayed up to now, one that crashed up to its end.',
+        epilog='Exit code 0: no difference; 1: the first difference is printed; 2: the run cannot '
+        'be read, or was recorded without its inputs.',
+    )
+    add_run_arguments(parser)
+    wanted = parser.parse_args(arguments)
+    with open_runs(wanted.file) as runs:
+        run = runs.choose(wanted.run)
+        goes_on = run is runs.present
+        kept = Kept.read(runs.database, run.number)
+    # With the record closed: this may take long, and race control must not wait.
+    if kept.rules != rules_version():
+        print(
+            f'Run {run.number} was recorded with other rules (version {kept.rules or "unknown"}; '
+            f'here {rules_version() or "unknown"}): a difference may come from that.'
+        )
+    replayed = kept.replay(goes_on)
+    difference = replayed.difference
+    print(f'Run {run.number}: {replayed}: {"no" if difference is None else "a"} difference')
+    if difference is not None:
+        print(difference)
+    elif replayed.missing:
+        print(f'Not all of it: {replayed.missing}')
+    elif goes_on:
+        print('Race control still writes this run; it was replayed up to now.')
+    elif run.ended_ns is None:
+        print('This run was not ended in good order; it was replayed up to its last entry.')
+    return 0 if difference is None else 1

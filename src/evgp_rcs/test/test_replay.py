@@ -1,0 +1,477 @@
+"""A replay finds no difference with the same rules, and names the first one with others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+import pathlib
+import random
+import sqlite3
+import time
+from typing import Any
+
+from evgp_protocol.states import RaceState
+from evgp_rcs import inputs
+from evgp_rcs import race as rules
+from evgp_rcs.catalogue import CATALOGUE
+from evgp_rcs.inputs import Block, Entrant, Log, Setup
+from evgp_rcs.race import Command, Event, EventKind, Heat, Outcome, RaceTimes, StampedEvent
+from evgp_rcs.rcs_record import main
+from evgp_rcs.record import _row, Record, RecordedEvent
+from evgp_rcs.replay import Replay, Replayed
+from evgp_rcs.rules_version import rules_version
+from evgp_testing.faults import module_with
+import pytest
+
+PATIENCE = 20.0
+KARTS = range(1, 5)
+SETUP = Setup(
+    tuple(Entrant(number, f'Team {number}', number < 4) for number in KARTS),
+    RaceTimes(finish_delays=(0.5,), finish_stop=2.0, pause=0.3, pause_after_held_up=0.5),
+    (Heat('first', (1, 2)), Heat('second', (3, 4))),
+    now=1000.1,
+)
+
+
+class Running:
+    """
+    A race that is fed at random, logged as the kart server does it, and what it told.
+
+    :param recovered: what an earlier run has left behind.
+    """
+
+    def __init__(self, seed: int, recovered: rules.RaceMemory | None = None) -> None:
+        self.dice = random.Random(seed)
+        self.race = SETUP.race()
+        self.now = SETUP.now
+        self.log = Log(SETUP.now)
+        self.stamped: list[StampedEvent] = []
+        self.handed_over: list[tuple[list[StampedEvent], Block]] = []
+        self.copies = 0
+        if recovered is not None:
+            self.feed(inputs.Recovered(self.now, recovered))
+        for number in KARTS:
+            self.feed(inputs.Connected(self.now, number))
+
+    def run(self, steps: int) -> Running:
+        for _ in range(steps):
+            self.now += self.dice.choice((0.0, 1e-6, 0.05, 0.05, 0.3, 1.0))
+            self.feed(self.anything())
+            if self.dice.random() < 0.3:
+                self.show()
+        self.handed_over.append(([], self.log.take()))
+        return self
+
+    def feed(self, given: inputs.Input) -> None:
+        self.log.add(given)
+        outcome = given.feed(self.race)
+        if outcome.orders:
+            self.log.mark(inputs.Ordered(outcome.orders))
+        self.tell(outcome)
+        if outcome.note_first:
+            self.feed(inputs.StartNoted(self.now, self.dice.random() < 0.7))
+
+    def tell(self, outcome: Outcome) -> None:
+        told = [each for each in outcome.events if not each.chatter or self.dice.random() < 0.5]
+        if told:
+            first = len(self.stamped) + 1
+            self.log.mark(inputs.Told(first, first + len(told) - 1))
+            self.hand_over(told)
+        if self.dice.random() < 0.05:
+            own = self.dice.choice((EventKind.MALFORMED, EventKind.REFUSED_CONNECTION))
+            self.hand_over([Event(own, 'rubbish', success=False)])
+
+    def hand_over(self, events: list[Event]) -> None:
+        first = len(self.stamped) + 1
+        stamped = [
+            StampedEvent(number, time.time_ns(), self.now, event)
+            for number, event in enumerate(events, first)
+        ]
+        self.stamped += stamped
+        self.handed_over.append((stamped, self.log.take()))
+
+    def show(self) -> None:
+        self.copies += 1
+        self.log.mark(inputs.Shown(self.now, self.copies))
+        if self.dice.random() < 0.7:
+            digest = inputs.digest(inputs.offers(self.race, self.now))
+            self.log.mark(inputs.Published(self.copies, digest))
+
+    def anything(self) -> inputs.Input:
+        kart = self.race.karts[self.dice.choice(KARTS)]
+        what = self.dice.random()
+        if what < 0.25:
+            state = kart.sent if self.dice.random() < 0.8 else self.dice.choice([*RaceState])
+            serial = kart.serial if self.dice.random() < 0.9 else 0
+            return inputs.Heard(self.now, kart.number, serial, state)
+        if what < 0.45:
+            return inputs.Tick(self.now)
+        if what < 0.5:
+            return inputs.Connected(self.now, kart.number)
+        if what < 0.53:
+            return inputs.Disconnected(self.now, kart.number, 'it was closed')
+        if what < 0.55:
+            rare: tuple[inputs.Input, ...] = (
+                inputs.HeldUp(self.now, 1.5),
+                inputs.Rival(self.now, not self.race.has_rival),
+                inputs.RecordTrouble(self.now, '' if self.race.record_fails else 'it fails'),
+                inputs.Withdrawn(self.now),
+            )
+            return self.dice.choice(rare)
+        if self.race.start is not None:
+            return inputs.Journal(self.now, self.dice.random() < 0.9, self.dice.random() < 0.9)
+        return self.command(kart.number)
+
+    def command(self, kart: int) -> inputs.Input:
+        """Return a command, mostly one that would be accepted."""
+        offered = [
+            each
+            for number, availabilities in inputs.offers(self.race, self.now).items()
+            if number in (0, kart)
+            for each in availabilities
+            if each.available or self.dice.random() < 0.2
+        ]
+        each = self.dice.choice(offered)
+        one = CATALOGUE[each.kind].to_one_kart
+        command = Command(
+            each.kind,
+            kart if one else None,
+            self.dice.random() < 0.9,
+            frozenset(each.karts),
+            self.race.karts[kart].hold if one else None,
+            self.dice.choice(('first', 'second', 'none')),
+            self.dice.choice(('', 'Anna', '<b>')),
+        )
+        return inputs.Commanded(self.now, command, self.now - self.dice.choice((0.0, 0.1)))
+
+    # ----- what the record has of it ------------------------------------------------------
+
+    def blocks(self) -> list[Block]:
+        return [block for _, block in self.handed_over]
+
+    def recorded(self) -> list[RecordedEvent]:
+        return [RecordedEvent(*_row(1, each)[1:]) for each in self.stamped]  # type: ignore[arg-type]
+
+
+def replayed(
+    blocks: list[Block], happened: list[RecordedEvent], goes_on: bool = False
+) -> Replayed:
+    packed = [(number, block.compressed()) for number, block in enumerate(blocks, 1)]
+    return Replay(SETUP, packed, happened, goes_on).run()
+
+
+LEFT_BEHIND = rules.RaceMemory(
+    RaceState.GREEN_GREEN,
+    {
+        1: rules.KartMemory(True, False, 1, True, True, False),
+        9: rules.KartMemory(True, True, 0, False, False, True),
+    },
+    every_start=False,
+)
+
+
+@pytest.mark.parametrize('recovered', [None, LEFT_BEHIND], ids=['anew', 'after a crash'])
+@pytest.mark.parametrize('seed', range(20))
+def test_a_race_that_is_replayed_with_its_own_rules_does_not_differ(
+    seed: int, recovered: rules.RaceMemory | None
+) -> None:
+    running = Running(seed, recovered).run(800)
+    found = replayed(running.blocks(), running.recorded())
+    assert (found.difference, found.missing) == (None, '')
+    assert found.inputs > 800
+    assert found.orders > 20
+    assert found.events > 100
+    assert found.availabilities > 1000
+
+
+def a_run(seed: int = 1) -> Running:
+    return Running(seed).run(600)
+
+
+def entries_of(running: Running) -> list[Any]:
+    (whole,) = inputs.joined(running.blocks())
+    return list(inputs.decode(whole.data))
+
+
+def replay_of(entries: list[Any], happened: list[RecordedEvent]) -> Replayed:
+    log = Log(SETUP.now)
+    for entry in entries:
+        if isinstance(entry, inputs.Mark):
+            log.mark(entry)
+        else:
+            log.add(entry)
+    return replayed([log.take()], happened)
+
+
+def number_of_the_last(entries: list[Any], kind: type[Any]) -> tuple[int, int]:
+    """Return the place of the last entry of a kind, and how many inputs there are up to it."""
+    place = max(n for n, entry in enumerate(entries) if isinstance(entry, kind))
+    return place, sum(not isinstance(each, inputs.Mark) for each in entries[: place + 1])
+
+
+def test_an_order_that_was_changed_is_named() -> None:
+    running = a_run()
+    entries = entries_of(running)
+    place, number = number_of_the_last(entries, inputs.Ordered)
+    first, *rest = entries[place].orders
+    entries[place] = inputs.Ordered((dataclasses.replace(first, serial=first.serial + 1), *rest))
+    difference = replay_of(entries, running.recorded()).difference
+    assert difference is not None
+    assert (difference.number, difference.what) == (number, 'an order')
+    assert str(first.serial + 1) in difference.recorded
+    assert str(first.serial) in difference.replayed
+
+
+def test_an_order_that_was_removed_is_named() -> None:
+    running = a_run()
+    entries = entries_of(running)
+    place, number = number_of_the_last(entries, inputs.Ordered)
+    del entries[place]
+    difference = replay_of(entries, running.recorded()).difference
+    assert difference is not None
+    assert (difference.number, difference.recorded) == (number, 'none')
+
+
+@pytest.mark.parametrize(
+    'change',
+    [
+        {'text': 'nothing happened'},
+        {'kart': 99},
+        {'official': 'somebody else'},
+        {'command': 'RED_FLAG'},
+        {'success': 'neither'},
+        {'state': 'GREEN_GREEN?'},
+        {'kind': 'RESULTS'},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_an_event_that_was_changed_is_named(change: dict[str, Any]) -> None:
+    running = a_run()
+    happened = running.recorded()
+    place = max(n for n, each in enumerate(happened) if each.kind == 'COMMAND')
+    happened[place] = dataclasses.replace(happened[place], **change)
+    difference = replayed(running.blocks(), happened).difference
+    assert difference is not None
+    assert difference.what == f'event {place + 1}'
+    assert repr(next(iter(change.values()))) in difference.recorded
+
+
+def test_an_event_that_was_removed_is_named() -> None:
+    running = a_run()
+    happened = running.recorded()
+    place = max(n for n, each in enumerate(happened) if each.kind == 'COMMAND')
+    del happened[place]
+    difference = replayed(running.blocks(), happened).difference
+    assert difference is not None
+    assert difference.what == f'event {place + 1}'
+
+
+def test_an_event_that_was_added_is_named() -> None:
+    running = a_run()
+    happened = running.recorded()
+    new = dataclasses.replace(happened[-1], kind='COMMAND', sequence=len(happened) + 1)
+    difference = replayed(running.blocks(), [*happened, new]).difference
+    assert difference is not None
+    assert difference.what == f'event {new.sequence}'
+
+
+def test_an_offer_that_officials_did_not_see_as_it_was_is_named() -> None:
+    running = a_run()
+    entries = entries_of(running)
+    place, _ = number_of_the_last(entries, inputs.Published)
+    published = entries[place]
+    entries[place] = published._replace(digest=published.digest ^ 1)
+    difference = replay_of(entries, running.recorded()).difference
+    assert difference is not None
+    assert difference.what == f'what copy {published.number} of the race offered'
+
+
+def test_an_input_that_was_changed_is_found() -> None:
+    running = a_run()
+    entries = entries_of(running)
+    place, number = number_of_the_last(entries, inputs.Disconnected)
+    entries[place] = entries[place]._replace(reason='another one')
+    difference = replay_of(entries, running.recorded()).difference
+    assert difference is not None
+    assert difference.number == number
+
+
+def test_a_difference_says_when_it_was() -> None:
+    running = a_run()
+    entries = entries_of(running)
+    place, _ = number_of_the_last(entries, inputs.Disconnected)
+    entries[place] = entries[place]._replace(reason='another one')
+    difference = replay_of(entries, running.recorded()).difference
+    assert difference is not None
+    assert difference.at == entries[place].at - SETUP.now
+
+
+FAULTS = {
+    'an old acknowledgement counts': (
+        'counts = state is kart.sent and serial == kart.serial',
+        'counts = state is kart.sent',
+    ),
+    'a reason is other': ("f'{kart} is in the race already'", "f'the race has {kart} already'"),
+    'the pause is longer': ('self._pause(now + self.times.pause,', 'self._pause(now + 1.0,'),
+}
+
+
+@pytest.mark.parametrize('name', FAULTS)
+def test_a_change_of_the_rules_is_found_in_a_record_of_the_right_ones(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    runs = [Running(seed).run(600) for seed in range(10)]
+    faulty = module_with(rules, *FAULTS[name])
+    monkeypatch.setattr(inputs, 'Race', faulty.Race)
+    found = [replayed(run.blocks(), run.recorded()).difference for run in runs]
+    assert any(found)
+
+
+def test_rules_that_fail_are_a_difference(monkeypatch: pytest.MonkeyPatch) -> None:
+    running = a_run()
+
+    def broken(*given: object) -> None:
+        raise ZeroDivisionError('a fault put in by the test')
+
+    monkeypatch.setattr(rules.Race, 'tick', broken)
+    difference = replayed(running.blocks(), running.recorded()).difference
+    assert difference is not None
+    assert 'ZeroDivisionError' in difference.replayed
+
+
+def test_where_inputs_are_missing_the_replay_ends_and_says_so() -> None:
+    running = a_run()
+    blocks = running.blocks()
+    lost = len(blocks) // 2
+    found = replayed(blocks[:lost] + blocks[lost + 1 :], running.recorded())
+    assert found.difference is None
+    assert found.missing
+    assert found.inputs == blocks[lost].inputs
+
+
+def test_a_record_that_goes_on_may_have_events_newer_than_its_inputs() -> None:
+    running = a_run()
+    blocks = running.blocks()[:-5]
+    assert replayed(blocks, running.recorded(), goes_on=True).difference is None
+    assert replayed(blocks, running.recorded()).difference is not None
+
+
+# ----- on the disk ------------------------------------------------------------------------
+
+
+@pytest.fixture
+def path(tmp_path: pathlib.Path) -> pathlib.Path:
+    return tmp_path / 'record.sqlite3'
+
+
+Write = Callable[..., None]
+
+
+@pytest.fixture
+def write(path: pathlib.Path) -> Write:
+    """Return a function that records a race."""
+
+    def a_race(running: Running, rules: str = '', in_order: bool = True) -> None:
+        record = Record(path)
+        record.begin(rules or rules_version(), SETUP)
+        record.start(lambda error: pytest.fail(f'the writer failed: {error!r}'))
+        for events, block in running.handed_over:
+            record.put(events, block)
+        record.end(PATIENCE, in_order)
+
+    return a_race
+
+
+Capture = pytest.CaptureFixture[str]
+
+
+def test_a_record_is_replayed_without_a_difference(
+    path: pathlib.Path, write: Write, capsys: Capture
+) -> None:
+    write(a_run())
+    assert main(['replay', str(path)]) == 0
+    (line,) = capsys.readouterr().out.splitlines()
+    assert line.endswith('no difference')
+
+
+def test_any_run_of_a_record_can_be_replayed(path: pathlib.Path, write: Write) -> None:
+    write(a_run(1))
+    write(a_run(2))
+    assert [main(['replay', str(path), '--run', run]) for run in ('1', '2')] == [0, 0]
+
+
+def change(path: pathlib.Path, statement: str, *values: object) -> None:
+    database = sqlite3.connect(path)
+    database.execute(statement, values)
+    database.commit()
+    database.close()
+
+
+def test_a_record_that_was_changed_is_not_replayed_without_a_word(
+    path: pathlib.Path, write: Write, capsys: Capture
+) -> None:
+    write(a_run())
+    change(path, "UPDATE event SET official = 'Eve' WHERE sequence = 3")
+    assert main(['replay', str(path)]) == 1
+    out = capsys.readouterr().out
+    assert 'event 3' in out
+    assert 'Eve' in out
+
+
+def test_one_changed_byte_of_the_inputs_is_named(
+    path: pathlib.Path, write: Write, capsys: Capture
+) -> None:
+    write(a_run())
+    database = sqlite3.connect(path)
+    ((data,),) = database.execute('SELECT data FROM input WHERE block = 1').fetchall()
+    database.close()
+    harmed = bytearray(data)
+    harmed[len(harmed) // 2] ^= 1
+    change(path, 'UPDATE input SET data = ? WHERE block = 1', bytes(harmed))
+    assert main(['replay', str(path)]) == 1
+    assert 'block 1' in capsys.readouterr().out
+
+
+def test_a_record_of_other_rules_is_replayed_and_says_so(
+    path: pathlib.Path, write: Write, capsys: Capture
+) -> None:
+    write(a_run(), rules='0123456789abcdef')
+    assert main(['replay', str(path)]) == 0
+    warning, _ = capsys.readouterr().out.splitlines()
+    assert '0123456789abcdef' in warning
+
+
+def test_a_record_that_was_cut_is_replayed_up_to_the_cut(
+    path: pathlib.Path, write: Write, capsys: Capture
+) -> None:
+    running = a_run()
+    del running.handed_over[len(running.handed_over) // 2 :]
+    write(running, in_order=False)
+    assert main(['replay', str(path)]) == 0
+    counts, cut = capsys.readouterr().out.splitlines()
+    assert counts.endswith('no difference')
+    assert cut
+
+
+@pytest.mark.parametrize('version', [1, 2])
+def test_a_run_without_inputs_says_plainly_that_it_cannot_be_replayed(
+    path: pathlib.Path, write: Write, capsys: Capture, version: int
+) -> None:
+    write(a_run())
+    if version == 1:
+        change(path, 'DROP TABLE input')
+        change(path, 'DROP TABLE setup')
+        change(path, 'ALTER TABLE event DROP COLUMN official')
+        change(path, 'PRAGMA user_version = 1')
+    else:
+        change(path, 'DELETE FROM setup')
+    assert main(['replay', str(path)]) == 2
+    assert 'older version' in capsys.readouterr().err
+    assert main(['show', str(path)]) == 0
+
+
+def test_the_version_of_the_rules_is_16_hexadecimal_digits_and_always_the_same() -> None:
+    version = rules_version()
+    assert len(version) == 16
+    assert int(version, 16) >= 0
+    assert version == rules_version()

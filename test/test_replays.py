@@ -1,0 +1,49 @@
+"""A race of real processes is run again from its record, also while it is still on."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import signal
+import subprocess
+
+from evgp_protocol.states import RaceState
+from evgp_testing.process import executable
+from evgp_testing.replaying import replay_without_difference
+from evgp_testing.wire_race import WireRace
+import pytest
+
+
+def replay(record: pathlib.Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [executable('evgp_rcs', 'rcs_record'), 'replay', str(record)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=60,
+    )
+
+
+@pytest.mark.parametrize('crashes', [False, True], ids=['ended', 'crashed'])
+def test_a_race_is_replayed_without_a_difference_while_it_is_on_and_after_it(
+    tmp_path: pathlib.Path, crashes: bool
+) -> None:
+    record = tmp_path / 'record.sqlite3'
+    with WireRace(tmp_path, (1, 2), [3]) as race:
+        race.bring_to(RaceState.GREEN_GREEN)
+        race.official.command('kart/finish', kart=1)
+        race.karts[0].wait_for_state(RaceState.RED_FLAG)
+        (meanwhile,) = replay_without_difference(record)
+        race.official.command('all_kill')
+        race.official.wait_for_acks(RaceState.RED_RED, 1, 2, 3)
+        if crashes:
+            race.control.freeze()
+            race.control.kill()
+            os.kill(race.control.kart_server_pid, signal.SIGKILL)
+    done = replay(record)
+    assert done.returncode == 0, done.stdout
+    (replayed,) = replay_without_difference(record)
+    assert replayed.inputs > meanwhile.inputs
+    assert meanwhile.availabilities > 0
+    # Three orders as they connect, and then two of each to the race; RED_FLAG and RED_RED.
+    assert replayed.orders >= 3 + 2 + 2 + 1 + 3
