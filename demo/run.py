@@ -59,8 +59,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         console.print('Interrupted')
         return 130
-    missing = sum(not finding.ok for finding in findings)
-    verdict = f'{missing} of {len(findings)} findings MISSING' if missing else 'Nothing is missing'
+    missing = [finding for finding in findings if not finding.ok]
+    verdict = 'Nothing is missing'
+    if missing:
+        verdict = f'{len(missing)} of {len(findings)} findings MISSING'
+        for finding in missing:
+            console.print(f'MISSING: {finding.text}', markup=False)
     console.rule(f'{verdict}; {time.monotonic() - began:.1f} s', style='bold')
     return 1 if missing else 0
 

@@ -9,8 +9,7 @@ whatever touches the machine stands below them.
 
 There are two ways to have ROS 2 Jazzy. With one sourced (ROS_DISTRO=jazzy) it is used as it
 stands, its interpreter and its colcon too, and .venv only adds the tests' and checks' tools to
-it. This way has been tested in its decisions only, never against an installed Jazzy. Without
-one, .venv holds ROS itself, from wheels.
+it. Without one, .venv holds ROS itself, from wheels.
 
 What has been made is marked by a stamp that is removed before and written after the making, so
 that a half-made environment is never taken for a whole one.
@@ -343,7 +342,7 @@ def build_workspace(*, sourced: bool) -> None:
     command += ['--base-paths', 'src', '--symlink-install']
     if not sourced:
         command += ['--cmake-args', f'-DPython3_EXECUTABLE={VENV / "bin/python"}']
-    run_quietly('Building the workspace', command, environment)
+    run_quietly('Building the workspace, two to four minutes', command, environment)
 
 
 def prepare(python: Interpreter, *, sourced: bool, chosen: bool, console: bool) -> None:

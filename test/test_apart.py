@@ -7,6 +7,7 @@ import copy
 import os
 import pathlib
 import random
+import re
 import runpy
 import subprocess
 import sys
@@ -180,6 +181,31 @@ def test_a_launch_file_starts_a_node_again_unless_a_setting_is_wrong(
     # Once it was up, nothing is final: what is wrong now may be put right.
     for code in (0, 1, -9, WRONG_SETTING, IN_THE_WAY):
         assert on_exit(SimpleNamespace(returncode=code, action=node), None) is None
+
+
+def test_foxglove_reaches_topics_only_and_only_from_this_machine(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(os, 'environ', os.environ.copy())
+    put_stand_ins_for_launch(monkeypatch)
+    path = ROOT / 'src/evgp_rcs/launch/foxglove.launch.py'
+    description = runpy.run_path(str(path))['generate_launch_description']()
+    (node,) = (each for each in description.positional[0] if each.kind == 'Node')
+    (given,) = node.named['parameters']
+    assert given['address'] == '127.0.0.1'
+    assert set(given['capabilities']).isdisjoint(
+        {'services', 'clientPublish', 'parameters', 'parametersSubscribe', 'assets'}
+    )
+    closed = ('service', 'param', 'client_topic')
+    (nothing,) = {*(given[f'{kind}_whitelist'][0] for kind in closed)}
+    names = ('/rcs/all_kill', '/rcs/green_green', '/x', '')
+    assert not any(re.fullmatch(nothing, name) for name in names)
+    shown = [
+        name
+        for name in ('/rcs/race', '/rcs/events', '/diagnostics', '/rosout', '/kart_bridge/stop')
+        if any(re.fullmatch(pattern, name) for pattern in given['topic_whitelist'])
+    ]
+    assert shown == ['/rcs/race', '/rcs/events', '/diagnostics']
 
 
 class StandIn:

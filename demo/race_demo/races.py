@@ -50,6 +50,8 @@ class Races:
         self._official.wait_for_connected(*self._all)
         for number in self._all:
             self._paddock.kart(number).wait_for_state(IN_GARAGE)
+            # Heard later, it would be taken for one of the first race.
+            self._wait_for_order(1, number, IN_GARAGE)
 
     def race(self, title: str) -> RaceRecord:
         """Drive a race from the garage over the finish to the garage."""
@@ -97,7 +99,7 @@ class Races:
         self._official.command('in_garage', track_safe=True)
         for number in stopped:
             self._paddock.kart(number).wait_for_state(IN_GARAGE)
-            self._wait_for_order(record, number, IN_GARAGE)
+            self._wait_for_order(record.first_event, number, IN_GARAGE)
         self._official.wait_for_race(
             lambda race: all(state_of(kart.sent) is IN_GARAGE for kart in race.karts),
             'every kart is sent IN_GARAGE',
@@ -109,9 +111,8 @@ class Races:
         for number in numbers:
             self._paddock.kart(number).wait_for_state(state)
 
-    def _wait_for_order(self, record: RaceRecord, number: int, state: RaceState) -> None:
-        """Wait until the events, a topic of their own, tell it too."""
-        first = record.first_event
+    def _wait_for_order(self, first: int, number: int, state: RaceState) -> None:
+        """Wait until the events, a topic of their own, tell it too, from this one on."""
         self._official.wait_for_event(
             lambda event: (
                 event.sequence >= first

@@ -15,11 +15,15 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
         (f'share/{PACKAGE}/launch', glob('launch/*.launch.py')),
-        (f'share/{PACKAGE}/config', glob('config/*.yaml')),
+        (f'share/{PACKAGE}/config', glob('config/*')),
     ],
     install_requires=['setuptools'],
-    # By this colcon knows how to run the tests.
-    extras_require={'test': ['pytest']},
+    extras_require={
+        # By this colcon knows how to run the tests.
+        'test': ['pytest'],
+        # For `rcs_record mcap` only; rosdep has no key for it.
+        'mcap': ['mcap'],
+    },
     zip_safe=False,
     maintainer='EVGP race control maintainers',
     maintainer_email='maintainers@users.noreply.h-seed-31a65fc7.example',

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import socket
 
 from evgp_testing.part import Part
@@ -21,8 +22,9 @@ class Domain(Part):
     """
 
     def __init__(self) -> None:
-        """Take the first domain that is free."""
-        for number in _DOMAINS:
+        """Take a domain that is free."""
+        # Any, and not the first: in one that was let go just now, something may still be ending.
+        for number in random.SystemRandom().sample(_DOMAINS, len(_DOMAINS)):
             lock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             try:
                 lock.bind(f'\0evgp-ros-domain-{number}')

@@ -1,0 +1,96 @@
+"""A bag of ROS messages in the MCAP format, for Foxglove, PlotJuggler and ``ros2 bag``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import pathlib
+import re
+from typing import Any
+
+from ament_index_python.packages import get_package_share_directory
+from mcap.writer import Writer
+from rclpy.serialization import serialize_message
+
+_NESTED = re.compile(r'([a-z][a-z0-9_]*)/([A-Z]\w*)')
+
+
+def definition(message: Any) -> str:
+    """Return the definition of a message type and of every type in it, as MCAP wants it."""
+    texts = [_source(*_name(message))]
+    known = {_name(message)}
+    waiting = [message]
+    while waiting:
+        for kind in waiting.pop().get_fields_and_field_types().values():
+            for name in _NESTED.findall(kind):
+                if name not in known:
+                    known.add(name)
+                    texts.append(f'{"=" * 80}\nMSG: {"/".join(name)}\n{_source(*name)}')
+                    waiting.append(_class(*name))
+    return '\n'.join(texts)
+
+
+def _name(message: Any) -> tuple[str, str]:
+    package, _, _ = message.__module__.partition('.')
+    return package, message.__name__
+
+
+def _class(package: str, name: str) -> Any:
+    return getattr(__import__(f'{package}.msg', fromlist=[name]), name)
+
+
+def _source(package: str, name: str) -> str:
+    share = get_package_share_directory(package)
+    return pathlib.Path(share, 'msg', f'{name}.msg').read_text('utf-8')
+
+
+class Bag:
+    """
+    A bag that is being written.
+
+    :param stream: takes the bytes.
+    """
+
+    def __init__(self, stream: Any) -> None:
+        """Begin the bag."""
+        self._writer = Writer(stream)
+        self._writer.start(profile='ros2', library='evgp_rcs')
+        self._channels: dict[str, int] = {}
+        self._sequences: dict[str, int] = {}
+
+    def write(self, topic: str, wall_ns: int, message: Any) -> None:
+        """Write a message that was published on a topic at a wall time (ns since the epoch)."""
+        if topic not in self._channels:
+            kind = type(message)
+            package, name = _name(kind)
+            schema = self._writer.register_schema(
+                f'{package}/msg/{name}', 'ros2msg', definition(kind).encode()
+            )
+            self._channels[topic] = self._writer.register_channel(topic, 'cdr', schema)
+            self._sequences[topic] = 0
+        self._sequences[topic] += 1
+        self._writer.add_message(
+            self._channels[topic],
+            log_time=wall_ns,
+            publish_time=wall_ns,
+            data=serialize_message(message),
+            sequence=self._sequences[topic],
+        )
+
+    def close(self) -> None:
+        """Finish the bag; without this, readers must search it for its messages."""
+        self._writer.finish()
+
+
+@contextlib.contextmanager
+def open_bag(path: pathlib.Path) -> Iterator[Bag]:
+    """
+    Write a bag to a new file.
+
+    :raises FileExistsError: if there is one; it is left as it is.
+    :raises OSError: if it cannot be written.
+    """
+    with path.open('xb') as stream:
+        bag = Bag(stream)
+        yield bag
+        bag.close()
