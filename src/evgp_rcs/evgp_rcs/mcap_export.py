@@ -24,6 +24,8 @@ NS = 1_000_000_000
 NODE = 'rcs'
 """The node's name in the bag, whatever it was when the record was made."""
 
+_COMMANDS = dict(CommandKind.__members__)
+
 DIAGNOSTICS_EVERY = 1.0
 """Time between two messages of diagnostics, in seconds."""
 
@@ -99,7 +101,7 @@ def _events(happened: Sequence[RecordedEvent]) -> Iterator[Message]:
             each.text,
             each.kart,
             None if each.state is None else RaceState[each.state],
-            CommandKind[each.command] if each.command in CommandKind.__members__ else None,
+            _COMMANDS.get(each.command or ''),
             each.success,
             official=each.official,
         )

@@ -25,7 +25,7 @@ from evgp_rcs.messages import (
     failure_alert,
     race_message,
 )
-from evgp_rcs.race import Event, EventKind, Race, StampedEvent
+from evgp_rcs.race import Event, EventKind, StampedEvent
 from evgp_rcs.roster import Roster
 from evgp_rcs_msgs import msg
 from rclpy.duration import Duration
