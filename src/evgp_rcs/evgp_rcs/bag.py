@@ -91,6 +91,10 @@ def open_bag(path: pathlib.Path) -> Iterator[Bag]:
     :raises OSError: if it cannot be written.
     """
     with path.open('xb') as stream:
-        bag = Bag(stream)
-        yield bag
-        bag.close()
+        try:
+            bag = Bag(stream)
+            yield bag
+            bag.close()
+        except BaseException:
+            path.unlink()
+            raise

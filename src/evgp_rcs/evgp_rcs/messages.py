@@ -6,11 +6,12 @@ Nothing is decided here. A copy of the race goes in, a message comes out.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 import enum
 from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_node.stamps import stamp_of
 from evgp_node.states import state_message
 from evgp_rcs.catalogue import CommandKind
@@ -19,6 +20,9 @@ from evgp_rcs.race import AlertKind, Availability, EventKind, Kart, Race, Stampe
 from evgp_rcs_msgs import msg
 
 NS = 1_000_000_000
+
+ERRORS = (AlertKind.RECORD_FAILING, AlertKind.TWO_RACE_CONTROLS)
+"""Alerts without the MSR that are errors in the diagnostics."""
 
 
 def _constants(kinds: Iterable[enum.Enum], message: Any) -> dict[enum.Enum, int]:
@@ -126,4 +130,59 @@ def event_message(stamped: StampedEvent) -> msg.RaceEvent:
         state=state_message(event.state),
         text=event.text,
         official=event.official,
+    )
+
+
+def diagnostics_message(
+    race: Race, now: float, wall_ns: int, name: str, addresses: Mapping[int, str]
+) -> DiagnosticArray:
+    """
+    Return race control's diagnostics: the race, and each kart.
+
+    :param now: the race's clock when the race was copied (s).
+    :param wall_ns: the wall time of the message (ns since the epoch).
+    :param name: the node's, with its namespace.
+    :param addresses: the address of each kart of the roster.
+    """
+    alerts = race.alerts(now)
+    level, summary = DiagnosticStatus.OK, f'The race is in {race.state.value}'
+    if alerts:
+        level, summary = DiagnosticStatus.WARN, alerts[0].text
+    severe = [alert for alert in alerts if alert.use_msr or alert.kind in ERRORS]
+    if severe:
+        severe.sort(key=lambda alert: not alert.use_msr)
+        level, summary = DiagnosticStatus.ERROR, severe[0].text
+    array = DiagnosticArray()
+    array.header.stamp = stamp_of(wall_ns)
+    array.status = [
+        DiagnosticStatus(
+            level=level,
+            name=f'{name}: race',
+            message=summary,
+            hardware_id='rcs',
+            values=[
+                KeyValue(key='race state', value=race.state.value),
+                KeyValue(key='alerts', value=str(len(alerts))),
+            ],
+        ),
+        *(
+            _kart_diagnostic(name, kart, addresses.get(kart.number, ''))
+            for kart in race.karts.values()
+        ),
+    ]
+    return array
+
+
+def _kart_diagnostic(name: str, kart: Kart, address: str) -> DiagnosticStatus:
+    lost = kart.in_race and not kart.connected
+    return DiagnosticStatus(
+        level=DiagnosticStatus.WARN if lost else DiagnosticStatus.OK,
+        name=f'{name}: kart {kart.number}',
+        message='connected' if kart.connected else 'not connected',
+        hardware_id=address,
+        values=[
+            KeyValue(key='team', value=kart.team),
+            KeyValue(key='sent', value=kart.sent.value),
+            KeyValue(key='acknowledged', value=str(kart.acknowledged).lower()),
+        ],
     )

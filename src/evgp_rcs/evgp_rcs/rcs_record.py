@@ -5,11 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 import sys
 
-from evgp_rcs import replay, timeline
+from evgp_rcs import mcap_export, replay, timeline
 from evgp_rcs.runs import UnreadableError
 
 WAYS: dict[str, tuple[Callable[[Sequence[str]], int], str]] = {
     'show': (timeline.main, 'print a run as a timeline; also without this word'),
+    'mcap': (
+        mcap_export.main,
+        'make a bag of it, for Foxglove, PlotJuggler and ros2 bag',
+    ),
     'replay': (replay.main, 'run the rules again on its inputs, and compare what comes out'),
 }
 """What the first argument may be: what it calls with the rest, and what that does."""

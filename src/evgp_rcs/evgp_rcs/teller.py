@@ -14,15 +14,19 @@ import queue
 import threading
 import time
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
-from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
 from evgp_rcs.channel import Copy
 from evgp_rcs.inputs import digest, offers
-from evgp_rcs.messages import event_message, failure_alert, race_message
+from evgp_rcs.messages import (
+    diagnostics_message,
+    event_message,
+    failure_alert,
+    race_message,
+)
 from evgp_rcs.official import said_by
-from evgp_rcs.race import AlertKind, Event, EventKind, Kart, Race, StampedEvent
+from evgp_rcs.race import Event, EventKind, StampedEvent
 from evgp_rcs.roster import Roster
 from evgp_rcs_msgs import msg
 from rclpy.duration import Duration
@@ -53,9 +57,6 @@ MOST_UNTOLD = 5000
 
 LESSER = (EventKind.ACKNOWLEDGED, EventKind.KART_STATE, EventKind.REPORTED)
 """What karts do by the hundred, and what ``~/race`` shows as well."""
-
-ERRORS = (AlertKind.RECORD_FAILING, AlertKind.TWO_RACE_CONTROLS)
-"""Alerts without the MSR that are errors in the diagnostics."""
 
 LAST_WORD = 0.5
 """Maximum time the last words may take to be heard, in seconds."""
@@ -187,46 +188,7 @@ class Teller:
         self._published = message
         if at - self._told_diagnostics >= 1.0:
             self._told_diagnostics = at
-            self._diagnostics.publish(self._diagnostic(race, at))
-
-    def _diagnostic(self, race: Race, now: float) -> DiagnosticArray:
-        name = self._node.get_fully_qualified_name().lstrip('/')
-        alerts = race.alerts(now)
-        level, summary = DiagnosticStatus.OK, f'The race is in {race.state.value}'
-        if alerts:
-            level, summary = DiagnosticStatus.WARN, alerts[0].text
-        severe = [alert for alert in alerts if alert.use_msr or alert.kind in ERRORS]
-        if severe:
-            severe.sort(key=lambda alert: not alert.use_msr)
-            level, summary = DiagnosticStatus.ERROR, severe[0].text
-        array = DiagnosticArray()
-        array.header.stamp = stamp_of(time.time_ns())
-        array.status = [
-            DiagnosticStatus(
-                level=level,
-                name=f'{name}: race',
-                message=summary,
-                hardware_id='rcs',
-                values=[
-                    KeyValue(key='race state', value=race.state.value),
-                    KeyValue(key='alerts', value=str(len(alerts))),
-                ],
-            ),
-            *(self._kart_diagnostic(name, kart) for kart in race.karts.values()),
-        ]
-        return array
-
-    def _kart_diagnostic(self, name: str, kart: Kart) -> DiagnosticStatus:
-        return DiagnosticStatus(
-            level=DiagnosticStatus.OK
-            if kart.connected or not kart.in_race
-            else DiagnosticStatus.WARN,
-            name=f'{name}: kart {kart.number}',
-            message='connected' if kart.connected else 'not connected',
-            hardware_id=self._addresses.get(kart.number, ''),
-            values=[
-                KeyValue(key='team', value=kart.team),
-                KeyValue(key='sent', value=kart.sent.value),
-                KeyValue(key='acknowledged', value=str(kart.acknowledged).lower()),
-            ],
-        )
+            name = self._node.get_fully_qualified_name().lstrip('/')
+            self._diagnostics.publish(
+                diagnostics_message(race, at, time.time_ns(), name, self._addresses)
+            )

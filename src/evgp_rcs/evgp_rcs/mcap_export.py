@@ -1,0 +1,151 @@
+"""A run of a record as a bag: what ``~/race``, ``~/events`` and ``/diagnostics`` said in it."""
+
+from __future__ import annotations
+
+import argparse
+import bisect
+from collections.abc import Iterator, Sequence
+import heapq
+import math
+import pathlib
+import sys
+from typing import Any
+
+from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.inputs import Block, decode, Entry, Input, InputsError, offers, Published, Shown
+from evgp_rcs.race import Event, EventKind, Race, StampedEvent
+from evgp_rcs.record import events, RecordedEvent
+from evgp_rcs.replay import Kept
+from evgp_rcs.runs import add_run_arguments, open_runs, Runs, UnreadableError
+
+NS = 1_000_000_000
+
+NODE = 'rcs'
+"""The node's name in the bag, whatever it was when the record was made."""
+
+_COMMANDS = dict(CommandKind.__members__)
+
+DIAGNOSTICS_EVERY = 1.0
+"""Time between two messages of diagnostics, in seconds."""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Write a run into a bag.
+
+    :return: 0, or 2 if the bag cannot be written.
+    :raises UnreadableError: if the record or the run cannot be read.
+    """
+    parser = argparse.ArgumentParser(
+        prog='rcs_record mcap',
+        description='Write a run, the newest by default, as a bag of ROS messages in the MCAP '
+        'format: the race, its events and the diagnostics, at the times at which they were '
+        'published.',
+    )
+    add_run_arguments(parser)
+    parser.add_argument('out', type=pathlib.Path, help='the bag, a new file (race.mcap)')
+    wanted = parser.parse_args(arguments)
+    try:
+        # With the rest of ROS; and mcap has no rosdep key.
+        from evgp_rcs.bag import open_bag
+    except ModuleNotFoundError as error:
+        if (error.name or '').split('.')[0] != 'mcap':
+            raise
+        print(
+            'rcs_record: bags need the Python package mcap: install it with '
+            f"'{sys.executable} -m pip install mcap'",
+            file=sys.stderr,
+        )
+        return 2
+    with open_runs(wanted.file) as runs:
+        messages, lacks = _read(runs, wanted.run)
+    written = 0
+    try:
+        with open_bag(wanted.out) as bag:
+            for topic, wall_ns, message in messages:
+                bag.write(topic, wall_ns, message)
+                written += 1
+    except OSError as error:
+        print(f'rcs_record: {wanted.out} cannot be written: {error.strerror}', file=sys.stderr)
+        return 2
+    print(f'{wanted.out}: {written} messages')
+    if lacks:
+        print(f'The bag has events only: {lacks}.')
+    return 0
+
+
+Message = tuple[str, int, Any]
+"""A topic, a wall time (ns since the epoch), and a message."""
+
+
+def _read(runs: Runs, number: int | None) -> tuple[Iterator[Message], str]:
+    """Return the messages of a run in order, and why they are events only; empty: they are not."""
+    run = runs.choose(number)
+    try:
+        kept = Kept.read(runs.database, run.number)
+    except UnreadableError as error:
+        return _events(list(events(runs.database, run.number))), str(error)
+    both = heapq.merge(_events(kept.happened), _races(kept), key=lambda message: message[1])
+    return both, ''
+
+
+def _events(happened: Sequence[RecordedEvent]) -> Iterator[Message]:
+    from evgp_rcs.messages import event_message
+
+    for each in happened:
+        if each.kind not in EventKind.__members__:
+            continue  # of an older version, which told it twice
+        event = Event(
+            EventKind[each.kind],
+            each.text,
+            each.kart,
+            None if each.state is None else RaceState[each.state],
+            _COMMANDS.get(each.command or ''),
+            each.success,
+            official=each.official,
+        )
+        stamped = StampedEvent(each.sequence, each.wall_ns, each.monotonic, event)
+        yield f'/{NODE}/events', each.wall_ns, event_message(stamped)
+
+
+def _races(kept: Kept) -> Iterator[Message]:
+    """Yield the race as often as it was published, and diagnostics."""
+    from evgp_rcs.messages import diagnostics_message, race_message
+
+    clocks = [(event.monotonic, event.wall_ns) for event in kept.happened]
+    told = -math.inf
+    for race, at in _published(kept):
+        # By the last event before: the wall clock may have been set in the meantime.
+        known_at, known_ns = clocks[max(0, bisect.bisect(clocks, (at, math.inf)) - 1)]
+        wall_ns = known_ns + round((at - known_at) * NS)
+        yield f'/{NODE}/race', wall_ns, race_message(race, at, wall_ns, {}, offers(race, at))
+        if at - told >= DIAGNOSTICS_EVERY:
+            told = at
+            yield '/diagnostics', wall_ns, diagnostics_message(race, at, wall_ns, NODE, {})
+
+
+def _published(kept: Kept) -> Iterator[tuple[Race, float]]:
+    """Yield the race whenever it was published, and the time of it (s)."""
+    published = {each.number for each in _entries(kept) if isinstance(each, Published)}
+    race = kept.setup.race()
+    for entry in _entries(kept):
+        if isinstance(entry, Shown):
+            if entry.number in published and kept.happened:
+                yield race, entry.at
+        elif isinstance(entry, Input):
+            entry.feed(race)
+
+
+def _entries(kept: Kept) -> Iterator[Entry]:
+    """Yield what went into the rules, up to the first gap or damage."""
+    entries = 0
+    for _, data in kept.blocks:
+        try:
+            block = Block.of(data)
+            if block.entries != entries:
+                return
+            yield from decode(block.data)
+        except InputsError:
+            return
+        entries += block.length

@@ -1,0 +1,108 @@
+"""A race on real parts, as a bag, read by a reader that shares nothing with the writer."""
+
+from __future__ import annotations
+
+import contextlib
+import pathlib
+import sqlite3
+import sys
+from typing import Any
+
+from evgp_protocol.states import RaceState
+from evgp_rcs.rcs_record import main as rcs_record
+from evgp_rcs.record import events, open_read_only
+from evgp_rcs_msgs import msg
+from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from evgp_testing.wire_kart import Acknowledges
+import pytest
+from rosbags.highlevel import AnyReader
+
+Published = dict[str, list[tuple[int, Any]]]
+
+
+def read(path: pathlib.Path) -> Published:
+    """Return the messages of each topic, with their times (ns)."""
+    found: Published = {}
+    with AnyReader([path]) as reader:
+        for connection, at, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            found.setdefault(connection.topic, []).append((at, message))
+    return found
+
+
+@pytest.fixture
+def race(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    connect_kart: ConnectKart,
+    tmp_path: pathlib.Path,
+) -> pathlib.Path:
+    """Return the record of a race that went to GREEN_GREEN and was stopped."""
+    record = tmp_path / 'record.sqlite3'
+    control = start_race_control(in_race=[1, 2], record=record)
+    official = join_official(control)
+    for number in (1, 2):
+        connect_kart(control, number, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1, 2)
+    official.bring_to(RaceState.GREEN_GREEN)
+    official.call('in_garage', track_safe=True)
+    official.bring_to(RaceState.RED_RED)
+    control.close()
+    return record
+
+
+def test_a_bag_has_the_race_its_events_and_the_diagnostics_in_the_order_of_their_times(
+    race: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    bag = tmp_path / 'race.mcap'
+    assert rcs_record(['mcap', str(race), str(bag)]) == 0
+    found = read(bag)
+    assert set(found) == {'/rcs/race', '/rcs/events', '/diagnostics'}
+    with contextlib.closing(open_read_only(race)) as database:
+        recorded = list(events(database, 1))
+    told = [(at, event.sequence, event.text) for at, event in found['/rcs/events']]
+    assert told == [(event.wall_ns, event.sequence, event.text) for event in recorded]
+    states = [message.state.state for _, message in found['/rcs/race']]
+    way = [states[0], *(b for a, b in zip(states, states[1:], strict=False) if a != b)]
+    assert way == [
+        msg.RaceState.IN_GARAGE,
+        msg.RaceState.GRID_ACTIVE,
+        msg.RaceState.GREEN_GREEN,
+        msg.RaceState.RED_RED,
+    ]
+    for messages in found.values():
+        times = [at for at, _ in messages]
+        assert times == sorted(times)
+        # At the times at which it was published, not at those at which the bag was made.
+        assert recorded[0].wall_ns - 10**9 < times[0]
+        assert times[-1] <= recorded[-1].wall_ns + 10**9
+
+
+def test_a_bag_of_a_record_without_inputs_has_its_events(
+    race: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    with contextlib.closing(sqlite3.connect(race)) as database:
+        database.executescript('DELETE FROM input; DELETE FROM setup;')
+    bag = tmp_path / 'race.mcap'
+    assert rcs_record(['mcap', str(race), str(bag)]) == 0
+    assert set(read(bag)) == {'/rcs/events'}
+
+
+def test_a_file_that_is_there_is_not_written_over(
+    race: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    bag = tmp_path / 'race.mcap'
+    bag.write_text('something else')
+    assert rcs_record(['mcap', str(race), str(bag)]) == 2
+    assert bag.read_text() == 'something else'
+
+
+def test_without_the_package_for_bags_it_is_said_how_to_get_it(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delitem(sys.modules, 'evgp_rcs.bag', raising=False)
+    for name in [name for name in sys.modules if name.split('.')[0] == 'mcap']:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, 'mcap', None)
+    assert rcs_record(['mcap', str(tmp_path / 'race.mcap')]) == 2
+    assert 'pip install mcap' in capsys.readouterr().err
