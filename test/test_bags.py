@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import pathlib
 import sqlite3
 import sys
@@ -63,7 +64,7 @@ def test_a_bag_has_the_race_its_events_and_the_diagnostics_in_the_order_of_their
     told = [(at, event.sequence, event.text) for at, event in found['/rcs/events']]
     assert told == [(event.wall_ns, event.sequence, event.text) for event in recorded]
     states = [message.state.state for _, message in found['/rcs/race']]
-    way = [states[0], *(b for a, b in zip(states, states[1:], strict=False) if a != b)]
+    way = [states[0], *(b for a, b in itertools.pairwise(states) if a != b)]
     assert way == [
         msg.RaceState.IN_GARAGE,
         msg.RaceState.GRID_ACTIVE,

@@ -104,13 +104,14 @@ def test_a_log_that_was_cut_into_blocks_comes_back_and_a_missing_block_is_notice
     assert whole.length == len(entries)
 
     lost = data.draw(st.integers(0, len(blocks) - 1))
-    rest = list(joined(blocks[:lost] + blocks[lost + 1 :]))
+    missing = blocks.pop(lost)
+    rest = list(joined(blocks))
     read = 0
     for block in rest:
         if block.entries != read:
-            assert block.entries == read + blocks[lost].length
+            assert block.entries == read + missing.length
         read = block.entries + block.length
-    assert len(rest) <= 1 + bool(blocks[lost].length)
+    assert len(rest) <= 1 + bool(missing.length)
 
 
 @given(st.lists(ENTRIES, min_size=1, max_size=3), st.data())
@@ -119,7 +120,8 @@ def test_damaged_bytes_are_named_or_mean_something_else_and_raise_nothing_else(
 ) -> None:
     whole = bytearray(b''.join(map(encode, entries)))
     whole[data.draw(st.integers(0, len(whole) - 1))] ^= data.draw(st.integers(1, 255))
-    del whole[data.draw(st.integers(0, len(whole))) :]
+    end = data.draw(st.integers(0, len(whole)))
+    del whole[end:]
     try:
         list(decode(bytes(whole)))
     except InputsError:
