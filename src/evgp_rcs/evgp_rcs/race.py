@@ -1422,6 +1422,8 @@ class Race:
                 rest = f', without {_listed(standing)}' if standing else ''
                 return f'the race is on{rest}'
             return 'all of them have stopped, and RACE_OVER may be sent'
+        if self.start is not None:
+            return 'GREEN_GREEN was given, and waits for the record'
         following, condition = _NEXT[self.state]
         obstacle = self._refusal(following, None)
         if obstacle:
