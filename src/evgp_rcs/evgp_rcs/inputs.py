@@ -490,7 +490,8 @@ class Block(NamedTuple):
         try:
             whole = zlib.decompress(data)
             entries, before, at, length = _HEAD.unpack_from(whole)
-            return Block(entries, before, at, length, whole[_HEAD.size :])
+            begin = _HEAD.size
+            return Block(entries, before, at, length, whole[begin:])
         except (zlib.error, struct.error) as error:
             raise InputsError(f'a block cannot be read: {error}') from error
 

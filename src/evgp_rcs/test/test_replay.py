@@ -150,7 +150,8 @@ class Running:
         return [block for _, block in self.handed_over]
 
     def recorded(self) -> list[RecordedEvent]:
-        return [RecordedEvent(*_row(1, each)[1:]) for each in self.stamped]  # type: ignore[arg-type]
+        rows: list[Any] = [_row(1, each) for each in self.stamped]
+        return [RecordedEvent(*row[1:]) for row in rows]
 
 
 def replayed(
@@ -343,7 +344,8 @@ def test_where_inputs_are_missing_the_replay_ends_and_says_so() -> None:
     running = a_run()
     blocks = running.blocks()
     lost = len(blocks) // 2
-    found = replayed(blocks[:lost] + blocks[lost + 1 :], running.recorded())
+    kept = [each for n, each in enumerate(blocks) if n != lost]
+    found = replayed(kept, running.recorded())
     assert found.difference is None
     assert found.missing
     assert found.inputs == blocks[lost].inputs
@@ -445,7 +447,8 @@ def test_a_record_that_was_cut_is_replayed_up_to_the_cut(
     path: pathlib.Path, write: Write, capsys: Capture
 ) -> None:
     running = a_run()
-    del running.handed_over[len(running.handed_over) // 2 :]
+    half = len(running.handed_over) // 2
+    del running.handed_over[half:]
     write(running, in_order=False)
     assert main(['replay', str(path)]) == 0
     counts, cut = capsys.readouterr().out.splitlines()
