@@ -490,8 +490,8 @@ class Block(NamedTuple):
         try:
             whole = zlib.decompress(data)
             entries, before, at, length = _HEAD.unpack_from(whole)
-            head = _HEAD.size
-            return Block(entries, before, at, length, whole[head:])
+            begin = _HEAD.size
+            return Block(entries, before, at, length, whole[begin:])
         except (zlib.error, struct.error) as error:
             raise InputsError(f'a block cannot be read: {error}') from error
 

@@ -205,8 +205,8 @@ class Replay:
             self._replayed.orders += 1
 
     def _compare_events(self, mark: inputs.Told) -> None:
-        left = list(self._events)
-        self._events = ()
+        made, self._events = self._events, ()
+        left = list(made)
         for sequence in range(mark.first, mark.last + 1):
             recorded = self._recorded.pop(sequence, None)
             if recorded is None:
@@ -217,7 +217,7 @@ class Replay:
             while left and left[0].chatter and _compared(left[0]) != what:
                 left.pop(0)
             if not left or _compared(left[0]) != what:
-                self._differ(f'event {sequence}', _words(what), _event_or_none(left))
+                self._differ(f'event {sequence}', _words(what), _event_or_none(left or made))
             left.pop(0)
             self._replayed.events += 1
             self._told = sequence
@@ -295,7 +295,11 @@ def _order(order: Order) -> str:
 def _input(given: Input) -> str:
     name = type(given).__name__
     fields = given._asdict().items()
-    words = [f'{name} {value!r}' for name, value in fields if name != 'at']
+    words = [
+        f'{name} {value.name if isinstance(value, enum.Enum) else repr(value)}'
+        for name, value in fields
+        if name != 'at'
+    ]
     return _cut(', '.join([name, *words]))
 
 

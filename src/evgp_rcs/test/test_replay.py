@@ -150,8 +150,8 @@ class Running:
         return [block for _, block in self.handed_over]
 
     def recorded(self) -> list[RecordedEvent]:
-        rows = (_row(1, each)[1:] for each in self.stamped)
-        return [RecordedEvent(*row) for row in rows]  # type: ignore[arg-type]
+        rows: list[Any] = [_row(1, each) for each in self.stamped]
+        return [RecordedEvent(*row[1:]) for row in rows]
 
 
 def replayed(
@@ -344,8 +344,8 @@ def test_where_inputs_are_missing_the_replay_ends_and_says_so() -> None:
     running = a_run()
     blocks = running.blocks()
     lost = len(blocks) // 2
-    after = lost + 1
-    found = replayed(blocks[:lost] + blocks[after:], running.recorded())
+    kept = [each for n, each in enumerate(blocks) if n != lost]
+    found = replayed(kept, running.recorded())
     assert found.difference is None
     assert found.missing
     assert found.inputs == blocks[lost].inputs
