@@ -8,6 +8,9 @@ WORKERS := 4
 
 IN_WORKSPACE := setup/in-workspace
 
+# What this make was told is not for the makes that its tests run.
+unexport ARGS MAKEFLAGS MFLAGS WORKERS
+
 # What `make run` starts race control with, and `make roster` checks; relative to where make was called.
 ROSTER := src/evgp_rcs/config/karts.yaml
 PARAMS := src/evgp_rcs/config/rcs.yaml
