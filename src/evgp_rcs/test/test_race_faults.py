@@ -19,10 +19,10 @@ import race_oracle as oracle
 WORLDS: tuple[tuple[int, dict[str, Any]], ...] = (
     (150, {'racing': 1, 'outside': 1}),
     (150, {'racing': 1, 'outside': 0, 'begin': 'green'}),
-    (400, {'racing': 1, 'outside': 0, 'begin': 'grid', 'around': True}),
+    (320, {'racing': 1, 'outside': 0, 'begin': 'grid', 'around': True}),
     (150, {'racing': 1, 'outside': 0, 'begin': 'crash'}),
-    (300, {'racing': 1, 'outside': 1, 'begin': 'grid', 'waits': True}),
-    (500, {'racing': 2, 'outside': 0, 'begin': 'green'}),
+    (150, {'racing': 1, 'outside': 1, 'begin': 'grid', 'waits': True}),
+    (300, {'racing': 2, 'outside': 0, 'begin': 'green'}),
     (150, {'racing': 2, 'outside': 0}),
 )
 
