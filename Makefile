@@ -3,10 +3,13 @@
 #   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
 #   ARGS='...'          passed on by bench, bridge, console, ctl, demo, fuzz, record, soak, test
 #                       and test-long
-#   WORKERS=4           number of tests that run at the same time; most of the time, most of them wait
-WORKERS := 4
+#   WORKERS=6           number of tests that run at the same time; most of the time, most of them wait
+WORKERS := 6
 
 IN_WORKSPACE := setup/in-workspace
+
+# What this make was told is not for the makes that its tests run.
+unexport ARGS MAKEFLAGS MFLAGS WORKERS
 
 # What `make run` starts race control with, and `make roster` checks; relative to where make was called.
 ROSTER := src/evgp_rcs/config/karts.yaml

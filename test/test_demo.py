@@ -83,12 +83,11 @@ def test_a_kart_that_never_acknowledges_holds_the_race_and_is_named() -> None:
     assert 'processes ended in good order; none is left' in done.stdout
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ('number', 'send', 'code'),
-    [
-        pytest.param(signal.SIGINT, os.killpg, 130, id='ctrl-c'),
-        pytest.param(signal.SIGTERM, os.kill, 143, id='terminate', marks=pytest.mark.long),
-    ],
+    [(signal.SIGINT, os.killpg, 130), (signal.SIGTERM, os.kill, 143)],
+    ids=['ctrl-c', 'terminate'],
 )
 def test_a_signal_in_mid_race_ends_every_process(
     number: signal.Signals, send: Callable[[int, int], None], code: int

@@ -198,6 +198,7 @@ def test_a_stranger_on_the_network_finds_nothing_of_a_bridge_and_changes_nothing
     assert not {way: each for way, each in found.items() if each.got_in}
 
 
+@pytest.mark.long
 @pytest.mark.own_process
 def test_no_stranger_on_the_network_plays_race_control_to_the_consoles(
     networks: TwoNetworks,
@@ -236,6 +237,7 @@ def watch(domain: int, seconds: int) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.long
 @pytest.mark.own_process
 def test_an_official_on_the_officials_network_gets_in_and_a_stranger_on_the_karts_does_not(
     networks: TwoNetworks,

@@ -222,7 +222,7 @@ class Terminal:
             stdout=inside,
             stderr=inside,
             cwd=ROOT,
-            env={**os.environ, 'ROS_DOMAIN_ID': str(domain), 'MAKEFLAGS': ''},
+            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
         )
         os.close(inside)
         self.shown = ''

@@ -218,9 +218,21 @@ def test_make_has_a_target_for_what_an_official_reads(
     printed = subprocess.run(
         ['make', '-s', *arguments, 'IN_WORKSPACE=echo'],
         cwd=ROOT,
-        env={name: value for name, value in os.environ.items() if name != 'MAKEFLAGS'},
         capture_output=True,
         text=True,
         check=True,
     ).stdout
     assert printed.strip() == f'install/evgp_rcs/lib/evgp_rcs/{runs}'
+
+
+def test_the_makes_that_tests_run_know_nothing_of_what_make_test_was_told() -> None:
+    printed = subprocess.run(
+        ['make', '-s', 'test', 'ARGS=-k roster', 'WORKERS=3', 'IN_WORKSPACE=sh -c env'],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    names = {line.partition('=')[0] for line in printed.splitlines()}
+    assert 'PATH' in names
+    assert not names & {'ARGS', 'MAKEFLAGS', 'MFLAGS', 'WORKERS'}

@@ -270,7 +270,7 @@ def run_soak(
     )
 
 
-@pytest.mark.parametrize('seconds', [3, pytest.param(12, marks=pytest.mark.long)])
+@pytest.mark.parametrize('seconds', [6, pytest.param(12, marks=pytest.mark.long)])
 def test_race_control_breaks_no_rule_in_a_short_soak(seconds: int, dice: random.Random) -> None:
     seed = dice.randrange(1_000_000)
     done = run_soak('--seconds', str(seconds), '--karts', '20', '--seed', str(seed))

@@ -757,8 +757,16 @@ def test_a_port_in_use_is_refused_with_what_to_do() -> None:
 
 
 @pytest.fixture
-def ready(grid: Green) -> Green:
-    """Return a race whose karts are ready, and whose record takes its time."""
+def ready(run: Run, connect: Connect) -> Green:
+    """Return a race whose karts are ready, and whose record may take as long as it needs."""
+    race = on_the_grid(run(journal_timeout=PATIENCE), connect)
+    race[0].record_works_at_once = False
+    return race
+
+
+@pytest.fixture
+def impatient(grid: Green) -> Green:
+    """Return a race whose karts are ready, and whose record has 1 s."""
     grid[0].record_works_at_once = False
     return grid
 
@@ -833,9 +841,9 @@ def test_a_start_that_the_disk_does_not_take_is_refused_unless_it_may_go_without
 @pytest.mark.parametrize('fails', ['before', 'meanwhile', 'hangs'])
 @pytest.mark.parametrize('can_be_noted', [True, False])
 def test_a_start_without_a_record_is_noted_before_it_goes_out_or_does_not_go_out(
-    ready: Green, fails: str, can_be_noted: bool
+    impatient: Green, fails: str, can_be_noted: bool
 ) -> None:
-    running, one, _ = ready
+    running, one, _ = impatient
     running.can_be_noted = can_be_noted
     if fails == 'before':
         running.record_trouble = 'the disk is full'
@@ -862,8 +870,8 @@ def test_a_start_that_is_on_the_disk_or_refused_is_no_start_without_a_record(
     assert running.noted_in == []
 
 
-def test_a_start_does_not_wait_for_a_disk_that_hangs_for_ever(ready: Green) -> None:
-    running, _, _ = ready
+def test_a_start_does_not_wait_for_a_disk_that_hangs_for_ever(impatient: Green) -> None:
+    running, _, _ = impatient
     starting = running.submit(running.command(CommandKind.GREEN_GREEN, None, False))
     running.wait_for_memory()
     assert not starting.result(PATIENCE).success
