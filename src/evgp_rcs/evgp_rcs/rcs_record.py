@@ -6,10 +6,12 @@ from collections.abc import Callable, Sequence
 import sys
 
 from evgp_rcs import timeline
+from evgp_rcs.report import command as report
 from evgp_rcs.runs import UnreadableError
 
 WAYS: dict[str, tuple[Callable[[Sequence[str]], int], str]] = {
     'show': (timeline.main, 'print a run as a timeline; also without this word'),
+    'report': (report.main, 'write a run, or a part of it, as a report in one HTML file'),
 }
 """What the first argument may be: what it calls with the rest, and what that does."""
 
