@@ -66,6 +66,11 @@ class PaperRace:
         kart = self.race.karts[number]
         self.take(self.race.heard(number, kart.serial, state or kart.sent, self.now))
 
+    def stutter(self, number: int, state: RaceState) -> None:
+        """Have a kart say another state, and then again the one that it is being sent."""
+        self.say(number, state)
+        self.say(number)
+
     def acknowledge(self, within: float = 0.0, dice: random.Random | None = None) -> None:
         """Have every connected kart acknowledge what it is being sent."""
         karts = [kart.number for kart in self.race.karts.values() if kart.connected]
@@ -157,17 +162,14 @@ def long_event(seconds: float, karts: int, dice: random.Random, busy: float = 1.
         paper.command(CommandKind.GREEN_GREEN, official='Grace')
         paper.acknowledge(2.0, dice)
         ends = min(paper.now + dice.uniform(60.0, 240.0), 100.0 + seconds)
-        happenings: list[Callable[[], object]] = [
-            lambda: paper.lose(dice.choice(numbers)),
-            lambda: paper.command(
-                CommandKind.KART_RED_RED, dice.choice(numbers), official='Grace'
-            ),
-            *[lambda: paper.say(dice.choice(numbers), dice.choice(list(RaceState)))] * 60,
-            *[lambda: paper.say(dice.choice(numbers))] * 30,
+        happenings: list[Callable[[int], object]] = [
+            paper.lose,
+            lambda number: paper.command(CommandKind.KART_RED_RED, number, official='Grace'),
+            *[lambda number: paper.stutter(number, dice.choice(list(RaceState)))] * 500,
         ]
         while paper.now < ends:
             paper.wait(dice.expovariate(busy))
-            dice.choice(happenings)()
+            dice.choice(happenings)(dice.choice(numbers))
         for number in dice.sample(numbers, karts):
             paper.command(CommandKind.KART_FINISH, number, official='Ada')
             paper.wait(dice.uniform(0.5, 3.0))

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from html import escape
 import math
 
+from evgp_rcs.record import RecordedEvent
 from evgp_rcs.report import words
 from evgp_rcs.report.model import Account, Band, Lane
 from evgp_rcs.report.words import Clock
@@ -18,7 +19,10 @@ WIDTH = 1000
 LABELS = 64
 """Width of what is left of the times, in units of the picture."""
 
-ROW = 22
+ROWS = (24, 19)
+"""Height of a kart's line, in units of the picture: of few karts, and of many."""
+
+FEW = 14
 MOST_LANES = 20
 """Maximum number of karts in one picture; more do not fit on a page."""
 
@@ -55,12 +59,17 @@ def pictures(account: Account, start: float, end: float, clock: Clock) -> list[s
     return [_Picture(account, group, start, end, clock).draw() for group in groups or [[]]]
 
 
+def _command_kind(event: RecordedEvent) -> str:
+    return 'command' if event.success else 'command refused'
+
+
 class _Picture:
     def __init__(
         self, account: Account, lanes: Sequence[Lane], start: float, end: float, clock: Clock
     ) -> None:
         self._account = account
         self._lanes = lanes
+        self._row = ROWS[len(lanes) > FEW]
         self._start = start
         self._end = max(end, start + 0.1)
         self._clock = clock
@@ -73,17 +82,17 @@ class _Picture:
 
     def draw(self) -> str:
         y = self._axis(0)
-        bottom = y + COMMAND_ROWS * 12 + 6 + ROW * (len(self._lanes) + 1)
+        bottom = y + COMMAND_ROWS * 12 + 6 + self._row * (len(self._lanes) + 1)
         self._gaps(y, bottom)
         y = self._commands(y)
         self._label(y, 'Race')
         self._bands(self._account.race_bands, y)
-        y += ROW
+        y += self._row
         for lane in self._lanes:
             self._label(y, f'Kart {lane.kart}')
             self._bands(lane.bands, y)
             self._marks(lane, y)
-            y += ROW
+            y += self._row
         numbers = [lane.kart for lane in self._lanes]
         title = (
             f'Timeline from {self._clock.at(self._start)} to {self._clock.at(self._end)}: '
@@ -107,7 +116,7 @@ class _Picture:
         )
 
     def _label(self, y: float, text: str) -> None:
-        self._text(LABELS - 6, y + 15, text, 'lane', 'end')
+        self._text(LABELS - 6, y + 12, text, 'lane', 'end')
 
     def _axis(self, y: float) -> float:
         step = next((each for each in STEPS if (self._end - self._start) / each <= 12), STEPS[-1])
@@ -132,30 +141,46 @@ class _Picture:
 
     def _commands(self, y: float) -> float:
         self._label(y, 'Commands')
-        free = [0.0] * COMMAND_ROWS
+        bottom = y + COMMAND_ROWS * 12 + 4
+        rows: list[list[tuple[float, float]]] = [[] for _ in range(COMMAND_ROWS)]
+        seen = [
+            event
+            for event in self._account.commands
+            if self._start <= self._account.at(event) <= self._end
+        ]
         drawn = -1.0
-        for event in self._account.commands:
-            at = self._account.at(event)
-            if not self._start <= at <= self._end:
-                continue
-            x = self._x(at)
-            kind = 'command' if event.success else 'command refused'
-            if x - drawn >= 0.5:
+        for event in seen:
+            x = self._x(self._account.at(event))
+            if x - drawn >= SMALLEST:
                 drawn = x
-                self._parts.append(
-                    f'<line x1="{x:.1f}" y1="{y}" x2="{x:.1f}" '
-                    f'y2="{y + COMMAND_ROWS * 12 + 4}" class="{kind}"/>'
-                )
+                self._line(x, bottom - 4, bottom, event)
+        # Those to the whole race find room first.
+        for event in sorted(seen, key=lambda event: not event.success or event.kart != 0):
             text = ('' if event.success else '✗ ') + words.command(event.command, event.kart)
             if event.official:
                 text += f' · {words.name(event.official)[:24]}'
-            width = 4.9 * len(text) + 6
+            width = 5.4 * len(text) + 8
+            x = self._x(self._account.at(event))
             left = min(x + 2, WIDTH - width)
-            row = next((n for n, until in enumerate(free) if until <= left), None)
+            row = next(
+                (
+                    number
+                    for number, taken in enumerate(rows)
+                    if all(left + width < a or left > b for a, b in taken)
+                ),
+                None,
+            )
             if row is not None:
-                free[row] = left + width
-                self._text(left, y + 9 + row * 12, text, kind)
-        return y + COMMAND_ROWS * 12 + 6
+                rows[row].append((left, left + width))
+                self._line(x, y + row * 12 + 1, bottom, event)
+                self._text(left, y + 9 + row * 12, text, _command_kind(event))
+        return bottom + 2
+
+    def _line(self, x: float, top: float, bottom: float, event: RecordedEvent) -> None:
+        self._parts.append(
+            f'<line x1="{x:.1f}" y1="{top}" x2="{x:.1f}" y2="{bottom}" '
+            f'class="{_command_kind(event)}"/>'
+        )
 
     def _bands(self, bands: Sequence[Band], y: float) -> None:
         waiting: tuple[float, float, str] | None = None
@@ -179,10 +204,10 @@ class _Picture:
 
     def _band(self, left: float, right: float, what: str, y: float) -> None:
         width = max(SMALLEST, right - left)
-        self._rect(left, y + 2, width, ROW - 4, f'band {what}')
+        self._rect(left, y + 1, width, self._row - 2, f'band {what}')
         for text in (words.STATES[what], words.SHORT[what]):
             if 6.2 * len(text) + 4 <= width:
-                self._text(left + 3, y + 14.5, text, f'word {what}')
+                self._text(left + 3, y + 10.5, text, f'word {what}')
                 break
 
     def _marks(self, lane: Lane, y: float) -> None:
@@ -190,17 +215,18 @@ class _Picture:
             if hold.end >= self._start and hold.start <= self._end:
                 left = self._x(hold.start)
                 width = self._x(hold.end) - left
-                self._rect(left, y + ROW - 5, max(0.7, width), 3, 'hold')
+                self._rect(left, y + 0.5, max(0.7, width), 2.5, 'hold')
                 if width > 90:
-                    self._text(left + width - 3, y + 14.5, 'HELD', 'held', 'end')
-        drawn = -9.0
+                    self._text(left + width - 3, y + 10.5, 'HELD', 'held', 'end')
+        free = -9.0
         for mark in lane.marks:
             if mark.kind not in MARKS or not self._start <= mark.at <= self._end:
                 continue
             x = self._x(mark.at)
-            if x - drawn >= 5 or mark.kind != 'ACKNOWLEDGED':
-                self._text(x, y + 9, MARKS[mark.kind], f'mark {mark.kind}', 'middle')
-                drawn = x
+            if x >= free or mark.kind == 'DISCONNECTED':
+                base = y + self._row - 2.5
+                self._text(x, base, MARKS[mark.kind], f'mark {mark.kind}', 'middle')
+                free = x + 8
 
 
 MARKS = {'ACKNOWLEDGED': '✓', 'DISCONNECTED': '✗', 'WITHDRAWN': '↺'}

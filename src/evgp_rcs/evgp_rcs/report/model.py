@@ -325,7 +325,10 @@ class _Reading:
         _change(self._mark(event, at).lane.bands, at, NOT_KNOWN, event.sequence)
 
     def _disconnected(self, event: RecordedEvent, at: float) -> None:
-        _change(self._mark(event, at).lane.bands, at, NOT_CONNECTED, event.sequence)
+        kart = self._mark(event, at)
+        if kart.sent == GREEN_GREEN:
+            self._hold(kart, at, '')  # lost while it may be moving
+        _change(kart.lane.bands, at, NOT_CONNECTED, event.sequence)
         if self.account.ended is None:
             if self._race is not None:
                 self._incident(event)
@@ -356,8 +359,9 @@ class _Reading:
             band.acknowledged = at
 
     def _withdrawn(self, event: RecordedEvent, at: float) -> None:
-        self._mark(event, at)
-        self._incident(event)
+        kart = self._mark(event, at)
+        if kart.sent in (RED_FLAG, RED_RED):
+            self._incident(event)  # it had stopped, by its own word
 
     def _said(self, event: RecordedEvent, at: float) -> None:
         if event.kart:

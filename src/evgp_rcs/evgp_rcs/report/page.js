@@ -48,7 +48,8 @@
   const STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200,
     14400, 43200];
   const FONT = 'system-ui, "DejaVu Sans", Arial, sans-serif';
-  const LEFT = 92, AXIS = 26, COMMANDS = 5, COMMAND_ROW = 17, ALERTS = 3, ALERT_ROW = 17, ROW = 32;
+  const LEFT = 92, AXIS = 26, COMMANDS = 5, COMMAND_ROW = 17, ALERTS = 3, ALERT_ROW = 17, ROW = 34;
+  const APART = 13;  // what is nearer to the next one is drawn without its sign
   const SHORTEST = 0.2, OVERVIEW = 16;
 
   const canvas = element('lines'), tip = element('tip'), detail = element('detail');
@@ -66,6 +67,7 @@
   let bottom = AXIS;
   for (const line of lines) { line.top = bottom; bottom += line.height; }
   const height = bottom + OVERVIEW + 6;
+  let unseenAlerts = 0;
   let drawn = [];  // the commands and alerts where they were drawn: [left, top, right, bottom, thing]
 
   const x = (at) => LEFT + (at - from) / (to - from) * (width - LEFT);
@@ -132,7 +134,7 @@
       pen.fillStyle = '#ccc';
       pen.fillRect(px - 0.5, AXIS - 4, 1, bottom - AXIS + 4);
       pen.fillStyle = '#000';
-      pen.fillText(timeOfDay(n * step - offset, step < 1 ? 1 : 0), px, 16);
+      if (px > LEFT + 30) pen.fillText(timeOfDay(n * step - offset, step < 1 ? 1 : 0), px, 16);
     }
     for (const [start, end] of data.gaps) {
       if (end < from || start > to) continue;
@@ -143,35 +145,50 @@
   };
 
   const paintCommands = (line) => {
-    const free = new Array(COMMANDS).fill(-Infinity);
     pen.font = 'bold 12px ' + FONT;
-    let before = -Infinity;
-    const commands = data.commands;
     // What began a little further left may still reach in.
-    const margin = 300 / (width - LEFT) * (to - from);
+    const margin = 300 / (width - LEFT) * (to - from), commands = data.commands, seen = [];
+    let before = -Infinity;
     for (let n = search(commands, from - margin, (each) => each[0]); n < commands.length; n++) {
-      const [at, name, accepted, official] = commands[n];
-      if (at > to) break;
-      const px = x(at);
-      if (px - before >= 0.5 || commands[n] === chosen) {
+      const command = commands[n];
+      if (command[0] > to) break;
+      seen.push(command);
+      const px = x(command[0]);
+      if (px - before >= 1) {
         before = px;
-        pen.fillStyle = accepted ? '#000' : '#a0001c';
-        pen.fillRect(px - 0.5, line.top + 2, 1, line.height - 4);
+        pen.fillStyle = command[2] ? '#000' : '#a0001c';
+        pen.fillRect(px - 0.5, line.top + line.height - 7, 1, 7);
       }
-      const row = free.findIndex((until) => until < px);
-      if (row < 0) continue;
+    }
+    // Those to the whole race find room first.
+    const rows = Array.from({length: COMMANDS}, () => []), labels = [];
+    const place = (command) => {
+      const [at, name, accepted, official] = command, px = x(at);
       const text = (accepted ? '' : '✗ ') + name + (official ? ' · ' + cut(official, 24) : '');
-      const wide = pen.measureText(text).width + 8, top = line.top + 2 + row * COMMAND_ROW;
-      free[row] = px + wide + 3;
-      pen.fillStyle = commands[n] === chosen ? '#dce8ff' : '#fff';
+      const wide = pen.measureText(text).width + 8;
+      const row = rows.findIndex((row) => row.every(([a, b]) => px + wide + 3 < a || px > b));
+      if (row < 0) return;
+      rows[row].push([px, px + wide + 3]);
+      labels.push([command, text, px, wide, line.top + 2 + row * COMMAND_ROW]);
+    };
+    for (const first of [true, false]) {
+      for (const command of seen) if ((command[5] === 1) === first) place(command);
+    }
+    for (const [command, , px, , top] of labels) {
+      pen.fillStyle = command[2] ? '#000' : '#a0001c';
+      pen.fillRect(px - 0.5, top, 1, line.top + line.height - top);
+    }
+    for (const [command, text, px, wide, top] of labels) {
+      const accepted = command[2];
+      pen.fillStyle = command === chosen ? '#dce8ff' : '#fff';
       pen.fillRect(px, top, wide, COMMAND_ROW - 2);
-      pen.lineWidth = commands[n] === chosen ? 2 : 1;
+      pen.lineWidth = command === chosen ? 2 : 1;
       pen.strokeStyle = pen.fillStyle = accepted ? '#000' : '#a0001c';
       pen.setLineDash(accepted ? [] : [3, 2]);
       pen.strokeRect(px + 0.5, top + 0.5, wide - 1, COMMAND_ROW - 3);
       pen.setLineDash([]);
       pen.fillText(text, px + 4, top + 12);
-      drawn.push([px - 2, top, px + wide, top + COMMAND_ROW, {kind: 'command', item: commands[n]}]);
+      drawn.push([px - 2, top, px + wide, top + COMMAND_ROW, {kind: 'command', item: command}]);
     }
   };
 
@@ -193,16 +210,12 @@
       pen.lineWidth = 1;
       pen.strokeRect(a + 0.5, top + 0.5, Math.max(1, b - a - 1), ALERT_ROW - 3);
       const event = bySequence.get(sequence);
-      const text = '! ' + (event ? event[6] : kart ? 'kart ' + kart : '');
-      clipped(text, a + 3, top + 12, b - a - 5, '#000');
+      const whole = '! ' + (event ? event[6] : '');
+      const short = pen.measureText(whole).width > b - a && kart;
+      clipped(short ? '! kart ' + kart : whole, a + 3, top + 12, b - a - 5, '#000');
       drawn.push([a - 1, top, b + 1, top + ALERT_ROW, {kind: 'alert', item: alert}]);
     }
-    if (left) {
-      pen.fillStyle = '#a0001c';
-      pen.textAlign = 'right';
-      pen.fillText('zoom in: ' + left + ' more', width - 4, line.top + line.height - 6);
-      pen.textAlign = 'left';
-    }
+    unseenAlerts = left;
   };
 
   const clipped = (text, left, base, room, colour) => {
@@ -218,7 +231,7 @@
 
   const paintLane = (line) => {
     const {bands, holds, marks} = line.lane, top = line.top + 3, tall = line.height - 6;
-    pen.font = 'bold 13px ' + FONT;
+    pen.font = 'bold 12px ' + FONT;
     let tiny = null;
     const flush = () => {
       if (tiny) paintBand(tiny[0], tiny[1], tiny[2], top, tall);
@@ -241,51 +254,45 @@
     for (let n = search(holds, from, (each) => each[1]); n < holds.length; n++) {
       const [start, end] = holds[n];
       if (start > to) break;
-      const a = x(Math.max(start, from)), b = x(Math.min(end, to));
+      const a = x(Math.max(start, from)), wide = Math.max(1, x(Math.min(end, to)) - a);
       pen.fillStyle = '#fff';
-      pen.fillRect(a, top + tall - 6, Math.max(1, b - a), 1);
+      pen.fillRect(a, top + 4, wide, 1);
       pen.fillStyle = '#000';
-      pen.fillRect(a, top + tall - 5, Math.max(1, b - a), 5);
-      if (b - a > 150) {
+      pen.fillRect(a, top, wide, 4);
+      if (wide > 150) {
         pen.font = 'bold 10px ' + FONT;
-        const wide = pen.measureText('HELD').width + 6;
-        pen.fillStyle = '#000';
-        pen.fillRect(b - wide - 2, top + tall - 14, wide, 14);
+        const room = pen.measureText('HELD').width + 6;
+        pen.fillRect(a + wide - room, top, room, 13);
         pen.fillStyle = '#fff';
-        pen.fillText('HELD', b - wide + 1, top + tall - 4);
-        pen.font = 'bold 13px ' + FONT;
+        pen.fillText('HELD', a + wide - room + 3, top + 10);
       }
     }
     pen.textAlign = 'center';
+    pen.font = 'bold 10px ' + FONT;
+    const low = top + tall - 7;
     let before = -Infinity;
-    for (let n = search(marks, from, (each) => each[0]); n < marks.length; n++) {
-      const [at, kind] = marks[n];
-      if (at > to) break;
-      const px = x(at);
-      if (kind === 'ACKNOWLEDGED' && px - before < 12 && marks[n] !== chosen) {
-        if (px - before < 1) continue;
-        pen.fillStyle = '#000';
-        pen.fillRect(px - 0.5, top + 2, 1, 6);
-        continue;
-      }
-      if (MARKS[kind]) {
-        if (kind !== 'ACKNOWLEDGED' && px - before < 1 && marks[n] !== chosen) continue;
-        before = px;
+    for (let n = search(marks, from - (to - from) / 100, (each) => each[0]); n < marks.length; n++) {
+      const [at, kind] = marks[n], px = x(at);
+      if (px > width + APART) break;
+      const next = n + 1 < marks.length ? x(marks[n + 1][0]) : Infinity;
+      const alone = px - before >= APART && next - px >= APART;
+      if (!alone && px - before < 1 && kind === 'ACKNOWLEDGED' && marks[n] !== chosen) continue;
+      before = px;
+      if (MARKS[kind] && (alone || kind === 'DISCONNECTED' || marks[n] === chosen)) {
         pen.fillStyle = '#fff';
         pen.beginPath();
-        pen.arc(px, top + 9, 7, 0, 7);
+        pen.arc(px, low, 6.5, 0, 7);
         pen.fill();
         pen.lineWidth = marks[n] === chosen ? 3 : 1;
         pen.strokeStyle = marks[n] === chosen ? '#0047c2' : '#000';
         pen.stroke();
         pen.fillStyle = kind === 'ACKNOWLEDGED' ? '#000' : '#a0001c';
-        pen.font = 'bold 11px ' + FONT;
-        pen.fillText(MARKS[kind], px, top + 13);
+        pen.fillText(MARKS[kind], px, low + 4);
       } else {
-        pen.fillStyle = marks[n] === chosen ? '#0047c2' : '#000';
-        pen.beginPath();
-        pen.arc(px, top + 3, marks[n] === chosen ? 4 : 2, 0, 7);
-        pen.fill();
+        pen.fillStyle = '#fff';
+        pen.fillRect(px - 1.5, low - 3, 3, 10);
+        pen.fillStyle = marks[n] === chosen ? '#0047c2' : MARKS[kind] ? '#000' : '#777';
+        pen.fillRect(px - 0.5, low - 2, 1, 8);
       }
     }
     pen.textAlign = 'left';
@@ -311,7 +318,7 @@
     const text = pen.measureText(word).width + 12 <= wide ? word :
       pen.measureText(short).width + 8 <= wide ? short : '';
     pen.fillStyle = fore;
-    if (text) pen.fillText(text, a + 5, top + 17);
+    if (text) pen.fillText(text, a + 5, top + 14);
   };
 
   const paintNames = () => {
@@ -324,6 +331,12 @@
       pen.fillText(line.name, LEFT - 8, line.top + (line.kind === 'lane' ? 20 : 15));
       pen.fillStyle = '#ddd';
       pen.fillRect(0, line.top + line.height - 1, width, 1);
+    }
+    if (unseenAlerts) {
+      pen.font = '12px ' + FONT;
+      pen.fillStyle = '#a0001c';
+      pen.fillText(unseenAlerts + ' more:', LEFT - 8, lines[1].top + 31);
+      pen.fillText('zoom in', LEFT - 8, lines[1].top + 46);
     }
     pen.textAlign = 'left';
     pen.fillStyle = '#000';
@@ -384,7 +397,7 @@
       if (marks[n][0] > at + near) break;
       if (!best || Math.abs(marks[n][0] - at) < Math.abs(best[0] - at)) best = marks[n];
     }
-    if (best && py < line.top + 22) return {kind: 'mark', item: best, line};
+    if (best && py > line.top + 16) return {kind: 'mark', item: best, line};
     const n = search(line.lane.bands, at, (each) => each[1]);
     const band = line.lane.bands[n];
     return band && band[0] <= at ? {kind: 'band', item: band, line, at} : null;

@@ -20,7 +20,7 @@ from string import Template
 from evgp_rcs.race import EventKind
 from evgp_rcs.record import RecordedEvent, Session
 from evgp_rcs.report import drawing, words
-from evgp_rcs.report.model import Account, Alert, Part, Race
+from evgp_rcs.report.model import Account, Alert, Part, Race, STOPS
 from evgp_rcs.report.words import Clock
 
 PAPER_ROWS = 1000
@@ -28,6 +28,9 @@ PAPER_ROWS = 1000
 
 MOST_INCIDENTS = 100
 """Maximum number of incidents that are listed for one race; the table has all of them."""
+
+MOST_ALERTS = 200
+"""Maximum number of alerts that are listed; the table has all of them."""
 
 LESSER = frozenset(
     kind.name
@@ -203,6 +206,16 @@ class _Page:
                 '',
                 f'Officials sent {_count(len(whole.commands), "command")}; '
                 f'race control refused {refused or "none"}.',
+            )
+        )
+        stops = [event for event in whole.commands if event.success and event.command in STOPS]
+        lost = [number for race in whole.races for number in race.incidents]
+        lost = [n for n in lost if self._events[n].kind == EventKind.DISCONNECTED.name]
+        said.append(
+            (
+                '',
+                f'Incidents: {_count(len(stops), "stop")} by officials; '
+                f'{_count(len(lost), "lost connection")} during a race.',
             )
         )
         standing = sum(alert.stands for alert in whole.alerts)
@@ -396,14 +409,16 @@ class _Page:
         if not self._account.alerts:
             return '<section><h2>Alerts</h2><p>There was no alert.</p></section>'
         rows = []
-        for alert in self._account.alerts:
+        for alert in self._account.alerts[:MOST_ALERTS]:
             raised = (
                 self._clock.at(alert.raised, 1) if alert.raised is not None else 'not recorded'
             )
             kart = f'Kart {alert.kart}' if alert.kart else 'All'
             rows.append((raised, self._stood(alert), kart, _safe(alert.text)))
         head = ('Raised', 'How long it stood', 'Kart', 'What it said when it was raised')
-        return f'<section><h2>Alerts</h2>{_table("alerts", head, rows)}</section>'
+        more = len(self._account.alerts) - len(rows)
+        rest = f'<p>{more:,} more are in the table of events.</p>' if more else ''
+        return f'<section><h2>Alerts</h2>{_table("alerts", head, rows)}{rest}</section>'
 
     def _stood(self, alert: Alert) -> str:
         if alert.raised is None:
@@ -510,7 +525,7 @@ aria-label="Timeline; the arrow keys go from event to event"></canvas>
             )
             for event in shown
         )
-        head = ('No.', 'Time of day', 'Since the beginning', 'Kart', 'Kind', 'What happened')
+        head = ('No.', 'Time of day', 'Elapsed', 'Kart', 'Kind', 'What happened')
         numbers = sorted({event.kart for event in events if event.kart})
         kinds = sorted(
             {event.kind for event in events}, key=lambda kind: words.KINDS.get(kind, kind)
@@ -609,6 +624,7 @@ nothing. An acknowledgement is what the kart said, not what it did.</p></section
                     int(event.success),
                     words.name(event.official),
                     event.sequence,
+                    int(event.success and not event.kart),
                 ]
                 for event in account.commands
             ],
