@@ -24,6 +24,16 @@ from typing import Any
 from evgp_testing.part import Part
 from evgp_testing.patience import PATIENCE
 
+KEY_CODES = {
+    'End': 35,
+    'Home': 36,
+    'ArrowLeft': 37,
+    'ArrowUp': 38,
+    'ArrowRight': 39,
+    'ArrowDown': 40,
+}
+"""What some keys are to the browser's own controls, which do not go by their names."""
+
 NAMES = ('chromium', 'chromium-browser', 'google-chrome')
 
 
@@ -249,7 +259,9 @@ class Browser(Part):
 
     def key(self, key: str) -> None:
         """Press a key and let it go: a character, or a name such as `ArrowLeft`."""
-        more = {'text': key} if len(key) == 1 else {}
+        more: dict[str, object] = {'text': key} if len(key) == 1 else {}
+        if key in KEY_CODES:
+            more['windowsVirtualKeyCode'] = KEY_CODES[key]
         self.call('Input.dispatchKeyEvent', type='keyDown', key=key, **more)
         self.call('Input.dispatchKeyEvent', type='keyUp', key=key)
 

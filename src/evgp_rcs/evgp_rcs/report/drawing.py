@@ -16,7 +16,7 @@ from evgp_rcs.report.model import Account, Band, Lane
 from evgp_rcs.report.words import Clock
 
 WIDTH = 1000
-LABELS = 64
+LABELS = 72
 """Width of what is left of the times, in units of the picture."""
 
 ROWS = (24, 19)
@@ -216,8 +216,17 @@ class _Picture:
                 left = self._x(hold.start)
                 width = self._x(hold.end) - left
                 self._rect(left, y + 0.5, max(0.7, width), 2.5, 'hold')
-                if width > 90:
-                    self._text(left + width - 3, y + 10.5, 'HELD', 'held', 'end')
+                # The word stands where it covers no other: in the widest of the bands.
+                room, end = max(
+                    (
+                        self._x(min(band.end, hold.end)) - self._x(max(band.start, hold.start)),
+                        self._x(min(band.end, hold.end)),
+                    )
+                    for band in lane.bands
+                    if band.start < hold.end and band.end > hold.start
+                )
+                if room > 110:
+                    self._text(end - 3, y + 10.5, 'HELD', 'held', 'end')
         free = -9.0
         for mark in lane.marks:
             if mark.kind not in MARKS or not self._start <= mark.at <= self._end:

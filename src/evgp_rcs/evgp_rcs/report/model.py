@@ -8,7 +8,7 @@ event of the run, by the clock of the rules: nobody sets that clock.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 import dataclasses
 from dataclasses import dataclass, field
 
@@ -276,10 +276,10 @@ class _Reading:
         for event in events:
             self._take(event)
         for kart in self._karts.values():
-            kart.lane.bands = _merged(kart.lane.bands)
+            kart.lane.bands = _lasting(kart.lane.bands)
             kart.lane.holds = [hold for hold in kart.lane.holds if hold.end > hold.start]
             self.account.lanes.append(kart.lane)
-        self.account.race_bands = _merged(self._race_bands)
+        self.account.race_bands = _lasting(self._race_bands)
         self.account.alerts = self._alerts.told
 
     @property
@@ -291,7 +291,9 @@ class _Reading:
         if self._before is not None:
             self._compare(self._before, event, at)
         self._before = event
-        take = _TAKES.get(event.kind)
+        take: Callable[[_Reading, RecordedEvent, float], object] | None = _TAKES.get(event.kind)
+        if take is None and event.kart in self._karts:
+            take = _TAKES_OF_A_KART.get(event.kind)
         if take is not None:
             take(self, event, at)
 
@@ -362,10 +364,6 @@ class _Reading:
         kart = self._mark(event, at)
         if kart.sent in (RED_FLAG, RED_RED):
             self._incident(event)  # it had stopped, by its own word
-
-    def _said(self, event: RecordedEvent, at: float) -> None:
-        if event.kart:
-            self._mark(event, at)
 
     def _judge_hold(self, kart: _Kart, at: float) -> None:
         """See by what a kart is sent whether it is certain that it is held, or is not."""
@@ -504,18 +502,21 @@ class _Reading:
 _TAKES = {
     EventKind.COMMAND.name: _Reading._commanded,
     EventKind.RACE_STATE.name: _Reading._race_state,
-    EventKind.KART_STATE.name: _Reading._kart_state,
-    EventKind.ACKNOWLEDGED.name: _Reading._acknowledged,
-    EventKind.WITHDRAWN.name: _Reading._withdrawn,
-    EventKind.REPORTED.name: _Reading._said,
-    EventKind.MALFORMED.name: _Reading._said,
-    EventKind.REFUSED_CONNECTION.name: _Reading._said,
-    EventKind.CONNECTED.name: _Reading._connected,
-    EventKind.DISCONNECTED.name: _Reading._disconnected,
     EventKind.ALERT_RAISED.name: _Reading._alert_raised,
     EventKind.ALERT_CLEARED.name: _Reading._alert_cleared,
     EventKind.RESULTS.name: _Reading._results,
     EventKind.ENDED.name: _Reading._race_control_ends,
+}
+
+_TAKES_OF_A_KART = {
+    EventKind.KART_STATE.name: _Reading._kart_state,
+    EventKind.ACKNOWLEDGED.name: _Reading._acknowledged,
+    EventKind.WITHDRAWN.name: _Reading._withdrawn,
+    EventKind.REPORTED.name: _Reading._mark,
+    EventKind.MALFORMED.name: _Reading._mark,
+    EventKind.REFUSED_CONNECTION.name: _Reading._mark,
+    EventKind.CONNECTED.name: _Reading._connected,
+    EventKind.DISCONNECTED.name: _Reading._disconnected,
 }
 
 
@@ -580,10 +581,9 @@ def _change(bands: list[Band], at: float, what: str, sequence: int = 0) -> None:
     bands.append(Band(at, end, what, sequence=sequence))
 
 
-def _merged(bands: Sequence[Band]) -> list[Band]:
-    """Return the bands that last."""
-    lasting = [band for band in bands if band.end > band.start]
-    return lasting or list(bands[-1:])
+def _lasting(bands: Sequence[Band]) -> list[Band]:
+    """Return the bands that last, and the last one, however short it is."""
+    return [band for band in bands[:-1] if band.end > band.start] + list(bands[-1:])
 
 
 # ----- a part of a run ------------------------------------------------------------------------

@@ -259,12 +259,20 @@
       pen.fillRect(a, top + 4, wide, 1);
       pen.fillStyle = '#000';
       pen.fillRect(a, top, wide, 4);
-      if (wide > 150) {
+      // The word stands where it covers no other: in the widest of the bands.
+      let best = [0, 0];
+      for (let m = search(bands, start, (each) => each[1]); m < bands.length; m++) {
+        if (bands[m][0] >= end || bands[m][0] > to) break;
+        const b = x(Math.min(bands[m][1], end, to));
+        const room = b - x(Math.max(bands[m][0], start, from));
+        if (room > best[0]) best = [room, b];
+      }
+      if (best[0] > 150) {
         pen.font = 'bold 10px ' + FONT;
         const room = pen.measureText('HELD').width + 6;
-        pen.fillRect(a + wide - room, top, room, 13);
+        pen.fillRect(best[1] - room, top, room, 13);
         pen.fillStyle = '#fff';
-        pen.fillText('HELD', a + wide - room + 3, top + 10);
+        pen.fillText('HELD', best[1] - room + 3, top + 10);
       }
     }
     pen.textAlign = 'center';
