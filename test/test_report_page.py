@@ -13,6 +13,7 @@ from typing import Any
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.rcs_record import main as rcs_record
+from evgp_rcs_msgs import msg
 from evgp_testing.browser import Browser, missing
 from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl
@@ -182,9 +183,9 @@ def test_what_is_pointed_at_is_explained(browser: Browser, make_report: MakeRepo
     seen = set()
     # The last lines are the karts, and what the whole looks like.
     for x in range(100, int(width), 10):
-        browser.mouse('mouseMoved', left + x, top + height - 30 - 2 * 34 - 20)
+        browser.mouse('mouseMoved', left + x, top + height - 30 - 34 - 20)
         seen.add(text_of(browser, '#detail').split('\n')[0])
-    assert {'Kart 7 is sent GREEN GREEN', 'Kart 7 is sent RED RED'} <= seen
+    assert {f'Kart 8 (Michigan) is sent {state}' for state in ('GREEN GREEN', 'RED RED')} <= seen
     assert browser.evaluate('document.getElementById("tip").hidden') is False
 
 
@@ -283,6 +284,9 @@ def test_the_report_of_a_real_race_control_tells_what_karts_and_officials_did(
     official.wait_for_connected(1, 2)
     official.bring_to(RaceState.GREEN_GREEN)
     karts[2].close()
+    official.wait_for_event(
+        lambda event: event.kind == msg.RaceEvent.DISCONNECTED, 'kart 2 is lost'
+    )
     official.command('all_kill')
     karts[1].wait_for_state(RaceState.RED_RED)
     assert control.close() == 0

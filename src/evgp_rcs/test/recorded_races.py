@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+import contextlib
 import dataclasses
 import itertools
+import json
 import pathlib
 import random
+import sqlite3
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
@@ -119,6 +122,14 @@ class PaperRace:
         record.start(_fail)
         record.put(self.stamped)
         record.end(PATIENCE, in_order)
+        setup = json.dumps(
+            {'karts': [[kart.number, kart.team, True] for kart in self.race.karts.values()]}
+        )
+        with contextlib.closing(sqlite3.connect(path)) as database, database:
+            database.execute(
+                'INSERT OR REPLACE INTO setup SELECT max(id), ?, ? FROM session',
+                ('of the test', setup),
+            )
         return path
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import contextlib
 import dataclasses
 import hashlib
+import json
 import pathlib
 import random
 import re
@@ -505,9 +506,19 @@ def test_a_record_of_the_first_version_makes_a_report(written: pathlib.Path) -> 
 
 def test_the_version_of_the_rules_is_that_of_the_run(written: pathlib.Path) -> None:
     with contextlib.closing(sqlite3.connect(written)) as database:
-        database.execute("INSERT INTO setup VALUES (1, 'rules-1234', '{}')")
+        database.execute("INSERT OR REPLACE INTO setup VALUES (1, 'rules-1234', '{}')")
         database.commit()
     assert 'rules-1234' in report(written)
+
+
+def test_a_kart_has_the_name_of_its_team_also_if_it_never_came(written: pathlib.Path) -> None:
+    setup = json.dumps({'karts': [[7, 'Purdue', True], [12, 'The <b>Absent</b>', True]]})
+    with contextlib.closing(sqlite3.connect(written)) as database:
+        database.execute('INSERT OR REPLACE INTO setup VALUES (1, ?, ?)', ('rules-1234', setup))
+        database.commit()
+    page = report(written)
+    assert 'Kart 7 (<bdi>Purdue</bdi>)' in page
+    assert '"kart":12,"team":"The \\u003cb>Absent' in page
 
 
 def test_names_of_others_are_nothing_but_text(tmp_path: pathlib.Path) -> None:

@@ -69,9 +69,10 @@ def main(arguments: Sequence[str]) -> int:
     with open_runs(wanted.file) as runs:
         run = runs.choose(wanted.run)
         happened = list(events(runs.database, run.number))
-        source = _source(runs, run, happened)
+        rules, teams = _setup(runs.database, run.number)
+        source = _source(runs, run, happened, rules)
     # With the record closed: the race must not wait for what follows.
-    account = read(happened)
+    account = read(happened, teams)
     try:
         part = _part(account, run, wanted.start, wanted.end, wanted.kart)
     except ValueError as error:
@@ -86,7 +87,7 @@ def main(arguments: Sequence[str]) -> int:
     return 0
 
 
-def _source(runs: Runs, run: Session, happened: Sequence[RecordedEvent]) -> Source:
+def _source(runs: Runs, run: Session, happened: Sequence[RecordedEvent], rules: str) -> Source:
     present = runs.present is not None and runs.present.number == run.number
     return Source(
         file=str(runs.file.absolute()),
@@ -98,7 +99,7 @@ def _source(runs: Runs, run: Session, happened: Sequence[RecordedEvent]) -> Sour
             if each.ended_ns is None and each.number != run.number and each != runs.present
         ],
         sums=_sums(runs, happened),
-        rules=_rules(runs.database, run.number),
+        rules=rules,
         program=f'evgp_rcs {_version()}',
         made_ns=time.time_ns(),
     )
@@ -137,13 +138,20 @@ def _sum_of(file: pathlib.Path) -> str:
     return digest.hexdigest()
 
 
-def _rules(database: sqlite3.Connection, run: int) -> str:
-    """Return the version of the rules that the run recorded; empty: it recorded none."""
+def _setup(database: sqlite3.Connection, run: int) -> tuple[str, dict[int, str]]:
+    """Return the version of the rules and the teams of a run; empty: it recorded none."""
     (version,) = database.execute('PRAGMA user_version').fetchone()
     if version < 2:
-        return ''
-    row = database.execute('SELECT rules FROM setup WHERE session = ?', (run,)).fetchone()
-    return str(row[0]) if row is not None else ''
+        return '', {}
+    row = database.execute('SELECT rules, setup FROM setup WHERE session = ?', (run,)).fetchone()
+    if row is None:
+        return '', {}
+    rules, setup = row
+    try:
+        teams = {int(kart[0]): str(kart[1]) for kart in json.loads(setup)['karts']}
+    except (ValueError, KeyError, TypeError, IndexError):
+        teams = {}  # damaged, or of another version: the report does without
+    return str(rules), teams
 
 
 def _version() -> str:

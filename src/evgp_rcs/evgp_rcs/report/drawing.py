@@ -16,7 +16,7 @@ from evgp_rcs.report.model import Account, Band, Lane
 from evgp_rcs.report.words import Clock
 
 WIDTH = 1000
-LABELS = 72
+LABELS = 80
 """Width of what is left of the times, in units of the picture."""
 
 ROWS = (24, 19)
@@ -25,6 +25,9 @@ ROWS = (24, 19)
 FEW = 14
 MOST_LANES = 20
 """Maximum number of karts in one picture; more do not fit on a page."""
+
+MOST_OF_A_TEAM = 15
+"""Maximum length of a team's name beside its line, in characters."""
 
 COMMAND_ROWS = 5
 STEPS = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200, 86400)
@@ -59,6 +62,11 @@ def pictures(account: Account, start: float, end: float, clock: Clock) -> list[s
     return [_Picture(account, group, start, end, clock).draw() for group in groups or [[]]]
 
 
+def _cut(team: str) -> str:
+    name = words.plain(team)
+    return name if len(name) <= MOST_OF_A_TEAM else f'{name[:MOST_OF_A_TEAM]}…'
+
+
 def _command_kind(event: RecordedEvent) -> str:
     return 'command' if event.success else 'command refused'
 
@@ -90,6 +98,7 @@ class _Picture:
         y += self._row
         for lane in self._lanes:
             self._label(y, f'Kart {lane.kart}')
+            self._text(LABELS - 6, y + 18, _cut(lane.team), 'team', 'end')
             self._bands(lane.bands, y)
             self._marks(lane, y)
             y += self._row
@@ -116,7 +125,7 @@ class _Picture:
         )
 
     def _label(self, y: float, text: str) -> None:
-        self._text(LABELS - 6, y + 12, text, 'lane', 'end')
+        self._text(LABELS - 6, y + 10.5, text, 'lane', 'end')
 
     def _axis(self, y: float) -> float:
         step = next((each for each in STEPS if (self._end - self._start) / each <= 12), STEPS[-1])
@@ -207,7 +216,7 @@ class _Picture:
         self._rect(left, y + 1, width, self._row - 2, f'band {what}')
         for text in (words.STATES[what], words.SHORT[what]):
             if 6.2 * len(text) + 4 <= width:
-                self._text(left + 3, y + 10.5, text, f'word {what}')
+                self._text(left + 3, y + 11.5, text, f'word {what}')
                 break
 
     def _marks(self, lane: Lane, y: float) -> None:
@@ -226,14 +235,14 @@ class _Picture:
                     if band.start < hold.end and band.end > hold.start
                 )
                 if room > 110:
-                    self._text(end - 3, y + 10.5, 'HELD', 'held', 'end')
+                    self._text(end - 3, y + 11.5, 'HELD', 'held', 'end')
         free = -9.0
         for mark in lane.marks:
             if mark.kind not in MARKS or not self._start <= mark.at <= self._end:
                 continue
             x = self._x(mark.at)
             if x >= free or mark.kind == 'DISCONNECTED':
-                base = y + self._row - 2.5
+                base = y + self._row - 1.5
                 self._text(x, base, MARKS[mark.kind], f'mark {mark.kind}', 'middle')
                 free = x + 8
 

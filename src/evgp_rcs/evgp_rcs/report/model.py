@@ -8,7 +8,7 @@ event of the run, by the clock of the rules: nobody sets that clock.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 import dataclasses
 from dataclasses import dataclass, field
 
@@ -57,7 +57,8 @@ class Hold:
     """
     A time in which a kart is known to have been held on its own account.
 
-    :param command: the name of the command that did it; empty: no command, or not known.
+    :param command: the name of the command that it began with; empty: it began with none, or that
+        is not known.
     """
 
     start: float
@@ -76,9 +77,14 @@ class Mark:
 
 @dataclass
 class Lane:
-    """One kart: what it was sent, when it was known to be held, and what it said or lost."""
+    """
+    One kart: what it was sent, when it was known to be held, and what it said or lost.
+
+    :param team: the name of its team; empty: not recorded.
+    """
 
     kart: int
+    team: str = ''
     bands: list[Band] = field(default_factory=list)
     holds: list[Hold] = field(default_factory=list)
     marks: list[Mark] = field(default_factory=list)
@@ -216,9 +222,13 @@ MOST_CLOCK_STEP = 1.0
 """Maximum difference of the two clocks between two events that goes for none, in seconds."""
 
 
-def read(events: Iterable[RecordedEvent]) -> Account:
-    """Return what the events of one run, in order, say."""
-    return _Reading(list(events)).account
+def read(events: Iterable[RecordedEvent], teams: Mapping[int, str] | None = None) -> Account:
+    """
+    Return what the events of one run, in order, say.
+
+    :param teams: the teams of the roster, by the numbers of their karts, if they are recorded.
+    """
+    return _Reading(list(events), teams or {}).account
 
 
 class _Kart:
@@ -237,7 +247,7 @@ class _Kart:
 class _Reading:
     """One pass over the events."""
 
-    def __init__(self, events: list[RecordedEvent]) -> None:
+    def __init__(self, events: list[RecordedEvent], teams: Mapping[int, str]) -> None:
         self._first = events[0].monotonic if events else 0.0
         self._length = events[-1].monotonic - self._first if events else 0.0
         whole = not events or events[0].sequence == 1
@@ -245,8 +255,9 @@ class _Reading:
         before = NOT_CONNECTED if whole else NOT_KNOWN
         # What a refused command names need not be a kart of the roster.
         numbers = {event.kart for event in events if event.kart and not _refused(event)}
+        numbers.update(teams)
         self._karts = {
-            number: _Kart(Lane(number, [Band(0.0, self._length, before)]))
+            number: _Kart(Lane(number, teams.get(number, ''), [Band(0.0, self._length, before)]))
             for number in sorted(numbers)
         }
         # Every run begins in IN_GARAGE; one that takes up a race says so with its first event.
@@ -381,7 +392,6 @@ class _Reading:
         if kart.hold is None:
             kart.hold = Hold(at, self._length, command)
             kart.lane.holds.append(kart.hold)
-        kart.hold.command = kart.hold.command or command
 
     def _release(self, kart: _Kart, at: float) -> None:
         if kart.hold is not None:
@@ -632,6 +642,7 @@ class Part:
         lanes = [
             Lane(
                 lane.kart,
+                lane.team,
                 [
                     dataclasses.replace(
                         band,

@@ -62,7 +62,7 @@
     {name: 'Alerts', kind: 'alerts', height: ALERTS * ALERT_ROW + 6},
     {name: 'Race', kind: 'lane', height: ROW, lane: {bands: data.race, holds: [], marks: []}},
     ...data.lanes.map((lane) => (
-      {name: 'Kart ' + lane.kart, kind: 'lane', height: ROW, lane, kart: lane.kart})),
+      {name: 'Kart ' + lane.kart, kind: 'lane', height: ROW, lane, kart: lane.kart, team: lane.team})),
   ];
   let bottom = AXIS;
   for (const line of lines) { line.top = bottom; bottom += line.height; }
@@ -336,7 +336,14 @@
     pen.textAlign = 'right';
     for (const line of lines) {
       pen.fillStyle = '#000';
-      pen.fillText(line.name, LEFT - 8, line.top + (line.kind === 'lane' ? 20 : 15));
+      pen.fillText(line.name, LEFT - 8, line.top + (line.kind !== 'lane' || line.team ? 15 : 20));
+      if (line.team) {
+        pen.font = '10px ' + FONT;
+        let most = line.team.length;
+        while (pen.measureText(cut(line.team, most)).width > LEFT - 12) most--;
+        pen.fillText(cut(line.team, most), LEFT - 8, line.top + 28);
+        pen.font = 'bold 13px ' + FONT;
+      }
       pen.fillStyle = '#ddd';
       pen.fillRect(0, line.top + line.height - 1, width, 1);
     }
@@ -413,6 +420,7 @@
 
   const describe = (thing) => {
     const {kind, item, line} = thing;
+    const who = line && line.name + (line.team ? ' (' + line.team + ')' : '');
     if (kind === 'command') {
       const event = bySequence.get(item[4]);
       return item[1] + (item[2] ? '' : ', refused') + '\n' + timeOfDay(item[0], 3) + ' (' +
@@ -426,11 +434,11 @@
     }
     if (kind === 'mark') {
       const event = bySequence.get(item[2]);
-      return line.name + ': ' + kindOf(item[1]) + '\n' + timeOfDay(item[0], 3) + ' (' +
+      return who + ': ' + kindOf(item[1]) + '\n' + timeOfDay(item[0], 3) + ' (' +
         elapsed(item[0]) + ')\n' + (event ? event[6] : '');
     }
     const [start, end, what, acknowledged] = item, word = data.states[what];
-    let text = line.name;
+    let text = who;
     if (what === 'NOT_CONNECTED') text += ' is not connected';
     else if (what === 'NOT_KNOWN') text += ': the record does not say what it is';
     else text += (line.kart ? ' is sent ' : ' is in ') + word;
@@ -444,7 +452,7 @@
     for (const [begins, ends, command] of line.lane.holds) {
       if (begins <= thing.at && thing.at <= ends) {
         text += '\nheld from ' + timeOfDay(begins, 3) + ' to ' + timeOfDay(ends, 3) +
-          (command ? ', by ' + command : '');
+          (command ? ', since ' + command : '');
       }
     }
     return text;

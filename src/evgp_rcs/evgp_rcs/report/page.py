@@ -111,6 +111,7 @@ class _Page:
         self._start, self._end = part.span(whole)
         first = whole.first
         self._clock = Clock(first.wall_ns if first is not None else source.run.began_ns)
+        self._teams = {lane.kart: lane.team for lane in whole.lanes if lane.team}
         self._events = {event.sequence: event for event in whole.events}
 
     def html(self) -> str:
@@ -289,6 +290,12 @@ class _Page:
     def _time_ns(self, wall_ns: int) -> str:
         return self._clock.time(wall_ns)
 
+    def _kart(self, number: int) -> str:
+        if not number:
+            return 'All'
+        team = self._teams.get(number)
+        return f'Kart {number} ({_safe(words.name(team))})' if team else f'Kart {number}'
+
     def _official(self, event: RecordedEvent) -> str:
         return _safe(words.name(event.official)) if event.official else 'an unnamed official'
 
@@ -356,15 +363,19 @@ class _Page:
         rows = []
         for place, finish in enumerate(race.finished, 1):
             since = words.duration(finish.at - race.green) if race.green is not None else ''
-            rows.append((f'{place}.', f'Kart {finish.kart}', since, self._clock.at(finish.at, 1)))
+            rows.append(
+                (f'{place}.', self._kart(finish.kart), since, self._clock.at(finish.at, 1))
+            )
         for kart in sorted(set(race.starters) - finished):
-            rows.append(('-', f'Kart {kart}', f'did not finish: {self._why_out(race, kart)}', ''))
+            rows.append(
+                ('-', self._kart(kart), f'did not finish: {self._why_out(race, kart)}', '')
+            )
         text = ''
         if rows:
             head = ('Place', 'Kart', 'Time from GREEN GREEN', 'Marked as finished')
             text = _table('order', head, rows)
         if race.results:
-            text += f'<p>Race control reported: {_safe(race.results)}.</p>'
+            text += f"<p>In race control's own words: {_safe(race.results)}.</p>"
         return text
 
     def _why_out(self, race: Race, kart: int) -> str:
@@ -389,12 +400,11 @@ class _Page:
             since = ''
             if race is not None and race.green is not None and at >= race.green:
                 since = words.elapsed(at - race.green)
-            kart = f'Kart {event.kart}' if event.kart else 'All'
             what = _safe(event.text)
             if event.kind == EventKind.COMMAND.name:
                 label = escape(words.command(event.command, 0))
                 what = f'<strong>{label}</strong> from {self._official(event)}: {what}'
-            rows.append((self._clock.at(at, 1), since, kart, what))
+            rows.append((self._clock.at(at, 1), since, self._kart(event.kart), what))
         more = len(numbers) - len(rows)
         rest = f'<p>{more:,} more are in the table of events.</p>' if more else ''
         head = (
@@ -413,8 +423,7 @@ class _Page:
             raised = (
                 self._clock.at(alert.raised, 1) if alert.raised is not None else 'not recorded'
             )
-            kart = f'Kart {alert.kart}' if alert.kart else 'All'
-            rows.append((raised, self._stood(alert), kart, _safe(alert.text)))
+            rows.append((raised, self._stood(alert), self._kart(alert.kart), _safe(alert.text)))
         head = ('Raised', 'How long it stood', 'Kart', 'What it said when it was raised')
         more = len(self._account.alerts) - len(rows)
         rest = f'<p>{more:,} more are in the table of events.</p>' if more else ''
@@ -601,6 +610,7 @@ nothing. An acknowledgement is what the kart said, not what it did.</p></section
             'lanes': [
                 {
                     'kart': lane.kart,
+                    'team': words.name(lane.team),
                     'bands': [
                         [short(b.start), short(b.end), b.what, short(b.acknowledged)]
                         for b in lane.bands
