@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 import sys
 
 from evgp_rcs import mcap_export, replay, timeline
+from evgp_rcs.report import command as report
 from evgp_rcs.runs import UnreadableError
 
 WAYS: dict[str, tuple[Callable[[Sequence[str]], int], str]] = {
@@ -15,6 +16,7 @@ WAYS: dict[str, tuple[Callable[[Sequence[str]], int], str]] = {
         'make a bag of it, for Foxglove, PlotJuggler and ros2 bag',
     ),
     'replay': (replay.main, 'run the rules again on its inputs, and compare what comes out'),
+    'report': (report.main, 'write a run, or a part of it, as a report in one HTML file'),
 }
 """What the first argument may be: what it calls with the rest, and what that does."""
 

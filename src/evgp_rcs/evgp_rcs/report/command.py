@@ -1,0 +1,213 @@
+"""``rcs_record report``: write the report of a run."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable, Sequence
+import datetime
+import hashlib
+from importlib import metadata
+import json
+import pathlib
+import re
+import sqlite3
+import sys
+import time
+
+from evgp_rcs.record import events, is_being_written, RecordedEvent, Session
+from evgp_rcs.report.model import Account, Part, read
+from evgp_rcs.report.page import page, Source
+from evgp_rcs.report.words import Clock
+from evgp_rcs.runs import add_run_arguments, open_runs, Runs
+
+CHUNK = 1 << 20
+"""Maximum part of a file that is read at a time, in bytes."""
+
+SUMMED = (
+    'sequence',
+    'wall_ns',
+    'monotonic',
+    'kind',
+    'kart',
+    'command',
+    'success',
+    'state',
+    'text',
+    'official',
+)
+"""The fields of each event that its sum is of, in this order, as a line of JSON."""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Write the report of one run of a record.
+
+    :return: 0, or 1 if the report cannot be written.
+    :raises UnreadableError: if the record or the run cannot be read.
+    """
+    parser = argparse.ArgumentParser(
+        prog='rcs_record report',
+        description='Write the report of the newest run, or of a part of it, as one HTML file.',
+        epilog='A TIME is a time of day (14:05 or 14:05:30), the first such time after the run '
+        'began; a day and a time (2026-05-30T14:05); or the seconds since the first event, with '
+        'a plus (+90). A report of a part says so at the top, at the timeline, at the table, and '
+        'on every printed page. Open the file in any browser; print it from there.',
+    )
+    add_run_arguments(parser)
+    parser.add_argument(
+        '-o', '--output', type=pathlib.Path, required=True, metavar='FILE', help='write this file'
+    )
+    parser.add_argument('--from', dest='start', metavar='TIME', help='leave out what was before')
+    parser.add_argument('--to', dest='end', metavar='TIME', help='leave out what came later')
+    parser.add_argument(
+        '--kart',
+        type=int,
+        metavar='NUMBER',
+        help='show this kart, and what concerns no single kart',
+    )
+    wanted = parser.parse_args(arguments)
+    with open_runs(wanted.file) as runs:
+        run = runs.choose(wanted.run)
+        happened = list(events(runs.database, run.number))
+        rules, teams = _setup(runs.database, run.number)
+        source = _source(runs, run, happened, rules)
+    # With the record closed: the race must not wait for what follows.
+    account = read(happened, teams)
+    try:
+        part = _part(account, run, wanted.start, wanted.end, wanted.kart)
+    except ValueError as error:
+        parser.error(str(error))
+    written = page(account, part, source)
+    try:
+        wanted.output.write_text(written, encoding='utf-8', errors='replace')
+    except OSError as error:
+        print(f'rcs_record: {wanted.output} cannot be written: {error.strerror}', file=sys.stderr)
+        return 1
+    print(f'{wanted.output}: run {run.number}, {run.events} events')
+    return 0
+
+
+def _source(runs: Runs, run: Session, happened: Sequence[RecordedEvent], rules: str) -> Source:
+    present = runs.present is not None and runs.present.number == run.number
+    return Source(
+        file=str(runs.file.absolute()),
+        run=run,
+        present=present,
+        others=[
+            each.number
+            for each in runs.listed
+            if each.ended_ns is None and each.number != run.number and each != runs.present
+        ],
+        sums=_sums(runs, happened),
+        rules=rules,
+        program=f'evgp_rcs {_version()}',
+        made_ns=time.time_ns(),
+    )
+
+
+def _sums(runs: Runs, happened: Iterable[RecordedEvent]) -> list[tuple[str, str]]:
+    """
+    Return what was summed, and its SHA-256.
+
+    Always of the events that were read, so that a report can be held against the record at any
+    later time. And of the file, unless race control is writing it; with what SQLite keeps beside
+    it after a crash.
+    """
+    digest = hashlib.sha256()
+    for event in happened:
+        fields = [getattr(event, name) for name in SUMMED]
+        digest.update(json.dumps(fields).encode() + b'\n')
+    sums = [('SHA-256 of the events of this run, as they were read', digest.hexdigest())]
+    if runs.present is None:
+        files = [runs.file, runs.file.with_name(f'{runs.file.name}-wal')]
+        of_files = [
+            (f'SHA-256 of the file {file.name}', _sum_of(file))
+            for file in files
+            if file.exists() and (file.stat().st_size or file == runs.file)
+        ]
+        if not is_being_written(runs.file):
+            return [*of_files, *sums]
+    return [('SHA-256 of the file', 'none: race control was writing it'), *sums]
+
+
+def _sum_of(file: pathlib.Path) -> str:
+    digest = hashlib.sha256()
+    with file.open('rb') as opened:
+        while chunk := opened.read(CHUNK):
+            digest.update(chunk)
+    return digest.hexdigest()
+
+
+def _setup(database: sqlite3.Connection, run: int) -> tuple[str, dict[int, str]]:
+    """Return the version of the rules and the teams of a run; empty: it recorded none."""
+    (version,) = database.execute('PRAGMA user_version').fetchone()
+    if version < 2:
+        return '', {}
+    row = database.execute('SELECT rules, setup FROM setup WHERE session = ?', (run,)).fetchone()
+    if row is None:
+        return '', {}
+    rules, setup = row
+    try:
+        teams = {int(kart[0]): str(kart[1]) for kart in json.loads(setup)['karts']}
+    except (ValueError, KeyError, TypeError, IndexError):
+        teams = {}  # damaged, or of another version: the report does without
+    return str(rules), teams
+
+
+def _version() -> str:
+    try:
+        return metadata.version('evgp_rcs')
+    except metadata.PackageNotFoundError:
+        return 'of which the version is not known'
+
+
+def _part(
+    account: Account, run: Session, start: str | None, end: str | None, kart: int | None
+) -> Part:
+    clock = Clock(account.first.wall_ns if account.first is not None else run.began_ns)
+
+    def at(text: str | None) -> float | None:
+        return None if text is None else seconds_of(text, clock)
+
+    part = Part(at(start), at(end), kart)
+    if part.start is not None and part.start > account.length:
+        raise ValueError(f'--from {start}: the run ended before, at {clock.at(account.length, 1)}')
+    if part.end is not None and part.end < (part.start or 0.0):
+        raise ValueError(f'--to {end}: that is before the part begins')
+    if kart is not None and all(lane.kart != kart for lane in account.lanes):
+        known = ', '.join(str(lane.kart) for lane in account.lanes) or 'no kart'
+        raise ValueError(f'--kart {kart}: the run has {known}')
+    return part
+
+
+def seconds_of(text: str, clock: Clock) -> float:
+    """
+    Return the seconds since the first event of a time as it is given in the terminal.
+
+    :raises ValueError: if it is no time.
+    """
+    began = clock.moment(clock.began_ns)
+    if re.fullmatch(r'\+\d+(\.\d+)?', text):
+        return float(text[1:])
+    ways: tuple[Callable[[], datetime.datetime], ...] = (
+        lambda: datetime.datetime.combine(began.date(), _time_of(text), clock.zone),
+        lambda: datetime.datetime.fromisoformat(text),
+    )
+    for way in ways:
+        try:
+            moment = way()
+        except ValueError:
+            continue
+        if moment.tzinfo is None:
+            moment = moment.replace(tzinfo=clock.zone)
+        at = (moment - began).total_seconds()
+        # To the minute or second, the beginning itself may be meant.
+        return at + 86400.0 if way is ways[0] and at < -60.0 else max(0.0, at)
+    raise ValueError(f'{text} is no time; for example 14:05:30, 2026-05-30T14:05 or +90')
+
+
+def _time_of(text: str) -> datetime.time:
+    if not re.fullmatch(r'\d\d?:\d\d(:\d\d(\.\d{1,6})?)?', text):
+        raise ValueError(text)
+    hours, rest = text.split(':', 1)
+    return datetime.time.fromisoformat(f'{int(hours):02}:{rest}')

@@ -1,0 +1,697 @@
+"""
+What the recorded events of one run say: races, what each kart was sent, alerts, commands.
+
+Pure. Everything here follows from the fields of the events alone; no sentence is read. Where the
+events cannot say what a kart was sent, that is `NOT_KNOWN`. All times are seconds since the first
+event of the run, by the clock of the rules: nobody sets that clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+import dataclasses
+from dataclasses import dataclass, field
+
+from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.race import EventKind
+from evgp_rcs.record import RecordedEvent
+from evgp_rcs.timeline import FINISHED
+
+IN_GARAGE = RaceState.IN_GARAGE.name
+GRID_ACTIVE = RaceState.GRID_ACTIVE.name
+GREEN_GREEN = RaceState.GREEN_GREEN.name
+RED_FLAG = RaceState.RED_FLAG.name
+RED_RED = RaceState.RED_RED.name
+
+NOT_CONNECTED = 'NOT_CONNECTED'
+"""In the place of a state: race control sends the kart nothing, since it is not connected."""
+
+NOT_KNOWN = 'NOT_KNOWN'
+"""In the place of a state: the record does not say what the kart was sent."""
+
+HOLDS_ONE = frozenset({CommandKind.KART_RED_RED.name, CommandKind.KART_RED_FLAG.name})
+HOLDS_ALL = frozenset({CommandKind.ALL_KILL.name, CommandKind.RECORD_MSR.name})
+STOPS = HOLDS_ONE | HOLDS_ALL | {CommandKind.RED_FLAG.name}
+
+
+@dataclass
+class Band:
+    """
+    A time in which something stayed the same.
+
+    :param what: the name of a ``RaceState``, `NOT_CONNECTED` or `NOT_KNOWN`.
+    :param acknowledged: when the kart first acknowledged it; None: not in this time.
+    :param sequence: the event it begins with; 0: none.
+    """
+
+    start: float
+    end: float
+    what: str
+    acknowledged: float | None = None
+    sequence: int = 0
+
+
+@dataclass
+class Hold:
+    """
+    A time in which a kart is known to have been held on its own account.
+
+    :param command: the name of the command that it began with; empty: it began with none, or that
+        is not known.
+    """
+
+    start: float
+    end: float
+    command: str
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A moment on a kart's lane: the name of an ``EventKind``."""
+
+    at: float
+    kind: str
+    sequence: int
+
+
+@dataclass
+class Lane:
+    """
+    One kart: what it was sent, when it was known to be held, and what it said or lost.
+
+    :param team: the name of its team; empty: not recorded.
+    """
+
+    kart: int
+    team: str = ''
+    bands: list[Band] = field(default_factory=list)
+    holds: list[Hold] = field(default_factory=list)
+    marks: list[Mark] = field(default_factory=list)
+
+
+@dataclass
+class Alert:
+    """
+    An alert, and how long it stood.
+
+    The record does not say which of several alerts of one kart has ended: then it ended between
+    two times.
+
+    :param raised: None: in a gap of the record.
+    :param ended_from: the first moment at which it can have ended; None: it had not.
+    :param ended_by: the last such moment; None: it may still stand, or ended in a gap.
+    :param lost_sight: events are missing after it was raised, which may have ended it.
+    """
+
+    kart: int
+    raised: float | None
+    text: str
+    sequence: int
+    ended_from: float | None = None
+    ended_by: float | None = None
+    lost_sight: bool = False
+
+    @property
+    def stands(self) -> bool:
+        """Return whether it certainly stood at the end of the record."""
+        return self.ended_from is None and not self.lost_sight
+
+
+@dataclass(frozen=True)
+class Finish:
+    """A kart in its place, and when it was marked as finished."""
+
+    kart: int
+    at: float
+
+
+@dataclass
+class Race:
+    """
+    One race, from GRID_ACTIVE to IN_GARAGE.
+
+    :param grid: when it went to GRID_ACTIVE; None: before the record, or in a gap of it.
+    :param green: when it was started; None: never, or the record does not say.
+    :param flagged: when it first went to RED_FLAG.
+    :param red: when it went to RED_RED.
+    :param garage: when it went back to IN_GARAGE.
+    :param red_by: the number of the command's event that brought it to RED_RED; 0: none did.
+    :param starters: who was sent GREEN_GREEN.
+    :param finished: in the order of their places.
+    :param out: of each starter, when it was first lost or stopped alone before it finished, and
+        the event that says so.
+    :param results: race control's own sentence; empty: none was recorded.
+    :param incidents: the numbers of the events that a jury asks about first.
+    :param taken_up: it was under way when the run began.
+    :param incomplete: events are missing in it.
+    """
+
+    number: int
+    grid: float | None = None
+    green: float | None = None
+    flagged: float | None = None
+    red: float | None = None
+    garage: float | None = None
+    red_by: int = 0
+    starters: list[int] = field(default_factory=list)
+    finished: list[Finish] = field(default_factory=list)
+    out: dict[int, tuple[float, int]] = field(default_factory=dict)
+    results: str = ''
+    incidents: list[int] = field(default_factory=list)
+    taken_up: bool = False
+    incomplete: bool = False
+
+    @property
+    def began(self) -> float:
+        """Return the first time that is known of it."""
+        times = (self.grid, self.green, self.flagged, self.red)
+        return next((at for at in times if at is not None), 0.0)
+
+
+@dataclass(frozen=True)
+class Gap:
+    """Events that the record does not have, between two that it has."""
+
+    start: float
+    end: float
+    missing: int
+
+
+@dataclass(frozen=True)
+class ClockStep:
+    """The computer's wall clock was set, by so many seconds, since the event before."""
+
+    at: float
+    by: float
+
+
+@dataclass
+class Account:
+    """
+    Everything that the events of a run say.
+
+    :param events: all of them, in order.
+    :param first: the first event of the run; None: there is none.
+    :param length: the time of the last event.
+    :param race_bands: the state of the race.
+    :param outside: the numbers of incidents outside any race.
+    :param ended: the event that says that race control ends; None: there is none.
+    """
+
+    events: list[RecordedEvent]
+    first: RecordedEvent | None
+    length: float
+    lanes: list[Lane]
+    race_bands: list[Band]
+    races: list[Race]
+    alerts: list[Alert]
+    commands: list[RecordedEvent]
+    gaps: list[Gap]
+    clock_steps: list[ClockStep]
+    outside: list[int]
+    ended: RecordedEvent | None
+
+    def at(self, event: RecordedEvent) -> float:
+        """Return when an event happened."""
+        assert self.first is not None
+        return event.monotonic - self.first.monotonic
+
+
+MOST_CLOCK_STEP = 1.0
+"""Maximum difference of the two clocks between two events that goes for none, in seconds."""
+
+
+def read(events: Iterable[RecordedEvent], teams: Mapping[int, str] | None = None) -> Account:
+    """
+    Return what the events of one run, in order, say.
+
+    :param teams: the teams of the roster, by the numbers of their karts, if they are recorded.
+    """
+    return _Reading(list(events), teams or {}).account
+
+
+class _Kart:
+    """What is known of one kart while the events go by."""
+
+    def __init__(self, lane: Lane) -> None:
+        self.lane = lane
+        self.hold: Hold | None = None
+
+    @property
+    def sent(self) -> str:
+        """Return what it is sent now, `NOT_CONNECTED` or `NOT_KNOWN`."""
+        return self.lane.bands[-1].what
+
+
+class _Reading:
+    """One pass over the events."""
+
+    def __init__(self, events: list[RecordedEvent], teams: Mapping[int, str]) -> None:
+        self._first = events[0].monotonic if events else 0.0
+        self._length = events[-1].monotonic - self._first if events else 0.0
+        whole = not events or events[0].sequence == 1
+        # No kart is connected when a run begins.
+        before = NOT_CONNECTED if whole else NOT_KNOWN
+        # What a refused command names need not be a kart of the roster.
+        numbers = {event.kart for event in events if event.kart and not _refused(event)}
+        numbers.update(teams)
+        self._karts = {
+            number: _Kart(Lane(number, teams.get(number, ''), [Band(0.0, self._length, before)]))
+            for number in sorted(numbers)
+        }
+        # Every run begins in IN_GARAGE; one that takes up a race says so with its first event.
+        state = IN_GARAGE if whole else NOT_KNOWN
+        self._race_bands = [Band(0.0, self._length, state)]
+        self._race: Race | None = None
+        self._alerts = _Alerts()
+        self._before: RecordedEvent | None = None
+        self._command: tuple[float, RecordedEvent] | None = None
+        self.account = Account(
+            # Older versions told each finish a second time.
+            [event for event in events if event.kind != FINISHED],
+            events[0] if events else None,
+            self._length,
+            lanes=[],
+            race_bands=[],
+            races=[],
+            alerts=[],
+            commands=[],
+            gaps=[],
+            clock_steps=[],
+            outside=[],
+            ended=None,
+        )
+        if not whole:
+            self.account.gaps.append(Gap(0.0, 0.0, events[0].sequence - 1))
+        for event in events:
+            self._take(event)
+        for kart in self._karts.values():
+            kart.lane.bands = _lasting(kart.lane.bands)
+            kart.lane.holds = [hold for hold in kart.lane.holds if hold.end > hold.start]
+            self.account.lanes.append(kart.lane)
+        self.account.race_bands = _lasting(self._race_bands)
+        self.account.alerts = self._alerts.told
+
+    @property
+    def _state(self) -> str:
+        return self._race_bands[-1].what
+
+    def _take(self, event: RecordedEvent) -> None:
+        at = event.monotonic - self._first
+        if self._before is not None:
+            self._compare(self._before, event, at)
+        self._before = event
+        take: Callable[[_Reading, RecordedEvent, float], object] | None = _TAKES.get(event.kind)
+        if take is None and event.kart in self._karts:
+            take = _TAKES_OF_A_KART.get(event.kind)
+        if take is not None:
+            take(self, event, at)
+
+    def _compare(self, before: RecordedEvent, event: RecordedEvent, at: float) -> None:
+        """Look for missing events, and for a wall clock that was set."""
+        by = (event.wall_ns - before.wall_ns) / 1e9 - (event.monotonic - before.monotonic)
+        if abs(by) > MOST_CLOCK_STEP:
+            self.account.clock_steps.append(ClockStep(at, by))
+        missing = event.sequence - before.sequence - 1
+        if not missing:
+            return
+        since = before.monotonic - self._first
+        self.account.gaps.append(Gap(since, at, missing))
+        _change(self._race_bands, since, NOT_KNOWN)
+        for kart in self._karts.values():
+            _change(kart.lane.bands, since, NOT_KNOWN)
+            self._release(kart, since)
+        self._alerts.lose_sight()
+        if self._race is not None:
+            self._race.incomplete = True
+
+    # ----- karts --------------------------------------------------------------------------
+
+    def _mark(self, event: RecordedEvent, at: float) -> _Kart:
+        kart = self._karts[event.kart]
+        kart.lane.marks.append(Mark(at, event.kind, event.sequence))
+        return kart
+
+    def _connected(self, event: RecordedEvent, at: float) -> None:
+        # What it is sent follows, in an event of its own.
+        _change(self._mark(event, at).lane.bands, at, NOT_KNOWN, event.sequence)
+
+    def _disconnected(self, event: RecordedEvent, at: float) -> None:
+        kart = self._mark(event, at)
+        if kart.sent == GREEN_GREEN:
+            self._hold(kart, at, '')  # lost while it may be moving
+        _change(kart.lane.bands, at, NOT_CONNECTED, event.sequence)
+        if self.account.ended is None:
+            if self._race is not None:
+                self._incident(event)
+            self._drops_out(event, at)
+
+    def _kart_state(self, event: RecordedEvent, at: float) -> None:
+        kart = self._karts[event.kart]
+        state = _state_of(event)
+        if kart.sent == NOT_CONNECTED:
+            return  # what it would be sent
+        _change(kart.lane.bands, at, state, event.sequence)
+        if state == GREEN_GREEN and self._race is not None:
+            if event.kart not in self._race.starters:
+                self._race.starters.append(event.kart)
+        elif self._state == GREEN_GREEN:
+            self._drops_out(event, at)
+        self._judge_hold(kart, at)
+
+    def _acknowledged(self, event: RecordedEvent, at: float) -> None:
+        kart = self._mark(event, at)
+        state = _state_of(event)
+        if kart.sent == NOT_KNOWN:
+            # Only what a kart is being sent can be acknowledged.
+            _change(kart.lane.bands, at, state)
+            self._judge_hold(kart, at)
+        band = kart.lane.bands[-1]
+        if band.what == state and band.acknowledged is None:
+            band.acknowledged = at
+
+    def _withdrawn(self, event: RecordedEvent, at: float) -> None:
+        kart = self._mark(event, at)
+        if kart.sent in (RED_FLAG, RED_RED):
+            self._incident(event)  # it had stopped, by its own word
+
+    def _judge_hold(self, kart: _Kart, at: float) -> None:
+        """See by what a kart is sent whether it is certain that it is held, or is not."""
+        if kart.sent in (NOT_CONNECTED, NOT_KNOWN):
+            return
+        if not RaceState[kart.sent].is_red:
+            self._release(kart, at)
+        elif self._state != NOT_KNOWN and (
+            # A kart is sent the stricter of the race's state and its hold.
+            RaceState[kart.sent].strictness > RaceState[self._state].strictness
+        ):
+            self._hold(kart, at, '')
+
+    def _hold(self, kart: _Kart, at: float, command: str) -> None:
+        if kart.hold is None:
+            kart.hold = Hold(at, self._length, command)
+            kart.lane.holds.append(kart.hold)
+
+    def _release(self, kart: _Kart, at: float) -> None:
+        if kart.hold is not None:
+            kart.hold.end = at
+            kart.hold = None
+
+    # ----- the race -----------------------------------------------------------------------
+
+    def _race_state(self, event: RecordedEvent, at: float) -> None:
+        before = self._state
+        restarted = event.sequence == 1
+        state = _state_of(event)
+        _change(self._race_bands, at, state, event.sequence)
+        if state == GRID_ACTIVE:
+            self._race = self._new_race()
+            self._race.grid = at
+        # ALL_KILL in the garage is no race.
+        elif (
+            self._race is None
+            and state in (GREEN_GREEN, RED_FLAG, RED_RED)
+            and (restarted or before == NOT_KNOWN)
+        ):
+            self._race = self._new_race()
+            self._race.taken_up = True
+            self._race.incomplete = not restarted
+        race = self._race
+        if race is not None:
+            if state == GREEN_GREEN:
+                race.green = at
+            elif state == RED_FLAG:
+                race.flagged = race.flagged or at
+            elif state == RED_RED:
+                race.red = at
+                # Who was stopped with all others was not stopped alone.
+                race.out = {kart: out for kart, out in race.out.items() if out[0] != at}
+                race.red_by = self._cause(at)
+            elif state == IN_GARAGE:
+                race.garage = at
+                self._race = None
+        for kart in self._karts.values():
+            if restarted:
+                self._hold(kart, at, '')  # every kart of the roster
+            elif state != GREEN_GREEN:
+                self._judge_hold(kart, at)
+
+    def _new_race(self) -> Race:
+        race = Race(len(self.account.races) + 1)
+        self.account.races.append(race)
+        return race
+
+    def _cause(self, at: float) -> int:
+        """Return the event of the command that this comes from; what comes of it is no later."""
+        if self._command is not None and self._command[0] == at:
+            return self._command[1].sequence
+        return 0
+
+    def _commanded(self, event: RecordedEvent, at: float) -> None:
+        self.account.commands.append(event)
+        if not event.success or event.command is None:
+            return
+        self._command = (at, event)
+        if event.command in STOPS:
+            self._incident(event)
+        if event.command in HOLDS_ALL:
+            for kart in self._karts.values():
+                self._hold(kart, at, event.command)
+        kart_named = self._karts.get(event.kart)
+        if kart_named is None:
+            return
+        if event.command in HOLDS_ONE:
+            self._hold(kart_named, at, event.command)
+        elif event.command == CommandKind.KART_IN_GARAGE.name:
+            self._release(kart_named, at)
+        elif self._race is not None:
+            if event.command == CommandKind.KART_FINISH.name:
+                self._race.finished.append(Finish(event.kart, at))
+            elif event.command == CommandKind.KART_UNDO_FINISH.name:
+                # Later places move up.
+                self._race.finished = [
+                    each for each in self._race.finished if each.kart != event.kart
+                ]
+
+    def _drops_out(self, event: RecordedEvent, at: float) -> None:
+        race = self._race
+        if race is None or race.green is None or race.red is not None:
+            return
+        if event.kart not in race.starters or event.kart in race.out:
+            return
+        if all(each.kart != event.kart for each in race.finished):
+            race.out[event.kart] = (at, event.sequence)
+
+    def _incident(self, event: RecordedEvent) -> None:
+        race = self._race
+        (self.account.outside if race is None else race.incidents).append(event.sequence)
+
+    def _results(self, event: RecordedEvent, at: float) -> None:
+        if self._race is None:
+            self._race = self._new_race()
+            self._race.taken_up = self._race.incomplete = True
+        self._race.results = event.text
+
+    # ----- the rest -----------------------------------------------------------------------
+
+    def _alert_raised(self, event: RecordedEvent, at: float) -> None:
+        self._alerts.raised(event, at)
+
+    def _alert_cleared(self, event: RecordedEvent, at: float) -> None:
+        self._alerts.cleared(event, at)
+
+    def _race_control_ends(self, event: RecordedEvent, at: float) -> None:
+        self.account.ended = event
+        for kart in self._karts.values():
+            if kart.sent not in (NOT_CONNECTED, NOT_KNOWN):
+                # The last that every connected kart hears.
+                _change(kart.lane.bands, at, RED_RED, event.sequence)
+
+
+_TAKES = {
+    EventKind.COMMAND.name: _Reading._commanded,
+    EventKind.RACE_STATE.name: _Reading._race_state,
+    EventKind.ALERT_RAISED.name: _Reading._alert_raised,
+    EventKind.ALERT_CLEARED.name: _Reading._alert_cleared,
+    EventKind.RESULTS.name: _Reading._results,
+    EventKind.ENDED.name: _Reading._race_control_ends,
+}
+
+_TAKES_OF_A_KART = {
+    EventKind.KART_STATE.name: _Reading._kart_state,
+    EventKind.ACKNOWLEDGED.name: _Reading._acknowledged,
+    EventKind.WITHDRAWN.name: _Reading._withdrawn,
+    EventKind.REPORTED.name: _Reading._mark,
+    EventKind.MALFORMED.name: _Reading._mark,
+    EventKind.REFUSED_CONNECTION.name: _Reading._mark,
+    EventKind.CONNECTED.name: _Reading._connected,
+    EventKind.DISCONNECTED.name: _Reading._disconnected,
+}
+
+
+class _Alerts:
+    """
+    Which alert ended when.
+
+    The events name an alert's kart, not its kind. Of several alerts of one kart it is therefore
+    not always known which one an event ends. They stay together until it is known again.
+    """
+
+    def __init__(self) -> None:
+        self.told: list[Alert] = []
+        self._standing: dict[int, list[Alert]] = {}
+        self._ends: dict[int, list[float]] = {}
+
+    def raised(self, event: RecordedEvent, at: float) -> None:
+        alert = Alert(event.kart, at, event.text, event.sequence)
+        self.told.append(alert)
+        self._standing.setdefault(event.kart, []).append(alert)
+
+    def cleared(self, event: RecordedEvent, at: float) -> None:
+        standing = self._standing.get(event.kart, [])
+        # No alert ends at the moment at which it is raised: both go by the same look at the race.
+        able = [each for each in standing if each.raised is None or each.raised < at]
+        ends = self._ends.setdefault(event.kart, [])
+        if not able:
+            self.told.append(Alert(event.kart, None, event.text, event.sequence, at, at))
+            return
+        ends.append(at)
+        for alert in able:
+            if alert.ended_from is None:
+                alert.ended_from = at
+        if len(ends) == len(able):
+            for alert in able:
+                alert.ended_by = at
+                standing.remove(alert)
+            ends.clear()
+
+    def lose_sight(self) -> None:
+        """Take note that events are missing: what stands may have ended there."""
+        for standing in self._standing.values():
+            for alert in standing:
+                alert.lost_sight = True
+        self._standing.clear()
+        self._ends.clear()
+
+
+def _refused(event: RecordedEvent) -> bool:
+    return event.kind == EventKind.COMMAND.name and not event.success
+
+
+def _state_of(event: RecordedEvent) -> str:
+    """Return the state that an event names; `NOT_KNOWN` if this version does not know it."""
+    state = event.state or NOT_KNOWN
+    return state if state in RaceState.__members__ else NOT_KNOWN
+
+
+def _change(bands: list[Band], at: float, what: str, sequence: int = 0) -> None:
+    """End the last band, and begin another that lasts to where the last one would have."""
+    end, bands[-1].end = bands[-1].end, at
+    bands.append(Band(at, end, what, sequence=sequence))
+
+
+def _lasting(bands: Sequence[Band]) -> list[Band]:
+    """Return the bands that last, and the last one, however short it is."""
+    return [band for band in bands[:-1] if band.end > band.start] + list(bands[-1:])
+
+
+# ----- a part of a run ------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Part:
+    """
+    What a report shows of a run; the rest is left out, and the report says so.
+
+    :param start: from this time on; None: from the beginning.
+    :param end: up to this time; None: to the end.
+    :param kart: this kart, and what concerns no single kart; None: every kart.
+    """
+
+    start: float | None = None
+    end: float | None = None
+    kart: int | None = None
+
+    @property
+    def whole(self) -> bool:
+        """Return whether nothing is left out."""
+        return self.start is None and self.end is None and self.kart is None
+
+    def span(self, account: Account) -> tuple[float, float]:
+        """Return the times between which it shows what happened."""
+        start = 0.0 if self.start is None else max(0.0, self.start)
+        end = account.length if self.end is None else min(account.length, self.end)
+        return start, max(start, end)
+
+    def narrow(self, account: Account) -> Account:
+        """Return the account of this part; what a kart was sent before it is not forgotten."""
+        if self.whole:
+            return account
+        start, end = self.span(account)
+
+        def has(event: RecordedEvent) -> bool:
+            mine = self.kart is None or event.kart in (0, self.kart)
+            return mine and start <= account.at(event) <= end
+
+        def touches(begins: float, ends: float) -> bool:
+            return begins <= end and ends >= start
+
+        events = [event for event in account.events if has(event)]
+        kept = {event.sequence for event in events}
+        lanes = [
+            Lane(
+                lane.kart,
+                lane.team,
+                [
+                    dataclasses.replace(
+                        band,
+                        start=max(band.start, start),
+                        end=min(band.end, end),
+                        acknowledged=(
+                            band.acknowledged
+                            if band.acknowledged is not None and band.acknowledged <= end
+                            else None
+                        ),
+                    )
+                    for band in lane.bands
+                    if touches(band.start, band.end)
+                ],
+                [
+                    dataclasses.replace(hold, start=max(hold.start, start), end=min(hold.end, end))
+                    for hold in lane.holds
+                    if touches(hold.start, hold.end)
+                ],
+                [mark for mark in lane.marks if mark.sequence in kept],
+            )
+            for lane in account.lanes
+            if self.kart in (None, lane.kart)
+        ]
+        return dataclasses.replace(
+            account,
+            events=events,
+            lanes=lanes,
+            race_bands=[
+                dataclasses.replace(band, start=max(band.start, start), end=min(band.end, end))
+                for band in account.race_bands
+                if touches(band.start, band.end)
+            ],
+            races=[
+                dataclasses.replace(race, incidents=[n for n in race.incidents if n in kept])
+                for race in account.races
+                if touches(race.began, account.length if race.garage is None else race.garage)
+            ],
+            alerts=[
+                alert
+                for alert in account.alerts
+                if self.kart is None or alert.kart in (0, self.kart)
+                if touches(
+                    alert.raised or 0.0,
+                    account.length if alert.ended_by is None else alert.ended_by,
+                )
+            ],
+            commands=[event for event in account.commands if event.sequence in kept],
+            gaps=[gap for gap in account.gaps if touches(gap.start, gap.end)],
+            clock_steps=[step for step in account.clock_steps if start <= step.at <= end],
+            outside=[n for n in account.outside if n in kept],
+        )

@@ -1,0 +1,144 @@
+"""Times, names and states in the words of the report."""
+
+from __future__ import annotations
+
+import datetime
+import unicodedata
+
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.report.model import (
+    GREEN_GREEN,
+    GRID_ACTIVE,
+    IN_GARAGE,
+    NOT_CONNECTED,
+    NOT_KNOWN,
+    RED_FLAG,
+    RED_RED,
+)
+
+STATES = {
+    IN_GARAGE: 'IN GARAGE',
+    GRID_ACTIVE: 'GRID ACTIVE',
+    GREEN_GREEN: 'GREEN GREEN',
+    RED_FLAG: 'RED FLAG',
+    RED_RED: 'RED RED',
+    NOT_CONNECTED: 'not connected',
+    NOT_KNOWN: 'not known',
+}
+
+SHORT = {
+    IN_GARAGE: 'GARAGE',
+    GRID_ACTIVE: 'GRID',
+    GREEN_GREEN: 'GREEN',
+    RED_FLAG: 'FLAG',
+    RED_RED: 'RED',
+    NOT_CONNECTED: 'no link',
+    NOT_KNOWN: '?',
+}
+"""The same where there is little room."""
+
+KINDS = {
+    'COMMAND': "Officials' command",
+    'RACE_STATE': 'State of the race',
+    'KART_STATE': 'Sent to a kart',
+    'ACKNOWLEDGED': 'Acknowledgement',
+    'WITHDRAWN': 'Acknowledgement withdrawn',
+    'REPORTED': 'A kart says another state',
+    'CONNECTED': 'Kart connected',
+    'DISCONNECTED': 'Connection lost',
+    'REFUSED_CONNECTION': 'Connection refused',
+    'MALFORMED': 'Message that means nothing',
+    'ALERT_RAISED': 'Alert',
+    'ALERT_CLEARED': 'Alert ended',
+    'ALL_ACKNOWLEDGED': 'Every kart has acknowledged',
+    'RESULTS': 'Results',
+    'ENDED': 'Race control ends',
+}
+"""What each kind of event is called; one that is missing here keeps its own name."""
+
+MOST_OF_A_NAME = 80
+"""Maximum length of an official's or a team's name, in characters; the event has all of it."""
+
+
+def plain(text: str) -> str:
+    """Return a text of others without characters that are not seen or that turn the line round."""
+    return ''.join(
+        character if unicodedata.category(character)[0] != 'C' else '\N{REPLACEMENT CHARACTER}'
+        for character in text
+    )
+
+
+def name(text: str) -> str:
+    """Return a name that others chose, so that it fits into a line."""
+    seen = plain(text)
+    return seen if len(seen) <= MOST_OF_A_NAME else f'{seen[:MOST_OF_A_NAME]}…'
+
+
+def duration(seconds: float) -> str:
+    """Return how long something took; to the tenth while that tells something."""
+    if seconds < 60:
+        return f'{seconds:.1f} s'
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f'{minutes} min {rest} s'
+    hours, minutes = divmod(minutes, 60)
+    return f'{hours} h {minutes} min {rest} s'
+
+
+def elapsed(seconds: float, digits: int = 1) -> str:
+    """Return a time since the beginning, as `+1:02:03.4`."""
+    units = 10**digits
+    whole, rest = divmod(round(seconds * units), units)
+    minutes, second = divmod(whole, 60)
+    hours, minute = divmod(minutes, 60)
+    front = f'{hours}:{minute:02}' if hours else f'{minute}'
+    return f'+{front}:{second:02}' + (f'.{rest:0{digits}}' if digits else '')
+
+
+def command(kind: str | None, kart: int) -> str:
+    """Return what an official's command is called."""
+    kind = kind or 'a command'
+    known = kind in CommandKind.__members__
+    label = CATALOGUE[CommandKind[kind]].label if known else plain(kind)
+    return f'{label}, kart {kart}' if kart else label
+
+
+def karts(numbers: list[int]) -> str:
+    """Return karts in a few words."""
+    if not numbers:
+        return 'no kart'
+    return f'kart{"s" if len(numbers) > 1 else ""} {", ".join(map(str, numbers))}'
+
+
+class Clock:
+    """
+    The wall clock of the report: the time zone of the machine that makes it, and no other.
+
+    :param began_ns: the wall time at which the seconds begin, ns since the epoch.
+    """
+
+    def __init__(self, began_ns: int) -> None:
+        """Keep the difference from UTC at the beginning, also over a change to summer time."""
+        self.began_ns = began_ns
+        began = datetime.datetime.fromtimestamp(began_ns / 1e9).astimezone()
+        offset = began.utcoffset() or datetime.timedelta(0)
+        self.zone = datetime.timezone(offset)
+        self.offset = round(offset.total_seconds())
+
+    def moment(self, wall_ns: int) -> datetime.datetime:
+        """Return a wall time."""
+        return datetime.datetime.fromtimestamp(wall_ns / 1e9, self.zone)
+
+    def time(self, wall_ns: int, digits: int = 0) -> str:
+        """Return the time of day."""
+        text = f'{self.moment(wall_ns):%H:%M:%S.%f}'
+        return text[:8] if not digits else text[: 9 + digits]
+
+    def at(self, seconds: float, digits: int = 0) -> str:
+        """Return the time of day so many seconds after the beginning."""
+        return self.time(self.began_ns + round(seconds * 1e9), digits)
+
+    def day(self, wall_ns: int) -> str:
+        """Return the day."""
+        moment = self.moment(wall_ns)
+        return f'{moment:%A}, {moment.day} {moment:%B %Y}'

@@ -1,0 +1,196 @@
+"""Records of races that nobody drove: the real rules and the real record, karts on paper."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+import contextlib
+import dataclasses
+import itertools
+import json
+import pathlib
+import random
+import sqlite3
+
+from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.race import Command, Event, EventKind, Kart, Outcome, Race, StampedEvent
+from evgp_rcs.record import Record, RecordedEvent
+
+PATIENCE = 60.0
+BEGAN = 1_780_135_500_000_000_000
+"""When each of these runs begins, ns since the epoch: an afternoon in May 2026."""
+
+
+class PaperRace:
+    """
+    A race whose karts answer as they are told here, and its events.
+
+    :param teams: the teams of the karts in the race, by number.
+    """
+
+    def __init__(self, teams: dict[int, str]) -> None:
+        self.race = Race([Kart(number, team, True) for number, team in teams.items()])
+        self.now = 100.0
+        self.wall_offset_ns = BEGAN - round(self.now * 1e9)
+        self.stamped: list[StampedEvent] = []
+        self._sequence = itertools.count(1)
+
+    @property
+    def events(self) -> list[RecordedEvent]:
+        return [recorded(each) for each in self.stamped]
+
+    def take(self, outcome: Outcome) -> Outcome:
+        self.tell(outcome.events)
+        if outcome.write_first is not None:
+            self.take(self.race.journal(outcome.write_first, True, self.now))
+        return outcome
+
+    def tell(self, events: Iterable[Event]) -> None:
+        wall = round(self.now * 1e9) + self.wall_offset_ns
+        for event in events:
+            self.stamped.append(StampedEvent(next(self._sequence), wall, self.now, event))
+
+    def wait(self, seconds: float) -> None:
+        """Let time pass, with the ticks that an alert or a finish may come with."""
+        until = self.now + seconds
+        while self.now < until:
+            self.now = min(until, self.now + 0.25)
+            self.take(self.race.tick(self.now))
+
+    def connect(self, *numbers: int) -> None:
+        for number in numbers:
+            self.take(self.race.connected(number, self.now))
+
+    def lose(self, number: int) -> None:
+        self.take(self.race.disconnected(number, 'the connection was reset', self.now))
+
+    def say(self, number: int, state: RaceState | None = None) -> None:
+        """Have a kart say a state: what it is being sent, if nothing else."""
+        kart = self.race.karts[number]
+        self.take(self.race.heard(number, kart.serial, state or kart.sent, self.now))
+
+    def stutter(self, number: int, state: RaceState) -> None:
+        """Have a kart say another state, and then again the one that it is being sent."""
+        self.say(number, state)
+        self.say(number)
+
+    def acknowledge(self, within: float = 0.0, dice: random.Random | None = None) -> None:
+        """Have every connected kart acknowledge what it is being sent."""
+        karts = [kart.number for kart in self.race.karts.values() if kart.connected]
+        for number in karts:
+            if dice is not None:
+                self.now += dice.random() * within / len(karts)
+            self.say(number)
+        self.take(self.race.tick(self.now))
+
+    def command(
+        self, kind: CommandKind, kart: int | None = None, official: str = 'Ada'
+    ) -> Outcome:
+        """Give a command, for what there is to see."""
+        number = kart if CATALOGUE[kind].to_one_kart and kart in self.race.karts else 0
+        seen: Sequence[int] = ()
+        if not CATALOGUE[kind].to_one_kart or number:
+            seen = self.race.availability(kind, number or 0, self.now).karts
+        hold = self.race.karts[number].hold if number else None
+        command = Command(kind, kart, True, frozenset(seen), hold)
+        return self.take(
+            self.race.command(dataclasses.replace(command, official=official), self.now)
+        )
+
+    def drive(self) -> None:
+        """Go from the garage to GREEN_GREEN; every kart is connected and acknowledges."""
+        self.command(CommandKind.GRID_ACTIVE)
+        self.acknowledge()
+        self.command(CommandKind.GREEN_GREEN)
+        self.acknowledge()
+
+    def go_home(self) -> None:
+        """Go from RED_RED to the garage."""
+        self.acknowledge()
+        self.wait(1.5)
+        self.command(CommandKind.IN_GARAGE)
+
+    def end(self) -> None:
+        """Have race control end as it does when it is told to."""
+        self.tell([Event(EventKind.ENDED, 'Race control ends because it was told to (Ctrl-C)')])
+        for kart in list(self.race.karts.values()):
+            self.take(self.race.disconnected(kart.number, 'race control ends', self.now))
+
+    def write(self, path: pathlib.Path, in_order: bool = True) -> pathlib.Path:
+        """Write what happened as a run into a record."""
+        record = Record(path)
+        record.start(_fail)
+        record.put(self.stamped)
+        record.end(PATIENCE, in_order)
+        setup = json.dumps(
+            {'karts': [[kart.number, kart.team, True] for kart in self.race.karts.values()]}
+        )
+        with contextlib.closing(sqlite3.connect(path)) as database, database:
+            database.execute(
+                'INSERT OR REPLACE INTO setup SELECT max(id), ?, ? FROM session',
+                ('of the test', setup),
+            )
+        return path
+
+
+def _fail(error: BaseException) -> None:
+    raise error
+
+
+def recorded(stamped: StampedEvent) -> RecordedEvent:
+    """Return an event as it is read from a record."""
+    event = stamped.event
+    return RecordedEvent(
+        stamped.sequence,
+        stamped.wall_ns,
+        stamped.monotonic,
+        event.kind.name,
+        event.kart,
+        event.command.name if event.command is not None else None,
+        event.success,
+        event.state.name if event.state is not None else None,
+        event.text,
+        event.official,
+    )
+
+
+def long_event(seconds: float, karts: int, dice: random.Random, busy: float = 1.0) -> PaperRace:
+    """
+    Return races for so long, with lost links, stops, refusals and karts that withdraw.
+
+    :param busy: how much happens in a race besides the race, on average each second.
+    """
+    numbers = range(1, karts + 1)
+    paper = PaperRace({number: f'Team {number}' for number in numbers})
+    paper.now = 100.0
+    paper.connect(*numbers)
+    paper.wait(5.0)
+    while paper.now - 100.0 < seconds:
+        paper.command(CommandKind.GRID_ACTIVE, official='Ada')
+        paper.wait(3.0)
+        paper.command(CommandKind.GREEN_GREEN, official='Grace')
+        paper.acknowledge(5.0, dice)
+        paper.command(CommandKind.GREEN_GREEN, official='Grace')
+        paper.acknowledge(2.0, dice)
+        ends = min(paper.now + dice.uniform(60.0, 240.0), 100.0 + seconds)
+        happenings: list[Callable[[int], object]] = [
+            paper.lose,
+            lambda number: paper.command(CommandKind.KART_RED_RED, number, official='Grace'),
+            *[lambda number: paper.stutter(number, dice.choice(list(RaceState)))] * 500,
+        ]
+        while paper.now < ends:
+            paper.wait(dice.expovariate(busy))
+            dice.choice(happenings)(dice.choice(numbers))
+        for number in dice.sample(numbers, karts):
+            paper.command(CommandKind.KART_FINISH, number, official='Ada')
+            paper.wait(dice.uniform(0.5, 3.0))
+        paper.command(dice.choice([CommandKind.RACE_OVER, CommandKind.ALL_KILL]), official='Ada')
+        paper.wait(2.0)
+        back = [kart.number for kart in paper.race.karts.values() if not kart.connected]
+        paper.connect(*back)
+        paper.go_home()
+        for number in numbers:
+            if paper.race.karts[number].hold is not None:
+                paper.command(CommandKind.KART_IN_GARAGE, number, official='Grace')
+        paper.wait(dice.uniform(5.0, 20.0))
+    return paper

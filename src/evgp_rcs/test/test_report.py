@@ -1,0 +1,551 @@
+"""The report of a run: what the events say, and nothing that they do not say."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import contextlib
+import dataclasses
+import hashlib
+import json
+import pathlib
+import random
+import re
+import sqlite3
+
+from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.race import Kart, Race, RaceMemory
+from evgp_rcs.rcs_record import main as rcs_record
+from evgp_rcs.record import Record, RecordedEvent
+from evgp_rcs.report.command import seconds_of
+from evgp_rcs.report.model import (
+    Account,
+    GREEN_GREEN,
+    GRID_ACTIVE,
+    IN_GARAGE,
+    Lane,
+    NOT_CONNECTED,
+    NOT_KNOWN,
+    Part,
+    read,
+    RED_FLAG,
+    RED_RED,
+)
+from evgp_rcs.report.words import Clock
+import pytest
+from recorded_races import long_event, PaperRace
+
+TEAMS = {7: 'Purdue', 8: 'Michigan', 9: 'Kennesaw'}
+
+
+@pytest.fixture
+def paper() -> PaperRace:
+    """Return a race with three karts, all connected."""
+    race = PaperRace(TEAMS)
+    race.connect(*TEAMS)
+    race.wait(1.0)
+    return race
+
+
+def lane(account: Account, number: int) -> Lane:
+    (found,) = [each for each in account.lanes if each.kart == number]
+    return found
+
+
+def sent(account: Account, number: int) -> list[str]:
+    return [band.what for band in lane(account, number).bands]
+
+
+def without(events: Sequence[RecordedEvent], first: int, last: int) -> list[RecordedEvent]:
+    return [event for event in events if not first <= event.sequence <= last]
+
+
+def test_a_lane_shows_what_the_kart_was_sent_and_when_it_acknowledged(paper: PaperRace) -> None:
+    paper.drive()
+    paper.wait(10.0)
+    paper.command(CommandKind.ALL_KILL)
+    paper.wait(2.0)
+    paper.say(7)
+    paper.go_home()
+    paper.wait(1.0)
+    account = read(paper.events)
+    # The grid was left at the moment at which it was formed: it did not last.
+    assert sent(account, 7) == [IN_GARAGE, GREEN_GREEN, RED_RED, IN_GARAGE]
+    _, green, red, _ = lane(account, 7).bands
+    assert green.acknowledged == green.start
+    assert red.acknowledged == pytest.approx(red.start + 2.0)
+    assert [band.what for band in account.race_bands] == [
+        IN_GARAGE,
+        GREEN_GREEN,
+        RED_RED,
+        IN_GARAGE,
+    ]
+
+
+def test_bands_say_what_the_rules_sent_at_every_moment(dice: random.Random) -> None:
+    paper = PaperRace(dict.fromkeys(range(1, 6), ''))
+    truth: list[tuple[int, int, str]] = []
+    take = paper.take
+
+    def look(outcome: object) -> object:
+        taken = take(outcome)  # type: ignore[arg-type]
+        for kart in paper.race.karts.values():
+            what = kart.sent.name if kart.connected else NOT_CONNECTED
+            truth.append((len(paper.stamped), kart.number, what))
+        return taken
+
+    paper.take = look  # type: ignore[method-assign, assignment]
+    commands = list(CommandKind)
+    for _ in range(300):
+        number = dice.randint(1, 5)
+        kart = paper.race.karts[number]
+        dice.choice(
+            [
+                lambda n=number: paper.lose(n),
+                lambda n=number: paper.connect(n),
+                lambda n=number: paper.say(n),
+                lambda n=number: paper.say(n, dice.choice(list(RaceState))),
+                lambda n=number: paper.command(dice.choice(commands), n),
+                paper.drive,
+            ]
+        )()
+        assert kart.number == number
+        paper.wait(0.5)
+    events = paper.events
+    account = read(events)
+    for count, number, what in truth[:: len(truth) // 2000 + 1]:
+        if not count or number not in {each.kart for each in account.lanes}:
+            continue
+        # Between this input and the next one.
+        at = account.at(events[count - 1]) + 0.001
+        later = account.at(events[count]) if count < len(events) else account.length
+        if at < later:
+            (band,) = [each for each in lane(account, number).bands if each.start <= at < each.end]
+            assert band.what == what
+
+
+def test_holds_that_are_shown_are_holds_of_the_rules(dice: random.Random) -> None:
+    paper = PaperRace(dict.fromkeys(range(1, 6), ''))
+    held: list[tuple[float, set[int]]] = []
+    for _ in range(300):
+        number = dice.randint(1, 5)
+        dice.choice(
+            [
+                lambda n=number: paper.lose(n),
+                lambda n=number: paper.connect(n),
+                paper.acknowledge,
+                lambda n=number: paper.command(dice.choice(list(CommandKind)), n),
+                paper.drive,
+            ]
+        )()
+        now = {kart.number for kart in paper.race.karts.values() if kart.hold is not None}
+        held.append((paper.now - paper.stamped[0].monotonic if paper.stamped else -1.0, now))
+        paper.wait(0.5)
+    account = read(paper.events)
+    shown = 0
+    for at, numbers in held:
+        for each in account.lanes:
+            for hold in each.holds:
+                if hold.start <= at + 0.1 < hold.end:
+                    shown += 1
+                    assert each.kart in numbers
+    assert shown
+
+
+def test_a_race_has_its_finishing_order_and_who_did_not_finish(paper: PaperRace) -> None:
+    paper.drive()
+    paper.wait(30.0)
+    paper.command(CommandKind.KART_FINISH, 9)
+    paper.command(CommandKind.KART_FINISH, 8)
+    paper.command(CommandKind.KART_FINISH, 7)
+    paper.command(CommandKind.KART_UNDO_FINISH, 9)
+    paper.wait(2.0)
+    paper.command(CommandKind.RACE_OVER, official='Grace')
+    paper.go_home()
+    (race,) = read(paper.events).races
+    assert [each.kart for each in race.finished] == [8, 7]
+    assert race.starters == [7, 8, 9]
+    assert race.green is not None
+    assert race.red is not None
+    assert race.finished[0].at - race.green == pytest.approx(30.0)
+    assert race.garage is not None
+    assert not race.out.keys() & {7, 8}
+    by = next(event for event in paper.events if event.sequence == race.red_by)
+    assert (by.command, by.official) == ('RACE_OVER', 'Grace')
+    assert race.results
+
+
+def test_a_race_that_goes_over_by_itself_was_ended_by_no_command(paper: PaperRace) -> None:
+    paper.drive()
+    for number in TEAMS:
+        paper.command(CommandKind.KART_FINISH, number)
+    paper.wait(30.0)
+    (race,) = read(paper.events).races
+    assert race.red is not None
+    assert race.red_by == 0
+
+
+def test_who_was_lost_or_stopped_alone_did_not_finish_for_that_reason(paper: PaperRace) -> None:
+    paper.drive()
+    paper.wait(5.0)
+    paper.command(CommandKind.KART_RED_RED, 7)
+    paper.wait(5.0)
+    paper.lose(8)
+    paper.wait(5.0)
+    paper.command(CommandKind.ALL_KILL)
+    account = read(paper.events)
+    (race,) = account.races
+    kinds = {event.sequence: event.kind for event in paper.events}
+    assert {kart: kinds[out[1]] for kart, out in race.out.items()} == {
+        7: 'KART_STATE',
+        8: 'DISCONNECTED',
+    }
+    texts = {event.sequence: event.command or event.kind for event in paper.events}
+    incidents = [texts[number] for number in race.incidents]
+    assert incidents == ['KART_RED_RED', 'DISCONNECTED', 'ALL_KILL']
+
+
+def test_all_kill_in_the_garage_is_no_race(paper: PaperRace) -> None:
+    paper.command(CommandKind.ALL_KILL)
+    account = read(paper.events)
+    assert account.races == []
+    assert len(account.outside) == 1
+
+
+def test_an_alert_stands_until_it_is_cleared_or_to_the_end(paper: PaperRace) -> None:
+    paper.drive()
+    paper.command(CommandKind.RED_FLAG)
+    paper.wait(17.0)
+    paper.say(7)
+    paper.wait(3.0)
+    account = read(paper.events)
+    alerts = {alert.kart: alert for alert in account.alerts}
+    assert alerts[7].raised is not None
+    assert alerts[7].ended_from == alerts[7].ended_by
+    assert alerts[7].ended_from == pytest.approx(alerts[7].raised + 2.0, abs=0.3)
+    assert not alerts[7].stands
+    assert alerts[8].stands
+
+
+def test_of_two_alerts_of_a_kart_the_report_does_not_guess_which_one_ended(
+    paper: PaperRace,
+) -> None:
+    paper.drive()
+    paper.lose(7)
+    paper.wait(1.0)
+    # Back, it must still stop, which it was told to long ago: two alerts.
+    paper.wait(10.0)
+    paper.connect(7)
+    paper.wait(1.0)
+    paper.lose(7)  # then only the first one
+    paper.wait(1.0)
+    lost, unanswered = (each for each in read(paper.events).alerts if each.kart == 7)
+    assert lost.ended_from == unanswered.ended_from
+    assert lost.ended_from is not None
+    assert lost.ended_by is None
+    assert unanswered.ended_by is None
+    assert not lost.stands  # not for certain
+    paper.connect(7)
+    paper.say(7)
+    paper.wait(1.0)
+    both = [each for each in read(paper.events).alerts if each.kart == 7]
+    assert all(each.ended_from is not None for each in both)
+    assert all(each.ended_by is not None for each in both)
+
+
+def test_after_a_gap_nothing_is_known_until_the_record_says_it_again(paper: PaperRace) -> None:
+    paper.drive()
+    paper.wait(10.0)
+    paper.command(CommandKind.KART_RED_RED, 8)
+    paper.wait(10.0)
+    before = len(paper.stamped)
+    paper.command(CommandKind.KART_RED_FLAG, 7)
+    hidden = len(paper.stamped)
+    paper.wait(10.0)
+    paper.say(9, RED)
+    paper.wait(10.0)
+    paper.say(9)
+    paper.wait(1.0)
+    paper.command(CommandKind.ALL_KILL)
+    paper.wait(1.0)
+    paper.tell(paper.race.tick(paper.now).events)
+    paper.lose(9)
+    account = read(without(paper.events, before + 1, hidden))
+    (gap,) = account.gaps
+    assert gap.missing == hidden - before
+    assert sent(account, 7)[-3:] == [GREEN_GREEN, NOT_KNOWN, RED_RED]
+    assert NOT_KNOWN in [band.what for band in account.race_bands]
+    # Only what it is being sent can be acknowledged: that is known again.
+    assert GREEN_GREEN in sent(account, 9)[sent(account, 9).index(NOT_KNOWN) :]
+    assert account.races[0].incomplete
+    assert not any(alert.stands for alert in account.alerts if (alert.raised or 0) < gap.start)
+
+
+RED = RaceState.RED_RED
+
+
+def test_a_record_without_its_beginning_says_so(paper: PaperRace) -> None:
+    paper.drive()
+    hidden = len(paper.stamped)
+    paper.say(7, RED)
+    paper.wait(10.0)
+    paper.command(CommandKind.ALL_KILL)
+    paper.wait(10.0)
+    paper.lose(9)
+    account = read(without(paper.events, 1, hidden))
+    assert account.gaps[0].missing == hidden
+    assert sent(account, 9) == [NOT_KNOWN, RED_RED, NOT_CONNECTED]
+    assert [band.what for band in account.race_bands] == [NOT_KNOWN, RED_RED]
+
+
+def test_a_race_that_was_taken_up_is_shown_as_begun_before() -> None:
+    paper = PaperRace(TEAMS)
+    memory = Race([Kart(number, team, True) for number, team in TEAMS.items()]).memory()
+    paper.take(paper.race.recover(RaceMemory(RaceState.GREEN_GREEN, memory.karts), paper.now))
+    paper.connect(*TEAMS)
+    paper.wait(1.0)
+    paper.go_home()
+    paper.wait(1.0)
+    account = read(paper.events)
+    (race,) = account.races
+    assert race.taken_up
+    assert not race.incomplete
+    assert race.garage is not None
+    assert all(each.holds for each in account.lanes)
+
+
+def test_the_last_that_a_kart_hears_is_red_red(paper: PaperRace) -> None:
+    paper.drive()
+    paper.wait(1.0)
+    paper.end()
+    paper.now += 1.0
+    account = read(paper.events)
+    assert account.ended is not None
+    assert account.outside == []
+    assert account.races[0].incidents == []
+
+
+def test_a_wall_clock_that_was_set_changes_no_duration(paper: PaperRace) -> None:
+    paper.drive()
+    paper.wait(10.0)
+    paper.wall_offset_ns -= 3600 * 10**9
+    paper.command(CommandKind.ALL_KILL)
+    account = read(paper.events)
+    (step,) = account.clock_steps
+    assert step.by == pytest.approx(-3600.0)
+    assert account.length == pytest.approx(11.0)
+
+
+def test_a_command_to_a_kart_that_does_not_exist_makes_no_lane(paper: PaperRace) -> None:
+    paper.command(CommandKind.KART_RED_RED, 99)
+    account = read(paper.events)
+    assert [each.kart for each in account.lanes] == [7, 8, 9]
+    assert len(account.commands) == 1
+
+
+def test_what_a_later_version_records_is_not_known(paper: PaperRace) -> None:
+    paper.drive()
+    events = paper.events
+    last = dataclasses.replace(events[-1], kart=9)
+    events += [
+        dataclasses.replace(last, sequence=last.sequence + 1, kind='KART_STATE', state='BLUE'),
+        dataclasses.replace(last, sequence=last.sequence + 2, kind='WEATHER', state=None),
+        dataclasses.replace(
+            last, sequence=last.sequence + 3, kind='CONNECTED', monotonic=last.monotonic + 1
+        ),
+    ]
+    account = read(events)
+    assert sent(account, last.kart)[-1] == NOT_KNOWN
+
+
+def test_a_part_keeps_what_was_sent_before_it(paper: PaperRace) -> None:
+    paper.drive()
+    paper.wait(20.0)
+    paper.command(CommandKind.KART_RED_FLAG, 7)
+    paper.wait(20.0)
+    account = read(paper.events)
+    part = Part(10.0, 30.0, 7).narrow(account)
+    assert [(band.start, band.what) for band in lane(part, 7).bands] == [
+        (10.0, GREEN_GREEN),
+        (pytest.approx(21.0), RED_FLAG),
+    ]
+    assert [each.kart for each in part.lanes] == [7]
+    assert {event.kart for event in part.events} == {7}
+    assert part.races
+
+
+@pytest.mark.parametrize(
+    ('text', 'seconds'),
+    [
+        ('+90', 90.0),
+        ('23:59:30', 30.0),
+        ('23:59', 0.0),
+        ('00:00:30', 90.0),
+        ('2026-05-31T00:01', 120.0),
+    ],
+)
+def test_a_time_is_given_as_the_clock_showed_it(text: str, seconds: float) -> None:
+    clock = Clock(0)
+    began = clock.moment(0).replace(year=2026, month=5, day=30, hour=23, minute=59)
+    assert seconds_of(text, Clock(round(began.timestamp()) * 10**9)) == seconds
+
+
+@pytest.mark.parametrize('text', ['', 'noon', '25:00', '12', '+', '-5', '12:00:00:00'])
+def test_what_is_no_time_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match='no time'):
+        seconds_of(text, Clock(0))
+
+
+# ----- rcs_record report ----------------------------------------------------------------------
+
+HOSTILE = (
+    '<script>document.title="broken"</script>',
+    '</script><script>document.title="broken"</script>',
+    '"><img src="http://192.0.2.1/x" onerror="document.title=1">',
+    '\u202egnp.exe\u202c',
+    '=cmd()',
+    'x' * 10_000,
+    '${title}\x00\x1b[2J',
+)
+
+
+@pytest.fixture
+def written(paper: PaperRace, tmp_path: pathlib.Path) -> pathlib.Path:
+    paper.drive()
+    paper.wait(5.0)
+    paper.command(CommandKind.ALL_KILL)
+    paper.end()
+    return paper.write(tmp_path / 'record.sqlite3')
+
+
+def report(record: pathlib.Path, *arguments: str) -> str:
+    page = record.with_name('report.html')
+    assert rcs_record(['report', str(record), '-o', str(page), *arguments]) == 0
+    return page.read_text(encoding='utf-8')
+
+
+def test_the_report_has_the_sum_of_the_file(written: pathlib.Path) -> None:
+    assert hashlib.sha256(written.read_bytes()).hexdigest() in report(written)
+
+
+def test_the_sum_of_the_events_changes_with_any_of_them(
+    written: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    def sums(page: str) -> list[str]:
+        return re.findall(r'<code>(\w{64})</code>', page)
+
+    first, again = sums(report(written)), sums(report(written))
+    assert first == again
+    with contextlib.closing(sqlite3.connect(written)) as database:
+        database.execute("UPDATE event SET official = 'Eve' WHERE command = 'ALL_KILL'")
+        database.commit()
+    assert not set(sums(report(written))) & set(first)
+
+
+def test_of_a_record_that_is_being_written_only_what_was_read_is_summed(
+    written: pathlib.Path,
+) -> None:
+    record = Record(written)
+    try:
+        page = report(written)
+    finally:
+        record.start(lambda error: None)
+        record.end(20.0)
+    assert len(re.findall(r'<code>\w{64}</code>', page)) == 1
+    assert 'race control was writing it' in page
+
+
+def test_a_report_of_a_part_says_so_wherever_it_could_be_mistaken(written: pathlib.Path) -> None:
+    assert 'only a part' not in report(written)
+    for arguments in (('--from', '+1'), ('--to', '+2'), ('--kart', '7')):
+        page = report(written, *arguments)
+        # At the top, at the timeline, at the table; and on each sheet of paper, and in the title.
+        assert page.count('This report shows only a part of the run') == 3
+        assert 'shows only' in re.findall(r'@bottom-left.*', page)[0]
+        assert '(a part only)</title>' in page
+
+
+@pytest.mark.parametrize(
+    'arguments', [('--from', '+999'), ('--from', '+3', '--to', '+2'), ('--kart', '99')]
+)
+def test_a_part_that_has_nothing_in_it_is_refused(
+    written: pathlib.Path, arguments: tuple[str, ...]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        report(written, *arguments)
+    assert ended.value.code == 2
+    assert not written.with_name('report.html').exists()
+
+
+def test_a_report_that_cannot_be_written_is_a_sentence(
+    written: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = written / 'report.html'
+    assert rcs_record(['report', str(written), '-o', str(output)]) == 1
+    assert str(output) in capsys.readouterr().err
+
+
+def test_a_report_of_a_run_without_events_can_be_made(tmp_path: pathlib.Path) -> None:
+    written = PaperRace(TEAMS).write(tmp_path / 'record.sqlite3')
+    assert '<html' in report(written)
+    assert '<html' in report(written, '--from', '+0')
+
+
+def test_a_record_of_the_first_version_makes_a_report(written: pathlib.Path) -> None:
+    with contextlib.closing(sqlite3.connect(written)) as database:
+        for statement in (
+            'ALTER TABLE event DROP COLUMN official',
+            'DROP TABLE setup',
+            'DROP TABLE input',
+            'PRAGMA user_version = 1',
+        ):
+            database.execute(statement)
+        database.commit()
+    assert 'not recorded' in report(written)
+
+
+def test_the_version_of_the_rules_is_that_of_the_run(written: pathlib.Path) -> None:
+    with contextlib.closing(sqlite3.connect(written)) as database:
+        database.execute("INSERT OR REPLACE INTO setup VALUES (1, 'rules-1234', '{}')")
+        database.commit()
+    assert 'rules-1234' in report(written)
+
+
+def test_a_kart_has_the_name_of_its_team_also_if_it_never_came(written: pathlib.Path) -> None:
+    setup = json.dumps({'karts': [[7, 'Purdue', True], [12, 'The <b>Absent</b>', True]]})
+    with contextlib.closing(sqlite3.connect(written)) as database:
+        database.execute('INSERT OR REPLACE INTO setup VALUES (1, ?, ?)', ('rules-1234', setup))
+        database.commit()
+    page = report(written)
+    assert 'Kart 7 (<bdi>Purdue</bdi>)' in page
+    assert '"kart":12,"team":"The \\u003cb>Absent' in page
+
+
+def test_names_of_others_are_nothing_but_text(tmp_path: pathlib.Path) -> None:
+    paper = PaperRace(dict(enumerate(HOSTILE, 1)))
+    paper.connect(*paper.race.karts)
+    paper.drive()
+    for number, name in enumerate(HOSTILE, 1):
+        paper.command(CommandKind.KART_RED_RED, number, official=name)
+    paper.wait(1.0)
+    page = report(paper.write(tmp_path / 'record.sqlite3'))
+    assert page.count('<script') == 2
+    assert page.count('</script') == 2
+    assert '<img' not in page
+    assert not re.search('[\u202a-\u202e\u2066-\u2069\x00\x1b]', page)
+
+
+def test_a_page_lets_nothing_in_but_its_own_script_and_style(written: pathlib.Path) -> None:
+    page = report(written)
+    (policy,) = re.findall(r'Content-Security-Policy" content="([^"]*)"', page)
+    assert policy.startswith("default-src 'none';")
+    assert 'unsafe' not in policy
+    assert not re.search(r'\s(src|href|style|on\w+)=', re.sub(r'<script.*', '', page, flags=re.S))
+
+
+def test_an_hour_with_twenty_karts_is_read(dice: random.Random) -> None:
+    paper = long_event(3600.0, 20, dice, busy=2.0)
+    account = read(paper.events)
+    assert len(account.lanes) == 20
+    assert len(account.races) > 10
+    assert GRID_ACTIVE in sent(account, 1)

@@ -1,0 +1,281 @@
+"""
+A real browser without a window: Chromium, driven over a pipe by its DevTools protocol.
+
+Input is real input: the browser itself finds what is under the mouse. Whatever the page writes to
+the console, and whatever it asks the network for, is kept.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections import deque
+import contextlib
+import fcntl
+import json
+import os
+import pathlib
+import select
+import shutil
+import subprocess
+import tempfile
+import time
+from typing import Any
+
+from evgp_testing.part import Part
+from evgp_testing.patience import PATIENCE
+
+KEY_CODES = {
+    'End': 35,
+    'Home': 36,
+    'ArrowLeft': 37,
+    'ArrowUp': 38,
+    'ArrowRight': 39,
+    'ArrowDown': 40,
+}
+"""What some keys are to the browser's own controls, which do not go by their names."""
+
+NAMES = ('chromium', 'chromium-browser', 'google-chrome')
+
+
+def missing() -> str:
+    """Return why there is no browser; empty if there is one."""
+    return '' if _program() else 'there is no chromium (Debian: apt install chromium)'
+
+
+def _program() -> str | None:
+    return next((found for name in NAMES if (found := shutil.which(name))), None)
+
+
+class Browser(Part):
+    """
+    A browser that shows one page.
+
+    :param width, height: the size of the page on its screen, in pixels.
+    """
+
+    def __init__(self, width: int = 1366, height: int = 768) -> None:
+        """Start it, with an empty page."""
+        program = _program()
+        assert program is not None, missing()
+        self._stack = contextlib.ExitStack()
+        folder = self._stack.enter_context(
+            tempfile.TemporaryDirectory(prefix='browser', ignore_cleanup_errors=True)
+        )
+        arguments = [
+            program,
+            '--headless',
+            '--remote-debugging-pipe',
+            f'--user-data-dir={folder}',
+            f'--window-size={width},{height}',
+            '--no-first-run',
+            '--disable-gpu',
+            '--disable-dev-shm-usage',
+            '--hide-scrollbars',
+            # It shows pages of ours only; root has no other choice.
+            '--no-sandbox',
+            'about:blank',
+        ]
+        # The browser reads at 3 and writes at 4, where the shell puts what is elsewhere here.
+        low_in, self._write = os.pipe()
+        self._read, low_out = os.pipe()
+        theirs_in, theirs_out = (fcntl.fcntl(low, fcntl.F_DUPFD, 10) for low in (low_in, low_out))
+        self._process = subprocess.Popen(
+            [
+                'bash',
+                '-c',
+                f'exec "$@" 3<&{theirs_in} 4>&{theirs_out}',
+                'bash',
+                *arguments,
+            ],
+            pass_fds=(theirs_in, theirs_out),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        for end in (low_in, low_out, theirs_in, theirs_out):
+            os.close(end)
+        self._number = 0
+        self._unread = b''
+        self._events: deque[dict[str, Any]] = deque()
+        self.complaints: list[str] = []
+        """What the page wrote to the console, and the exceptions that it did not catch."""
+        self.requested: list[str] = []
+        """The addresses that the page asked for, the page itself first."""
+        self._session = ''
+        try:
+            (target,) = [
+                each
+                for each in self.call('Target.getTargets')['targetInfos']
+                if each['type'] == 'page'
+            ]
+            self._session = self.call(
+                'Target.attachToTarget', targetId=target['targetId'], flatten=True
+            )['sessionId']
+            for domain in ('Page', 'Runtime', 'Log', 'Network'):
+                self.call(f'{domain}.enable')
+            self.call(
+                'Emulation.setDeviceMetricsOverride',
+                width=width,
+                height=height,
+                deviceScaleFactor=1,
+                mobile=False,
+            )
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End the browser."""
+        os.close(self._write)  # it ends when nobody is at the pipe any more
+        try:
+            self._process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        os.close(self._read)
+        self._stack.close()
+
+    # ----- the protocol -------------------------------------------------------------------
+
+    def call(self, method: str, **parameters: object) -> dict[str, Any]:
+        """
+        Return what the browser answers.
+
+        :raises AssertionError: if it answers with an error, or not in time.
+        """
+        self._number += 1
+        message: dict[str, object] = {
+            'id': self._number,
+            'method': method,
+            'params': parameters,
+        }
+        if self._session:
+            message['sessionId'] = self._session
+        os.write(self._write, json.dumps(message).encode() + b'\0')
+        until = time.monotonic() + PATIENCE
+        while True:
+            answer = self._next(until)
+            if answer.get('id') == self._number:
+                assert 'error' not in answer, f'{method}: {answer["error"]}'
+                return dict(answer['result'])
+            self._take(answer)
+
+    def _next(self, until: float) -> dict[str, Any]:
+        while b'\0' not in self._unread:
+            ready, _, _ = select.select([self._read], [], [], max(0.0, until - time.monotonic()))
+            assert ready, 'the browser does not answer'
+            data = os.read(self._read, 1 << 20)
+            assert data, 'the browser has ended'
+            self._unread += data
+        first, self._unread = self._unread.split(b'\0', 1)
+        return dict(json.loads(first))
+
+    def _take(self, event: dict[str, Any]) -> None:
+        method, told = event.get('method'), event.get('params', {})
+        if method == 'Runtime.consoleAPICalled':
+            self.complaints.append(str([each.get('value') for each in told['args']]))
+        elif method == 'Runtime.exceptionThrown':
+            self.complaints.append(json.dumps(told['exceptionDetails']))
+        elif method == 'Log.entryAdded':
+            self.complaints.append(told['entry']['text'])
+        elif method == 'Page.javascriptDialogOpening':
+            self.complaints.append(f'a dialog: {told["message"]}')
+        elif method == 'Network.requestWillBeSent':
+            self.requested.append(told['request']['url'])
+        self._events.append(event)
+
+    # ----- the page -----------------------------------------------------------------------
+
+    def open(self, file: pathlib.Path) -> None:
+        """Show a file, and return once it is there."""
+        self._events.clear()
+        self.requested.clear()
+        self.call('Page.navigate', url=file.absolute().as_uri())
+        until = time.monotonic() + PATIENCE
+        while not any(each.get('method') == 'Page.loadEventFired' for each in self._events):
+            self._take(self._next(until))
+
+    def without_scripts(self) -> None:
+        """Let no page run a script from now on."""
+        self.call('Emulation.setScriptExecutionDisabled', value=True)
+
+    def evaluate(self, expression: str) -> Any:
+        """
+        Return what a JavaScript expression is, on the page, once a promise of it has come true.
+
+        :raises AssertionError: if it fails.
+        """
+        answer = self.call(
+            'Runtime.evaluate', expression=expression, returnByValue=True, awaitPromise=True
+        )
+        assert 'exceptionDetails' not in answer, answer
+        return answer['result'].get('value')
+
+    def wait_for(self, expression: str) -> Any:
+        """Return what an expression is as soon as it is true; it is looked at with each frame."""
+        return self.evaluate(
+            f"""new Promise((done, failed) => {{
+                const until = performance.now() + {PATIENCE * 1000};
+                const look = () => {{
+                    const found = {expression};
+                    if (found) done(found);
+                    else if (performance.now() > until) failed({json.dumps(expression)});
+                    else requestAnimationFrame(look);
+                }};
+                look();
+            }})"""
+        )
+
+    def place_of(self, selector: str) -> tuple[float, float, float, float]:
+        """Scroll an element into view; return its left, top, width and height in the window."""
+        left, top, width, height = self.evaluate(
+            f"""(() => {{
+                const element = document.querySelector({json.dumps(selector)});
+                element.scrollIntoView({{block: 'center', behavior: 'instant'}});
+                const box = element.getBoundingClientRect();
+                return [box.left, box.top, box.width, box.height];
+            }})()"""
+        )
+        return left, top, width, height
+
+    def mouse(self, kind: str, x: float, y: float, **more: object) -> None:
+        """Have the mouse do something: `mouseMoved`, `mousePressed`, `mouseReleased`."""
+        self.call('Input.dispatchMouseEvent', type=kind, x=x, y=y, **more)
+
+    def click(self, selector: str) -> None:
+        """Click the middle of an element."""
+        left, top, width, height = self.place_of(selector)
+        self.click_at(left + width / 2, top + height / 2)
+
+    def click_at(self, x: float, y: float) -> None:
+        """Click a place in the window."""
+        self.mouse('mouseMoved', x, y)
+        for kind in ('mousePressed', 'mouseReleased'):
+            self.mouse(kind, x, y, button='left', clickCount=1)
+
+    def wheel(self, x: float, y: float, turn: float, ctrl: bool = False) -> None:
+        """Turn the wheel by so many pixels, with Ctrl held down or not."""
+        self.mouse('mouseWheel', x, y, deltaX=0, deltaY=turn, modifiers=2 if ctrl else 0)
+
+    def key(self, key: str) -> None:
+        """Press a key and let it go: a character, or a name such as `ArrowLeft`."""
+        more: dict[str, object] = {'text': key} if len(key) == 1 else {}
+        if key in KEY_CODES:
+            more['windowsVirtualKeyCode'] = KEY_CODES[key]
+        self.call('Input.dispatchKeyEvent', type='keyDown', key=key, **more)
+        self.call('Input.dispatchKeyEvent', type='keyUp', key=key)
+
+    def type(self, text: str) -> None:
+        """Type a text."""
+        for each in text:
+            self.key(each)
+
+    def picture(self, file: pathlib.Path, whole: bool = False) -> None:
+        """Write what is seen as a PNG; the whole page, or what the window shows."""
+        answer = self.call('Page.captureScreenshot', captureBeyondViewport=whole)
+        file.write_bytes(base64.b64decode(answer['data']))
+
+    def print(self) -> bytes:
+        """Return the page as it is printed, as PDF."""
+        answer = self.call('Page.printToPDF', preferCSSPageSize=True, printBackground=True)
+        return base64.b64decode(answer['data'])
