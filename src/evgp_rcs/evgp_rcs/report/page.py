@@ -103,6 +103,8 @@ def _table(kind: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str
 
 
 class _Page:
+    """One page, while it is put together."""
+
     def __init__(self, whole: Account, part: Part, source: Source) -> None:
         self._whole = whole
         self._part = part
