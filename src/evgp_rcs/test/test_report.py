@@ -152,6 +152,18 @@ def test_holds_that_are_shown_are_holds_of_the_rules(dice: random.Random) -> Non
     assert shown
 
 
+def test_a_hold_is_not_put_down_to_a_command_that_came_later(paper: PaperRace) -> None:
+    paper.drive()
+    paper.wait(5.0)
+    paper.lose(7)
+    paper.wait(5.0)
+    paper.command(CommandKind.ALL_KILL)
+    paper.wait(5.0)
+    account = read(paper.events)
+    assert [hold.command for hold in lane(account, 7).holds] == ['']
+    assert [hold.command for hold in lane(account, 8).holds] == ['ALL_KILL']
+
+
 def test_a_race_has_its_finishing_order_and_who_did_not_finish(paper: PaperRace) -> None:
     paper.drive()
     paper.wait(30.0)

@@ -443,9 +443,7 @@ class _Page:
         if alert.ended_by is None:
             return f'at least {least}; the record does not say when it ended'
         most = words.duration(alert.ended_by - alert.raised)
-        return (
-            least if least == most else f'{least} to {most} (two alerts, one end recorded first)'
-        )
+        return least if least == most else f'between {least} and {most}'
 
     # ----- the timeline -------------------------------------------------------------------
 
