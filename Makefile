@@ -117,7 +117,7 @@ bridge:
 # The pictures of docs/, made by the test that looks at every state of the window.
 screenshots:
 	EVGP_ALL_TESTS=1 EVGP_SCREENSHOTS=docs/screenshots $(IN_WORKSPACE) --console \
-	  python -m pytest test/test_console.py -k screenshots
+	  python -m pytest test/test_console.py test/test_report_page.py -k screenshots
 
 # Every check runs, whatever those before it found.
 lint:

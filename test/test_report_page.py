@@ -78,6 +78,60 @@ def incident() -> PaperRace:
     return paper
 
 
+def for_the_documents() -> PaperRace:
+    """Return a race with two finishers, a lost link, a flag to one kart and an ALL_KILL."""
+    paper = PaperRace(
+        {
+            5: 'Kennesaw State',
+            7: 'Purdue',
+            12: 'Georgia Tech',
+            23: 'Michigan',
+            42: 'UC Berkeley',
+            64: 'Toledo',
+        }
+    )
+    dice = random.Random(5)
+    paper.connect(*paper.race.karts)
+    paper.wait(8.0)
+    paper.command(CommandKind.GRID_ACTIVE)
+    paper.wait(4.0)
+    paper.command(CommandKind.GREEN_GREEN)
+    paper.acknowledge(6.0, dice)
+    paper.wait(2.0)
+    paper.command(CommandKind.GREEN_GREEN)
+    paper.acknowledge(3.0, dice)
+    paper.wait(31.0)
+    paper.command(CommandKind.KART_FINISH, 12, official='Grace')
+    paper.wait(4.0)
+    paper.command(CommandKind.KART_FINISH, 42, official='Grace')
+    paper.wait(3.0)
+    paper.lose(7)
+    paper.wait(4.0)
+    paper.say(12)
+    paper.wait(2.0)
+    paper.say(42)
+    paper.command(CommandKind.KART_RED_FLAG, 5, official='Grace')
+    paper.wait(8.0)
+    paper.say(5)
+    paper.wait(3.0)
+    paper.command(CommandKind.ALL_KILL)
+    paper.wait(4.0)
+    for number in (5, 12, 23, 42):
+        paper.say(number)
+        paper.wait(0.7)
+    paper.command(CommandKind.IN_GARAGE)
+    paper.wait(6.0)
+    paper.connect(7)
+    paper.wait(4.0)
+    paper.say(7)
+    paper.say(64)
+    paper.wait(2.0)
+    paper.command(CommandKind.IN_GARAGE)
+    paper.wait(8.0)
+    paper.end()
+    return paper
+
+
 def span(browser: Browser) -> tuple[float, float]:
     """Return the time that the timeline shows, once all that was asked for is drawn."""
     start, end = browser.evaluate(
@@ -106,7 +160,7 @@ def test_a_page_complains_of_nothing_and_asks_the_network_for_nothing(
     browser: Browser, make_report: MakeReport
 ) -> None:
     page = make_report(incident())
-    browser.open(page)
+    browser.visit(page)
     span(browser)
     assert browser.complaints == []
     assert browser.requested == [page.as_uri()]
@@ -115,7 +169,7 @@ def test_a_page_complains_of_nothing_and_asks_the_network_for_nothing(
 def test_a_hostile_name_is_seen_and_does_nothing(
     browser: Browser, make_report: MakeReport
 ) -> None:
-    browser.open(make_report(incident()))
+    browser.visit(make_report(incident()))
     left, top, width, height = browser.place_of('#plot')
     for share in range(0, 100, 2):  # over everything that can be pointed at
         browser.mouse('mouseMoved', left + width * share / 100, top + height * (share % 10) / 10)
@@ -129,7 +183,7 @@ def test_a_hostile_name_is_seen_and_does_nothing(
 def test_the_wheel_the_buttons_and_the_keys_zoom(
     browser: Browser, make_report: MakeReport
 ) -> None:
-    browser.open(make_report(incident()))
+    browser.visit(make_report(incident()))
     whole = span(browser)
     left, top, width, height = browser.place_of('#lines')
     x, y = left + width / 2, top + height / 2
@@ -162,7 +216,7 @@ def test_the_wheel_the_buttons_and_the_keys_zoom(
 
 
 def test_dragging_moves_the_timeline(browser: Browser, make_report: MakeReport) -> None:
-    browser.open(make_report(incident()))
+    browser.visit(make_report(incident()))
     browser.click('[data-do=in]')
     before = span(browser)
     left, top, width, height = browser.place_of('#lines')
@@ -178,7 +232,7 @@ def test_dragging_moves_the_timeline(browser: Browser, make_report: MakeReport) 
 
 def test_what_is_pointed_at_is_explained(browser: Browser, make_report: MakeReport) -> None:
     paper = incident()
-    browser.open(make_report(paper))
+    browser.visit(make_report(paper))
     left, top, width, height = browser.place_of('#lines')
     seen = set()
     # The last lines are the karts, and what the whole looks like.
@@ -190,7 +244,7 @@ def test_what_is_pointed_at_is_explained(browser: Browser, make_report: MakeRepo
 
 
 def test_the_arrow_keys_go_from_event_to_event(browser: Browser, make_report: MakeReport) -> None:
-    browser.open(make_report(incident()))
+    browser.visit(make_report(incident()))
     browser.evaluate("document.getElementById('lines').focus()")
     browser.key('ArrowRight')
     browser.key('ArrowLeft')
@@ -206,19 +260,19 @@ def test_the_table_shows_the_events_that_are_asked_for(
     browser: Browser, make_report: MakeReport
 ) -> None:
     paper = incident()
-    browser.open(make_report(paper))
+    browser.visit(make_report(paper))
     browser.evaluate("document.getElementById('kart').focus()")
-    browser.type('Kart 8')
+    browser.enter('Kart 8')
     assert {row[3] for row in rows(browser)} == {'8'}
     browser.evaluate("document.getElementById('kind').focus()")
-    browser.type('Connection')
+    browser.enter('Connection')
     assert {row[4] for row in rows(browser)} == {'Connection lost'}
     browser.key('Home')
     browser.evaluate("document.getElementById('kart').focus()")
     browser.key('Home')
     assert len({row[3] for row in rows(browser)}) > 1
     browser.click('#find')
-    browser.type('michigan')
+    browser.enter('michigan')
     assert rows(browser)
     assert all('Michigan' in row[5] for row in rows(browser))
     assert 'of' in text_of(browser, '#found')
@@ -228,7 +282,7 @@ def test_an_hour_with_twenty_karts_can_be_used(
     browser: Browser, make_report: MakeReport, dice: random.Random
 ) -> None:
     paper = long_event(3600.0, 20, dice, busy=10.0)
-    browser.open(make_report(paper))
+    browser.visit(make_report(paper))
     assert text_of(browser, '#found') == f'{len(paper.stamped):,} events'
     whole = span(browser)
     left, top, width, _ = browser.place_of('#lines')
@@ -245,12 +299,10 @@ def test_an_hour_with_twenty_karts_can_be_used(
 
 
 def test_a_report_is_printed_on_a4(browser: Browser, make_report: MakeReport) -> None:
-    browser.open(make_report(incident()))
+    browser.visit(make_report(incident()))
     sheets = [
         tuple(sorted(round(float(each)) for each in box))
-        for box in re.findall(
-            rb'/MediaBox\s*\[\s*0\s+0\s+([\d.]+)\s+([\d.]+)\s*\]', browser.print()
-        )
+        for box in re.findall(rb'/MediaBox\s*\[\s*0\s+0\s+([\d.]+)\s+([\d.]+)\s*\]', browser.pdf())
     ]
     assert len(sheets) >= 3
     assert set(sheets) == {A4}
@@ -260,7 +312,7 @@ def test_without_scripts_there_are_the_words_the_tables_and_a_picture(
     browser: Browser, make_report: MakeReport
 ) -> None:
     browser.without_scripts()
-    browser.open(make_report(incident()))
+    browser.visit(make_report(incident()))
     seen: dict[str, Any] = browser.call('Accessibility.getFullAXTree')
     names = {node.get('name', {}).get('value', '') for node in seen['nodes']}
     assert {'In short', 'The race', 'Alerts', 'Timeline', 'Events'} <= names
@@ -293,9 +345,24 @@ def test_the_report_of_a_real_race_control_tells_what_karts_and_officials_did(
     record = next(iter(tmp_path.rglob('record.sqlite3')))
     page = tmp_path / 'report.html'
     assert rcs_record(['report', str(record), '-o', str(page)]) == 0
-    browser.open(page)
+    browser.visit(page)
     words = text_of(browser, 'main')
     assert 'by ALL KILL' in words
     assert 'did not finish: it lost its connection' in words
     assert 'ended in good order' in words
+    assert browser.complaints == []
+
+
+@pytest.mark.long
+def test_the_screenshots_of_the_report(
+    browser: Browser, make_report: MakeReport, tmp_path: pathlib.Path
+) -> None:
+    browser.visit(make_report(for_the_documents()))
+    left, top, width, height = browser.place_of('#lines')
+    browser.mouse('mouseMoved', left + width * 0.62, top + height - 168)
+    browser.evaluate("document.querySelector('.timeline').scrollIntoView()")
+    span(browser)
+    folder = pathlib.Path(os.environ.get('EVGP_SCREENSHOTS', tmp_path))
+    browser.picture(folder / 'report.png', '.timeline')
+    assert not browser.evaluate('document.getElementById("tip").hidden')
     assert browser.complaints == []

@@ -26,7 +26,7 @@ def main(arguments: Sequence[str]) -> int:
         description="Print the newest run in race control's record, as a timeline.",
         epilog='Race control keeps its record in the file that its parameter "record" names. '
         f'Without the parameter that is {default_path()}, which is read here as well. A run is '
-        'what happened between one start of race control and its end. More can be done with a run: '
+        'what happened between one start of race control and its end. More with a run: '
         "'rcs_record report', 'rcs_record replay' and 'rcs_record mcap', each with --help.",
     )
     add_run_arguments(parser)

@@ -152,6 +152,18 @@ def test_holds_that_are_shown_are_holds_of_the_rules(dice: random.Random) -> Non
     assert shown
 
 
+def test_a_hold_is_not_put_down_to_a_command_that_came_later(paper: PaperRace) -> None:
+    paper.drive()
+    paper.wait(5.0)
+    paper.lose(7)
+    paper.wait(5.0)
+    paper.command(CommandKind.ALL_KILL)
+    paper.wait(5.0)
+    account = read(paper.events)
+    assert [hold.command for hold in lane(account, 7).holds] == ['']
+    assert [hold.command for hold in lane(account, 8).holds] == ['ALL_KILL']
+
+
 def test_a_race_has_its_finishing_order_and_who_did_not_finish(paper: PaperRace) -> None:
     paper.drive()
     paper.wait(30.0)
@@ -276,7 +288,8 @@ def test_after_a_gap_nothing_is_known_until_the_record_says_it_again(paper: Pape
     assert sent(account, 7)[-3:] == [GREEN_GREEN, NOT_KNOWN, RED_RED]
     assert NOT_KNOWN in [band.what for band in account.race_bands]
     # Only what it is being sent can be acknowledged: that is known again.
-    assert GREEN_GREEN in sent(account, 9)[sent(account, 9).index(NOT_KNOWN) :]
+    known_again = sent(account, 9).index(NOT_KNOWN) + 1
+    assert sent(account, 9)[known_again] == GREEN_GREEN
     assert account.races[0].incomplete
     assert not any(alert.stands for alert in account.alerts if (alert.raised or 0) < gap.start)
 

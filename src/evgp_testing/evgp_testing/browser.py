@@ -186,7 +186,7 @@ class Browser(Part):
 
     # ----- the page -----------------------------------------------------------------------
 
-    def open(self, file: pathlib.Path) -> None:
+    def visit(self, file: pathlib.Path) -> None:
         """Show a file, and return once it is there."""
         self._events.clear()
         self.requested.clear()
@@ -265,17 +265,24 @@ class Browser(Part):
         self.call('Input.dispatchKeyEvent', type='keyDown', key=key, **more)
         self.call('Input.dispatchKeyEvent', type='keyUp', key=key)
 
-    def type(self, text: str) -> None:
+    def enter(self, text: str) -> None:
         """Type a text."""
         for each in text:
             self.key(each)
 
-    def picture(self, file: pathlib.Path, whole: bool = False) -> None:
-        """Write what is seen as a PNG; the whole page, or what the window shows."""
-        answer = self.call('Page.captureScreenshot', captureBeyondViewport=whole)
+    def picture(self, file: pathlib.Path, selector: str = 'html') -> None:
+        """Write what is seen of an element as a PNG."""
+        x, y, width, height = self.evaluate(
+            f"""(() => {{
+                const box = document.querySelector({json.dumps(selector)}).getBoundingClientRect();
+                return [box.left + scrollX, box.top + scrollY, box.width, box.height];
+            }})()"""
+        )
+        clip = {'x': x, 'y': y, 'width': width, 'height': height, 'scale': 1}
+        answer = self.call('Page.captureScreenshot', clip=clip, captureBeyondViewport=True)
         file.write_bytes(base64.b64decode(answer['data']))
 
-    def print(self) -> bytes:
+    def pdf(self) -> bytes:
         """Return the page as it is printed, as PDF."""
         answer = self.call('Page.printToPDF', preferCSSPageSize=True, printBackground=True)
         return base64.b64decode(answer['data'])

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
+from itertools import islice
 import math
 
 from evgp_rcs.record import RecordedEvent
@@ -55,10 +56,9 @@ _STRICTNESS = {
 
 def pictures(account: Account, start: float, end: float, clock: Clock) -> list[str]:
     """Return the pictures of a time, each with as many karts as fit on a page."""
-    groups = [
-        account.lanes[first : first + MOST_LANES]
-        for first in range(0, len(account.lanes), MOST_LANES)
-    ]
+    lanes = account.lanes
+    starts = range(0, len(lanes), MOST_LANES)
+    groups = [list(islice(lanes, first, first + MOST_LANES)) for first in starts]
     return [_Picture(account, group, start, end, clock).draw() for group in groups or [[]]]
 
 
@@ -72,6 +72,8 @@ def _command_kind(event: RecordedEvent) -> str:
 
 
 class _Picture:
+    """One picture, while it is drawn from above."""
+
     def __init__(
         self, account: Account, lanes: Sequence[Lane], start: float, end: float, clock: Clock
     ) -> None:

@@ -103,6 +103,8 @@ def _table(kind: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str
 
 
 class _Page:
+    """One page, while it is put together."""
+
     def __init__(self, whole: Account, part: Part, source: Source) -> None:
         self._whole = whole
         self._part = part
@@ -441,9 +443,7 @@ class _Page:
         if alert.ended_by is None:
             return f'at least {least}; the record does not say when it ended'
         most = words.duration(alert.ended_by - alert.raised)
-        return (
-            least if least == most else f'{least} to {most} (two alerts, one end recorded first)'
-        )
+        return least if least == most else f'between {least} and {most}'
 
     # ----- the timeline -------------------------------------------------------------------
 
