@@ -14,7 +14,7 @@ from typing import Any
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.inputs import Block, decode, Entry, Input, InputsError, offers, Published, Shown
-from evgp_rcs.race import Event, EventKind, Race, StampedEvent
+from evgp_rcs.race import AlertKind, Event, EventKind, Race, StampedEvent
 from evgp_rcs.record import events, RecordedEvent
 from evgp_rcs.replay import Kept
 from evgp_rcs.runs import add_run_arguments, open_runs, Runs, UnreadableError
@@ -25,6 +25,7 @@ NODE = 'rcs'
 """The node's name in the bag, whatever it was when the record was made."""
 
 _COMMANDS = dict(CommandKind.__members__)
+_ALERTS = dict(AlertKind.__members__)
 
 DIAGNOSTICS_EVERY = 1.0
 """Time between two messages of diagnostics, in seconds."""
@@ -104,6 +105,7 @@ def _events(happened: Sequence[RecordedEvent]) -> Iterator[Message]:
             _COMMANDS.get(each.command or ''),
             each.success,
             official=each.official,
+            alert=_ALERTS.get(each.alert or ''),
         )
         stamped = StampedEvent(each.sequence, each.wall_ns, each.monotonic, event)
         yield f'/{NODE}/events', each.wall_ns, event_message(stamped)

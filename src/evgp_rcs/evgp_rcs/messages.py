@@ -130,6 +130,7 @@ def event_message(stamped: StampedEvent) -> msg.RaceEvent:
         state=state_message(event.state),
         text=event.text,
         official=event.official,
+        alert=_ALERT[event.alert] if event.alert is not None else 0,
     )
 
 

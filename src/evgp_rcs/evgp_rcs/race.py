@@ -161,6 +161,7 @@ class Event:
     :param chatter: a kart can cause any number of these just by what it says; whoever passes
         events on may limit them.
     :param official: for a command, who gave it, by their own word (``official``).
+    :param alert: for an alert that was raised or has ended, which.
     """
 
     kind: EventKind
@@ -171,6 +172,7 @@ class Event:
     success: bool = True
     chatter: bool = False
     official: str = ''
+    alert: AlertKind | None = None
 
 
 @dataclass(frozen=True)
@@ -1509,12 +1511,13 @@ class Race:
         current = {(alert.kind, alert.kart): alert for alert in self.alerts(now)}
         for key, alert in current.items():
             if key not in self._alerts:
-                self._events.append(Event(EventKind.ALERT_RAISED, alert.text, kart=alert.kart))
+                raised = EventKind.ALERT_RAISED
+                self._events.append(Event(raised, alert.text, alert.kart, alert=alert.kind))
         for key, alert in self._alerts.items():
             if key not in current:
-                self._events.append(
-                    Event(EventKind.ALERT_CLEARED, f'No longer: {alert.text}', kart=alert.kart)
-                )
+                text = f'No longer: {alert.text}'
+                cleared = EventKind.ALERT_CLEARED
+                self._events.append(Event(cleared, text, alert.kart, alert=alert.kind))
         self._alerts = current
 
     def _tell(

@@ -32,8 +32,8 @@ written once, when the run begins, and only a voucher of the very run is believe
 that the record has. A voucher that was taken back says that there was such a start, perhaps of
 karts that the record does not have in the race: then nothing is known.
 
-The schema (``PRAGMA user_version`` 2; version 1 had neither `event.official` nor the last two
-tables, and is brought up to date when the next run begins):
+The schema (``PRAGMA user_version`` 2; version 1 had neither the last two columns of `event` nor
+the last two tables, and is brought up to date when the next run begins):
 
 ======== =================== ======================================================================
 table    column              meaning
@@ -50,6 +50,7 @@ event    session, sequence   the run, and the number of the event in it: from 1,
 ..       state               a name of ``RaceState``; null: none
 ..       text                one sentence for the official
 ..       official            for a command, who gave it, by their own word; empty: unnamed
+..       alert               for an alert, a name of ``AlertKind``; null: none, or not recorded
 memory   session             the run
 ..       sequence            the last event that this comes after
 ..       state               the race's state
@@ -156,6 +157,7 @@ CREATE TABLE memory (
 """,
     """
 ALTER TABLE event ADD COLUMN official TEXT NOT NULL DEFAULT '';
+ALTER TABLE event ADD COLUMN alert TEXT;
 CREATE TABLE setup (
     session INTEGER PRIMARY KEY REFERENCES session,
     rules TEXT NOT NULL,
@@ -567,7 +569,7 @@ class Record:
         sequence = events[-1].sequence if events else self._written
         with _transaction(self._database):
             self._database.executemany(
-                'INSERT INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)', rows
+                'INSERT INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)', rows
             )
             if self._begin is not None:
                 self._database.execute(
@@ -743,6 +745,7 @@ def _row(session: int, stamped: StampedEvent) -> tuple[object, ...]:
         event.state.name if event.state is not None else None,
         event.text,
         event.official,
+        event.alert.name if event.alert is not None else None,
     )
 
 
@@ -804,6 +807,7 @@ class RecordedEvent:
     state: str | None
     text: str
     official: str
+    alert: str | None
 
 
 def open_read_only(path: pathlib.Path) -> sqlite3.Connection:
@@ -870,8 +874,8 @@ def events(database: sqlite3.Connection, session: int) -> Iterator[RecordedEvent
     (version,) = database.execute('PRAGMA user_version').fetchone()
     rows = database.execute(
         'SELECT sequence, wall_ns, monotonic, kind, kart, command, success, state, text, '
-        # The first version has no such column.
-        + ('official ' if version > 1 else "'' ")
+        # The first version has no such columns.
+        + ('official, alert ' if version > 1 else "'', NULL ")
         + 'FROM event WHERE session = ? ORDER BY sequence',
         (session,),
     )

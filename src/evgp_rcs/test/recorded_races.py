@@ -151,6 +151,7 @@ def recorded(stamped: StampedEvent) -> RecordedEvent:
         event.state.name if event.state is not None else None,
         event.text,
         event.official,
+        event.alert.name if event.alert is not None else None,
     )
 
 

@@ -95,8 +95,8 @@ class Alert:
     """
     An alert, and how long it stood.
 
-    The record does not say which of several alerts of one kart has ended: then it ended between
-    two times.
+    A record of an older version does not say which of several alerts of one kart has ended: then
+    it ended between two times.
 
     :param raised: None: in a gap of the record.
     :param ended_from: the first moment at which it can have ended; None: it had not.
@@ -534,25 +534,26 @@ class _Alerts:
     """
     Which alert ended when.
 
-    The events name an alert's kart, not its kind. Of several alerts of one kart it is therefore
-    not always known which one an event ends. They stay together until it is known again.
+    The events of older versions name an alert's kart, not its kind. Of several alerts of one kart
+    it is then not always known which one an event ends. They stay together until it is known
+    again.
     """
 
     def __init__(self) -> None:
         self.told: list[Alert] = []
-        self._standing: dict[int, list[Alert]] = {}
-        self._ends: dict[int, list[float]] = {}
+        self._standing: dict[tuple[int, str | None], list[Alert]] = {}
+        self._ends: dict[tuple[int, str | None], list[float]] = {}
 
     def raised(self, event: RecordedEvent, at: float) -> None:
         alert = Alert(event.kart, at, event.text, event.sequence)
         self.told.append(alert)
-        self._standing.setdefault(event.kart, []).append(alert)
+        self._standing.setdefault((event.kart, event.alert), []).append(alert)
 
     def cleared(self, event: RecordedEvent, at: float) -> None:
-        standing = self._standing.get(event.kart, [])
+        standing = self._standing.get((event.kart, event.alert), [])
         # No alert ends at the moment at which it is raised: both go by the same look at the race.
         able = [each for each in standing if each.raised is None or each.raised < at]
-        ends = self._ends.setdefault(event.kart, [])
+        ends = self._ends.setdefault((event.kart, event.alert), [])
         if not able:
             self.told.append(Alert(event.kart, None, event.text, event.sequence, at, at))
             return
