@@ -123,7 +123,7 @@ def test_a_workspace_with_messages_of_its_own_builds_beside_the_clone_and_passes
     (workspace / 'src/team_stack/team_stack/stack.py').write_text(
         blocks('README.md', 'python')[0], encoding='utf-8'
     )
-    example, *_ = blocks('docs/testing.md', 'python')
+    _, example = blocks('docs/testing.md', 'python')
     assert "'evgp_kart_bridge', 'shortest_stack'" in example
     (workspace / 'test_my_stack.py').write_text(
         example.replace("'evgp_kart_bridge', 'shortest_stack'", "'team_stack', 'team_stack'"),
@@ -136,7 +136,7 @@ def test_a_workspace_with_messages_of_its_own_builds_beside_the_clone_and_passes
 
 
 @pytest.mark.timeout(300)
-def test_the_example_passes_with_the_stack_of_readme(tmp_path: pathlib.Path) -> None:
-    example, *_ = blocks('docs/testing.md', 'python')
-    (tmp_path / 'test_my_stack.py').write_text(example, encoding='utf-8')
-    assert '1 passed' in run(blocks('docs/testing.md', 'sh')[0], tmp_path)
+def test_the_examples_pass_the_teams_with_the_stack_of_readme(tmp_path: pathlib.Path) -> None:
+    examples = blocks('docs/testing.md', 'python')
+    (tmp_path / 'test_my_stack.py').write_text('\n\n'.join(examples), encoding='utf-8')
+    assert '2 passed' in run(blocks('docs/testing.md', 'sh')[0], tmp_path)
