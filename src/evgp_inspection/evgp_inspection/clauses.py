@@ -434,7 +434,7 @@ KART: tuple[Clause, ...] = (
         'Time to $RED_RED;. Fail also: it drops the connection.',
         ('ready',),
         'red_red',
-        ('K-4C-07',),
+        ('K-4C-05', 'K-4C-07'),
     ),
     Clause(
         'K-4C-09',

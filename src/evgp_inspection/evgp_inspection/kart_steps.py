@@ -155,13 +155,14 @@ class KartSteps:
         section = self._trace.now
         await self._until(lambda: started(section, self._limits), seconds)
 
-    async def _ask(self, question: str) -> None:
-        """Have the inspector look, unless odometry does."""
+    async def _ask(self, question: str) -> bool | None:
+        """Have the inspector look, unless odometry does; return the answer, if there is one."""
         if self._seen:
-            return
+            return None
         answer = await self._inspector.ask(f'Do {question}?', self._limits.answer)
         if answer is not None:
             self._recording.note(Kind.ANSWER, text=question, value=float(answer))
+        return answer
 
     async def _must_stand(self, name: str, send: Callable[[], None], seconds: float) -> None:
         """Have the kart sent something from which it must not start."""
@@ -173,15 +174,7 @@ class KartSteps:
 
     async def _acknowledged(self, state: RaceState, seconds: float) -> bool:
         """Return whether the kart acknowledges a state, which it is being sent, in time."""
-        section = self._trace.now
-
-        def said() -> bool:
-            return any(
-                word.state is state and word.order is not None and word.order.state is state
-                for word in section.words
-            )
-
-        return await self._until(said, seconds)
+        return await self._until(lambda: self._trace.acknowledged(state), seconds)
 
     async def _connected(self) -> None:
         """
@@ -245,19 +238,22 @@ class KartSteps:
         await self._until(lambda: None, limits.drive)
         return drove(self._trace, step, limits)
 
-    async def _stands_or(self, seconds: float) -> None:
-        """Wait until the wheels stand, for so long at most; ask where there is no odometry."""
+    async def _comes_to_stand(self, seconds: float) -> bool:
+        """
+        Wait until the wheels stand, for so long at most; ask where there is no odometry.
+
+        :return: False: they were seen to turn on.
+        """
         limits = self._limits
         section = self._trace.now
         if not self._seen:
-            await self._ask(STANDS)
-            return
+            return await self._ask(STANDS) is not False
 
         def stands() -> bool:
             speeds = section.speeds[-3:]
             return len(speeds) == 3 and not any(moves(speed, limits) for _, speed in speeds)
 
-        await self._until(stands, seconds)
+        return await self._until(stands, seconds)
 
     # ----- the steps ------------------------------------------------------------------------
 
@@ -392,7 +388,9 @@ class KartSteps:
                 self._wire.send(nothing())  # to a new connection, for now
             lose()
             section = self._trace.now
-            await self._stands_or((limits.silence if silent else 0.0) + limits.red_red)
+            stands = await self._comes_to_stand(
+                (limits.silence if silent else 0.0) + limits.red_red
+            )
             if silent:  # also where nobody looks: there is a silence to be noticed
                 due = section.began + limits.silence + limits.slack
                 await self._until(lambda: None, max(due - self._recording.now, 0.0))
@@ -401,7 +399,7 @@ class KartSteps:
                 if step == 'fin':
                     self._phase('fin/quiet')
                     await self._until(lambda: None, limits.silence * SHORT_SILENCE)
-            if back:
+            if back and stands:  # GREEN_GREEN is for no kart that still moves
                 await self._connected()
                 await self._must_stand(
                     f'{step}/back', lambda: self._wire.order(GREEN_GREEN), limits.watch
@@ -413,10 +411,10 @@ class KartSteps:
         if await self._drive('restart'):
             self._phase('restart/lost')
             self._wire.go_away()
-            await self._stands_or(limits.red_red)
+            stands = await self._comes_to_stand(limits.red_red)
             await self._must_stand('restart/away', lambda: None, limits.away)
             self._phase('restart/back')
-            self._wire.order(GREEN_GREEN)
+            self._wire.order(GREEN_GREEN if stands else RED_RED)
             await self._wire.come_back()
             await self._connected()
             await self._watch(limits.watch)
@@ -439,7 +437,6 @@ class KartSteps:
         self._wire.send_now(encode(RED_RED))
         self._wire.order(RED_RED)
         self._wire.keep_beating()
-        section = self._trace.now
         if self._wire.newest == 0:
             return
         try:
@@ -447,7 +444,7 @@ class KartSteps:
         except OSError as error:
             self._inspector.tell(f'  !  The port is gone: {error}')
         await self._until(lambda: None, self._limits.hold)
-        if section.word(RED_RED) is None:
+        if not self._trace.acknowledged(RED_RED):
             self._inspector.tell('\a  !  THE KART HAS NOT SAID THAT IT STANDS. USE THE MSR.')
         else:
             self._inspector.tell('  RED_RED was sent last, and the kart says that it stands.')

@@ -72,9 +72,13 @@ async def listen(source: str, take: Take) -> Callable[[], None]:
         return transport.close
     if source.startswith('ros:'):
         return _listen_to_ros(source.removeprefix('ros:'), hand_over)
+    return _listen_to_file(source, hand_over)
+
+
+def _listen_to_file(source: str, take: Take) -> Callable[[], None]:
     if source != '-' and not pathlib.Path(source).exists():
         raise FileNotFoundError(f'there is no file or pipe {source}')
-    threading.Thread(target=_read, args=(source, hand_over), daemon=True).start()
+    threading.Thread(target=_read, args=(source, take), daemon=True).start()
     return lambda: None
 
 

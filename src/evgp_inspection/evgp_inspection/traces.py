@@ -133,7 +133,8 @@ class Trace:
         self.sections: list[Section] = [Section('', 0.0)]
         self._sent: dict[int, FrameDecoder] = {}
         self._said: dict[int, FrameDecoder] = {}
-        self._orders: dict[int, Order] = {}
+        self._orders: dict[int, Order] = {}  # of the connections that are open
+        self._acknowledged: set[Order] = set()
 
     @classmethod
     def of(cls, events: Iterable[Event]) -> Trace:
@@ -151,6 +152,13 @@ class Trace:
     def called(self, name: str) -> Section | None:
         """Return the last phase of this name; None: there was none."""
         return next((each for each in reversed(self.sections) if each.name == name), None)
+
+    def acknowledged(self, state: RaceState) -> bool:
+        """Return whether a state is what the kart is sent and has acknowledged, now."""
+        return any(
+            order.state is state and order in self._acknowledged
+            for order in self._orders.values()
+        )
 
     def add(self, event: Event) -> None:
         """Take the next event."""
@@ -171,9 +179,14 @@ class Trace:
             for heard in decoder.feed(event.data):
                 if isinstance(heard, StateFrame):
                     section.words.append(Word(event.at, event.link, heard.state, order))
+                    if order is not None and order.state is heard.state:
+                        self._acknowledged.add(order)
                 else:
                     wrong = f'{heard.reason}: {printable(heard.raw)}'
                     section.words.append(Word(event.at, event.link, None, order, wrong))
+
+        elif event.kind in (Kind.CLOSED, Kind.ENDED):
+            self._orders.pop(event.link, None)
 
     def _order(self, event: Event, state: RaceState) -> None:
         before = self._orders.get(event.link)
