@@ -156,8 +156,7 @@ class Trace:
     def acknowledged(self, state: RaceState) -> bool:
         """Return whether a state is what the kart is sent and has acknowledged, now."""
         return any(
-            order.state is state and order in self._acknowledged
-            for order in self._orders.values()
+            order.state is state and order in self._acknowledged for order in self._orders.values()
         )
 
     def add(self, event: Event) -> None:
