@@ -18,10 +18,10 @@ from evgp_inspection.traces import Kind
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 
-RATE = 20.0
+BEAT_RATE = 20.0
 """How often a frame is sent unless a check says otherwise, Hz: as often as race control does."""
 
-HELD_UP = 0.25
+LATE_BEAT = 0.25
 """A beat that is later than this says that the inspecting computer was held up, s."""
 
 RESET = struct.pack('ii', 1, 0)
@@ -106,7 +106,7 @@ class KartWire:
         self._count = 0
         self._beats: Beats | None = None
         self._greeting = b''
-        self._period = 1 / RATE
+        self._period = 1 / BEAT_RATE
         self._changed = asyncio.Event()
         self._beating: asyncio.Task[None] | None = None
         self._refused: set[str] = set()
@@ -140,12 +140,12 @@ class KartWire:
         self,
         state: RaceState,
         beats: Callable[[RaceState], Beats] = whole,
-        rate: float = RATE,
+        rate: float = BEAT_RATE,
     ) -> None:
         """Send a state from now on."""
         self.send(beats(state), rate, encode(state))
 
-    def send(self, beats: Beats, rate: float = RATE, greeting: bytes = b'') -> None:
+    def send(self, beats: Beats, rate: float = BEAT_RATE, greeting: bytes = b'') -> None:
         """
         Send these beats from now on.
 
@@ -223,7 +223,7 @@ class KartWire:
         while True:
             self._changed.clear()
             late = loop.time() - due
-            if late > HELD_UP:
+            if late > LATE_BEAT:
                 self._recording.note(Kind.HELD_UP, value=late)
             if self._beats is not None:
                 links = list(self._links.values())
