@@ -1,0 +1,184 @@
+"""
+The inspector: sentences to read, questions with a key to answer, and a key that stops the kart.
+
+What is printed goes through a thread: a terminal that takes nothing (Ctrl-S) must not hold up the
+frames to the kart.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+import contextlib
+import os
+import queue
+import sys
+import termios
+import threading
+import time
+import tty
+from typing import Protocol
+
+WORD = 'ready'
+"""What the inspector types when the kart may be made to drive."""
+
+STOP_KEYS = ' \x1b'
+"""The keys that stop the kart at once: space and Escape."""
+
+FIRST = f"""\
+  1. The kart's wheels are OFF THE GROUND, and nobody and nothing touches them.
+  2. You have the MASTER SAFETY REMOTE in your hand, and it has been tried.
+  3. The SPACE BAR stops the kart and ends the inspection.
+Type the word "{WORD}" and Enter when all of this is so: """
+
+
+class Inspector(Protocol):
+    """Who sees the wheels."""
+
+    def tell(self, line: str) -> None:
+        """Have a line read; never waits."""
+
+    async def confirm(self) -> bool:
+        """Return whether the inspector says that the kart may be made to drive."""
+
+    async def ask(self, question: str, seconds: float) -> bool | None:
+        """Return the answer; None: there was none in so many seconds."""
+
+
+class Unattended:
+    """
+    Nobody sees the wheels.
+
+    :param tell: prints a line.
+    """
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        self.tell = tell
+
+    async def confirm(self) -> bool:
+        """Return True: whoever started the inspection gave the word with it."""
+        return True
+
+    async def ask(self, question: str, seconds: float) -> bool | None:
+        """Return None at once."""
+        return None
+
+
+class Printer:
+    """Prints lines, in a thread."""
+
+    def __init__(self) -> None:
+        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._print, daemon=True)
+        self._thread.start()
+
+    def tell(self, line: str) -> None:
+        """Print a line soon."""
+        self._lines.put(f'{line}\n')
+
+    def ask(self, text: str) -> None:
+        """Print text without a line's end."""
+        self._lines.put(text)
+
+    def close(self) -> None:
+        """Print what is left, unless the terminal takes nothing."""
+        self._lines.put(None)
+        self._thread.join(1.0)
+
+    def _print(self) -> None:
+        with contextlib.suppress(OSError, ValueError):  # nobody reads any more
+            while (text := self._lines.get()) is not None:
+                sys.stdout.write(text)
+                sys.stdout.flush()
+
+
+class AtTerminal:
+    """
+    An inspector at a terminal, who answers with single keys.
+
+    Keys that were pressed before a question do not answer it. Without a terminal (a pipe), the
+    bytes that come are the keys.
+
+    :param stop: is called, in the loop, when a stop key is pressed after the word was given, or
+        when the terminal is gone.
+    """
+
+    def __init__(self, printer: Printer, stop: Callable[[], None], fd: int = 0) -> None:
+        self._printer = printer
+        self._stop = stop
+        self._fd = fd
+        self._word: asyncio.Future[bool] | None = None
+        self._typed = ''
+        self._answer: asyncio.Future[bool | None] | None = None
+        self._before: list[int | list[bytes | int]] | None = None
+        self.tell = printer.tell
+
+    def __enter__(self) -> AtTerminal:
+        """Begin to read keys."""
+        asyncio.get_running_loop().add_reader(self._fd, self._read)
+        return self
+
+    def __exit__(self, *reason: object) -> None:
+        """Leave the terminal as it was."""
+        asyncio.get_running_loop().remove_reader(self._fd)
+        if self._before is not None:
+            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
+
+    async def confirm(self) -> bool:
+        """Ask for the word; return whether it was typed."""
+        self._printer.ask(FIRST)
+        self._word = asyncio.get_running_loop().create_future()
+        given = await self._word
+        if given and os.isatty(self._fd):
+            self._before = termios.tcgetattr(self._fd)
+            tty.setcbreak(self._fd)
+        return given
+
+    async def ask(self, question: str, seconds: float) -> bool | None:
+        """Ask a question that y or n answers."""
+        self._printer.ask(f'\a  ?  {question}  y/n ')
+        loop = asyncio.get_running_loop()
+        given: asyncio.Future[bool | None] = loop.create_future()
+        self._answer = given
+        timer = loop.call_later(seconds, _give_up, given)
+        began = time.monotonic()
+        try:
+            answer = await given
+        finally:
+            self._answer = None
+            timer.cancel()
+        if answer is None:
+            self._printer.tell('no answer')
+            return None
+        word = 'yes' if answer else 'NO'
+        self._printer.tell(f'{word}, after {time.monotonic() - began:.1f} s')
+        return answer
+
+    def _read(self) -> None:
+        try:
+            text = os.read(self._fd, 1024).decode('utf-8', 'replace')
+        except OSError:
+            text = ''
+        if not text:  # the terminal is gone, and with it the eyes
+            asyncio.get_running_loop().remove_reader(self._fd)
+            if self._word is not None and not self._word.done():
+                self._word.set_result(False)
+            else:
+                self._stop()
+            return
+        if self._word is not None and not self._word.done():
+            self._typed += text
+            line, end, _ = self._typed.partition('\n')
+            if end:
+                self._word.set_result(line.strip().lower() == WORD)
+            return
+        for key in text.lower():
+            if key in STOP_KEYS:
+                self._stop()
+            elif key in 'yn' and self._answer is not None and not self._answer.done():
+                self._answer.set_result(key == 'y')
+
+
+def _give_up(given: asyncio.Future[bool | None]) -> None:
+    if not given.done():
+        given.set_result(None)

@@ -1,0 +1,450 @@
+"""
+The steps of `inspect_kart`: race control is played to one kart, and everything is written down.
+
+The steps judge nothing; `evgp_inspection.kart_judges` reads the trace that they leave. They look
+at the trace only to go on as soon as there is nothing more to see, and to stop the kart at once
+when it does what it must not.
+
+The kart is never left driving. Whatever ends the inspection, RED_RED is sent for some seconds
+first, and the inspector is told whether the kart has said that it stands. A kart that does not
+acknowledge RED_RED, or sees it late, is not made to drive again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+import functools
+
+from evgp_inspection.clauses import DRIVING_STEPS, KART_STEPS
+from evgp_inspection.inspector import Inspector
+from evgp_inspection.kart_judges import drove, moves, STANDS, started, TURNS
+from evgp_inspection.kart_wire import (
+    after,
+    Beats,
+    between,
+    KartWire,
+    late_halves,
+    many_in_a_piece,
+    nothing,
+    single_bytes,
+    whole,
+)
+from evgp_inspection.limits import Limits
+from evgp_inspection.recording import Recording
+from evgp_inspection.traces import Kind
+from evgp_protocol.frames import encode
+from evgp_protocol.states import RaceState
+
+IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
+GREEN_GREEN = RaceState.GREEN_GREEN
+RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
+
+MALFORMED = (
+    b'$GREEN;',
+    b'$green_green;',
+    b'GREEN_GREEN;',
+    b'$GREEN_GREEN\r\n',
+    b'$ GREEN_GREEN;',
+    b'$GREEN_GREEN\x00;',
+    b'$GREEN\xffGREEN;',
+    b'$XGREEN_GREEN;',
+    b'$GREEN_GREENX;',
+    b'$GREEN_GREEN:',
+    b'\x00\xff\x80 noise \x1b[2J',
+    b'$' + 24 * b'A' + b'GREEN_GREEN;',
+    b'$;',
+    b'$$$;;;',
+    b'\r\n\t ',
+)
+"""Bytes that no kart may take for GREEN_GREEN, and that no kart may die of. Whatever each of them
+is cut off by, it stays malformed."""
+
+BURST = 400
+"""Frames that are sent at once, before the stop that must be seen in time: 20 s of frames."""
+
+MOMENT = 0.2
+"""Time for which IN_GARAGE is sent between two checks, s."""
+
+SHORT_SILENCE = 0.4
+"""Part of `silence` for which a new connection is sent nothing: not a silence yet."""
+
+
+class KartNeverCameError(Exception):
+    """The kart did not connect."""
+
+
+class NotStoppedError(Exception):
+    """The kart did not say that it stands when it was told to stop. The text is for people."""
+
+
+class KartSteps:
+    """
+    The steps, in their order.
+
+    :param wanted: the names of the steps to be done.
+    :param seen: whether odometry is expected.
+    :param step_done: is called after each step with its name.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        wire: KartWire,
+        inspector: Inspector,
+        limits: Limits,
+        step_done: Callable[[str], None],
+        wanted: Collection[str] = KART_STEPS,
+        seen: bool = False,
+    ) -> None:
+        self.hindrance = ''
+        self._recording = recording
+        self._trace = recording.trace
+        self._wire = wire
+        self._inspector = inspector
+        self._limits = limits
+        self._step_done = step_done
+        self._wanted = wanted
+        self._seen = seen
+
+    async def run(self) -> None:
+        """
+        Do the steps, and stop the kart.
+
+        :raises KartNeverCameError: the kart did not connect.
+        :raises NotStoppedError: it was not stopped; the steps that were left were not done.
+        """
+        steps = {
+            'connect': self._connect,
+            'standing': self._standing,
+            'alone': self._alone,
+            'pieces': self._pieces,
+            'ready': self._ready,
+            'again': self._again,
+            'backlog': self._backlog,
+            'race': self._race,
+            'red': self._red,
+            'silence': self._silence,
+            'noise': self._noise,
+            'fin': self._fin,
+            'reset': self._reset,
+            'half': self._half,
+            'restart': self._restart,
+            'half_open': self._half_open,
+        }
+        try:
+            for name, step in steps.items():
+                if name not in self._wanted and name != 'connect':
+                    continue
+                if name in DRIVING_STEPS and self.hindrance:
+                    continue
+                await step()
+                self._step_done(name)
+        finally:
+            await self._end()
+
+    # ----- what the steps are made of ------------------------------------------------------
+
+    def _phase(self, name: str) -> None:
+        self._recording.note(Kind.STEP, text=name)
+
+    async def _until(self, found: Callable[[], object], seconds: float) -> bool:
+        return await self._recording.until(found, seconds)
+
+    async def _watch(self, seconds: float) -> None:
+        """Watch a kart that must not drive; no longer than until it does."""
+        section = self._trace.now
+        await self._until(lambda: started(section, self._limits), seconds)
+
+    async def _ask(self, question: str) -> bool | None:
+        """Have the inspector look, unless odometry does; return the answer, if there is one."""
+        if self._seen:
+            return None
+        answer = await self._inspector.ask(f'Do {question}?', self._limits.answer)
+        if answer is not None:
+            self._recording.note(Kind.ANSWER, text=question, value=float(answer))
+        return answer
+
+    async def _must_stand(self, name: str, send: Callable[[], None], seconds: float) -> None:
+        """Have the kart sent something from which it must not start."""
+        self._phase(name)
+        send()
+        await self._watch(seconds)
+        if not started(self._trace.now, self._limits):
+            await self._ask(STANDS)
+
+    async def _acknowledged(self, state: RaceState, seconds: float) -> bool:
+        """Return whether the kart acknowledges a state, which it is being sent, in time."""
+        return await self._until(lambda: self._trace.acknowledged(state), seconds)
+
+    async def _connected(self) -> None:
+        """
+        Wait for a connection.
+
+        :raises NotStoppedError: there is none.
+        """
+        limit = self._limits.reconnect
+        if not await self._until(lambda: self._wire.connected, limit):
+            raise NotStoppedError(f'The kart has not connected again for {limit:g} s.')
+
+    async def _stop(self, name: str) -> None:
+        """
+        Bring the kart to a standstill.
+
+        :raises NotStoppedError: it does not acknowledge RED_RED in time.
+        """
+        self._phase(name)
+        self._wire.order(RED_RED)
+        await self._connected()
+        if not await self._acknowledged(RED_RED, self._limits.red_red):
+            raise NotStoppedError(
+                f'The kart has not acknowledged RED_RED within {self._limits.red_red:g} s.'
+            )
+
+    async def _garage(self, name: str) -> None:
+        self._phase(name)
+        self._wire.order(IN_GARAGE)
+        section = self._trace.now
+        await self._until(lambda: started(section, self._limits), MOMENT)
+
+    async def _grid(self, step: str) -> bool:
+        """Have the kart get ready; return whether it says that it is."""
+        await self._garage(f'{step}/garage')
+        self._phase(f'{step}/grid')
+        self._wire.order(GRID_ACTIVE)
+        ready = await self._acknowledged(GRID_ACTIVE, self._limits.grid)
+        if not ready:
+            self.hindrance = 'The kart has not acknowledged GRID_ACTIVE.'
+        return ready
+
+    async def _drive(self, step: str) -> bool:
+        """Have the kart drive for a while; return whether it does."""
+        limits = self._limits
+        if not await self._grid(step):
+            return False
+        self._inspector.tell(f'\a  !  THE KART DRIVES NOW ({step}).')
+        await self._watch(limits.warning)
+        self._phase(f'{step}/green')
+        self._wire.order(GREEN_GREEN)
+        section = self._trace.now
+        if not await self._acknowledged(GREEN_GREEN, limits.green):
+            self.hindrance = 'The kart has not acknowledged GREEN_GREEN.'
+        elif self._seen:
+            await self._until(
+                lambda: any(moves(speed, limits) for _, speed in section.speeds),
+                max(section.began + limits.green - self._recording.now, 0.0),
+            )
+        if step == 'race':
+            await self._ask(TURNS)
+        await self._until(lambda: None, limits.drive)
+        return drove(self._trace, step, limits)
+
+    async def _comes_to_stand(self, seconds: float) -> bool:
+        """
+        Wait until the wheels stand, for so long at most; ask where there is no odometry.
+
+        :return: False: they were seen to turn on.
+        """
+        limits = self._limits
+        section = self._trace.now
+        if not self._seen:
+            return await self._ask(STANDS) is not False
+
+        def stands() -> bool:
+            speeds = section.speeds[-3:]
+            return len(speeds) == 3 and not any(moves(speed, limits) for _, speed in speeds)
+
+        return await self._until(stands, seconds)
+
+    # ----- the steps ------------------------------------------------------------------------
+
+    async def _connect(self) -> None:
+        limits = self._limits
+        self._phase('connect/wait')
+        if not await self._until(lambda: self._wire.connected, limits.connect):
+            raise KartNeverCameError
+        self._phase('connect/quiet')
+        section = self._trace.now
+        await self._until(
+            lambda: section.words or started(section, limits), limits.silence * SHORT_SILENCE
+        )
+        await self._must_stand('connect/garage', lambda: self._wire.order(IN_GARAGE), limits.watch)
+
+    async def _standing(self) -> None:
+        await self._stop('standing/red')
+
+    async def _alone(self) -> None:
+        await self._garage('alone/garage')
+        await self._must_stand(
+            'alone/green', lambda: self._wire.order(GREEN_GREEN), self._limits.watch
+        )
+        await self._stop('alone/red')
+
+    async def _pieces(self) -> None:
+        ways: tuple[tuple[str, Callable[[RaceState], Beats], float], ...] = (
+            ('bytes', single_bytes, 10.0),
+            ('many', many_in_a_piece, 10.0),
+            ('late', late_halves, 10.0),
+            ('slow', whole, 10.0),
+        )
+        for name, beats, rate in ways:
+            await self._garage(f'pieces/{name}_before')
+            self._phase(f'pieces/{name}')
+            self._wire.order(RED_RED, beats, rate)
+            section = self._trace.now
+            await self._acknowledged(RED_RED, self._limits.red_red)
+            # A kart that takes slow frames for silence needs time to say so.
+            longer = self._limits.watch if name == 'slow' else self._limits.slack
+            await self._until(functools.partial(section.of, Kind.CLOSED), longer)
+            await self._stop(f'pieces/{name}_after')
+
+    async def _ready(self) -> None:
+        ready = await self._grid('ready')
+        await self._watch(self._limits.watch)
+        await self._ask(STANDS)
+        if ready:
+            await self._must_stand(
+                'ready/malformed',
+                lambda: self._wire.send(
+                    between(GRID_ACTIVE, MALFORMED), greeting=encode(GRID_ACTIVE)
+                ),
+                max(self._limits.watch, len(MALFORMED) / 20),
+            )
+        await self._stop('ready/red')
+
+    async def _again(self) -> None:
+        if not self.hindrance and await self._grid('again'):
+            await self._stop('again/red')
+            await self._must_stand(
+                'again/green', lambda: self._wire.order(GREEN_GREEN), self._limits.watch
+            )
+        await self._stop('again/stopped')
+        await self._garage('again/out')
+        await self._must_stand(
+            'again/glued',
+            lambda: self._wire.order(GREEN_GREEN, lambda state: after(encode(GRID_ACTIVE), state)),
+            self._limits.watch,
+        )
+        await self._stop('again/end')
+
+    async def _backlog(self) -> None:
+        self._phase('backlog/fast')
+        self._wire.order(IN_GARAGE, rate=100.0)
+        section = self._trace.now
+        await self._until(lambda: started(section, self._limits), self._limits.fast)
+        self._phase('backlog/red')
+        self._wire.order(RED_RED, lambda state: after(encode(IN_GARAGE) * BURST, state))
+        if not await self._acknowledged(RED_RED, self._limits.red_red):
+            self.hindrance = 'The kart sees a stop too late.'
+            raise NotStoppedError(self.hindrance)
+
+    async def _race(self) -> None:
+        limits = self._limits
+        if await self._drive('race'):
+            self._phase('race/red_flag')
+            self._wire.order(RED_FLAG)
+            if await self._acknowledged(RED_FLAG, limits.red_flag):
+                await self._until(lambda: None, 2 * limits.slack)  # its wheels are watched
+                await self._ask(STANDS)
+                await self._must_stand('race/stays', lambda: None, limits.watch)
+                await self._must_stand(
+                    'race/flag_green', lambda: self._wire.order(GREEN_GREEN), limits.watch
+                )
+        await self._stop('race/red')
+        await self._must_stand('race/after', lambda: self._wire.order(IN_GARAGE), limits.watch)
+
+    async def _red(self) -> None:
+        if await self._drive('red'):
+            await self._stop('red/red')
+            await self._until(lambda: None, 2 * self._limits.slack)  # its wheels are watched
+            await self._ask(STANDS)
+        await self._stop('red/end')
+
+    async def _silence(self) -> None:
+        await self._lose('silence', self._wire.fall_silent, silent=True)
+
+    async def _noise(self) -> None:
+        await self._lose(
+            'noise', lambda: self._wire.send(between(None, MALFORMED)), silent=True, back=False
+        )
+
+    async def _fin(self) -> None:
+        await self._lose('fin', self._wire.close)
+
+    async def _reset(self) -> None:
+        await self._lose('reset', self._wire.reset)
+
+    async def _half(self) -> None:
+        await self._lose('half', self._wire.half_close)
+
+    async def _lose(
+        self, step: str, lose: Callable[[], None], silent: bool = False, back: bool = True
+    ) -> None:
+        """Have a kart that drives lose race control, and find it again with GREEN_GREEN."""
+        limits = self._limits
+        if await self._drive(step):
+            self._phase(f'{step}/lost')
+            newest = self._wire.newest
+            if not silent:
+                self._wire.send(nothing())  # to a new connection, for now
+            lose()
+            section = self._trace.now
+            stands = await self._comes_to_stand(
+                (limits.silence if silent else 0.0) + limits.red_red
+            )
+            if silent:  # also where nobody looks: there is a silence to be noticed
+                due = section.began + limits.silence + limits.slack
+                await self._until(lambda: None, max(due - self._recording.now, 0.0))
+            else:
+                await self._until(lambda: self._wire.newest > newest, limits.reconnect)
+                if step == 'fin':
+                    self._phase('fin/quiet')
+                    await self._until(lambda: None, limits.silence * SHORT_SILENCE)
+            if back and stands:  # GREEN_GREEN is for no kart that still moves
+                await self._connected()
+                await self._must_stand(
+                    f'{step}/back', lambda: self._wire.order(GREEN_GREEN), limits.watch
+                )
+        await self._stop(f'{step}/red')
+
+    async def _restart(self) -> None:
+        limits = self._limits
+        if await self._drive('restart'):
+            self._phase('restart/lost')
+            self._wire.go_away()
+            stands = await self._comes_to_stand(limits.red_red)
+            await self._must_stand('restart/away', lambda: None, limits.away)
+            self._phase('restart/back')
+            self._wire.order(GREEN_GREEN if stands else RED_RED)
+            await self._wire.come_back()
+            await self._connected()
+            await self._watch(limits.watch)
+            await self._ask(STANDS)
+        await self._stop('restart/red')
+
+    async def _half_open(self) -> None:
+        await self._stop('half_open/red')
+        self._phase('half_open/lost')
+        self._wire.fall_silent()
+        newest = self._wire.newest
+        await self._until(lambda: self._wire.newest > newest, self._limits.reconnect)
+        await self._stop('half_open/end')
+
+    # ----- the end --------------------------------------------------------------------------
+
+    async def _end(self) -> None:
+        """Send RED_RED for some seconds, and say whether the kart stands."""
+        self._phase('end/red')
+        self._wire.send_now(encode(RED_RED))
+        self._wire.order(RED_RED)
+        self._wire.keep_beating()
+        if self._wire.newest == 0:
+            return
+        try:
+            await self._wire.come_back()
+        except OSError as error:
+            self._inspector.tell(f'  !  The port is gone: {error}')
+        await self._until(lambda: None, self._limits.hold)
+        if not self._trace.acknowledged(RED_RED):
+            self._inspector.tell('\a  !  THE KART HAS NOT SAID THAT IT STANDS. USE THE MSR.')
+        else:
+            self._inspector.tell('  RED_RED was sent last, and the kart says that it stands.')

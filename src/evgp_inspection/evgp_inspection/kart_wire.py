@@ -1,0 +1,310 @@
+"""
+Race control's end of the wire, for the inspection of one kart.
+
+It sends what the inspection says, in the pieces and at the rate that the inspection says, to every
+connection that the kart has; so a stop reaches the kart on whichever one it listens to.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Iterator
+import socket
+import struct
+from typing import TypeAlias
+
+from evgp_inspection.recording import Recording
+from evgp_inspection.traces import Kind
+from evgp_protocol.frames import encode
+from evgp_protocol.states import RaceState
+
+BEAT_RATE = 20.0
+"""How often a frame is sent unless a check says otherwise, Hz: as often as race control does."""
+
+LATE_BEAT = 0.25
+"""A beat that is later than this says that the inspecting computer was held up, s."""
+
+RESET = struct.pack('ii', 1, 0)
+"""The value of SO_LINGER with which a close resets the connection."""
+
+Beat: TypeAlias = list[tuple[float, bytes]]
+"""Pieces to send, each after a pause, s."""
+
+Beats: TypeAlias = Iterator[Beat]
+"""What is sent, one beat after the other; it never ends."""
+
+
+def whole(state: RaceState) -> Beats:
+    """Send whole frames."""
+    while True:
+        yield [(0.0, encode(state))]
+
+
+def single_bytes(state: RaceState) -> Beats:
+    """Send each byte by itself."""
+    while True:
+        yield [(0.002, bytes([byte])) for byte in encode(state)]
+
+
+def many_in_a_piece(state: RaceState) -> Beats:
+    """Send five frames in a piece, and cut the pieces inside a frame."""
+    frame = encode(state)
+    at = len(frame) // 2
+    yield [(0.0, frame * 5 + frame[:at])]
+    while True:
+        yield [(0.0, frame[at:] + frame * 4 + frame[:at])]
+
+
+def late_halves(state: RaceState) -> Beats:
+    """Send the second half of each frame 0.07 s after the first."""
+    frame = encode(state)
+    at = len(frame) // 2
+    while True:
+        yield [(0.0, frame[:at]), (0.07, frame[at:])]
+
+
+def after(first: bytes, state: RaceState) -> Beats:
+    """Send these bytes and a frame in one piece, then whole frames."""
+    yield [(0.0, first + encode(state))]
+    yield from whole(state)
+
+
+def between(state: RaceState | None, malformed: tuple[bytes, ...]) -> Beats:
+    """Send malformed bytes, in turn; after each a whole frame, if there is a state."""
+    frame = b'' if state is None else encode(state)
+    while True:
+        for each in malformed:
+            yield [(0.0, each + frame)]
+
+
+def nothing() -> Beats:
+    """Send nothing."""
+    while True:
+        yield []
+
+
+class KartWire:
+    """
+    Listens for the kart and talks to it.
+
+    :param recording: is told all that is sent, heard, opened and ended.
+    :param tell: is told what the inspector should know, a sentence.
+    :param kart_address: the only IPv4 address that counts as the kart; empty: that of the first
+        connection.
+    """
+
+    def __init__(
+        self, recording: Recording, tell: Callable[[str], None], kart_address: str = ''
+    ) -> None:
+        self.kart_address = kart_address
+        self.port = 0
+        self._recording = recording
+        self._tell = tell
+        self._host = ''
+        self._server: asyncio.Server | None = None
+        self._links: dict[int, _Connection] = {}
+        self._count = 0
+        self._beats: Beats | None = None
+        self._greeting = b''
+        self._period = 1 / BEAT_RATE
+        self._changed = asyncio.Event()
+        self._beating: asyncio.Task[None] | None = None
+        self._refused: set[str] = set()
+
+    async def listen(self, host: str, port: int) -> None:
+        """
+        Begin to listen and to beat.
+
+        :raises OSError: if that is not possible.
+        """
+        self._host = host
+        await self._open(port)
+        self.keep_beating()
+
+    def keep_beating(self) -> None:
+        """Begin to beat, also again after a beat that failed."""
+        if self._beating is None or self._beating.done():
+            self._beating = asyncio.get_running_loop().create_task(self._beat())
+
+    @property
+    def connected(self) -> bool:
+        """Return whether the kart can be told something."""
+        return any(link.takes for link in self._links.values())
+
+    @property
+    def newest(self) -> int:
+        """Return the number of the newest connection; 0: there was none."""
+        return self._count
+
+    def order(
+        self,
+        state: RaceState,
+        beats: Callable[[RaceState], Beats] = whole,
+        rate: float = BEAT_RATE,
+    ) -> None:
+        """Send a state from now on."""
+        self.send(beats(state), rate, encode(state))
+
+    def send(self, beats: Beats, rate: float = BEAT_RATE, greeting: bytes = b'') -> None:
+        """
+        Send these beats from now on.
+
+        :param greeting: what a new connection is sent at once.
+        """
+        self._beats, self._period, self._greeting = beats, 1 / rate, greeting
+        self._changed.set()
+
+    def fall_silent(self) -> None:
+        """Send nothing from now on."""
+        self._beats, self._greeting = None, b''
+        self._changed.set()
+        self._recording.note(Kind.SILENT, text='the connection stays open')
+
+    def send_now(self, data: bytes) -> None:
+        """Send bytes in this very moment, whatever the beat does."""
+        for link in list(self._links.values()):
+            link.write(data)
+
+    def close(self) -> None:
+        """End every connection in order (FIN)."""
+        self._end('closed', lambda link: link.transport.close())
+
+    def reset(self) -> None:
+        """Reset every connection (RST)."""
+        self._end('reset', _reset)
+
+    def half_close(self) -> None:
+        """Say on every connection that nothing more will be sent, and go on to listen."""
+        for link in self._links.values():
+            if link.takes:
+                link.takes = False
+                link.transport.write_eof()
+                self._recording.note(Kind.ENDED, link.number, text='half-closed')
+
+    def go_away(self) -> None:
+        """End every connection and refuse new ones, as a race control that has ended."""
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+        self.close()
+
+    async def come_back(self) -> None:
+        """Accept connections again, at the same port."""
+        if self._server is None:
+            await self._open(self.port)
+
+    async def shut_down(self) -> None:
+        """End everything."""
+        if self._beating is not None:
+            self._beating.cancel()
+            await asyncio.gather(self._beating, return_exceptions=True)
+        self.go_away()
+        await asyncio.sleep(0)  # the transports close in the next turn
+
+    async def _open(self, port: int) -> None:
+        self._server = await asyncio.get_running_loop().create_server(
+            lambda: _Connection(self, self._recording),
+            self._host,
+            port,
+            family=socket.AF_INET,
+            reuse_address=True,
+        )
+        self.port = self._server.sockets[0].getsockname()[1]
+
+    def _end(self, how: str, end: Callable[[_Connection], None]) -> None:
+        links, self._links = self._links, {}
+        for link in links.values():
+            self._recording.note(Kind.ENDED, link.number, text=how)
+            end(link)
+
+    async def _beat(self) -> None:
+        loop = asyncio.get_running_loop()
+        due = loop.time()
+        while True:
+            self._changed.clear()
+            late = loop.time() - due
+            if late > LATE_BEAT:
+                self._recording.note(Kind.HELD_UP, value=late)
+            if self._beats is not None:
+                links = list(self._links.values())
+                for pause, data in next(self._beats):
+                    if pause:
+                        await asyncio.sleep(pause)
+                    for link in links:
+                        link.write(data)
+            # A beat that is late is not made up for; a new order does not wait for the next one.
+            due = max(due + self._period, loop.time())
+            # No asyncio.wait_for: before Python 3.12 it may swallow the end of this task.
+            timer = loop.call_at(due, self._changed.set)
+            await self._changed.wait()
+            timer.cancel()
+            due = min(due, loop.time())
+
+    # What the connections call.
+
+    def opened(self, link: _Connection, address: str) -> bool:
+        """Take a new connection; return False if it is not the kart's."""
+        if not self.kart_address:
+            self.kart_address = address
+        if address != self.kart_address:
+            if address not in self._refused:
+                self._refused.add(address)
+                self._tell(f'A connection from {address} is refused: it is not the kart.')
+            return False
+        self._count += 1
+        link.number = self._count
+        self._links[link.number] = link
+        self._recording.note(Kind.OPENED, link.number, text=address)
+        if self._greeting:
+            link.write(self._greeting)
+        return True
+
+    def lost(self, link: _Connection, how: str) -> None:
+        """Take note that the kart has ended a connection."""
+        if self._links.pop(link.number, None) is not None:
+            self._recording.note(Kind.CLOSED, link.number, text=how)
+
+
+class _Connection(asyncio.Protocol):
+    """One connection of the kart."""
+
+    transport: asyncio.Transport
+
+    def __init__(self, wire: KartWire, recording: Recording) -> None:
+        self.number = 0
+        self.takes = False
+        self._wire = wire
+        self._recording = recording
+
+    def write(self, data: bytes) -> None:
+        """Send, if the connection takes anything."""
+        if self.takes and not self.transport.is_closing():
+            self._recording.note(Kind.SENT, self.number, data)
+            self.transport.write(data)
+
+    # What asyncio calls.
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self.transport = transport
+        transport.get_extra_info('socket').setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.takes = True
+        if not self._wire.opened(self, transport.get_extra_info('peername', ('?',))[0]):
+            self.takes = False
+            transport.abort()
+
+    def data_received(self, data: bytes) -> None:
+        if self.number:
+            self._recording.note(Kind.SAID, self.number, data)
+
+    def eof_received(self) -> None:
+        self._wire.lost(self, 'closed')
+
+    def connection_lost(self, error: Exception | None) -> None:
+        self.takes = False
+        self._wire.lost(self, 'closed' if error is None else 'reset')
+
+
+def _reset(link: _Connection) -> None:
+    link.transport.get_extra_info('socket').setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
+    link.transport.abort()

@@ -1,0 +1,48 @@
+"""The limits of an inspection. Each is a parameter; every report names those that were used."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+
+def _limit(default: float, meaning: str) -> float:
+    value: float = dataclasses.field(default=default, metadata={'meaning': meaning})
+    return value
+
+
+@dataclasses.dataclass(frozen=True)
+class Limits:
+    """
+    The limits of `inspect_kart`, in seconds unless the meaning names another unit.
+
+    The meaning of each is in its field's metadata, for the command line and the documents.
+
+    :raises ValueError: a limit is not a finite number above 0 (``warning`` and ``hold``: from 0).
+    """
+
+    connect: float = _limit(120.0, 'maximum time until the kart connects for the first time')
+    grid: float = _limit(120.0, 'maximum time to acknowledge GRID_ACTIVE')
+    green: float = _limit(30.0, 'maximum time to acknowledge GREEN_GREEN and to begin to drive')
+    red_flag: float = _limit(15.0, 'maximum time to stand still and acknowledge RED_FLAG')
+    red_red: float = _limit(5.0, 'maximum time to stand still and acknowledge RED_RED')
+    silence: float = _limit(1.0, 'time without a frame after which the kart must stop')
+    reconnect: float = _limit(10.0, 'maximum time to connect again after a loss')
+    away: float = _limit(2.0, 'time for which race control is away when it is restarted')
+    drive: float = _limit(2.0, 'time for which the kart drives before each stop')
+    watch: float = _limit(1.5, 'time for which the kart is watched doing nothing')
+    slack: float = _limit(0.5, 'delay allowed to odometry, network and reaction')
+    fastest_stop: float = _limit(0.1, 'minimum time that a kart at speed needs to stop')
+    fast: float = _limit(3.0, 'time for which 100 frames a second are sent')
+    answer: float = _limit(20.0, 'maximum time to wait for an answer of the inspector')
+    warning: float = _limit(1.0, 'time between the announcement and the start of a drive')
+    hold: float = _limit(3.0, 'time for which RED_RED is sent at the end')
+    standstill: float = _limit(0.05, 'maximum speed of a kart that stands still, m/s')
+
+    def __post_init__(self) -> None:
+        """Refuse what no check can work with."""
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            least = 0.0 if field.name in ('warning', 'hold') else math.ulp(0.0)
+            if not (math.isfinite(value) and value >= least):
+                raise ValueError(f'{field.name} must be a finite number above 0, not {value!r}')

@@ -1,0 +1,130 @@
+"""The kart's speed, from lines of text or from ROS: what `inspect_kart` needs instead of eyes."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+import contextlib
+import importlib
+import math
+import pathlib
+import sys
+import threading
+from typing import Any
+
+Take = Callable[[float], None]
+
+
+def speed_in(line: str) -> float | None:
+    """
+    Return the speed in a line ``speed`` or ``time speed``, m/s, without its sign.
+
+    The time is not used: what counts is when the line comes.
+
+    :return: None: the line is neither.
+    """
+    words = line.split()
+    if len(words) not in (1, 2):
+        return None
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        return None
+    return abs(numbers[-1])
+
+
+class Lines(asyncio.DatagramProtocol):
+    """Takes lines of text from UDP datagrams."""
+
+    def __init__(self, take: Take) -> None:
+        self._take = take
+
+    def datagram_received(self, data: bytes, address: object) -> None:
+        """Take the lines of a datagram."""
+        for line in data.decode('ascii', 'replace').splitlines():
+            speed = speed_in(line)
+            if speed is not None:
+                self._take(speed)
+
+
+async def listen(source: str, take: Take) -> Callable[[], None]:
+    """
+    Begin to take speeds from a source, in the running loop.
+
+    :param source: ``-`` (standard input), ``udp:PORT`` or ``udp:ADDRESS:PORT``, ``ros:TOPIC``, or
+        the path of a file or pipe.
+    :return: what ends it.
+    :raises OSError: the source cannot be used.
+    :raises ValueError: it is none.
+    :raises ImportError: ROS is not there.
+    """
+    loop = asyncio.get_running_loop()
+
+    def hand_over(speed: float) -> None:
+        with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
+            loop.call_soon_threadsafe(take, speed)
+
+    if source.startswith('udp:'):
+        address, _, port = source.removeprefix('udp:').rpartition(':')
+        transport, _ = await loop.create_datagram_endpoint(
+            lambda: Lines(take), (address or '127.0.0.1', int(port))
+        )
+        return transport.close
+    if source.startswith('ros:'):
+        return _listen_to_ros(source.removeprefix('ros:'), hand_over)
+    return _listen_to_file(source, hand_over)
+
+
+def _listen_to_file(source: str, take: Take) -> Callable[[], None]:
+    if source != '-' and not pathlib.Path(source).exists():
+        raise FileNotFoundError(f'there is no file or pipe {source}')
+    threading.Thread(target=_read, args=(source, take), daemon=True).start()
+    return lambda: None
+
+
+def _read(source: str, take: Take) -> None:
+    """Take the speeds of a file, in a thread of its own: to open a pipe may take for ever."""
+    with contextlib.ExitStack() as stack:
+        text = sys.stdin
+        if source != '-':
+            text = stack.enter_context(pathlib.Path(source).open(encoding='ascii'))
+        for line in text:
+            speed = speed_in(line)
+            if speed is not None:
+                take(speed)
+
+
+def _listen_to_ros(topic: str, take: Take) -> Callable[[], None]:
+    """Subscribe to ``nav_msgs/Odometry``; ROS is imported here, so nothing else needs it."""
+    rclpy: Any = importlib.import_module('rclpy')  # without types, and not there for most
+    executors: Any = importlib.import_module('rclpy.executors')
+    messages: Any = importlib.import_module('nav_msgs.msg')
+    qos: Any = importlib.import_module('rclpy.qos')
+    signals: Any = importlib.import_module('rclpy.signals')
+
+    context = rclpy.Context()
+    rclpy.init(context=context, signal_handler_options=signals.SignalHandlerOptions.NO)
+    node = rclpy.create_node('inspect_kart', context=context)
+    executor = executors.SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+
+    def heard(odometry: Any) -> None:
+        speed = odometry.twist.twist.linear
+        take(math.hypot(speed.x, speed.y, speed.z))
+
+    node.create_subscription(messages.Odometry, topic, heard, qos.qos_profile_sensor_data)
+
+    def spin() -> None:
+        with contextlib.suppress(executors.ExternalShutdownException):
+            executor.spin()
+
+    thread = threading.Thread(target=spin, daemon=True)
+    thread.start()
+
+    def end() -> None:
+        executor.shutdown()
+        thread.join(5.0)
+        node.destroy_node()
+        context.try_shutdown()
+
+    return end

@@ -1,0 +1,55 @@
+"""The trace while it is written: it has the clock, and wakes whoever waits for an event."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from evgp_inspection.traces import Event, Kind, Trace
+
+
+class Recording:
+    """Writes a `Trace` in one event loop; times are seconds since it was made."""
+
+    def __init__(self) -> None:
+        """Begin now."""
+        self.trace = Trace()
+        self._loop = asyncio.get_running_loop()
+        self._began = self._loop.time()
+        self._waiting: list[asyncio.Future[None]] = []
+
+    @property
+    def now(self) -> float:
+        """Return the time, s."""
+        return self._loop.time() - self._began
+
+    def note(
+        self, kind: Kind, link: int = 0, data: bytes = b'', text: str = '', value: float = 0.0
+    ) -> None:
+        """Write an event of this moment."""
+        self.trace.add(Event(self.now, kind, link, data, text, value))
+        waiting, self._waiting = self._waiting, []
+        for future in waiting:
+            if not future.done():
+                future.set_result(None)
+
+    async def until(self, found: Callable[[], object], seconds: float) -> bool:
+        """Return True once `found` is true, or False after so many seconds."""
+        deadline = self._loop.time() + seconds
+        while not found():
+            left = deadline - self._loop.time()
+            if left <= 0:
+                return False
+            future = self._loop.create_future()
+            self._waiting.append(future)
+            timer = self._loop.call_later(left, _wake, future)
+            try:
+                await future
+            finally:
+                timer.cancel()
+        return True
+
+
+def _wake(future: asyncio.Future[None]) -> None:
+    if not future.done():
+        future.set_result(None)

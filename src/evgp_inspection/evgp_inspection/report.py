@@ -1,0 +1,232 @@
+"""The report of an inspection: lines for the terminal, HTML for paper, JUnit XML, JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import dataclasses
+import html
+import json
+import math
+from typing import Any
+from xml.etree import ElementTree
+
+from evgp_inspection import VERSION
+from evgp_inspection.traces import describe
+from evgp_inspection.verdicts import Result, Verdict
+
+
+@dataclasses.dataclass(frozen=True)
+class Header:
+    """
+    What every report says first.
+
+    :ivar subject: what was inspected, such as ``kart 7``.
+    :ivar team: whose it is.
+    :ivar inspector: who looked; empty: nobody.
+    :ivar began: date and time of the beginning, ISO 8601.
+    :ivar seconds: how long it took, s.
+    :ivar limits: the limits that were used, by name.
+    :ivar remarks: sentences on the whole, such as why it was not finished.
+    """
+
+    subject: str
+    team: str
+    inspector: str
+    began: str
+    seconds: float
+    limits: Mapping[str, float]
+    remarks: Sequence[str] = ()
+
+
+def counts(results: Sequence[Result]) -> dict[Verdict, int]:
+    """Return how often each verdict was given."""
+    return {verdict: sum(each.verdict is verdict for each in results) for verdict in Verdict}
+
+
+def summary(results: Sequence[Result]) -> str:
+    """Return the whole in one line."""
+    many = counts(results)
+    word = 'FAIL' if many[Verdict.FAIL] else 'PASS' if many[Verdict.PASS] else 'NOT JUDGED'
+    return (
+        f'{word}: {many[Verdict.PASS]} passed, {many[Verdict.FAIL]} failed, '
+        f'{many[Verdict.NOT_JUDGED]} not judged'
+    )
+
+
+def line(result: Result) -> str:
+    """Return a check in one line, or with its reason below where it has not passed."""
+    clause, finding = result.clause, result.finding
+    word = {Verdict.PASS: 'pass', Verdict.FAIL: 'FAIL', Verdict.NOT_JUDGED: '  - '}
+    text = (
+        f'{word[result.verdict]}  {clause.name}  {clause.title:58} {_times(result):>16}'.rstrip()
+    )
+    return text if result.verdict is Verdict.PASS else f'{text}\n                {finding.why}'
+
+
+def _times(result: Result) -> str:
+    measured, limit = result.finding.measured, result.limit
+    text = '' if measured is None else f'{measured:.2f} s'
+    return text if limit is None or not text else f'{text} of {limit:g} s'
+
+
+def as_json(header: Header, results: Sequence[Result]) -> str:
+    """Return the report as JSON: everything, each check with the trace that led to it."""
+    checks: list[dict[str, Any]] = [
+        {
+            'clause': result.clause.name,
+            'title': result.clause.title,
+            'section': result.clause.section,
+            'source': result.clause.source,
+            'sentence': result.clause.sentence,
+            'verdict': result.verdict.value,
+            'why': result.finding.why,
+            'measured_s': result.finding.measured,
+            'limit_s': result.limit,
+            'evidence': [
+                {
+                    'at_s': round(event.at, 6),
+                    'what': event.kind.value,
+                    'connection': event.link or None,
+                    'bytes_hex': event.data.hex() or None,
+                    'text': event.text or None,
+                    'value': event.value if math.isfinite(event.value) else None,
+                }
+                for event in result.finding.evidence
+            ],
+        }
+        for result in results
+    ]
+    whole = {
+        **dataclasses.asdict(header),
+        'version': VERSION,
+        'verdict': summary(results).partition(':')[0].lower(),
+        'counts': {verdict.value: many for verdict, many in counts(results).items()},
+        'checks': checks,
+    }
+    return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False)
+
+
+def as_junit(header: Header, results: Sequence[Result]) -> str:
+    """Return the report as JUnit XML, one test case for each clause."""
+    many = counts(results)
+    suite = ElementTree.Element(
+        'testsuite',
+        {
+            'name': _xml(f'inspection of {header.subject}'),
+            'tests': str(len(results)),
+            'failures': str(many[Verdict.FAIL]),
+            'errors': '0',
+            'skipped': str(many[Verdict.NOT_JUDGED]),
+            'timestamp': header.began,
+            'time': f'{header.seconds:.3f}',
+        },
+    )
+    properties = ElementTree.SubElement(suite, 'properties')
+    facts = {
+        'team': header.team,
+        'inspector': header.inspector,
+        'version': VERSION,
+        'remarks': ' '.join(header.remarks),
+        **{f'limit.{name}': f'{value:g}' for name, value in header.limits.items()},
+    }
+    for name, value in facts.items():
+        ElementTree.SubElement(properties, 'property', {'name': name, 'value': _xml(value)})
+    for result in results:
+        finding = result.finding
+        case = ElementTree.SubElement(
+            suite,
+            'testcase',
+            {
+                'classname': 'evgp_inspection',
+                'name': f'{result.clause.name} {result.clause.title}',
+                'time': f'{finding.measured or 0.0:.3f}',
+            },
+        )
+        if result.verdict is Verdict.FAIL:
+            failure = ElementTree.SubElement(case, 'failure', {'message': _xml(finding.why)})
+            failure.text = _xml('\n'.join([finding.why, *describe(finding.evidence)]))
+        elif result.verdict is Verdict.NOT_JUDGED:
+            ElementTree.SubElement(case, 'skipped', {'message': _xml(finding.why)})
+    ElementTree.indent(suite)
+    text: str = ElementTree.tostring(suite, encoding='unicode', xml_declaration=True)
+    return text + '\n'
+
+
+def _xml(text: str) -> str:
+    """Return text without the characters that XML cannot hold."""
+    return ''.join(
+        char if char in '\t\n\r' or (ord(char) >= 32 and not 0xD800 <= ord(char) < 0xE000) else '�'
+        for char in text
+        if char not in '\ufffe\uffff'
+    )
+
+
+_STYLE = """\
+@page { size: A4; margin: 10mm }
+body { font: 8pt/1.2 sans-serif; color: #000; background: #fff; max-width: 190mm; margin: 0 auto }
+h1 { font-size: 14pt; margin: 0 0 1mm }
+h2 { font-size: 10pt; margin: 4mm 0 1mm; break-after: avoid }
+p { margin: 0 0 1mm }
+table { border-collapse: collapse; width: 100% }
+th, td { text-align: left; padding: 0.3mm 1mm; border-bottom: 0.1mm solid #999 }
+td { vertical-align: top }
+td.time { text-align: right; white-space: nowrap }
+.fail { background: #000; color: #fff; font-weight: bold }
+.pass { font-weight: bold }
+.note { font-size: 7pt; color: #333 }
+pre { font: 6.5pt/1.25 monospace; white-space: pre-wrap; overflow-wrap: anywhere; margin: 0 }
+.sign { margin-top: 4mm; border-top: 0.2mm solid #000; width: 70mm }
+"""
+
+
+def as_html(header: Header, results: Sequence[Result]) -> str:
+    """
+    Return the report as one HTML file that needs no other; a pass is one printed A4 page.
+
+    Behind the table, each failed check has its sentence and the trace that led to it.
+    """
+    e = html.escape
+    facts = [
+        f'<b>{e(header.subject)}</b>',
+        f'team <b>{e(header.team) or "not named"}</b>',
+        e(header.began),
+        f'inspector <b>{e(header.inspector) or "nobody (unattended)"}</b>',
+        f'evgp_inspection {VERSION}',
+        f'{header.seconds / 60:.1f} minutes',
+    ]
+    rows = []
+    for result in results:
+        kind = result.verdict.value
+        note = ''
+        if result.verdict is not Verdict.PASS:
+            note = f'<div class="note">{e(result.finding.why)}</div>'
+        rows.append(
+            f'<tr><td>{e(result.clause.name)}</td><td>{e(result.clause.title)}{note}</td>'
+            f'<td class="{kind.partition(" ")[0]}">{e(kind)}</td>'
+            f'<td class="time">{e(_times(result))}</td></tr>'
+        )
+    used = ', '.join(f'{name} {value:g}' for name, value in header.limits.items())
+    parts = [
+        '<!DOCTYPE html>',
+        '<html lang="en"><head><meta charset="utf-8">',
+        f'<title>Inspection of {e(header.subject)}</title>',
+        f'<style>{_STYLE}</style></head><body>',
+        f'<h1>{e(summary(results))}</h1>',
+        f'<p>{" · ".join(facts)}</p>',
+        *(f'<p><b>{e(remark)}</b></p>' for remark in header.remarks),
+        '<table><thead><tr><th>clause</th><th>a good one</th><th>verdict</th>'
+        '<th>measured</th></tr></thead>',
+        f'<tbody>{"".join(rows)}</tbody></table>',
+        f'<p class="note">Limits, in s (standstill: m/s): {e(used)}.</p>',
+        '<p class="sign">Signature</p>',
+    ]
+    for result in results:
+        if result.verdict is Verdict.FAIL:
+            clause, finding = result.clause, result.finding
+            parts += [
+                f'<h2>{e(clause.name)} {e(clause.title)}</h2>',
+                f'<p>{e(clause.section)}, {e(clause.source)}: “{e(clause.sentence)}”</p>',
+                f'<p>{e(clause.done)} <b>{e(finding.why)}</b></p>',
+                f'<pre>{e(chr(10).join(describe(finding.evidence)))}</pre>',
+            ]
+    return '\n'.join([*parts, '</body></html>', ''])

@@ -1,0 +1,264 @@
+"""
+What an inspection has seen: bytes, speeds and the inspector's answers, each with its time.
+
+No socket, no clock, no task lives here. The shell that holds the connections writes a `Trace`;
+the judges read nothing else, so a verdict can be reached again from a trace alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+import dataclasses
+import enum
+
+from evgp_protocol.frames import FrameDecoder, StateFrame
+from evgp_protocol.states import RaceState
+
+
+class Kind(enum.Enum):
+    """What an event is; the value is how reports name it."""
+
+    STEP = 'step'  # a phase of the inspection begins; `text` names it
+    OPENED = 'opened'  # the other end made a connection
+    CLOSED = 'closed'  # the other end ended it; `text`: closed, reset
+    ENDED = 'ended'  # the inspection ended it; `text` says how
+    SENT = 'sent'  # by the inspection
+    SAID = 'said'  # by the kart or race control that is inspected
+    SPEED = 'speed'  # odometry; `value` in m/s
+    ANSWER = (
+        'answer'  # of the inspector; `text` names the question, `value` is 1 for yes, 0 for no
+    )
+    HELD_UP = 'held up'  # the inspecting computer itself was late; `value` in s
+    SILENT = 'silent'  # from here on, the inspection sends no frame; `text` says what instead
+
+
+@dataclasses.dataclass(frozen=True)
+class Event:
+    """
+    One thing that was seen.
+
+    :ivar at: when, in seconds since the inspection began.
+    :ivar link: the number of the connection, from 1; 0: of none.
+    :ivar data: the bytes, for SENT and SAID.
+    :ivar text: see `Kind`.
+    :ivar value: see `Kind`.
+    """
+
+    at: float
+    kind: Kind
+    link: int = 0
+    data: bytes = b''
+    text: str = ''
+    value: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Order:
+    """A state that a connection is sent, from its first whole frame on."""
+
+    at: float
+    link: int
+    state: RaceState
+
+
+@dataclasses.dataclass(frozen=True)
+class Word:
+    """
+    Something that the kart said on a connection.
+
+    :ivar state: the state; None: the bytes are no frame.
+    :ivar order: what it was being sent on that connection when the word was complete; None:
+        nothing yet.
+    :ivar reason: what is wrong with bytes that are no frame.
+    """
+
+    at: float
+    link: int
+    state: RaceState | None
+    order: Order | None
+    reason: str = ''
+
+
+class Section:
+    """
+    The events of one phase, and what they mean.
+
+    :ivar name: of the phase, such as ``race/green``.
+    :ivar events: all of its events, in order of time.
+    :ivar began: when it began, s.
+    :ivar ended: when the next phase began, or the trace ended, s.
+    :ivar orders: what each connection was told, and each was told anew in this phase.
+    :ivar words: what was said.
+    """
+
+    def __init__(self, name: str, began: float) -> None:
+        self.name = name
+        self.began = began
+        self.ended = began
+        self.events: list[Event] = []
+        self.orders: list[Order] = []
+        self.words: list[Word] = []
+
+    def of(self, *kinds: Kind) -> list[Event]:
+        """Return its events of these kinds."""
+        return [event for event in self.events if event.kind in kinds]
+
+    @property
+    def speeds(self) -> list[tuple[float, float]]:
+        """Return the times, s, and speeds, m/s, of odometry."""
+        return [(event.at, event.value) for event in self.of(Kind.SPEED)]
+
+    def order(self, state: RaceState) -> Order | None:
+        """Return the first order of a state that was given in this phase."""
+        return next((order for order in self.orders if order.state is state), None)
+
+    def word(self, state: RaceState) -> Word | None:
+        """Return the first time that the kart said a state in this phase."""
+        return next((word for word in self.words if word.state is state), None)
+
+    def acknowledgement(self, order: Order) -> Word | None:
+        """Return the first word, in this phase, that acknowledges an order."""
+        return next((w for w in self.words if w.order == order and w.state is order.state), None)
+
+    def answer(self, question: str) -> Event | None:
+        """Return the inspector's answer to a question, if there is one."""
+        return next((each for each in self.of(Kind.ANSWER) if each.text == question), None)
+
+
+class Trace:
+    """Everything that was seen, in the order of time, read while it is written."""
+
+    def __init__(self) -> None:
+        self.events: list[Event] = []
+        self.sections: list[Section] = [Section('', 0.0)]
+        self._sent: dict[int, FrameDecoder] = {}
+        self._said: dict[int, FrameDecoder] = {}
+        self._orders: dict[int, Order] = {}  # of the connections that are open
+        self._acknowledged: set[Order] = set()
+
+    @classmethod
+    def of(cls, events: Iterable[Event]) -> Trace:
+        """Return the trace that consists of these events."""
+        trace = cls()
+        for event in events:
+            trace.add(event)
+        return trace
+
+    @property
+    def now(self) -> Section:
+        """Return the phase that goes on."""
+        return self.sections[-1]
+
+    def called(self, name: str) -> Section | None:
+        """Return the last phase of this name; None: there was none."""
+        return next((each for each in reversed(self.sections) if each.name == name), None)
+
+    def acknowledged(self, state: RaceState) -> bool:
+        """Return whether a state is what the kart is sent and has acknowledged, now."""
+        return any(
+            order.state is state and order in self._acknowledged for order in self._orders.values()
+        )
+
+    def add(self, event: Event) -> None:
+        """Take the next event."""
+        self.events.append(event)
+        self.now.ended = max(self.now.ended, event.at)
+        if event.kind is Kind.STEP:
+            self.sections.append(Section(event.text, event.at))
+        section = self.now
+        section.events.append(event)
+        if event.kind is Kind.SENT:
+            decoder = self._sent.setdefault(event.link, FrameDecoder())
+            for frame in decoder.feed(event.data):
+                if isinstance(frame, StateFrame):
+                    self._order(event, frame.state)
+        elif event.kind is Kind.SAID:
+            decoder = self._said.setdefault(event.link, FrameDecoder(ready_is_grid_active=True))
+            order = self._orders.get(event.link)
+            for heard in decoder.feed(event.data):
+                if isinstance(heard, StateFrame):
+                    section.words.append(Word(event.at, event.link, heard.state, order))
+                    if order is not None and order.state is heard.state:
+                        self._acknowledged.add(order)
+                else:
+                    wrong = f'{heard.reason}: {printable(heard.raw)}'
+                    section.words.append(Word(event.at, event.link, None, order, wrong))
+
+        elif event.kind in (Kind.CLOSED, Kind.ENDED):
+            self._orders.pop(event.link, None)
+
+    def _order(self, event: Event, state: RaceState) -> None:
+        before = self._orders.get(event.link)
+        if before is None or before.state is not state:
+            order = Order(event.at, event.link, state)
+            self._orders[event.link] = order
+            self.now.orders.append(order)
+
+
+def printable(data: bytes, most: int = 80) -> str:
+    """Return bytes as text for people: what is not ASCII by its number in hex."""
+    text = ''.join(chr(byte) if 32 <= byte < 127 else f'\\x{byte:02x}' for byte in data[:most])
+    return text if len(data) <= most else f'{text}… ({len(data)} bytes)'
+
+
+def describe(events: Sequence[Event], most: int = 60) -> list[str]:
+    """
+    Return events as lines for people; the same bytes again and again are one line.
+
+    :param most: the greatest number of lines; of more, the middle is left out.
+    """
+    lines: list[tuple[str, float, float, int]] = []  # what, first time, last time, how often
+    speeds: list[Event] = []
+    at_line: dict[tuple[Kind, int], int] = {}
+
+    def put(what: str, at: float, stream: tuple[Kind, int] | None = None) -> None:
+        index = at_line.get(stream) if stream is not None else None
+        if index is not None and lines[index][0] == what:
+            what, first, _, times = lines[index]
+            lines[index] = (what, first, at, times + 1)
+            return
+        lines.append((what, at, at, 1))
+        if stream is not None:
+            at_line[stream] = len(lines) - 1
+
+    def put_speeds() -> None:
+        if speeds:
+            low, high = min(each.value for each in speeds), max(each.value for each in speeds)
+            span = f'{low:.2f}' if low == high else f'{low:.2f} to {high:.2f}'
+            lines.append((f'odometry {span} m/s', speeds[0].at, speeds[-1].at, len(speeds)))
+            speeds.clear()
+
+    for event in events:
+        if event.kind is Kind.SPEED:
+            speeds.append(event)
+            if event.at - speeds[0].at >= 0.5:
+                put_speeds()
+        elif event.kind in (Kind.SENT, Kind.SAID):
+            who = 'sent' if event.kind is Kind.SENT else 'heard'
+            what = f'connection {event.link}: {who} {printable(event.data)}'
+            put(what, event.at, (event.kind, event.link))
+        else:
+            put_speeds()
+            at_line.clear()
+            put(_DESCRIBED[event.kind](event), event.at)
+    put_speeds()
+    lines.sort(key=lambda line: line[1])
+    if len(lines) > most:
+        left = len(lines) - most
+        half = most // 2
+        lines[half:-half] = [(f'… {left} more', lines[half][1], lines[-half - 1][2], 1)]
+    return [
+        f'{first:8.3f}' + (f' to {last:.3f} {what} ({times} times)' if times > 1 else f' {what}')
+        for what, first, last, times in lines
+    ]
+
+
+_DESCRIBED: dict[Kind, Callable[[Event], str]] = {
+    Kind.STEP: lambda event: f'-- {event.text}',
+    Kind.OPENED: lambda event: f'connection {event.link}: opened from {event.text}',
+    Kind.CLOSED: lambda event: f'connection {event.link}: {event.text} by the other end',
+    Kind.ENDED: lambda event: f'connection {event.link}: {event.text} by the inspection',
+    Kind.ANSWER: lambda event: f'inspector, {event.text}: {"yes" if event.value else "no"}',
+    Kind.HELD_UP: lambda event: f'the inspecting computer was held up for {event.value:.2f} s',
+    Kind.SILENT: lambda event: f'no frame from here on: {event.text}',
+}

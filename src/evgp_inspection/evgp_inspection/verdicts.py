@@ -1,0 +1,51 @@
+"""What a check ends with: a verdict, the time that was measured, why, and what led to it."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+
+from evgp_inspection.clauses import Clause
+from evgp_inspection.traces import Event
+
+
+class Verdict(enum.Enum):
+    """The verdict on a clause; the value is how reports name it."""
+
+    PASS = 'pass'  # noqa: S105 - a verdict, not a password
+    FAIL = 'fail'
+    NOT_JUDGED = 'not judged'
+
+
+@dataclasses.dataclass(frozen=True)
+class Finding:
+    """
+    What a judge says about a trace.
+
+    :ivar why: a sentence: what was seen, or why nothing could be.
+    :ivar measured: the time that counts, in seconds; None: this clause measures none.
+    :ivar evidence: the events that led to it.
+    """
+
+    verdict: Verdict
+    why: str
+    measured: float | None = None
+    evidence: tuple[Event, ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class Result:
+    """
+    A clause and what was found.
+
+    :ivar limit: the limit that was used, in seconds; None: the clause has none.
+    """
+
+    clause: Clause
+    finding: Finding
+    limit: float | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return the verdict."""
+        return self.finding.verdict

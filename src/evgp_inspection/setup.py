@@ -1,0 +1,30 @@
+"""Build file of the ament_python package evgp_inspection."""
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'evgp_inspection'
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    packages=find_packages(exclude=['test']),
+    package_data={PACKAGE: ['py.typed']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+    ],
+    install_requires=['setuptools'],
+    # By this colcon knows how to run the tests.
+    extras_require={'test': ['pytest']},
+    zip_safe=False,
+    maintainer='EVGP race control maintainers',
+    maintainer_email='maintainers@users.noreply.h-seed-31a65fc7.example',
+    description='Inspects whether a kart, or a race control, is fit to race; needs no ROS.',
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': [
+            'inspect_kart = evgp_inspection.cli:inspect_kart',
+            'inspect_rcs = evgp_inspection.cli:inspect_rcs',
+        ],
+    },
+)

@@ -1,0 +1,382 @@
+"""Karts to be inspected: one that does what docs/wire.md says, and others with one fault each."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+import contextlib
+import socket
+
+from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame
+from evgp_protocol.states import RaceState
+
+IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
+GREEN_GREEN = RaceState.GREEN_GREEN
+RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
+
+STEP = 0.02  # s
+ACCELERATION, BRAKING, TOP = 20.0, 12.0, 6.0  # m/s², m/s²: it stops in 0.5 s, m/s
+RETRY = 0.1  # s
+
+FAULTS = {
+    'drives in the garage': 'K-3A-01',
+    'is never ready': 'K-3A-02',
+    'creeps on the grid': 'K-3A-03',
+    'never says that it drives': 'K-3A-04',
+    'says that it drives before it does': 'K-3A-05',
+    'never acknowledges RED_FLAG': 'K-3A-06',
+    'echoes RED_FLAG': 'K-3A-07',
+    'rolls off after RED_FLAG': 'K-3A-08',
+    'never acknowledges RED_RED after a drive': 'K-3A-09',
+    'echoes RED_RED': 'K-3A-10',
+    'is ready only once': 'K-3A-11',
+    'obeys every GREEN_GREEN': 'K-3B-01',
+    'RED_RED does not disarm it': 'K-3B-02',
+    'is armed by hearing GRID_ACTIVE': 'K-3B-03',
+    'RED_FLAG does not disarm it': 'K-3B-04',
+    'drives on after FIN': 'K-3C-01',
+    'drives on in silence': 'K-3E-01',
+    'silence does not disarm it': 'K-3E-02',
+    'drives on after RST': 'K-3E-03',
+    'does not notice a half-close': 'K-3E-04',
+    'a lost connection does not disarm it': 'K-3E-05',
+    'a race control that is away arms it': 'K-3E-06',
+    'takes malformed bytes for life': 'K-3E-07',
+    'opens two connections': 'K-4A-02',
+    'says malformed frames': 'K-4C-01',
+    'needs a whole frame in each read': 'K-4C-02',
+    'throws long reads away': 'K-4C-03',
+    'forgets half a frame': 'K-4C-04',
+    'takes 10 Hz for silence': 'K-4C-05',
+    'reads one frame a turn': 'K-4C-06',
+    'looks for GREEN_GREEN anywhere': 'K-4C-07',
+    'dies of malformed bytes': 'K-4C-08',
+    'echoes an earlier order': 'K-4C-09',
+    'floods': 'K-4C-10',
+    'speaks first': 'K-4C-11',
+    'says on a new connection what it said before': 'K-4C-12',
+    'FIN ends it': 'K-4D-01',
+    'RST ends it': 'K-4D-02',
+    'waits for an error after a half-close': 'K-4D-03',
+    'keeps a silent connection': 'K-4D-04',
+    'gives up when it is refused': 'K-4D-05',
+    'never acknowledges RED_RED after FIN': 'K-4D-06',
+}
+"""Each fault, and the clause that must find it."""
+
+
+class InspectedKart:
+    """
+    A kart with inertia.
+
+    :param take: gets its speed, m/s, 50 times a second.
+    :param fault: one of `FAULTS`; empty: none.
+    :param silence: time without a frame after which it stops, s.
+    """
+
+    def __init__(
+        self,
+        port: int,
+        take: Callable[[float], None],
+        fault: str = '',
+        silence: float = 1.0,
+    ) -> None:
+        self.speed = 0.0
+        self.last_heard = b''
+        self._port = port
+        self._take = take
+        self._is = {name: name == fault for name in FAULTS}
+        assert not fault or fault in FAULTS
+        self._silence = silence
+        self._loop = asyncio.get_running_loop()
+        self._link: socket.socket | None = None
+        self._links = 0
+        self._commanded: RaceState | None = None
+        self._before: RaceState | None = None
+        self._ordered_at = self._heard_at = 0.0
+        self._armed = self._grid_said = False
+        self._reached_at: float | None = None
+        self._moving_since: float | None = None
+        self._grids = 0
+        self._lost_how = ''
+        self._closed = False  # race control has once closed a connection
+        self._drove = False
+        self._goes_on = False  # faulty: drives on although race control is gone
+        self._decoder = FrameDecoder()
+        self._pending: list[RaceState] = []
+        self._unread = b''
+        self._read_at = 0.0
+        self._frame_times: list[float] = []
+        self._errors_only = False
+        self._silent_kept = False
+
+    async def run(self) -> None:
+        """Drive until it is cancelled."""
+        ticking = asyncio.create_task(self._tick_for_ever())
+        second: socket.socket | None = None
+        try:
+            while True:
+                try:
+                    link = socket.create_connection(('127.0.0.1', self._port))
+                except ConnectionRefusedError:
+                    if self._is['gives up when it is refused']:
+                        await ticking
+                    if self._is['a race control that is away arms it']:
+                        self._lost_how = 'refused'
+                    await asyncio.sleep(RETRY)
+                    continue
+                link.setblocking(False)
+                if self._is['opens two connections'] and second is None:
+                    second = socket.create_connection(('127.0.0.1', self._port))
+                with link:
+                    await self._serve(link)
+                if self._is['FIN ends it'] and self._lost_how == 'closed':
+                    await ticking
+                if self._is['RST ends it'] and self._lost_how == 'reset':
+                    await ticking
+                await asyncio.sleep(RETRY)
+        finally:
+            ticking.cancel()
+            if second is not None:
+                second.close()
+            await asyncio.gather(ticking, return_exceptions=True)
+
+    # ----- the connection ------------------------------------------------------------------
+
+    async def _serve(self, link: socket.socket) -> None:
+        self._link = link
+        self._links += 1
+        self._decoder = FrameDecoder()
+        self._pending.clear()
+        self._heard_at = self._loop.time()
+        self._frame_times.clear()
+        self._silent_kept = False
+        how = self._lost_how
+        kept = (
+            (how == 'silent' and self._is['silence does not disarm it'])
+            or (how in ('closed', 'reset') and self._is['a lost connection does not disarm it'])
+            or (how == 'refused' and self._is['a race control that is away arms it'])
+        )
+        if not kept:
+            self._armed = False
+        first = self._links == 1
+        if self._is['speaks first'] and first:
+            self._say(encode(RED_RED))
+        if self._is['says on a new connection what it said before'] and not first:
+            self._say(encode(RED_RED))
+        try:
+            await self._read(link)
+        finally:
+            self._link = None
+            self._commanded = None
+            self._reached_at = None
+
+    async def _read(self, link: socket.socket) -> None:
+        gone = False
+        while True:
+            now = self._loop.time()
+            if now - self._heard_at >= self._silence:
+                if not self._is['keeps a silent connection']:
+                    self._lost('silent')
+                    return
+                self._silent_kept = True
+            if self._too_slow(now):
+                self._lost('silent')
+                return
+            if gone or self._is['reads one frame a turn']:
+                await asyncio.sleep(STEP)
+            if gone:
+                try:
+                    link.send(b'$RED_RED;' if self._silent_kept else b' ')
+                except OSError:
+                    self._lost('closed')
+                    return
+                continue
+            size = 13 if self._is['reads one frame a turn'] else 4096
+            if not await self._readable(link):
+                continue
+            try:
+                data = link.recv(size)
+            except ConnectionError:
+                self._lost('reset')
+                return
+            if not data:
+                if self._is['waits for an error after a half-close']:
+                    self._commanded = None
+                    self._silence = 1e9
+                    gone = True
+                elif self._is['does not notice a half-close']:
+                    gone = True
+                else:
+                    self._lost('closed')
+                    return
+                continue
+            if not self._take_in(data):
+                self._lost('malformed')
+                return
+
+    async def _readable(self, link: socket.socket) -> bool:
+        """Return whether there is something to read within `STEP`."""
+        found: asyncio.Future[bool] = self._loop.create_future()
+
+        def find(readable: bool) -> None:
+            if not found.done():
+                found.set_result(readable)
+
+        self._loop.add_reader(link, find, True)
+        timer = self._loop.call_later(STEP, find, False)
+        try:
+            return await found
+        finally:
+            timer.cancel()
+            self._loop.remove_reader(link)
+
+    def _too_slow(self, now: float) -> bool:
+        if not self._is['takes 10 Hz for silence'] or not self._frame_times:
+            return False
+        recent = [at for at in self._frame_times if at > now - 0.6]
+        return now - self._frame_times[0] > 0.6 and len(recent) < 9
+
+    def _lost(self, how: str) -> None:
+        self._lost_how = how
+        self._closed = self._closed or how == 'closed'
+        self._goes_on = (
+            (how == 'closed' and self._is['drives on after FIN'])
+            or (how == 'silent' and self._is['drives on in silence'])
+            or (how == 'reset' and self._is['drives on after RST'])
+        ) and self._obeyed is GREEN_GREEN
+
+    def _take_in(self, data: bytes) -> bool:
+        now = self._loop.time()
+        if self._is['needs a whole frame in each read'] or (
+            self._is['forgets half a frame'] and now - self._read_at > 0.04
+        ):
+            self._decoder = FrameDecoder()
+        self._read_at = now
+        if self._is['throws long reads away'] and len(data) > 40:
+            return True
+        if self._is['looks for GREEN_GREEN anywhere'] and b'GREEN_GREEN' in data:
+            data = encode(GREEN_GREEN)
+        for frame in self._decoder.feed(data):
+            if isinstance(frame, MalformedFrame):
+                if self._is['takes malformed bytes for life']:
+                    self._heard_at = now
+                if self._is['dies of malformed bytes']:
+                    return False
+            else:
+                self._heard(frame.state, now)
+        return True
+
+    def _heard(self, state: RaceState, now: float) -> None:
+        self._heard_at = now
+        self.last_heard = encode(state)
+        if self._is['takes 10 Hz for silence']:
+            self._frame_times = [*self._frame_times[-40:], now]
+        self._goes_on = False
+        if self._silent_kept:
+            self._silent_kept = False
+            self._armed = False
+        if state is self._commanded:
+            return
+        before, self._before, self._commanded = self._commanded, self._commanded, state
+        self._ordered_at = now
+        self._reached_at = None
+        self._grid_said = False
+        stays = (
+            (before is GRID_ACTIVE and state is GREEN_GREEN)
+            or (self._is['RED_RED does not disarm it'] and RED_RED in (before, state))
+            or (self._is['RED_FLAG does not disarm it'] and RED_FLAG in (before, state))
+            or before is None
+        )
+        if not stays or state is IN_GARAGE:
+            self._armed = False
+        if state is GRID_ACTIVE:
+            self._grids += 1
+            self._armed = self._armed or self._is['is armed by hearing GRID_ACTIVE']
+        if self._is['echoes RED_RED'] and state is RED_RED:
+            self._say(encode(state))
+        if self._is['echoes RED_FLAG'] and state is RED_FLAG:
+            self._say(encode(state))
+        if self._is['says malformed frames'] and state is GRID_ACTIVE:
+            self._say(b'$OK;')
+
+    def _say(self, data: bytes) -> None:
+        if self._link is not None:
+            with contextlib.suppress(OSError):
+                self._link.send(data)
+
+    # ----- the wheels ----------------------------------------------------------------------
+
+    @property
+    def _obeyed(self) -> RaceState:
+        commanded = self._commanded
+        if commanded is None or self._silent_kept:
+            return RED_RED
+        if commanded is GREEN_GREEN and not (self._armed or self._is['obeys every GREEN_GREEN']):
+            return RED_RED
+        return commanded
+
+    async def _tick_for_ever(self) -> None:
+        while True:
+            self._tick(self._loop.time())
+            await asyncio.sleep(STEP)
+
+    def _tick(self, now: float) -> None:
+        obeyed = self._obeyed
+        since = now - self._ordered_at
+        target = TOP if obeyed is GREEN_GREEN or self._goes_on else 0.0
+        if self._is['drives in the garage'] and obeyed is IN_GARAGE and since > 0.4:
+            target = 1.0
+        if self._is['creeps on the grid'] and obeyed is GRID_ACTIVE:
+            target = 0.5
+        if self._is['says that it drives before it does'] and since < 1.0:
+            target = min(target, self.speed)
+        rolls = self._reached_at is not None and now - self._reached_at > 1.1
+        if self._is['rolls off after RED_FLAG'] and obeyed is RED_FLAG and rolls:
+            target = 0.5
+        change = target - self.speed
+        self.speed += max(-BRAKING * STEP, min(ACCELERATION * STEP, change))
+        self._drove = self._drove or self.speed > 1.0
+        self._take(self.speed)
+        if self._commanded is not None:
+            self._acknowledge(obeyed, now, since)
+
+    def _acknowledge(self, obeyed: RaceState, now: float, since: float) -> None:
+        if self._is['floods'] and self._links == 1 and obeyed is IN_GARAGE:
+            self._say(encode(IN_GARAGE) * 250)
+        late = self._before is GRID_ACTIVE and obeyed is RED_RED and since < 0.9
+        if self._is['echoes an earlier order'] and late:
+            self._say(encode(GRID_ACTIVE))
+        if obeyed is not self._commanded or obeyed is IN_GARAGE:
+            return
+        moves = self.speed > 0.0
+        reached = moves is (obeyed is GREEN_GREEN)
+        if self._is['creeps on the grid'] and obeyed is GRID_ACTIVE:
+            reached = True
+        if self._is['says that it drives before it does'] and obeyed is GREEN_GREEN:
+            reached = True
+        if not reached or self._keeps_quiet(obeyed):
+            return
+        if self._reached_at is None:
+            self._reached_at = now
+        self._armed = self._armed or obeyed is GRID_ACTIVE
+        self._say(encode(obeyed))
+
+    def _keeps_quiet(self, obeyed: RaceState) -> bool:
+        fault = self._is
+        return (
+            (obeyed is GRID_ACTIVE and fault['is never ready'])
+            or (obeyed is GRID_ACTIVE and fault['is ready only once'] and self._grids > 1)
+            or (obeyed is GREEN_GREEN and fault['never says that it drives'])
+            or (obeyed is RED_FLAG and fault['never acknowledges RED_FLAG'])
+            or (
+                obeyed is RED_RED
+                and fault['never acknowledges RED_RED after a drive']
+                and self._drove
+            )
+            or (
+                obeyed is RED_RED
+                and fault['never acknowledges RED_RED after FIN']
+                and self._closed
+            )
+        )

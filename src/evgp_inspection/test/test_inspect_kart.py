@@ -1,0 +1,207 @@
+"""`inspect_kart` against a good kart, and against karts with one fault each, on real sockets."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+import contextlib
+import os
+
+from evgp_inspection.clauses import KART, select
+from evgp_inspection.cli import Exit, inspect, Inspection
+from evgp_inspection.inspector import Unattended
+from evgp_inspection.limits import Limits
+from evgp_inspection.odometry import Take
+from evgp_inspection.traces import Kind
+from evgp_inspection.verdicts import Verdict
+from inspected_kart import FAULTS, InspectedKart
+import pytest
+
+SHORT = Limits(
+    connect=10.0,
+    grid=2.0,
+    green=2.0,
+    red_flag=2.0,
+    red_red=2.0,
+    silence=0.8,
+    reconnect=2.0,
+    away=0.4,
+    drive=0.4,
+    watch=0.8,
+    slack=0.4,
+    fast=0.6,
+    warning=0.0,
+    hold=0.8,
+)
+
+INSPECTIONS = int(os.environ.get('EVGP_INSPECTIONS', '1000'))
+
+
+class OneInspection:
+    """
+    One inspection of one kart in this process.
+
+    :param fault: of the kart; empty: it is good.
+    :param seen: there is odometry.
+    """
+
+    def __init__(self, fault: str = '', seen: bool = True, only: str = '') -> None:
+        self.lines: list[str] = []
+        self.kart: InspectedKart | None = None
+        self.driving = asyncio.Event()
+        self.stopping = asyncio.Event()
+        self._fault = fault
+        self._seen = seen
+        self._only = only
+        self._takes: list[Take] = []
+        self._running: asyncio.Task[None] | None = None
+
+    async def run(self) -> Inspection:
+        """Inspect to the end."""
+        try:
+            return await inspect(
+                Unattended(self.lines.append),
+                SHORT,
+                select(KART, self._only),
+                self.stopping,
+                odometry=self._odometry if self._seen else None,
+                listening=self._start_kart,
+            )
+        finally:
+            if self._running is not None:
+                self._running.cancel()
+                await asyncio.gather(self._running, return_exceptions=True)
+
+    def _start_kart(self, port: int) -> None:
+        self.kart = InspectedKart(port, self._take, self._fault, SHORT.silence)
+        self._running = asyncio.create_task(self.kart.run())
+
+    def _take(self, speed: float) -> None:
+        if speed > 1.0:
+            self.driving.set()
+        for take in self._takes:
+            take(speed)
+
+    async def _odometry(self, take: Take) -> Callable[[], None]:
+        self._takes.append(take)
+        return self._takes.clear
+
+
+async def undisturbed(fault: str = '', seen: bool = True) -> Inspection:
+    """Inspect; again, as the report asks, when this computer was held up by something else."""
+    for _ in range(3):
+        inspection = await OneInspection(fault, seen).run()
+        if not any(
+            event.kind is Kind.HELD_UP
+            for result in inspection.results
+            for event in result.finding.evidence
+        ):
+            break
+    return inspection
+
+
+async def all_at_once(karts: list[tuple[str, bool]]) -> list[Inspection]:
+    """Inspect karts of these faults, seen or not, at the same time."""
+
+    async def later(number: int, fault: str, seen: bool) -> Inspection:
+        await asyncio.sleep(number * 0.1)  # they do not all judge in the same moment
+        return await undisturbed(fault, seen)
+
+    return await asyncio.gather(*(later(number, *kart) for number, kart in enumerate(karts)))
+
+
+def those(inspection: Inspection, verdict: Verdict) -> dict[str, str]:
+    """Return the clauses with this verdict, and why."""
+    return {
+        each.clause.name: each.finding.why
+        for each in inspection.results
+        if each.verdict is verdict
+    }
+
+
+@pytest.mark.timeout(300)
+def test_a_good_kart_passes_and_each_fault_is_found_by_its_own_clause_and_no_other() -> None:
+    karts = [('', True), ('', False), ('echoes RED_RED', False)]
+    karts += [(fault, True) for fault in FAULTS]
+    inspections = asyncio.run(all_at_once(karts))
+    wrong = {
+        kart: failed
+        for kart, inspection in zip(karts, inspections, strict=True)
+        if set(failed := those(inspection, Verdict.FAIL)) != {FAULTS[kart[0]] for _ in kart[0][:1]}
+    }
+    assert not wrong
+    seen, unseen = inspections[:2]
+    assert seen.exit_code is unseen.exit_code is Exit.PASSED
+    assert not those(seen, Verdict.NOT_JUDGED)
+    # What nobody sees is neither passed nor failed; what the wire shows is judged.
+    blind = set(those(unseen, Verdict.NOT_JUDGED))
+    assert {'K-3A-05', 'K-3A-07', 'K-3A-10', 'K-3E-01', 'K-3E-06'} <= blind
+    assert not {'K-3A-02', 'K-3A-09', 'K-4C-06', 'K-4D-01', 'K-4D-05'} & blind
+
+
+def test_every_clause_has_a_kart_that_fails_it_but_the_one_of_connecting_at_all() -> None:
+    assert sorted([*FAULTS.values(), 'K-4A-01']) == [clause.name for clause in KART]
+
+
+def test_an_inspection_that_is_stopped_while_the_kart_drives_stops_the_kart() -> None:
+    async def stopped() -> tuple[Inspection, OneInspection]:
+        one = OneInspection(only='K-3A-05')
+        running = asyncio.create_task(one.run())
+        await one.driving.wait()
+        one.stopping.set()
+        inspection = await running
+        return inspection, one
+
+    inspection, one = asyncio.run(stopped())
+    assert one.kart is not None
+    assert one.kart.speed == 0.0
+    assert one.kart.last_heard == b'$RED_RED;'
+    assert inspection.exit_code is Exit.NOT_FINISHED
+
+
+def test_an_inspection_that_fails_while_the_kart_drives_stops_the_kart(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from evgp_inspection.kart_steps import KartSteps
+
+    async def broken(self: KartSteps) -> None:
+        assert await self._drive('red')
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(KartSteps, '_red', broken)
+    ones: list[OneInspection] = []
+
+    async def fails() -> Inspection:
+        ones.append(OneInspection(only='K-3A-10'))
+        return await ones[0].run()
+
+    with contextlib.suppress(ZeroDivisionError):
+        asyncio.run(fails())
+        pytest.fail('the mistake was swallowed')
+    kart = ones[0].kart
+    assert kart is not None
+    assert ones[0].driving.is_set()
+    assert kart.speed == 0.0
+    assert kart.last_heard == b'$RED_RED;'
+
+
+def test_a_kart_that_never_comes_is_not_judged() -> None:
+    async def alone() -> Inspection:
+        limits = Limits(connect=0.1, hold=0.0)
+        return await inspect(Unattended(lambda line: None), limits, KART, asyncio.Event())
+
+    inspection = asyncio.run(alone())
+    assert inspection.exit_code is Exit.NOT_FINISHED
+    assert 'K-4A-01' in those(inspection, Verdict.FAIL)
+
+
+@pytest.mark.long
+@pytest.mark.timeout(3600)
+def test_of_many_inspections_of_good_karts_none_fails() -> None:
+    left = INSPECTIONS
+    while left > 0:
+        many = min(left, 40)
+        for inspection in asyncio.run(all_at_once([('', left % 80 < 40)] * many)):
+            assert not those(inspection, Verdict.FAIL)
+            assert inspection.finished
+        left -= many

@@ -1,0 +1,191 @@
+"""The judges and the report, from traces alone."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import json
+import pathlib
+import re
+from xml.etree import ElementTree
+
+from evgp_inspection.clauses import BY_NAME, explain, KART, KART_STEPS, select
+from evgp_inspection.kart_judges import judge, JUDGES
+from evgp_inspection.limits import Limits
+from evgp_inspection.report import as_html, as_json, as_junit, Header
+from evgp_inspection.traces import describe, Event, Kind, Trace
+from evgp_inspection.verdicts import Finding, Result, Verdict
+from evgp_protocol.frames import encode
+from evgp_protocol.states import RaceState
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+LIMITS = Limits()
+RED_RED, GREEN_GREEN = RaceState.RED_RED, RaceState.GREEN_GREEN
+DOCUMENT = pathlib.Path(__file__).parents[3] / 'docs/inspection.md'
+
+PHASES = [
+    f'{step}/{phase}'
+    for step in KART_STEPS
+    for phase in (
+        'wait', 'quiet', 'garage', 'grid', 'green', 'red', 'red_flag', 'lost', 'back', 'stays',
+        'malformed', 'glued', 'bytes', 'many', 'late', 'slow', 'away', 'after', 'flag_green',
+    )
+]  # fmt: skip
+FRAMES = [encode(state) for state in RaceState]
+
+
+@st.composite
+def traces(draw: st.DrawFn) -> list[Event]:
+    """Any events in any order, their times ascending."""
+    events = []
+    at = 0.0
+    for _ in range(draw(st.integers(0, 40))):
+        at += draw(st.sampled_from([0.0, 0.01, 0.3, 1.0, 6.0]))
+        kind = draw(st.sampled_from(Kind))
+        data = b''
+        if kind in (Kind.SENT, Kind.SAID):
+            data = draw(st.one_of(st.sampled_from(FRAMES), st.binary(max_size=40)))
+        text = draw(st.sampled_from(PHASES)) if kind is Kind.STEP else 'closed'
+        value = draw(st.floats()) if kind is Kind.SPEED else 1.0
+        events.append(Event(at, kind, draw(st.integers(1, 3)), data, text, value))
+    return events
+
+
+@given(traces())
+def test_every_trace_has_a_verdict_for_every_clause_and_its_evidence_is_in_the_trace(
+    events: list[Event],
+) -> None:
+    trace = Trace.of(events)
+    for clause in KART:
+        result = judge(clause, trace, LIMITS)
+        assert result.finding.why
+        known = {id(event) for event in trace.events}
+        assert all(id(event) in known for event in result.finding.evidence)
+        describe(result.finding.evidence)
+
+
+def test_of_nothing_nothing_is_judged() -> None:
+    for clause in KART:
+        assert judge(clause, Trace(), LIMITS).verdict is Verdict.NOT_JUDGED
+
+
+def stop(delay: float, speed: float, turns_for: float) -> Trace:
+    """Return the trace of a RED_RED to a kart that drives."""
+    events = [
+        Event(0.0, Kind.STEP, text='red/green'),
+        Event(0.0, Kind.OPENED, 1, text='kart'),
+        Event(0.1, Kind.SENT, 1, encode(GREEN_GREEN)),
+        Event(0.2, Kind.SAID, 1, encode(GREEN_GREEN)),
+        Event(2.0, Kind.STEP, text='red/red'),
+        Event(2.0, Kind.SENT, 1, encode(RED_RED)),
+        Event(2.0 + delay, Kind.SAID, 1, encode(RED_RED)),
+    ]
+    for step in range(200):
+        at = 2.0 + step * 0.02
+        events.append(Event(at, Kind.SPEED, value=speed if at < 2.0 + turns_for else 0.0))
+    return Trace.of(sorted(events, key=lambda event: event.at))
+
+
+@pytest.mark.parametrize('turns_for', [0.3, 1.0, 2.0])
+@pytest.mark.parametrize('delay', [0.001, 0.05, 0.5, 1.0, 1.9, 2.5])
+def test_a_stop_that_is_acknowledged_fails_while_the_wheels_turn_and_only_then(
+    delay: float, turns_for: float
+) -> None:
+    result = judge(BY_NAME['K-3A-10'], stop(delay, 5.0, turns_for), LIMITS)
+    too_early = delay + LIMITS.slack < turns_for - 0.02 or delay < LIMITS.fastest_stop
+    assert (result.verdict is Verdict.FAIL) == too_early
+
+
+def test_a_computer_that_was_held_up_fails_nobody() -> None:
+    trace = stop(0.001, 5.0, 1.0)
+    events = [*trace.events, Event(7.0, Kind.HELD_UP, value=0.9)]
+    result = judge(BY_NAME['K-3A-10'], Trace.of(events), LIMITS)
+    assert result.verdict is Verdict.NOT_JUDGED
+
+
+@given(st.lists(st.binary(max_size=20), max_size=20))
+def test_it_does_not_matter_how_the_words_of_a_kart_are_cut(pieces: list[bytes]) -> None:
+    def words(parts: list[bytes]) -> list[tuple[RaceState | None, str]]:
+        trace = Trace.of(Event(1.0, Kind.SAID, 1, part) for part in parts)
+        return [(word.state, word.reason) for word in trace.now.words]
+
+    whole = b''.join(pieces)
+    assert words(pieces) == words([whole]) == words([bytes([each]) for each in whole])
+
+
+# ----- the table ---------------------------------------------------------------------------
+
+
+def test_every_clause_has_one_judge_one_name_and_steps_that_exist() -> None:
+    assert sorted(JUDGES) == sorted(BY_NAME)
+    assert len(BY_NAME) == len(KART)
+    limits = {field.name for field in dataclasses.fields(Limits)}
+    for clause in KART:
+        assert re.fullmatch(r'K-\d[A-F]-\d\d', clause.name)
+        assert clause.section == f'§{clause.name[2]}.{clause.name[3]}'
+        assert set(clause.steps) <= set(KART_STEPS)
+        assert not clause.limit or clause.limit in limits
+        assert set(clause.unless) <= set(BY_NAME) - {clause.name}
+        assert clause.name in explain(clause)
+
+
+def test_a_sentence_of_the_wire_document_is_in_it() -> None:
+    text = (DOCUMENT.parent / 'wire.md').read_text(encoding='utf-8')
+    wire = ' '.join(text.split())
+    for clause in KART:
+        if clause.source == 'docs/wire.md':
+            assert clause.sentence in wire
+
+
+def test_no_failure_has_two_causes_that_excuse_each_other() -> None:
+    for one, other in itertools.combinations(KART, 2):
+        assert not (other.name in one.unless and one.name in other.unless)
+
+
+def test_the_document_has_the_clauses_and_limits_as_they_are() -> None:
+    text = DOCUMENT.read_text(encoding='utf-8')
+    rows = re.findall(r'^\| (K-\w+-\d+)\*? \| (.*) \| (.*) \| (.*) \|$', text, re.MULTILINE)
+    assert rows == [(each.name, each.title, each.done, each.judged) for each in KART]
+    limits = re.findall(r'^\| `--(\S+)` \| ([\d.]+) \| (.*) \|$', text, re.MULTILINE)
+    assert limits == [
+        (field.name.replace('_', '-'), f'{field.default:g}', field.metadata['meaning'])
+        for field in dataclasses.fields(Limits)
+    ]
+
+
+def test_clauses_are_chosen_by_the_beginnings_of_their_names() -> None:
+    assert [each.name for each in select(KART, 'k-3a-07, K-4D-01')] == ['K-3A-07', 'K-4D-01']
+    assert all(each.name.startswith('K-4D') for each in select(KART, 'K-4D'))
+    assert select(KART, '') == KART
+    with pytest.raises(ValueError, match='K-9'):
+        select(KART, 'K-3A-07,K-9')
+
+
+# ----- the report --------------------------------------------------------------------------
+
+HEADER = Header('kart 7', 'A & <B>', 'Ada "\x00"', '2026-05-01T10:00:00+02:00', 100.0, {})
+
+
+def results(verdict: Verdict, why: str = 'so it was') -> list[Result]:
+    return [Result(clause, Finding(verdict, why, 1.0, ()), 5.0) for clause in KART]
+
+
+@given(st.text(max_size=60), st.text(max_size=60))
+def test_a_report_is_well_formed_whatever_people_and_karts_are_called(team: str, why: str) -> None:
+    header = dataclasses.replace(HEADER, team=team)
+    failed = results(Verdict.FAIL, why)
+    suite = ElementTree.fromstring(as_junit(header, failed))  # noqa: S314 - our own
+    assert len(suite.findall('.//failure')) == len(KART)
+    assert json.loads(as_json(header, failed))['team'] == team
+    page = as_html(dataclasses.replace(HEADER, team='<script>alert(1)</script>'), failed)
+    assert '<script' not in page
+    assert 'http' not in page
+
+
+def test_a_report_holds_what_odometry_says_when_it_says_nonsense() -> None:
+    events = (Event(0.0, Kind.SPEED, value=float('nan')), Event(0.1, Kind.SPEED, value=1e999))
+    result = Result(KART[0], Finding(Verdict.FAIL, 'so it was', None, events))
+    (check,) = json.loads(as_json(HEADER, [result]))['checks']
+    assert [each['value'] for each in check['evidence']] == [None, None]

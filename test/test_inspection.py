@@ -1,0 +1,263 @@
+"""`inspect_kart` as inspectors run it: a program, a terminal, real karts with and without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+import itertools
+import json
+import os
+import pathlib
+import pty
+import re
+import socket
+import subprocess
+import sys
+import threading
+import time
+from typing import Any
+from xml.etree import ElementTree
+
+from evgp_testing.domains import Domain
+from evgp_testing.kart import Bridge, ExampleStack
+from evgp_testing.patience import PATIENCE
+from evgp_testing.process import Program
+from evgp_testing.race_control import address_of
+import pytest
+
+ROOT = pathlib.Path(__file__).parents[1]
+INSPECT = [sys.executable, str(ROOT / 'src/evgp_inspection'), 'kart']
+
+SHORT = ['--listen', '127.0.0.1', '--port', '0', '--watch', '0.7', '--drive', '0.5']
+SHORT += ['--warning', '0', '--fast', '0.5', '--hold', '1.0']
+UNATTENDED = ['--unattended', '--word', 'ready']
+
+
+def inspection(report: pathlib.Path, *words: str, domain: int | None = None) -> Program:
+    """Start an inspection; it prints the port at which it waits."""
+    command = [*INSPECT, *SHORT, '--report', str(report), *words]
+    return Program('inspect_kart', command, domain)
+
+
+def port_of(program: Program) -> int:
+    return int(program.wait_for_line(r'on port (\d+)')[1])
+
+
+def report_in(folder: pathlib.Path) -> dict[str, Any]:
+    (path,) = folder.glob('*.json')
+    report: dict[str, Any] = json.loads(path.read_text(encoding='utf-8'))
+    return report
+
+
+def those(report: dict[str, Any], verdict: str) -> dict[str, str]:
+    return {each['clause']: each['why'] for each in report['checks'] if each['verdict'] == verdict}
+
+
+def wait_to_end(program: Program) -> int:
+    """Return the exit code; an inspection takes longer than other programs' ends."""
+    program.process.wait(110)
+    return program.wait()
+
+
+def test_our_bridge_with_the_example_stack_passes_every_clause(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    domain = parts.enter_context(Domain())
+    words = ['--odometry', 'ros:/kart_bridge/odom', *UNATTENDED]
+    program = parts.enter_context(inspection(tmp_path, *words, domain=domain.number))
+    parts.enter_context(
+        Bridge(domain.number, port_of(program), address_of(1), {'odometry_required': True})
+    )
+    parts.enter_context(ExampleStack(domain.number))
+    code = wait_to_end(program)
+    report = report_in(tmp_path)
+    assert those(report, 'fail') == {}
+    assert those(report, 'not judged') == {}
+    assert code == 0
+
+
+def client_of_the_document(port: int, udp: int) -> str:
+    """Return the client of docs/wire.md, with wheels whose speed it sends as odometry."""
+    text = (ROOT / 'docs/wire.md').read_text(encoding='utf-8')
+    (client,) = re.findall(r'^```python\n(.*?)^```$', text, re.MULTILINE | re.DOTALL)
+    client = client.replace("('10.0.0.1', 12017)", f"('127.0.0.1', {port})")
+    wheels = f"""
+import threading
+wheels = {{'speed': 0.0, 'target': 0.0}}
+
+
+def turn():
+    told = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    while True:
+        change = wheels['target'] - wheels['speed']
+        wheels['speed'] += max(-0.2, min(0.2, change))
+        told.sendto(b'%f %f' % (now(), wheels['speed']), ('127.0.0.1', {udp}))
+        time.sleep(0.02)
+
+
+def drive(state):
+    wheels['target'] = 5.0 if state == b'GREEN_GREEN' else 0.0
+    return (wheels['speed'] > 0) == (state == b'GREEN_GREEN')
+
+
+threading.Thread(target=turn, daemon=True).start()
+"""
+    return client.replace('\nwhile True:\n    drive(', f'{wheels}\nwhile True:\n    drive(')
+
+
+def free_udp_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as found:
+        found.bind(('127.0.0.1', 0))
+        return int(found.getsockname()[1])
+
+
+def test_the_client_of_the_document_passes_every_clause(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    udp = free_udp_port()
+    program = parts.enter_context(inspection(tmp_path, '--odometry', f'udp:{udp}', *UNATTENDED))
+    client = client_of_the_document(port_of(program), udp)
+    kart = Program('client', [sys.executable, '-c', client])
+    parts.callback(kart.kill)
+    code = wait_to_end(program)
+    report = report_in(tmp_path)
+    assert those(report, 'fail') == {}
+    assert those(report, 'not judged') == {}
+    assert code == 0
+    (junit,) = tmp_path.glob('*.xml')
+    suite = ElementTree.parse(junit).getroot()  # noqa: S314 - our own file
+    assert int(suite.attrib['tests']) == len(report['checks'])
+    assert suite.attrib['failures'] == '0'
+
+
+class Terminal:
+    """An inspector at a terminal, who answers what is asked by what the wheels do."""
+
+    def __init__(self, command: list[str]) -> None:
+        self.text = ''
+        self._answered = 0
+        self._news = threading.Condition()
+        self._fd, child = pty.openpty()
+        self.process = subprocess.Popen(command, stdin=child, stdout=child, stderr=child)
+        os.close(child)
+        self.answer: Callable[[str], str] = lambda question: 'y'
+        self._thread = threading.Thread(target=self._read, daemon=True)
+        self._thread.start()
+
+    def press(self, text: str) -> None:
+        os.write(self._fd, text.encode())
+
+    def wait_for(self, pattern: str) -> re.Match[str]:
+        with self._news:
+            self._news.wait_for(lambda: re.search(pattern, self.text), PATIENCE)
+            found = re.search(pattern, self.text)
+        assert found, self.text
+        return found
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.wait()
+        self._thread.join(PATIENCE)
+        os.close(self._fd)
+
+    def _read(self) -> None:
+        with contextlib.suppress(OSError):
+            while data := os.read(self._fd, 4096):
+                with self._news:
+                    self.text += data.decode()
+                    asked = re.findall(r'\?  (.*?\?)  y/n ', self.text)
+                    self._news.notify_all()
+                for question in itertools.islice(asked, self._answered, None):
+                    self.press(self.answer(question))
+                self._answered = len(asked)
+
+
+@pytest.fixture
+def at_terminal(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Callable[..., Terminal]:
+    def start(*words: str) -> Terminal:
+        terminal = Terminal([*INSPECT, *SHORT, '--report', str(tmp_path), *words])
+        parts.callback(terminal.close)
+        return terminal
+
+    return start
+
+
+def start_client(parts: contextlib.ExitStack, terminal: Terminal) -> None:
+    port = int(terminal.wait_for(r'on port (\d+)')[1])
+    client = client_of_the_document(port, free_udp_port())
+    kart = Program('client', [sys.executable, '-c', client])
+    parts.callback(kart.kill)
+
+
+def test_nothing_listens_before_the_inspector_has_typed_the_word(
+    at_terminal: Callable[..., Terminal],
+) -> None:
+    terminal = at_terminal()
+    terminal.wait_for('OFF THE GROUND')
+    terminal.press('yes\n')
+    assert terminal.process.wait(PATIENCE) == 3
+    assert 'on port' not in terminal.text
+
+
+def test_an_inspector_who_sees_the_wheels_turn_after_a_stop_fails_the_kart(
+    at_terminal: Callable[..., Terminal], parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    terminal = at_terminal('--only', 'K-3A-10', '--inspector', 'Ada <&>', '--number', '7')
+    terminal.press('ready\n')
+    start_client(parts, terminal)
+    terminal.answer = lambda question: 'n'
+    assert terminal.process.wait(PATIENCE) == 1
+    report = report_in(tmp_path)
+    assert set(those(report, 'fail')) == {'K-3A-10'}
+    assert report['inspector'] == 'Ada <&>'
+    (page,) = tmp_path.glob('kart-7-*.html')
+    assert 'Ada &lt;&amp;&gt;' in page.read_text(encoding='utf-8')
+
+
+def test_the_space_bar_stops_the_kart_and_ends_the_inspection(
+    at_terminal: Callable[..., Terminal], parts: contextlib.ExitStack
+) -> None:
+    terminal = at_terminal('--only', 'K-3A-05', '--drive', '60')
+    terminal.press('ready\n')
+    start_client(parts, terminal)
+    terminal.wait_for('DRIVES NOW')
+    began = time.monotonic()
+    terminal.press(' ')
+    terminal.wait_for('the kart says that it stands')
+    assert terminal.process.wait(PATIENCE) == 3
+    assert time.monotonic() - began < PATIENCE
+
+
+@pytest.mark.parametrize(
+    'words',
+    [
+        ['--unattended'],
+        ['--only', 'K-9'],
+        ['--explain', 'X'],
+        ['--red-red', '-1'],
+        ['--odometry', '-'],
+        ['--odometry', 'no/such/file', *UNATTENDED],
+    ],
+)
+def test_a_wrong_use_is_told_and_nothing_begins(words: list[str], tmp_path: pathlib.Path) -> None:
+    done = subprocess.run(
+        [*INSPECT, *SHORT, '--report', str(tmp_path), *words],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 2
+    assert done.stderr
+    assert not list(tmp_path.iterdir())
+
+
+def test_it_runs_from_a_clone_with_the_standard_library_only() -> None:
+    done = subprocess.run(
+        [sys.executable, '-I', '-S', str(ROOT / 'src/evgp_inspection'), 'kart', '--list'],
+        env={},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert 'K-3A-01' in done.stdout
