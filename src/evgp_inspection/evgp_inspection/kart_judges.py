@@ -26,7 +26,7 @@ RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
 STANDS, TURNS = 'the wheels stand still', 'the wheels turn'
 """The names of the two questions, as they are in the trace."""
 
-FLOOD_BYTES = 4096 * 20
+MOST_BYTES_A_SECOND = 4096 * 20
 """More bytes than this in one second are a flood."""
 
 EARLY = 0.05
@@ -442,7 +442,7 @@ def _does_not_flood(trace: Trace, limits: Limits) -> Finding:
             size -= len(said[first].data)
             first += 1
         most = max(most, size)
-        if size > FLOOD_BYTES:
+        if size > MOST_BYTES_A_SECOND:
             why = f'It said {size} bytes in one second.'
             return Finding(Verdict.FAIL, why, None, tuple(said[first:][-20:]))
     if not said:
