@@ -180,8 +180,10 @@ class Field:
     """
     All karts of a rehearsal.
 
-    ``tick`` counts the steps, ``finish`` is the distance of the last lap's end, in metres. ``moving`` has every change of whether a kart moves, ``crossed`` the
-    karts that have driven their laps, each with its tick: the truth that the score goes by.
+    ``tick`` counts the steps, ``finish`` is the distance of the last lap's end, in metres.
+    ``moving`` has every change of whether a kart moves, ``crossed`` the karts that have driven
+    their laps, ``grids`` when one was put onto the grid, each with its tick: the truth that the
+    score goes by.
 
     :param numbers: the karts of it that are simulated; the others are somebody else's.
     """
@@ -198,6 +200,7 @@ class Field:
         self.person: tuple[float, float] | None = None
         self.moving: list[tuple[int, int, bool]] = []
         self.crossed: list[tuple[int, int]] = []
+        self.grids: list[int] = []
         every = {number: _spread(plan, self.dice) for number in plan.numbers}
         chosen = plan.numbers if numbers is None else numbers
         self.karts = {number: SimulatedKart(number, every[number]) for number in chosen}
@@ -209,7 +212,7 @@ class Field:
         kart = self.karts[number]
         if state is RaceState.GRID_ACTIVE and kart.told is not state and not kart.moves:
             self._to_grid(kart)  # its team has put it there
-            self.crossed = [each for each in self.crossed if each[1] != number]
+            self.grids.append(self.tick)
         kart.hear(state, self.tick)
 
     def drop(self, number: int) -> None:

@@ -73,23 +73,44 @@ class AnOfficial(Protocol):
 
 
 class Steward:
-    """Brings a race to where an incident can begin."""
+    """
+    Brings a race to where an incident can begin: first home, then to its goal.
+
+    :param goal: GRID_ACTIVE or GREEN_GREEN.
+    """
 
     def __init__(self, goal: RaceState) -> None:
-        """Bring it to this state: GRID_ACTIVE or GREEN_GREEN."""
-        self.goal = goal
+        """Have done nothing yet."""
+        self._goal = goal
+        self._home = False
 
     def act(self, view: View) -> Act | None:
         """Return the next step."""
+        if not self._home:
+            return self._go_home(view)
         for state, kind in (
-            (RaceState.RED_FLAG, K.RACE_OVER),
-            (RaceState.RED_RED, K.IN_GARAGE),
             (RaceState.IN_GARAGE, K.GRID_ACTIVE),
             (RaceState.GRID_ACTIVE, K.GREEN_GREEN),
         ):
-            if view.state is state and state is not self.goal and (kind, 0) in view.available:
+            if view.state is state and state is not self._goal and (kind, 0) in view.available:
                 return Act(kind)
         return None
+
+    def _go_home(self, view: View) -> Act | None:
+        """Return what brings the race, or one of its karts, nearer to the garage."""
+        if view.state is RaceState.RED_RED:
+            wanted = [(K.IN_GARAGE, 0)]
+        elif view.state is RaceState.IN_GARAGE:
+            wanted = [
+                (kind, number) for kind in (K.KART_IN_GARAGE, K.JOIN_RACE) for number in view.karts
+            ]
+            self._home = all(
+                kart.in_race and kart.connected and kart.sent is RaceState.IN_GARAGE
+                for kart in view.karts.values()
+            )
+        else:
+            wanted = [(K.RACE_OVER, 0)]
+        return next((Act(*each) for each in wanted if each in view.available), None)
 
 
 class Good:
@@ -204,5 +225,5 @@ def look(field: Field, began: int) -> tuple[list[Message], frozenset[int], list[
     return (
         [each for each in field.messages if each.tick >= began],
         frozenset(number for number, kart in field.karts.items() if kart.moves),
-        [number for _, number in field.crossed],
+        [number for at, number in field.crossed if at > max(field.grids, default=0)],
     )

@@ -62,16 +62,19 @@ class Truth:
     :param moving: every change of whether a kart moves: tick, kart, whether.
     :param crossed: which kart has driven its laps, in order: tick, kart.
     :param msr: when the MSR was used.
+    :param grids: when karts were put onto the grid: what they crossed before, was another race.
     """
 
     moving: tuple[tuple[int, int, bool], ...]
     crossed: tuple[tuple[int, int], ...]
     msr: tuple[int, ...]
+    grids: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, field: Field) -> Truth:
         """Return the truth of a field up to now."""
-        return cls(tuple(field.moving), tuple(field.crossed), tuple(field.msr_at))
+        every = (field.moving, field.crossed, field.msr_at, field.grids)
+        return cls(*map(tuple, every))
 
     def movers(self, tick: int) -> frozenset[int]:
         """Return the karts that move at a tick."""
@@ -178,7 +181,7 @@ def _line(took: Took, commands: Sequence[_Command], truth: Truth) -> Line:
     stopped: set[int] = set()
     people = 0
     is_open = False
-    finished = [each.kart for each in commands if _places(each) and each.tick < took.began]
+    finished = [each for each in commands if _places(each) and each.tick < took.began]
     for command in commands:
         if command.kind is CommandKind.OPEN_TRACK and command.accepted:
             is_open = True
@@ -203,7 +206,7 @@ def _line(took: Took, commands: Sequence[_Command], truth: Truth) -> Line:
             needless.append(str(command))
             stopped |= _stopped_by(command, truth) - {took.kart}
         if _places(command):
-            finished.append(command.kart)
+            finished.append(command)
     if is_open:
         people += bool(truth.started(took.began, took.ended))
     return Line(
@@ -232,7 +235,7 @@ def _judge(
     row: Incident,
     took: Took,
     truth: Truth,
-    finished: tuple[int, ...],
+    finished: tuple[_Command, ...],
     solved: bool,
 ) -> Judgement:
     entry = CATALOGUE[command.kind]
@@ -284,14 +287,16 @@ def _msr_was_used(command: _Command, took: Took, truth: Truth) -> bool:
     return any(took.began <= at <= command.tick for at in truth.msr)
 
 
-def _has_crossed(command: _Command, truth: Truth, finished: tuple[int, ...]) -> bool:
+def _has_crossed(command: _Command, truth: Truth, finished: tuple[_Command, ...]) -> bool:
     """Return whether a kart has driven its laps, and every kart before it has its place."""
+    grid = max((at for at in truth.grids if at <= command.tick), default=0)
+    placed = {each.kart for each in finished if each.tick > grid}
     for at, kart in truth.crossed:
         if at > command.tick:
             return False
-        if kart == command.kart:
+        if at > grid and kart == command.kart:
             return True
-        if kart not in finished:
+        if at > grid and kart not in placed:
             return False
     return False
 
