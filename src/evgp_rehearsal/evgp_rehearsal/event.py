@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import bisect
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 import contextlib
 import dataclasses
 import os
@@ -41,6 +42,9 @@ from evgp_testing.wire_kart import WireKart
 
 BANNER = 'REHEARSAL'
 """What every screen of a rehearsal says."""
+
+AWAY = 1.0
+"""Time from the death of race control to its new start, in seconds."""
 
 RETRY = 10
 """Ticks between two tries of a kart to connect."""
@@ -90,6 +94,9 @@ class Rehearsal(Part):
         self._links: dict[int, DrivenKart | WireKart] = {}
         self._tried = dict.fromkeys(self.field.karts, -RETRY)
         with contextlib.ExitStack() as stack:
+            # A process ends with the thread that started it (evgp_testing.process), and this one
+            # lives as long as the rehearsal.
+            self._starter = stack.enter_context(ThreadPoolExecutor(1, 'starter'))
             self.domain = stack.enter_context(Domain()).number
             self.control = self._race_control(0)
             stack.callback(lambda: self.control.close())
@@ -142,11 +149,13 @@ class Rehearsal(Part):
 
     def open_window(self) -> None:
         """Open the officials' window, unless it is open."""
-        if self.window is not None and self.window.runs:
-            return
-        self.window = Process(
-            'evgp_rcs_console', 'rcs_gui', self.domain, {'banner': BANNER, 'official': 'trainee'}
-        )
+
+        def start() -> None:
+            if self.window is None or not self.window.runs:
+                words = {'banner': BANNER, 'official': 'trainee'}
+                self.window = Process('evgp_rcs_console', 'rcs_gui', self.domain, words)
+
+        self._starter.submit(start).result()
 
     @property
     def present(self) -> Took | None:
@@ -348,10 +357,10 @@ class Rehearsal(Part):
         self.control.kill()
 
         def again() -> None:
-            time.sleep(1.0)
+            time.sleep(AWAY)
             self.control = self._race_control(port)
 
-        threading.Thread(target=again, name='restart', daemon=True).start()
+        self._starter.submit(again)
 
     def _time_is_up(self) -> None:
         if self._open is not None:

@@ -115,6 +115,8 @@ def _do(rehearsal: Rehearsal, wanted: Mapping[str, Any]) -> str:
 
 def _handler(rehearsal: Rehearsal) -> type[http.server.BaseHTTPRequestHandler]:
     class Handler(http.server.BaseHTTPRequestHandler):
+        """Answers one request."""
+
         def do_GET(self) -> None:
             if not self._is_here():
                 return

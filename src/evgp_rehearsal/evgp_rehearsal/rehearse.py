@@ -26,6 +26,7 @@ from evgp_rehearsal.incidents import INCIDENTS, Phase
 from evgp_rehearsal.officials import OFFICIALS
 from evgp_rehearsal.page import Page
 from evgp_rehearsal.plan import Plan, PlanError, read_plan
+from evgp_rehearsal.score import Line
 from rich.console import Console
 
 
@@ -98,12 +99,12 @@ def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.N
         console.print('Ctrl-C ends the rehearsal and shows the score sheet.')
         with contextlib.suppress(KeyboardInterrupt):
             threading.Event().wait()
-        _show(console, rehearsal, given.sheet)
+        _show(console, rehearsal.sheet(), given.sheet)
     return 0
 
 
 def _play(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.Namespace) -> int:
-    passed = True
+    lines = []
     names = given.incident or list(INCIDENTS)
     console.rule(BANNER, style='bold magenta')
     for index, name in enumerate(names):
@@ -111,14 +112,13 @@ def _play(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.Na
         own.mkdir()
         laps = 1 if INCIDENTS[name].phase is Phase.LAST_LAP else plan.laps
         with Rehearsal(dataclasses.replace(plan, laps=laps), own) as rehearsal:
-            line = rehearsal.play(name, OFFICIALS[given.official]())
-            passed = passed and line.passed
-            _show(console, rehearsal, given.sheet)
-    return 0 if passed else 1
+            lines.append(rehearsal.play(name, OFFICIALS[given.official]()))
+        console.print(f'{name}: {"passed" if lines[-1].passed else "FAILED"}')
+    _show(console, lines, given.sheet)
+    return 0 if all(line.passed for line in lines) else 1
 
 
-def _show(console: Console, rehearsal: Rehearsal, file: pathlib.Path | None) -> None:
-    lines = rehearsal.sheet()
+def _show(console: Console, lines: Sequence[Line], file: pathlib.Path | None) -> None:
     console.print(sheet.table(lines))
     if file is not None:
         file.write_text(sheet.page(lines), encoding='utf-8')

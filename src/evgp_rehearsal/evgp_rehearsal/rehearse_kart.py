@@ -20,6 +20,7 @@ import tempfile
 import time
 
 from evgp_node.states import state_of
+from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rehearsal.conduct import conduct, Finding, LIMITS
@@ -176,10 +177,15 @@ def _play(given: argparse.Namespace) -> list[Finding]:
             except AssertionError as error:
                 # What was awaited in vain; behind the first semicolon stands what came instead.
                 findings.append(Finding(False, f'held the race up: {str(error).split(";")[0]}'))
+            # What follows is the end of race control, which the kart has not caused.
+            until = clock.now()
         record = pathlib.Path(folder, 'record.sqlite3')
         with contextlib.closing(open_read_only(record)) as database:
             happened = [
-                event for run in sessions(database) for event in events(database, run.number)
+                event
+                for run in sessions(database)
+                for event in events(database, run.number)
+                if event.monotonic <= until
             ]
     return [*conduct(happened, given.kart), *findings]
 
