@@ -34,6 +34,7 @@ from evgp_rehearsal.plan import Plan
 from evgp_rehearsal.score import Line, score, STEWARD, Took, Truth
 from evgp_rehearsal.table_top import AFTER, can_begin, LOOKS, TIMES
 from evgp_testing.domains import Domain
+from evgp_testing.kart import Bridge, ExampleStack
 from evgp_testing.official import Answer, Official
 from evgp_testing.part import Part
 from evgp_testing.process import Process
@@ -64,7 +65,8 @@ class Rehearsal(Part):
     ``field`` may be read and changed inside ``with rehearsal.lock:`` only.
 
     :param folder: where roster and record are written.
-    :param numbers: the karts that are simulated; None: all. Others may connect by themselves.
+    :param bridged: how many karts, the last ones, have the real bridge and the example stack: they
+        are in the race, but no incident happens to them.
     :param window: whether to open the officials' window.
     """
 
@@ -72,7 +74,7 @@ class Rehearsal(Part):
         self,
         plan: Plan,
         folder: pathlib.Path,
-        numbers: Sequence[int] | None = None,
+        bridged: int = 0,
         window: bool = False,
     ) -> None:
         """Start race control and let the karts connect."""
@@ -80,7 +82,8 @@ class Rehearsal(Part):
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         os.environ['EVGP_GRAPH_INTERFACE'] = ''
         self.plan = plan
-        self.field = Field(plan, numbers)
+        simulated = plan.karts - bridged
+        self.field = Field(plan, plan.numbers[:simulated])
         self.lock = threading.Condition()
         self.paused = False
         self.took: list[Took] = []
@@ -103,6 +106,11 @@ class Rehearsal(Part):
             self.official = stack.enter_context(Official(self.domain, STEWARD))
             race = self.official.wait_for_race(lambda race: True, 'a first look at the race')
             self._check_own(race)
+            for number in plan.numbers[simulated:]:
+                domain = stack.enter_context(Domain()).number
+                address = address_of(number)
+                stack.enter_context(Bridge(domain, self.control.port, address))
+                stack.enter_context(ExampleStack(domain))
             if window:
                 self.open_window()
             stack.callback(self._close_window)

@@ -40,6 +40,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--plan', type=pathlib.Path, help='a YAML file, like the one shipped')
     parser.add_argument('--seed', type=int, help='instead of the one of the plan')
     parser.add_argument('--karts', type=int, help='instead of the number in the plan')
+    parser.add_argument(
+        '--bridged', type=int, default=0, help='how many karts have the real bridge and stack'
+    )
     parser.add_argument('--page', type=int, default=0, metavar='PORT', help='port of the page')
     parser.add_argument('--sheet', type=pathlib.Path, help='write the score sheet to this file')
     parser.add_argument('--no-window', action='store_true', help='open no window, no browser')
@@ -53,6 +56,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         plan = load_plan(given.plan, given.seed, given.karts)
     except (PlanError, OSError) as error:
         print(f'rehearse: {error}', file=sys.stderr)
+        return 2
+    if not 0 <= given.bridged < plan.karts:
+        print('rehearse: --bridged must leave one kart to be simulated', file=sys.stderr)
         return 2
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
@@ -85,17 +91,17 @@ def load_plan(file: pathlib.Path | None, seed: int | None, karts: int | None) ->
 def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.Namespace) -> int:
     screen = not given.no_window and any(map(os.environ.get, ('DISPLAY', 'WAYLAND_DISPLAY')))
     with contextlib.ExitStack() as stack:
-        rehearsal = stack.enter_context(Rehearsal(plan, folder, window=screen))
+        rehearsal = stack.enter_context(Rehearsal(plan, folder, given.bridged, window=screen))
         page = stack.enter_context(Page(rehearsal, given.page))
         console.rule(BANNER, style='bold magenta')
         console.print(f'Instructor: {page.url}')
         if screen:
             webbrowser.open(page.url)
             console.print("Official: the officials' window has opened.")
-        console.print(
-            f'Official, in a terminal: ROS_DOMAIN_ID={rehearsal.domain} make ctl ARGS=watch'
-        )
-        console.print(f'  commands: ROS_DOMAIN_ID={rehearsal.domain} make ctl ARGS=grid-active')
+        ctl = f'ROS_DOMAIN_ID={rehearsal.domain} make ctl'
+        console.print(f'Official, in a terminal: {ctl} ARGS=watch')
+        console.print(f'  the race begins with: {ctl} ARGS="grid-active --track-is-clear"')
+        console.print(f'  and then: {ctl} ARGS=green-green')
         console.print('Ctrl-C ends the rehearsal and shows the score sheet.')
         with contextlib.suppress(KeyboardInterrupt):
             threading.Event().wait()
@@ -111,7 +117,7 @@ def _play(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.Na
         own = folder / str(index)
         own.mkdir()
         laps = 1 if INCIDENTS[name].phase is Phase.LAST_LAP else plan.laps
-        with Rehearsal(dataclasses.replace(plan, laps=laps), own) as rehearsal:
+        with Rehearsal(dataclasses.replace(plan, laps=laps), own, given.bridged) as rehearsal:
             lines.append(rehearsal.play(name, OFFICIALS[given.official]()))
         console.print(f'{name}: {"passed" if lines[-1].passed else "FAILED"}')
     _show(console, lines, given.sheet)

@@ -73,8 +73,9 @@ class Truth:
     @classmethod
     def of(cls, field: Field) -> Truth:
         """Return the truth of a field up to now."""
-        every = (field.moving, field.crossed, field.msr_at, field.grids)
-        return cls(*map(tuple, every))
+        return cls(
+            tuple(field.moving), tuple(field.crossed), tuple(field.msr_at), tuple(field.grids)
+        )
 
     def movers(self, tick: int) -> frozenset[int]:
         """Return the karts that move at a tick."""

@@ -29,6 +29,10 @@ HEADINGS = (
 """What the columns of the sheet are called."""
 
 
+MISTAKES = 6
+"""The column from which on anything is a mistake."""
+
+
 def row(line: Line) -> tuple[str, ...]:
     """Return the cells of a line, in the order of ``HEADINGS``."""
     return (
@@ -48,12 +52,18 @@ def row(line: Line) -> tuple[str, ...]:
 def table(lines: Sequence[Line]) -> Table:
     """Return the sheet for the terminal, and below it what a good official would have done."""
     sheet = Table(title='REHEARSAL: score sheet', title_justify='left', title_style='bold')
-    for heading in HEADINGS:
-        sheet.add_column(heading)
+    for heading in (*HEADINGS[:MISTAKES], 'mistakes'):
+        sheet.add_column(heading, overflow='fold')
     for line in lines:
-        cells = [Text(cell) for cell in row(line)]
-        cells[3].stylize('green' if line.passed else 'bold red')
-        sheet.add_row(*cells)
+        cells = row(line)
+        mistakes = [
+            f'{heading}: {cell}'
+            for heading, cell in zip(HEADINGS[MISTAKES:], cells[MISTAKES:], strict=True)
+            if cell
+        ]
+        texts = [Text(cell) for cell in (*cells[:MISTAKES], '\n'.join(mistakes))]
+        texts[3].stylize('green' if line.passed else 'bold red')
+        sheet.add_row(*texts)
     advice = [f'{each.incident}: {INCIDENTS[each.incident].good}' for each in failed(lines)]
     sheet.caption = '\n'.join(advice)
     sheet.caption_justify = 'left'
