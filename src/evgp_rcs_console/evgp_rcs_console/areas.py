@@ -52,7 +52,7 @@ class Areas(QtCore.QObject):
         middle.addWidget(self.side)
         if banner:
             line = QtWidgets.QLabel(banner)
-            line.setObjectName('banner')
+            line.setObjectName('top_line')
             line.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
             self._layout.addWidget(line)
         self._layout.addLayout(top)

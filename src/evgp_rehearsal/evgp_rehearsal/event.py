@@ -27,7 +27,7 @@ from evgp_rcs.race import AlertKind
 from evgp_rcs.record import events, open_read_only, RecordedEvent, sessions
 from evgp_rcs_msgs import msg
 from evgp_rehearsal.driven_kart import DrivenKart
-from evgp_rehearsal.field import Field, House, Link, STEP
+from evgp_rehearsal.field import Field, House, Link, TICK_LENGTH
 from evgp_rehearsal.incidents import choose_kart, INCIDENTS, Phase
 from evgp_rehearsal.officials import Act, AnOfficial, KartView, look, Steward, View
 from evgp_rehearsal.plan import Plan
@@ -47,7 +47,7 @@ BANNER = 'REHEARSAL'
 AWAY = 1.0
 """Time from the death of race control to its new start, in seconds."""
 
-RETRY = 10
+CONNECT_AGAIN = 10
 """Ticks between two tries of a kart to connect."""
 
 _KINDS = {getattr(msg.CommandAvailability, kind.name): kind for kind in CommandKind}
@@ -95,7 +95,7 @@ class Rehearsal(Part):
         self._first: dict[bool, int] = {}
         self._ended = False
         self._links: dict[int, DrivenKart | WireKart] = {}
-        self._tried = dict.fromkeys(self.field.karts, -RETRY)
+        self._tried = dict.fromkeys(self.field.karts, -CONNECT_AGAIN)
         with contextlib.ExitStack() as stack:
             # A process ends with the thread that started it (evgp_testing.process), and this one
             # lives as long as the rehearsal.
@@ -238,9 +238,9 @@ class Rehearsal(Part):
         self.mend()
         grid = row.phase is Phase.GRID
         steward = Steward(RaceState.GRID_ACTIVE if grid else RaceState.GREEN_GREEN)
-        self.attend(steward, STEWARD, lambda: self._can_begin(name), PATIENCE)
+        self.attend(steward, STEWARD, lambda: self._can_begin(name), GET_THERE)
         took = self.inject(name, kart)
-        ends = took.began + round(row.limit / STEP) + AFTER
+        ends = took.began + round(row.limit / TICK_LENGTH) + AFTER
         self.attend(official, 'trainee', lambda: self.field.tick >= ends, None, took.began)
         self.mend()
         return self.sheet()[-1]
@@ -299,7 +299,9 @@ class Rehearsal(Part):
     def _run(self) -> None:
         due = time.monotonic()
         while not self._ended:
-            due = max(due + STEP, time.monotonic() - STEP)  # what was missed is not made up for
+            due = max(
+                due + TICK_LENGTH, time.monotonic() - TICK_LENGTH
+            )  # what was missed is not made up for
             time.sleep(max(0.0, due - time.monotonic()))
             if self.paused:
                 continue
@@ -338,7 +340,7 @@ class Rehearsal(Part):
             if isinstance(link, DrivenKart):
                 with self.lock:
                     self.field.drop(number)
-        elif there is not wanted and self.field.tick - self._tried[number] >= RETRY:
+        elif there is not wanted and self.field.tick - self._tried[number] >= CONNECT_AGAIN:
             self._join(number, wanted)
 
     def _join(self, number: int, wanted: Link) -> None:
@@ -372,13 +374,13 @@ class Rehearsal(Part):
 
     def _time_is_up(self) -> None:
         if self._open is not None:
-            limit = round(INCIDENTS[self._open.incident].limit / STEP)
+            limit = round(INCIDENTS[self._open.incident].limit / TICK_LENGTH)
             if self.field.tick >= self._open.began + limit + AFTER:
                 self._end_incident()
 
     def _wait_for_tick(self, tick: int) -> None:
         """Wait for a tick, or for a while: the field may be paused."""
-        self.lock.wait_for(lambda: self.field.tick >= tick, LOOKS * STEP * 10)
+        self.lock.wait_for(lambda: self.field.tick >= tick, LOOKS * TICK_LENGTH * 10)
 
     def _cue(self) -> None:
         """Let the incidents of the script begin that are due."""
@@ -388,7 +390,7 @@ class Rehearsal(Part):
                 self._first.setdefault(grid, self.field.tick)
         for cue in self.cues:
             since = self._first.get(INCIDENTS[cue.incident].phase is Phase.GRID)
-            if since is None or (self.field.tick - since) * STEP < cue.at:
+            if since is None or (self.field.tick - since) * TICK_LENGTH < cue.at:
                 continue
             with contextlib.suppress(RefusedError):  # it begins once it can
                 self.inject(cue.incident, cue.kart)
@@ -435,7 +437,7 @@ class Rehearsal(Part):
             self.window.close()
 
 
-PATIENCE = 120.0
+GET_THERE = 120.0
 """Maximum time until an incident can begin, in seconds."""
 
 _WHEN = {
@@ -448,4 +450,4 @@ _WHEN = {
 def _in_ticks(event: RecordedEvent, times: Sequence[float]) -> RecordedEvent:
     """Return an event with its time on the field's clock, which stands while it is paused."""
     tick = bisect.bisect_left(times, event.monotonic)
-    return dataclasses.replace(event, monotonic=tick * STEP)
+    return dataclasses.replace(event, monotonic=tick * TICK_LENGTH)

@@ -16,7 +16,7 @@ import random
 from evgp_protocol.states import RaceState
 from evgp_rehearsal.plan import Ability, Plan
 
-STEP = 0.05
+TICK_LENGTH = 0.05
 """Length of a tick, in seconds."""
 
 GRID_GAP = 3.0
@@ -136,15 +136,15 @@ class SimulatedKart:
 
     def step(self, tick: int) -> RaceState | None:
         """Go on by a tick, and return the state it has reached and now acknowledges."""
-        waited = (tick - self.told_at) * STEP
+        waited = (tick - self.told_at) * TICK_LENGTH
         if self.told is not None and waited >= self.ability.reaction:
             self.obeys = self.told
         aim, rate = self._aim()
         if self.speed < aim:
-            self.speed = min(aim, self.speed + self.ability.acceleration * STEP)
+            self.speed = min(aim, self.speed + self.ability.acceleration * TICK_LENGTH)
         else:
-            self.speed = max(aim, self.speed - rate * STEP)
-        self.distance += self.speed * STEP
+            self.speed = max(aim, self.speed - rate * TICK_LENGTH)
+        self.distance += self.speed * TICK_LENGTH
         if self.said or self.told is not self.obeys or not self._reached(waited):
             return None
         self.said = True

@@ -17,14 +17,14 @@ from typing import Any
 from evgp_node.states import state_of
 from evgp_rehearsal import sheet
 from evgp_rehearsal.event import BANNER, RefusedError, Rehearsal
-from evgp_rehearsal.field import STEP
+from evgp_rehearsal.field import TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_testing.part import Part
 
 HERE = '127.0.0.1'
 """Address of the page."""
 
-MOST_BYTES = 10_000
+MOST_POSTED = 10_000
 """Maximum length of what is posted."""
 
 RADIO = 6
@@ -59,7 +59,7 @@ def picture(rehearsal: Rehearsal) -> dict[str, Any]:
             )
         took = rehearsal.present
         return {
-            'time': round(field.tick * STEP, 1),
+            'time': round(field.tick * TICK_LENGTH, 1),
             'paused': rehearsal.paused,
             'race': rehearsal.state.value,
             'track_open': bool(race and race.track.open),
@@ -136,7 +136,7 @@ def _handler(rehearsal: Rehearsal) -> type[http.server.BaseHTTPRequestHandler]:
             if not self._is_here():
                 return
             length = int(self.headers.get('Content-Length') or 0)
-            if self.headers.get('Content-Type') != 'application/json' or length > MOST_BYTES:
+            if self.headers.get('Content-Type') != 'application/json' or length > MOST_POSTED:
                 self.send_error(400)
                 return
             try:

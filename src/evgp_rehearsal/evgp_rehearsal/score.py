@@ -25,7 +25,7 @@ import math
 
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.record import RecordedEvent
-from evgp_rehearsal.field import Field, STEP
+from evgp_rehearsal.field import Field, TICK_LENGTH
 from evgp_rehearsal.incidents import Deed, Incident, INCIDENTS, Whom
 
 STEWARD = 'rehearsal'
@@ -170,12 +170,12 @@ class _Command:
 
 
 def _tick(event: RecordedEvent, zero: float) -> int:
-    return round((event.monotonic - zero) / STEP)
+    return round((event.monotonic - zero) / TICK_LENGTH)
 
 
 def _line(took: Took, commands: Sequence[_Command], truth: Truth) -> Line:
     row = INCIDENTS[took.incident]
-    last = took.began + round(row.limit / STEP)
+    last = took.began + round(row.limit / TICK_LENGTH)
     first_right = solved = None
     left = list(row.steps)
     wrong, needless = [], []
@@ -313,8 +313,8 @@ def _stopped_by(command: _Command, truth: Truth) -> frozenset[int]:
 
 
 def _seconds(ticks: int) -> float:
-    return round(ticks * STEP, 2)
+    return round(ticks * TICK_LENGTH, 2)
 
 
 def _rounded(ticks: int) -> float:
-    return math.ceil(ticks * STEP / QUANTUM) * QUANTUM
+    return math.ceil(ticks * TICK_LENGTH / QUANTUM) * QUANTUM

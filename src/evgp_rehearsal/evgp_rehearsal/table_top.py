@@ -14,7 +14,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.race import Command, Kart, Outcome, Race, RaceTimes
 from evgp_rcs.record import RecordedEvent
-from evgp_rehearsal.field import Field, House, Link, STEP
+from evgp_rehearsal.field import Field, House, Link, TICK_LENGTH
 from evgp_rehearsal.incidents import choose_kart, Incident, INCIDENTS, Phase
 from evgp_rehearsal.officials import Act, AnOfficial, KartView, look, Steward, View
 from evgp_rehearsal.plan import Plan
@@ -54,7 +54,7 @@ class TableTop:
     @property
     def now(self) -> float:
         """Return the time, in seconds."""
-        return self.field.tick * STEP
+        return self.field.tick * TICK_LENGTH
 
     def step(self) -> None:
         """Go on by a tick: karts, connections, then race control."""
@@ -187,7 +187,7 @@ def play(plan: Plan, name: str, official: AnOfficial, kart: int = 0) -> Line:
     began = table.field.tick
     number = choose_kart(table.field, row, kart)
     row.begin(table.field, number)
-    ends = began + round(row.limit / STEP) + AFTER
+    ends = began + round(row.limit / TICK_LENGTH) + AFTER
     _until(table, official, 'trainee', lambda: table.field.tick >= ends, began)
     took = Took(name, number, began, ends)
     return score([took], table.events, Truth.of(table.field), 0.0)[0]
@@ -208,7 +208,7 @@ def can_begin(row: Incident, field: Field, state: RaceState) -> bool:
 LAST_METRES = 25.0
 """Distance of the leader from the end of its last lap where an incident of the last lap begins."""
 
-PATIENCE = 30_000
+MOST_TICKS = 30_000
 """Maximum number of ticks until an incident can begin."""
 
 
@@ -219,7 +219,7 @@ def _until(
     over: Callable[[], bool],
     began: int = 0,
 ) -> None:
-    for _ in range(PATIENCE):
+    for _ in range(MOST_TICKS):
         if over():
             return
         if table.field.tick % LOOKS == 0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from evgp_protocol.states import RaceState
-from evgp_rehearsal.field import Fault, Field, STEP
+from evgp_rehearsal.field import Fault, Field, TICK_LENGTH
 from evgp_rehearsal.plan import Plan, PlanError, read_plan, Track
 import pytest
 
@@ -17,7 +17,7 @@ def the_field(karts: int = 2, seed: int = 1) -> Field:
 
 def run(field: Field, seconds: float) -> list[tuple[int, RaceState]]:
     """Let time pass, and return what karts say."""
-    return [said for _ in range(round(seconds / STEP)) for said in field.step()]
+    return [said for _ in range(round(seconds / TICK_LENGTH)) for said in field.step()]
 
 
 def send(field: Field, state: RaceState) -> None:

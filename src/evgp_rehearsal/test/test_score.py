@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from evgp_rcs.record import RecordedEvent
-from evgp_rehearsal.field import STEP
+from evgp_rehearsal.field import TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_rehearsal.score import Line, score, STEWARD, Took, Truth
 import pytest
@@ -29,7 +29,7 @@ def sheet(
         for at, (seconds, kind, kart) in enumerate(commands, start=1)
     ]
     kart = 1 if INCIDENTS[incident].to_kart else 0
-    took = Took(incident, kart, round(5 / STEP), round(100 / STEP))
+    took = Took(incident, kart, round(5 / TICK_LENGTH), round(100 / TICK_LENGTH))
     (line,) = score([took], events, Truth(moving, crossed, msr), ZERO)
     return line
 
@@ -56,7 +56,7 @@ def test_a_stop_of_more_karts_than_needed_is_needless_and_says_whom_it_stopped()
 
 def test_an_msr_that_was_recorded_and_not_used_is_wrong() -> None:
     assert sheet('msr_needed', (1.0, 'RECORD_MSR', 0)).wrong == ('RECORD_MSR',)
-    used = (round(5.5 / STEP),)
+    used = (round(5.5 / TICK_LENGTH),)
     assert sheet('msr_needed', (1.0, 'RECORD_MSR', 0), msr=used).passed
 
 
