@@ -2,7 +2,7 @@
 #
 #   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
 #   ARGS='...'          passed on by bench, bridge, console, ctl, demo, fuzz, inspect-kart, record,
-#                       soak, test and test-long
+#                       rehearsal, soak, test and test-long
 #   WORKERS=6           number of tests that run at the same time; most of the time, most of them wait
 WORKERS := 6
 
@@ -29,8 +29,8 @@ OFFICIAL :=
 OFFICIAL_QUOTED = $(subst ','\'',$(OFFICIAL))
 
 # A test must not command a real kart: neither our programs, nor nodes with ROS's own settings.
-bench demo fuzz screenshots soak test test-long: export EVGP_GRAPH_INTERFACE :=
-bench demo fuzz screenshots soak test test-long: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+bench demo fuzz rehearsal screenshots soak test test-long: export EVGP_GRAPH_INTERFACE :=
+bench demo fuzz rehearsal screenshots soak test test-long: export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 
 # The kart's bridge: race control's address, the topic of the kart's odometry (when it is given,
 # the bridge requires odometry), and what follows --ros-args in ARGS, such as
@@ -38,11 +38,12 @@ bench demo fuzz screenshots soak test test-long: export ROS_AUTOMATIC_DISCOVERY_
 HOST :=
 ODOM :=
 
-.PHONY: help setup demo test test-long bench soak fuzz run roster record console ctl bridge \
+.PHONY: help setup demo rehearsal test test-long bench soak fuzz run roster record console ctl bridge \
   inspect-kart screenshots lint format clean
 
 help:
 	@echo 'make demo    set up and show a race: race control, karts and their stacks'
+	@echo 'make rehearsal  train officials: simulated karts, incidents, score  (ARGS="--karts 6")'
 	@echo 'make test    set up and run every test but the long (ARGS="-k roster")'
 	@echo 'make test-long  set up and run the long tests       (ARGS="-k roster")'
 	@echo 'make soak    race control under random faults and commands (ARGS="--seconds 60")'
@@ -66,6 +67,10 @@ setup:
 
 demo:
 	$(IN_WORKSPACE) python demo/run.py $(ARGS)
+
+# Loopback only, and a ROS domain of its own: it cannot reach a real kart.
+rehearsal:
+	$(IN_WORKSPACE) --console install/evgp_rehearsal/lib/evgp_rehearsal/rehearse $(ARGS)
 
 PYTEST = $(IN_WORKSPACE) --console python -m pytest -n $(WORKERS) --dist worksteal
 

@@ -17,12 +17,13 @@ class Areas(QtCore.QObject):
 
     :param window: the areas fill it.
     :param scrolling: is entered around every scrolling that the official's hand does not do.
+    :param banner: what a line at the top says; empty: there is none.
     """
 
     pressed = Signal(object, object)
     """A button was pressed: its command when it went down, and when it was let go."""
 
-    def __init__(self, window: QtWidgets.QWidget, scrolling: Scrolling) -> None:
+    def __init__(self, window: QtWidgets.QWidget, scrolling: Scrolling, banner: str = '') -> None:
         """Put the areas in their places."""
         super().__init__(window)
         self.window = window
@@ -49,6 +50,11 @@ class Areas(QtCore.QObject):
         middle = QtWidgets.QHBoxLayout()
         middle.addLayout(left, 1)
         middle.addWidget(self.side)
+        if banner:
+            line = QtWidgets.QLabel(banner)
+            line.setObjectName('top_line')
+            line.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
+            self._layout.addWidget(line)
         self._layout.addLayout(top)
         self._layout.addLayout(middle, 1)
         self._layout.addWidget(self.events)

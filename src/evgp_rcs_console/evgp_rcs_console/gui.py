@@ -63,8 +63,9 @@ def main(
     except RCLError as error:
         print(f'rcs_gui: {words.NOT_ALLOWED.format(error=error)}', file=sys.stderr)
         return 2
-    signature = Signature(_name_given(client.node), os.getpid())
-    window = ConsoleWindow(inbox, client.give, signature, looking(client.topic))
+    signature = Signature(_given(client.node, 'official', _OFFICIAL), os.getpid())
+    banner = _given(client.node, 'banner', _BANNER)
+    window = ConsoleWindow(inbox, client.give, signature, looking(client.topic), banner)
     # Python runs these when the window's timer gives it the chance. To quit at once would be in
     # vain before the loop runs.
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -84,12 +85,15 @@ def main(
     return 0
 
 
-def _name_given(node: Node) -> str:
-    """Return the official's name, if the node was given one."""
-    meaning = 'Who commands from this window; empty: the name that is kept, or asked for.'
+_OFFICIAL = 'Who commands from this window; empty: the name that is kept, or asked for.'
+_BANNER = 'What the window says at its top and in its title, such as REHEARSAL; empty: nothing.'
+
+
+def _given(node: Node, parameter: str, meaning: str) -> str:
+    """Return a text that the node was given as a parameter, if it was."""
     # A name such as 7 or yes, unquoted, is a number or a truth to ROS: no reason not to start.
     descriptor = ParameterDescriptor(description=meaning, read_only=True, dynamic_typing=True)
-    value = node.declare_parameter('official', '', descriptor).value
+    value = node.declare_parameter(parameter, '', descriptor).value
     return '' if value is None else str(value)
 
 

@@ -52,6 +52,7 @@ QLabel[tone="good"], QLabel[tone="bad"], QLabel[tone="wait"], QLabel[tone="red"]
 QLabel[tone="flag"], QLabel[tone="grid"], QLabel[tone="green"] {{ font-weight: bold; }}
 QLabel[fill="true"] {{ border-radius: {px(3)}; padding: 0 {px(4)}; }}
 
+QLabel#top_line {{ color: #FFFFFF; background: #6A1B9A; font-size: {px(17)}; font-weight: 900; }}
 QLabel#state {{ font-size: {px(46)}; font-weight: 900; border-radius: {px(6)}; }}
 QLabel#state_since {{ font-size: {px(17)}; font-weight: bold; }}
 QLabel#humans {{ font-size: {px(21)}; font-weight: bold; padding: {px(2)} {px(6)}; }}

@@ -258,6 +258,18 @@ class WireKart(KartLink, Part):
         self._thread = threading.Thread(target=self._read, daemon=True)
         self._thread.start()
 
+    def answer(self, state: RaceState, change: bool) -> None:
+        """
+        Answer a frame, in the thread that reads; a kart with a mind of its own does it otherwise.
+
+        :param change: it was sent something else before.
+        """
+        if self.acknowledges is Acknowledges.EACH_FRAME or (
+            change and self.acknowledges is Acknowledges.EACH_CHANGE
+        ):
+            with contextlib.suppress(OSError):  # it is gone: the reader is told next
+                self.say(state)
+
     def wait_for_state(self, state: RaceState) -> float:
         """
         Return the time (monotonic, s) of the first frame of the present run of this state.
@@ -313,11 +325,7 @@ class WireKart(KartLink, Part):
                 heard = self.note(data, empty_at)
                 self._news.notify_all()
             for state, change in heard:
-                if self.acknowledges is Acknowledges.EACH_FRAME or (
-                    change and self.acknowledges is Acknowledges.EACH_CHANGE
-                ):
-                    with contextlib.suppress(OSError):  # it is gone: the reader is told next
-                        self.say(state)
+                self.answer(state, change)
         if self._judge is not None:
             self._judge.closed(self.number, empty_at, time.monotonic())
         with self._news:

@@ -1,0 +1,453 @@
+"""
+A rehearsal with the real race control: simulated karts over TCP, incidents, and the score.
+
+It cannot reach a real kart or race. Race control listens on loopback with a roster of loopback
+addresses, written here; the ROS domain is its own, on this machine only; and no command goes to a
+race whose karts are not those of this roster.
+"""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+import contextlib
+import dataclasses
+import os
+import pathlib
+import signal
+import threading
+import time
+
+from evgp_node.states import state_of
+from evgp_protocol import clock
+from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.race import AlertKind
+from evgp_rcs.record import events, open_read_only, RecordedEvent, sessions
+from evgp_rcs_msgs import msg
+from evgp_rehearsal.driven_kart import DrivenKart
+from evgp_rehearsal.field import Field, House, Link, TICK_LENGTH
+from evgp_rehearsal.incidents import choose_kart, INCIDENTS, Phase
+from evgp_rehearsal.officials import Act, AnOfficial, KartView, look, Steward, View
+from evgp_rehearsal.plan import Plan
+from evgp_rehearsal.score import Line, score, STEWARD, Took, Truth
+from evgp_rehearsal.table_top import AFTER, can_begin, LOOKS, TIMES
+from evgp_testing.domains import Domain
+from evgp_testing.kart import Bridge, ExampleStack
+from evgp_testing.official import Answer, Official
+from evgp_testing.part import Part
+from evgp_testing.process import Process
+from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.wire_kart import WireKart
+
+BANNER = 'REHEARSAL'
+"""What every screen of a rehearsal says."""
+
+AWAY = 1.0
+"""Time from the death of race control to its new start, in seconds."""
+
+CONNECT_AGAIN = 10
+"""Ticks between two tries of a kart to connect."""
+
+_KINDS = {getattr(msg.CommandAvailability, kind.name): kind for kind in CommandKind}
+_ALERTS = {getattr(msg.Alert, kind.name): kind.name for kind in AlertKind}
+
+
+class RefusedError(RuntimeError):
+    """The rehearsal does not do this; the text says why."""
+
+
+class Rehearsal(Part):
+    """
+    A field, its race control, and what happens there.
+
+    ``field`` may be read and changed inside ``with rehearsal.lock:`` only.
+
+    :param folder: where roster and record are written.
+    :param bridged: how many karts, the last ones, have the real bridge and the example stack: they
+        are in the race, but no incident happens to them.
+    :param window: whether to open the officials' window.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        folder: pathlib.Path,
+        bridged: int = 0,
+        window: bool = False,
+    ) -> None:
+        """Start race control and let the karts connect."""
+        # Also of the nodes in this process: nobody else's race is seen or commanded.
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+        os.environ['EVGP_GRAPH_INTERFACE'] = ''
+        self.plan = plan
+        simulated = plan.karts - bridged
+        self.field = Field(plan, plan.numbers[:simulated])
+        self.lock = threading.Condition()
+        self.paused = False
+        self.took: list[Took] = []
+        self.cues = list(plan.script)
+        self.window: Process | None = None
+        self._folder = folder
+        self._times: list[float] = []  # of each tick, on race control's clock
+        self._open: Took | None = None
+        self._first: dict[bool, int] = {}
+        self._ended = False
+        self._links: dict[int, DrivenKart | WireKart] = {}
+        self._tried = dict.fromkeys(self.field.karts, -CONNECT_AGAIN)
+        with contextlib.ExitStack() as stack:
+            # A process ends with the thread that started it (evgp_testing.process), and this one
+            # lives as long as the rehearsal.
+            self._starter = stack.enter_context(ThreadPoolExecutor(1, 'starter'))
+            self.domain = stack.enter_context(Domain()).number
+            self.control = self._race_control(0)
+            stack.callback(lambda: self.control.close())
+            self.official = stack.enter_context(Official(self.domain, STEWARD))
+            race = self.official.wait_for_race(lambda race: True, 'a first look at the race')
+            self._check_own(race)
+            for number in plan.numbers[simulated:]:
+                domain = stack.enter_context(Domain()).number
+                address = address_of(number)
+                stack.enter_context(Bridge(domain, self.control.port, address))
+                stack.enter_context(ExampleStack(domain))
+            if window:
+                self.open_window()
+            stack.callback(self._close_window)
+            self._stack = stack.pop_all()
+        self._thread = threading.Thread(target=self._run, name='field', daemon=True)
+        self._thread.start()
+
+    # ----- what the instructor does -------------------------------------------------------
+
+    def inject(self, name: str, kart: int = 0) -> Took:
+        """
+        Let an incident begin now; the one before it ends.
+
+        :raises RefusedError: if there is none of this name or kart, or it cannot begin now.
+        """
+        row = INCIDENTS.get(name)
+        if row is None:
+            raise RefusedError(f'there is no incident {name}')
+        state = self.state
+        with self.lock:
+            if kart and kart not in self.field.karts:
+                raise RefusedError(f'kart {kart} is not simulated here')
+            if not can_begin(row, self.field, state):
+                raise RefusedError(f'{name} begins {_WHEN[row.phase]}')
+            self._end_incident()
+            number = choose_kart(self.field, row, kart)
+            self._open = Took(name, number, self.field.tick, self.field.tick)
+            row.begin(self.field, number)
+            return self._open
+
+    def mend(self) -> None:
+        """End the incident, and have marshals and teams put everything right."""
+        with self.lock:
+            self._end_incident()
+
+    def use_msr(self) -> None:
+        """Take the power from every kart; the official must record it."""
+        with self.lock:
+            self.field.use_msr()
+
+    def pause(self, paused: bool) -> None:
+        """Hold the karts where they are, or let them go on; connections stay."""
+        self.paused = paused
+
+    def open_window(self) -> None:
+        """Open the officials' window, unless it is open."""
+
+        def start() -> None:
+            if self.window is None or not self.window.runs:
+                words = {'banner': BANNER, 'official': 'trainee'}
+                self.window = Process('evgp_rcs_console', 'rcs_gui', self.domain, words)
+
+        self._starter.submit(start).result()
+
+    @property
+    def present(self) -> Took | None:
+        """Return the incident that is under way."""
+        return self._open
+
+    # ----- what an official sees and does -------------------------------------------------
+
+    @property
+    def state(self) -> RaceState:
+        """Return the race's state, as it was heard last."""
+        race = self.official.race
+        return (state_of(race.state) if race else None) or RaceState.RED_RED
+
+    def give(self, act: Act, name: str) -> Answer | None:
+        """
+        Do what an automatic official does.
+
+        :raises RefusedError: if the race is not the one of this rehearsal.
+        """
+        if act.kind is None:
+            self.use_msr()
+            return None
+        race = self.official.race
+        assert race is not None
+        self._check_own(race)
+        entry = CATALOGUE[act.kind]
+        request: dict[str, object] = {'official': name, **entry.fixed}
+        if entry.to_one_kart:
+            request['kart'] = act.kart
+        # To start without a record is no statement that anybody makes by habit.
+        if entry.statement and entry.statement != 'without_record':
+            request[entry.statement] = entry.statement != 'made_safe_by_hand'
+        return self.official.call(entry.service, **request)
+
+    def view(self, began: int = 0) -> View:
+        """Return what an official sees who has listened since a tick."""
+        race = self.official.race
+        assert race is not None
+        with self.lock:
+            radio, moving, crossed = look(self.field, began)
+            msr = any(at >= began for at in self.field.msr_at)
+        offered = [(each, 0) for each in race.commands]
+        offered += [(each, kart.number) for kart in race.karts for each in kart.commands]
+        return View(
+            self.state,
+            {
+                kart.number: KartView(
+                    kart.in_race,
+                    kart.connected,
+                    state_of(kart.sent) or RaceState.RED_RED,
+                    kart.acknowledged,
+                    kart.place,
+                )
+                for kart in race.karts
+            },
+            frozenset((_ALERTS.get(each.kind, ''), each.kart) for each in race.alerts),
+            frozenset((_KINDS[each.command], kart) for each, kart in offered if each.available),
+            radio,
+            moving,
+            crossed,
+            msr,
+        )
+
+    def play(self, name: str, official: AnOfficial, kart: int = 0) -> Line:
+        """
+        Bring the race to where an incident can begin, and let an official deal with it.
+
+        :raises AssertionError: if the race does not get there in time.
+        """
+        row = INCIDENTS[name]
+        self.mend()
+        grid = row.phase is Phase.GRID
+        steward = Steward(RaceState.GRID_ACTIVE if grid else RaceState.GREEN_GREEN)
+        self.attend(steward, STEWARD, lambda: self._can_begin(name), GET_THERE)
+        took = self.inject(name, kart)
+        ends = took.began + round(row.limit / TICK_LENGTH) + AFTER
+        self.attend(official, 'trainee', lambda: self.field.tick >= ends, None, took.began)
+        self.mend()
+        return self.sheet()[-1]
+
+    def attend(
+        self,
+        official: AnOfficial,
+        name: str,
+        over: Callable[[], bool],
+        patience: float | None,
+        began: int = 0,
+    ) -> None:
+        """
+        Let an automatic official look and act until something is so.
+
+        :param patience: maximum time, s; None: any.
+        :raises AssertionError: if it does not become so in time.
+        """
+        until = None if patience is None else time.monotonic() + patience
+        while not over():
+            assert until is None or time.monotonic() < until, f'{name} did not get there'
+            act = official.act(self.view(began))
+            if act is not None:
+                with contextlib.suppress(AssertionError):  # race control is not there just now
+                    self.give(act, name)
+            with self.lock:
+                self._wait_for_tick(self.field.tick + LOOKS)
+
+    # ----- the score ----------------------------------------------------------------------
+
+    def sheet(self) -> list[Line]:
+        """Return the score of the incidents so far, from the record as it is on the disk."""
+        with self.lock:
+            took = list(self.took)
+            if self._open is not None:
+                took.append(dataclasses.replace(self._open, ended=self.field.tick))
+            truth = Truth.of(self.field)
+            times = list(self._times)
+        return score(took, [_in_ticks(event, times) for event in self.events()], truth, 0.0)
+
+    def events(self) -> list[RecordedEvent]:
+        """Return all events of the record, of every run of race control."""
+        with contextlib.closing(open_read_only(self._folder / 'record.sqlite3')) as database:
+            return [event for run in sessions(database) for event in events(database, run.number)]
+
+    # ----- the field's thread -------------------------------------------------------------
+
+    def close(self) -> None:
+        """End everything."""
+        self._ended = True
+        self._thread.join()
+        for link in self._links.values():
+            link.close()
+        self._stack.close()
+
+    def _run(self) -> None:
+        due = time.monotonic()
+        while not self._ended:
+            due = max(
+                due + TICK_LENGTH, time.monotonic() - TICK_LENGTH
+            )  # what was missed is not made up for
+            time.sleep(max(0.0, due - time.monotonic()))
+            if self.paused:
+                continue
+            with self.lock:
+                said = self.field.step()
+                self._times.append(clock.now())
+                house, self.field.house = self.field.house, []
+                self._time_is_up()
+                self._cue()
+                self.lock.notify_all()
+            for number, state in said:
+                link = self._links.get(number)
+                if isinstance(link, DrivenKart):
+                    link.acknowledge(state)
+            for number, kart in self.field.karts.items():
+                self._connect(number, kart.link(self.field.tick))
+            for each in house:
+                self._happen(each)
+
+    def _connect(self, number: int, wanted: Link) -> None:
+        link = self._links.get(number)
+        there = (
+            Link.NOBODY
+            if link is None or link.ended
+            else Link.KART
+            if isinstance(link, DrivenKart)
+            else Link.STRANGER
+        )
+        if link is not None and there is not wanted:
+            del self._links[number]
+            if wanted is Link.STRANGER and there is Link.KART:
+                # The new connection takes the place of the kart's: race control ends that one.
+                self._join(number, wanted)
+                link.wait_for_end()
+            link.close()
+            if isinstance(link, DrivenKart):
+                with self.lock:
+                    self.field.drop(number)
+        elif there is not wanted and self.field.tick - self._tried[number] >= CONNECT_AGAIN:
+            self._join(number, wanted)
+
+    def _join(self, number: int, wanted: Link) -> None:
+        self._tried[number] = self.field.tick
+        with contextlib.suppress(OSError):  # race control is not there: again later
+            self._links[number] = (
+                DrivenKart(number, self.control.port, self._hear)
+                if wanted is Link.KART
+                else WireKart(address_of(number), self.control.port)
+            )
+
+    def _hear(self, number: int, state: RaceState) -> None:
+        with self.lock:
+            self.field.hear(number, state)
+
+    def _happen(self, what: House) -> None:
+        if what is House.CLOSE_CONSOLE:
+            if self.window is not None:
+                self.window.kill()
+                self.window = None
+            return
+        port = self.control.port
+        os.kill(self.control.kart_server_pid, signal.SIGKILL)
+        self.control.kill()
+
+        def again() -> None:
+            time.sleep(AWAY)
+            self.control = self._race_control(port)
+
+        self._starter.submit(again)
+
+    def _time_is_up(self) -> None:
+        if self._open is not None:
+            limit = round(INCIDENTS[self._open.incident].limit / TICK_LENGTH)
+            if self.field.tick >= self._open.began + limit + AFTER:
+                self._end_incident()
+
+    def _wait_for_tick(self, tick: int) -> None:
+        """Wait for a tick, or for a while: the field may be paused."""
+        self.lock.wait_for(lambda: self.field.tick >= tick, LOOKS * TICK_LENGTH * 10)
+
+    def _cue(self) -> None:
+        """Let the incidents of the script begin that are due."""
+        state = self.state
+        for grid, wanted in ((True, RaceState.GRID_ACTIVE), (False, RaceState.GREEN_GREEN)):
+            if state is wanted:
+                self._first.setdefault(grid, self.field.tick)
+        for cue in self.cues:
+            since = self._first.get(INCIDENTS[cue.incident].phase is Phase.GRID)
+            if since is None or (self.field.tick - since) * TICK_LENGTH < cue.at:
+                continue
+            with contextlib.suppress(RefusedError):  # it begins once it can
+                self.inject(cue.incident, cue.kart)
+                self.cues.remove(cue)
+            return
+
+    def _can_begin(self, name: str) -> bool:
+        state = self.state
+        with self.lock:
+            return can_begin(INCIDENTS[name], self.field, state)
+
+    def _end_incident(self) -> None:
+        if self._open is not None:
+            self.took.append(dataclasses.replace(self._open, ended=self.field.tick))
+            self._open = None
+        self.field.mend()
+
+    def _race_control(self, port: int) -> RaceControl:
+        return RaceControl(
+            self._folder,
+            self.domain,
+            self.plan.numbers,
+            parameters={
+                'port': port,
+                **{
+                    name: getattr(TIMES, name)
+                    for name in ('ready_alert', 'green_alert', 'flag_alert', 'red_alert')
+                },
+            },
+            teams=self._teams(),
+        )
+
+    def _teams(self) -> dict[int, str]:
+        return {number: f'{BANNER} {number}' for number in self.plan.numbers}
+
+    def _check_own(self, race: msg.Race) -> None:
+        heard = {kart.number: (kart.team, kart.address) for kart in race.karts}
+        own = {number: (team, address_of(number)) for number, team in self._teams().items()}
+        if heard != own:
+            raise RefusedError('the race that is heard is not the one of this rehearsal')
+
+    def _close_window(self) -> None:
+        if self.window is not None:
+            self.window.close()
+
+
+GET_THERE = 120.0
+"""Maximum time until an incident can begin, in seconds."""
+
+_WHEN = {
+    Phase.GRID: 'in GRID_ACTIVE',
+    Phase.RACE: 'in GREEN_GREEN, once all karts race',
+    Phase.LAST_LAP: 'in GREEN_GREEN, when the leader is near the end of its last lap',
+}
+
+
+def _in_ticks(event: RecordedEvent, times: Sequence[float]) -> RecordedEvent:
+    """Return an event with its time on the field's clock, which stands while it is paused."""
+    tick = bisect.bisect_left(times, event.monotonic)
+    return dataclasses.replace(event, monotonic=tick * TICK_LENGTH)

@@ -1,0 +1,275 @@
+"""
+The field: simulated karts on a closed line, and what goes wrong with them.
+
+Pure and deterministic: what karts are sent goes in with ``hear`` and ``drop``, time goes on by
+``step``, one tick after the other, and what the karts say comes out. There is no clock, socket or
+thread here, and no dice but the seed's. Karts do not collide: they steer around each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+import enum
+import random
+
+from evgp_protocol.states import RaceState
+from evgp_rehearsal.plan import Ability, Plan
+
+TICK_LENGTH = 0.05
+"""Length of a tick, in seconds."""
+
+GRID_GAP = 3.0
+"""Distance between two karts on the grid, in metres."""
+
+CREEP = 2.0
+"""Speed of a kart that moves where it must not, in m/s."""
+
+DRIVES = 0.5
+"""Speed from which a kart says that it has begun to drive, in m/s."""
+
+STORM = (10, 30, 4)
+"""Of a reconnect storm: ticks without a connection, ticks with one, and how many times."""
+
+
+class Fault(enum.Enum):
+    """What can be wrong with a kart."""
+
+    OFFLINE = enum.auto()  # it has no network
+    STORMY = enum.auto()  # its network comes and goes
+    REPLACED = enum.auto()  # another machine has its address
+    STUCK = enum.auto()  # it stands, whatever it is sent
+    SPUN = enum.auto()  # it stands across the track
+    SLOW = enum.auto()  # it crawls
+    MUTE = enum.auto()  # it acknowledges no red
+    IGNORES_FLAG = enum.auto()  # it drives on in RED_FLAG
+    IGNORES_RED = enum.auto()  # it drives on, whatever it is sent; only the MSR stops it
+    CREEPS = enum.auto()  # it moves on the grid
+    NEVER_READY = enum.auto()  # it does not acknowledge GRID_ACTIVE
+
+
+class Link(enum.Enum):
+    """Who is to be connected from a kart's address."""
+
+    NOBODY = enum.auto()
+    KART = enum.auto()
+    STRANGER = enum.auto()
+
+
+class House(enum.Enum):
+    """What can happen to race control itself."""
+
+    CRASH = enum.auto()
+    CLOSE_CONSOLE = enum.auto()
+
+
+class Call(enum.Enum):
+    """What a marshal reports or the race director asks for, over the radio."""
+
+    PERSON = enum.auto()
+    OUT_OF_CONTROL = enum.auto()
+    STANDS = enum.auto()
+    SPUN = enum.auto()
+    STOP_ALL = enum.auto()
+    FLAG_ALL = enum.auto()
+    NONE = enum.auto()
+
+
+@dataclass(frozen=True)
+class Message:
+    """What is heard over the radio, and the tick at which it is."""
+
+    tick: int
+    call: Call
+    kart: int
+    text: str
+
+
+@dataclass
+class SimulatedKart:
+    """
+    One kart.
+
+    :param distance: from the line, in metres, since the start; before the line it is negative.
+    :param speed: m/s.
+    :param told: what it was sent last on this connection; None: nothing.
+    :param obeys: what it carries out: ``told``, after its reaction time.
+    :param cut: the MSR has taken the power from its motor.
+    """
+
+    number: int
+    ability: Ability
+    distance: float = 0.0
+    speed: float = 0.0
+    told: RaceState | None = None
+    obeys: RaceState | None = None
+    cut: bool = False
+    faults: set[Fault] = field(default_factory=set)
+    told_at: int = 0
+    stormy_since: int = 0
+    said: bool = False
+
+    @property
+    def moves(self) -> bool:
+        """Return whether it moves."""
+        return self.speed > 0.0
+
+    def link(self, tick: int) -> Link:
+        """Return who is to be connected from its address."""
+        if Fault.REPLACED in self.faults:
+            return Link.STRANGER
+        if Fault.STORMY in self.faults:
+            away, there, times = STORM
+            passed = tick - self.stormy_since
+            if passed < times * (away + there) and passed % (away + there) < away:
+                return Link.NOBODY
+        return Link.NOBODY if Fault.OFFLINE in self.faults else Link.KART
+
+    def hear(self, state: RaceState, tick: int) -> None:
+        """Take what it is sent; the same again changes nothing."""
+        if state is not self.told:
+            self.told, self.told_at, self.said = state, tick, False
+
+    def drop(self) -> None:
+        """Take note that its connection is gone: it stops (§3.E)."""
+        self.told, self.obeys, self.said = None, RaceState.RED_RED, False
+
+    def step(self, tick: int) -> RaceState | None:
+        """Go on by a tick, and return the state it has reached and now acknowledges."""
+        waited = (tick - self.told_at) * TICK_LENGTH
+        if self.told is not None and waited >= self.ability.reaction:
+            self.obeys = self.told
+        aim, rate = self._aim()
+        if self.speed < aim:
+            self.speed = min(aim, self.speed + self.ability.acceleration * TICK_LENGTH)
+        else:
+            self.speed = max(aim, self.speed - rate * TICK_LENGTH)
+        self.distance += self.speed * TICK_LENGTH
+        if self.said or self.told is not self.obeys or not self._reached(waited):
+            return None
+        self.said = True
+        return self.told
+
+    def _aim(self) -> tuple[float, float]:
+        """Return the speed it tries to have, m/s, and how hard it brakes for that, m/s²."""
+        can, faults, obeys = self.ability, self.faults, self.obeys
+        if self.cut or faults & {Fault.STUCK, Fault.SPUN}:
+            return 0.0, can.red_braking
+        if Fault.IGNORES_RED in faults:
+            return can.top, can.red_braking
+        if obeys is RaceState.RED_FLAG and Fault.IGNORES_FLAG in faults:
+            return can.top, can.flag_braking
+        if obeys is RaceState.GREEN_GREEN:
+            return CREEP if Fault.SLOW in faults else can.top, can.flag_braking
+        if obeys is RaceState.GRID_ACTIVE and Fault.CREEPS in faults:
+            return CREEP, can.red_braking
+        return 0.0, can.flag_braking if obeys is RaceState.RED_FLAG else can.red_braking
+
+    def _reached(self, waited: float) -> bool:
+        """Return whether it has reached what it is sent, and says so."""
+        if self.told is None or self.told is RaceState.IN_GARAGE:
+            return False
+        if self.told is RaceState.GREEN_GREEN:
+            return self.speed >= DRIVES or Fault.STUCK in self.faults
+        if self.told is RaceState.GRID_ACTIVE:
+            return waited >= self.ability.ready and Fault.NEVER_READY not in self.faults
+        return not self.moves and Fault.MUTE not in self.faults
+
+
+class Field:
+    """
+    All karts of a rehearsal.
+
+    ``tick`` counts the steps, ``finish`` is the distance of the last lap's end, in metres.
+    ``moving`` has every change of whether a kart moves, ``crossed`` the karts that have driven
+    their laps, ``grids`` when one was put onto the grid, each with its tick: the truth that the
+    score goes by.
+
+    :param numbers: the karts of it that are simulated; the others are somebody else's.
+    """
+
+    def __init__(self, plan: Plan, numbers: Sequence[int] | None = None) -> None:
+        """Put every kart onto the grid, standing."""
+        self.plan = plan
+        self.dice = random.Random(plan.seed)  # noqa: S311 - the same again with the same seed
+        self.finish = plan.laps * plan.track.length
+        self.tick = 0
+        self.messages: list[Message] = []
+        self.house: list[House] = []
+        self.msr_at: list[int] = []
+        self.person: tuple[float, float] | None = None
+        self.moving: list[tuple[int, int, bool]] = []
+        self.crossed: list[tuple[int, int]] = []
+        self.grids: list[int] = []
+        every = {number: _spread(plan, self.dice) for number in plan.numbers}
+        chosen = plan.numbers if numbers is None else numbers
+        self.karts = {number: SimulatedKart(number, every[number]) for number in chosen}
+        for kart in self.karts.values():
+            self._to_grid(kart)
+
+    def hear(self, number: int, state: RaceState) -> None:
+        """Take what a kart is sent."""
+        kart = self.karts[number]
+        if state is RaceState.GRID_ACTIVE and kart.told is not state and not kart.moves:
+            self._to_grid(kart)  # its team has put it there
+            self.grids.append(self.tick)
+        kart.hear(state, self.tick)
+
+    def drop(self, number: int) -> None:
+        """Take note that a kart's connection is gone."""
+        self.karts[number].drop()
+
+    def say(self, call: Call, kart: int, text: str) -> None:
+        """Have something heard over the radio."""
+        self.messages.append(Message(self.tick, call, kart, text))
+
+    def use_msr(self) -> None:
+        """Take the power from every motor, as the Master Safety Remote does."""
+        self.msr_at.append(self.tick)
+        for kart in self.karts.values():
+            kart.cut = True
+
+    def mend(self) -> None:
+        """Have marshals and teams put everything right that goes wrong with karts."""
+        self.person = None
+        for kart in self.karts.values():
+            kart.faults.clear()
+            kart.cut = False
+
+    def step(self) -> list[tuple[int, RaceState]]:
+        """Go on by a tick; return which karts acknowledge what."""
+        self.tick += 1
+        said = []
+        for number, kart in self.karts.items():
+            moved, before = kart.moves, kart.distance
+            state = kart.step(self.tick)
+            if state is not None:
+                said.append((number, state))
+            if kart.moves is not moved:
+                self.moving.append((self.tick, number, kart.moves))
+            if before < self.finish <= kart.distance:
+                self.crossed.append((self.tick, number))
+        return said
+
+    def leader(self) -> int:
+        """Return the kart that is ahead of all others and has not finished; 0: there is none."""
+        racing = [kart for kart in self.karts.values() if kart.distance < self.finish]
+        return max(racing, key=lambda kart: kart.distance).number if racing else 0
+
+    def _to_grid(self, kart: SimulatedKart) -> None:
+        kart.distance = -GRID_GAP * (1 + self.plan.numbers.index(kart.number))
+
+
+def _spread(plan: Plan, dice: random.Random) -> Ability:
+    def some(value: float) -> float:
+        return value * dice.uniform(1 - plan.spread, 1 + plan.spread)
+
+    mean = plan.ability
+    return Ability(
+        some(mean.top),
+        some(mean.acceleration),
+        some(mean.flag_braking),
+        some(mean.red_braking),
+        some(mean.reaction),
+        some(mean.ready),
+    )

@@ -1,0 +1,178 @@
+"""
+The instructor's page: a plan view of the track, incidents to choose, pause, and the score.
+
+Served on 127.0.0.1 only, by the standard library. Whoever asks by another name, or posts anything
+but JSON, is refused: no page of the internet can press these buttons.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import http.server
+import json
+import pathlib
+import threading
+from typing import Any
+
+from evgp_node.states import state_of
+from evgp_rehearsal import sheet
+from evgp_rehearsal.event import BANNER, RefusedError, Rehearsal
+from evgp_rehearsal.field import TICK_LENGTH
+from evgp_rehearsal.incidents import INCIDENTS
+from evgp_testing.part import Part
+
+HERE = '127.0.0.1'
+"""Address of the page."""
+
+MOST_POSTED = 10_000
+"""Maximum length of what is posted."""
+
+RADIO = 6
+"""How many messages of the radio are shown."""
+
+
+def picture(rehearsal: Rehearsal) -> dict[str, Any]:
+    """Return what the page shows: what the instructor sees, and what the official sees."""
+    race = rehearsal.official.race
+    track = rehearsal.plan.track
+    heard = {kart.number: kart for kart in race.karts} if race is not None else {}
+    with rehearsal.lock:
+        field = rehearsal.field
+        karts = []
+        for number, kart in field.karts.items():
+            x, y = track.point(kart.distance)
+            seen = heard.get(number)
+            sent = state_of(seen.sent) if seen else None
+            karts.append(
+                {
+                    'number': number,
+                    'x': x,
+                    'y': y,
+                    'speed': round(kart.speed, 1),
+                    'lap': max(0, int(kart.distance // track.length) + 1),
+                    'faults': sorted(fault.name for fault in kart.faults),
+                    'sent': sent.value if sent else '',
+                    'connected': bool(seen and seen.connected),
+                    'acknowledged': bool(seen and seen.acknowledged),
+                    'place': seen.place if seen else 0,
+                }
+            )
+        took = rehearsal.present
+        return {
+            'time': round(field.tick * TICK_LENGTH, 1),
+            'paused': rehearsal.paused,
+            'race': rehearsal.state.value,
+            'track_open': bool(race and race.track.open),
+            'laps': rehearsal.plan.laps,
+            'karts': karts,
+            'person': field.person,
+            'radio': [each.text for each in field.messages[-RADIO:]],
+            'incident': f'{took.incident} {took.kart or ""}' if took else '',
+            'alerts': [alert.text for alert in race.alerts] if race else [],
+        }
+
+
+class Page(Part):
+    """
+    The page of a rehearsal.
+
+    :param port: at which it is served; 0: any.
+    :raises OSError: if the port is taken.
+    """
+
+    def __init__(self, rehearsal: Rehearsal, port: int = 0) -> None:
+        """Serve it."""
+        self._server = http.server.ThreadingHTTPServer((HERE, port), _handler(rehearsal))
+        self._server.daemon_threads = True
+        self.url = f'http://{HERE}:{self._server.server_port}/'
+        self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End it."""
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join()
+
+
+def _do(rehearsal: Rehearsal, wanted: Mapping[str, Any]) -> str:
+    """Do what a button says; return what to tell the instructor."""
+    what = wanted.get('do')
+    if what == 'inject':
+        rehearsal.inject(str(wanted.get('incident')), int(wanted.get('kart') or 0))
+    elif what == 'mend':
+        rehearsal.mend()
+    elif what == 'msr':
+        rehearsal.use_msr()
+    elif what == 'pause':
+        rehearsal.pause(not rehearsal.paused)
+    elif what == 'window':
+        rehearsal.open_window()
+    else:
+        raise RefusedError(f'there is no button {what}')
+    return ''
+
+
+def _handler(rehearsal: Rehearsal) -> type[http.server.BaseHTTPRequestHandler]:
+    class Handler(http.server.BaseHTTPRequestHandler):
+        """Answers one request."""
+
+        def do_GET(self) -> None:
+            if not self._is_here():
+                return
+            if self.path == '/':
+                file = pathlib.Path(__file__).with_name('page.html')
+                self._answer(file.read_text(encoding='utf-8'), 'text/html')
+            elif self.path == '/static':
+                self._answer(json.dumps(_static(rehearsal)), 'application/json')
+            elif self.path == '/state':
+                self._answer(json.dumps(picture(rehearsal)), 'application/json')
+            elif self.path == '/sheet':
+                self._answer(sheet.page(rehearsal.sheet()), 'text/html')
+            else:
+                self.send_error(404)
+
+        def do_POST(self) -> None:
+            if not self._is_here():
+                return
+            length = int(self.headers.get('Content-Length') or 0)
+            if self.headers.get('Content-Type') != 'application/json' or length > MOST_POSTED:
+                self.send_error(400)
+                return
+            try:
+                told = _do(rehearsal, json.loads(self.rfile.read(length)))
+            except (RefusedError, ValueError, AttributeError) as error:
+                told = str(error)
+            self._answer(json.dumps({'told': told}), 'application/json')
+
+        def log_message(self, *_: object) -> None:
+            """Log nothing: the terminal is the instructor's."""
+
+        def _is_here(self) -> bool:
+            port = self.server.server_address[1]
+            if self.headers.get('Host') in (f'{HERE}:{port}', f'localhost:{port}'):
+                return True
+            self.send_error(403)
+            return False
+
+        def _answer(self, text: str, kind: str) -> None:
+            data = text.encode()
+            self.send_response(200)
+            self.send_header('Content-Type', f'{kind}; charset=utf-8')
+            self.send_header('Content-Length', str(len(data)))
+            self.send_header('Cache-Control', 'no-store')
+            self.end_headers()
+            self.wfile.write(data)
+
+    return Handler
+
+
+def _static(rehearsal: Rehearsal) -> dict[str, Any]:
+    return {
+        'banner': BANNER,
+        'track': rehearsal.plan.track.corners,
+        'incidents': [
+            {'name': row.name, 'meaning': row.meaning, 'good': row.good, 'phase': row.phase.name}
+            for row in INCIDENTS.values()
+        ],
+    }

@@ -1,0 +1,164 @@
+"""
+The plan of a rehearsal: track, karts, seed and script, as a YAML file says them.
+
+Pure: text in, a ``Plan`` or one ``PlanError`` out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import dataclasses
+from dataclasses import dataclass
+import itertools
+import math
+from typing import Any
+
+import yaml
+
+MOST_KARTS = 60
+"""Maximum number of karts of a rehearsal."""
+
+
+class PlanError(ValueError):
+    """A plan that cannot be used; the text says why."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """
+    A closed line.
+
+    :param corners: x and y of each, in metres, in the direction of the race; the first is the
+        line that karts start at and finish at.
+    """
+
+    corners: tuple[tuple[float, float], ...]
+
+    @property
+    def length(self) -> float:
+        """Return the length of a lap, in metres."""
+        return sum(self._sides())
+
+    def point(self, distance: float) -> tuple[float, float]:
+        """Return x and y, in metres, at a distance from the line, in metres; also before it."""
+        left = distance % self.length
+        for index, side in enumerate(self._sides()):
+            if left <= side:
+                (ax, ay), (bx, by) = self.corners[index], self._after(index)
+                return ax + (bx - ax) * left / side, ay + (by - ay) * left / side
+            left -= side
+        return self.corners[0]
+
+    def _after(self, index: int) -> tuple[float, float]:
+        return self.corners[(index + 1) % len(self.corners)]
+
+    def _sides(self) -> list[float]:
+        closed = (*self.corners, self.corners[0])
+        return [math.dist(early, late) for early, late in itertools.pairwise(closed)]
+
+
+@dataclass(frozen=True)
+class Ability:
+    """
+    What a kart can do.
+
+    :param top: highest speed, m/s.
+    :param acceleration: m/s².
+    :param flag_braking: in RED_FLAG, m/s².
+    :param red_braking: in RED_RED, m/s².
+    :param reaction: time from a command to the first change of speed, s.
+    :param ready: time from GRID_ACTIVE to its acknowledgement, s.
+    """
+
+    top: float = 8.0
+    acceleration: float = 2.5
+    flag_braking: float = 1.2
+    red_braking: float = 5.0
+    reaction: float = 0.15
+    ready: float = 1.0
+
+
+@dataclass(frozen=True)
+class Cue:
+    """
+    A line of the script.
+
+    :param at: seconds since the first GREEN_GREEN, or GRID_ACTIVE for an incident of the grid.
+    :param kart: to which kart it happens; 0: the seed decides.
+    """
+
+    incident: str
+    at: float
+    kart: int = 0
+
+
+@dataclass(frozen=True)
+class Plan:
+    """
+    A rehearsal.
+
+    :param karts: how many, numbered from 1.
+    :param spread: by which part each figure of a kart's ability may differ, 0 to 0.5.
+    """
+
+    track: Track
+    ability: Ability = Ability()
+    karts: int = 6
+    laps: int = 6
+    spread: float = 0.15
+    seed: int = 1
+    script: tuple[Cue, ...] = ()
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """Return the numbers of the karts."""
+        return tuple(range(1, self.karts + 1))
+
+
+def read_plan(text: str) -> Plan:
+    """
+    Return the plan in a YAML text.
+
+    :raises PlanError: whatever is wrong with it.
+    """
+    try:
+        given = yaml.safe_load(text)
+        if not isinstance(given, dict):
+            raise PlanError('the plan must be a YAML mapping, as config/rehearsal.yaml is')
+        return _plan(given)
+    except PlanError:
+        raise
+    except (yaml.YAMLError, ValueError, TypeError, KeyError) as error:
+        raise PlanError(f'the plan cannot be read: {error}') from error
+
+
+def _plan(given: Mapping[str, Any]) -> Plan:
+    unknown = set(given) - {'seed', 'karts', 'laps', 'track', 'kart', 'script'}
+    if unknown:
+        # A roster in particular: the karts of a rehearsal exist nowhere else.
+        raise PlanError(f'a plan has no {", ".join(sorted(map(str, unknown)))}')
+    kart = dict(given.get('kart', {}))
+    spread = float(kart.pop('spread', Plan.spread))
+    ability = Ability(**{name: float(value) for name, value in kart.items()})
+    corners = tuple((float(x), float(y)) for x, y in given['track'])
+    plan = Plan(
+        Track(corners),
+        ability,
+        int(given.get('karts', Plan.karts)),
+        int(given.get('laps', Plan.laps)),
+        spread,
+        int(given.get('seed', Plan.seed)),
+        tuple(Cue(**line) for line in given.get('script') or ()),
+    )
+    figures = (*dataclasses.astuple(ability), *itertools.chain(*corners))
+    for wrong, why in (
+        (len(corners) < 3 or len(set(corners)) < len(corners), 'give the track 3 corners or more'),
+        (not 1 <= plan.karts <= MOST_KARTS, f'karts: 1 to {MOST_KARTS}'),
+        (plan.laps < 1, 'laps: 1 or more'),
+        (not 0.0 <= spread <= 0.5, 'spread: 0 to 0.5'),
+        (not all(map(math.isfinite, figures)), 'every figure must be finite'),
+        (min(dataclasses.astuple(ability)) <= 0, 'every figure of a kart must be above 0'),
+    ):
+        if wrong:
+            raise PlanError(f'the plan is not possible: {why}')
+    return plan

@@ -1,0 +1,134 @@
+"""
+``rehearse``, or ``make rehearsal``: a race with simulated karts, for officials to train.
+
+Without ``--official``, people are the officials; with it, an automatic one deals with the
+incidents that are named, and the exit code says whether it passed them all.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+import contextlib
+import dataclasses
+import os
+import pathlib
+import signal
+import sys
+import tempfile
+import threading
+import webbrowser
+
+from ament_index_python.packages import get_package_share_directory
+from evgp_rehearsal import sheet
+from evgp_rehearsal.event import BANNER, Rehearsal
+from evgp_rehearsal.incidents import INCIDENTS, Phase
+from evgp_rehearsal.officials import OFFICIALS
+from evgp_rehearsal.page import Page
+from evgp_rehearsal.plan import Plan, PlanError, read_plan
+from evgp_rehearsal.score import Line
+from rich.console import Console
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """
+    Rehearse.
+
+    :return: 0; 1 if an automatic official did not pass every incident; 2 if the plan is wrong.
+    """
+    parser = argparse.ArgumentParser(prog='rehearse', description='Rehearse a race.')
+    parser.add_argument('--plan', type=pathlib.Path, help='a YAML file, like the one shipped')
+    parser.add_argument('--seed', type=int, help='instead of the one of the plan')
+    parser.add_argument('--karts', type=int, help='instead of the number in the plan')
+    parser.add_argument(
+        '--bridged', type=int, default=0, help='how many karts have the real bridge and stack'
+    )
+    parser.add_argument('--page', type=int, default=0, metavar='PORT', help='port of the page')
+    parser.add_argument('--sheet', type=pathlib.Path, help='write the score sheet to this file')
+    parser.add_argument('--no-window', action='store_true', help='open no window, no browser')
+    parser.add_argument('--official', choices=OFFICIALS, help='an automatic one instead of you')
+    parser.add_argument(
+        '--incident', action='append', choices=INCIDENTS, help='for --official; every one if none'
+    )
+    given = parser.parse_args(arguments)
+    console = Console(highlight=False)
+    try:
+        plan = load_plan(given.plan, given.seed, given.karts)
+    except (PlanError, OSError) as error:
+        print(f'rehearse: {error}', file=sys.stderr)
+        return 2
+    if not 0 <= given.bridged < plan.karts:
+        print('rehearse: --bridged must leave one kart to be simulated', file=sys.stderr)
+        return 2
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    with tempfile.TemporaryDirectory() as folder:
+        if given.official:
+            return _play(console, plan, pathlib.Path(folder), given)
+        return _train(console, plan, pathlib.Path(folder), given)
+
+
+def load_plan(file: pathlib.Path | None, seed: int | None, karts: int | None) -> Plan:
+    """
+    Return the plan in a file, or the one that is shipped, with changes.
+
+    :raises PlanError: if it is wrong.
+    :raises OSError: if the file cannot be read.
+    """
+    if file is None:
+        shared = get_package_share_directory('evgp_rehearsal')
+        file = pathlib.Path(shared, 'config', 'rehearsal.yaml')
+    plan = read_plan(file.read_text(encoding='utf-8'))
+    for cue in plan.script:
+        if cue.incident not in INCIDENTS:
+            raise PlanError(f'{file}: there is no incident {cue.incident}')
+    changes = {'seed': seed, 'karts': karts}
+    return dataclasses.replace(
+        plan, **{name: value for name, value in changes.items() if value is not None}
+    )
+
+
+def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.Namespace) -> int:
+    screen = not given.no_window and any(map(os.environ.get, ('DISPLAY', 'WAYLAND_DISPLAY')))
+    with contextlib.ExitStack() as stack:
+        rehearsal = stack.enter_context(Rehearsal(plan, folder, given.bridged, window=screen))
+        page = stack.enter_context(Page(rehearsal, given.page))
+        console.rule(BANNER, style='bold magenta')
+        console.print(f'Instructor: {page.url}')
+        if screen:
+            webbrowser.open(page.url)
+            console.print("Official: the officials' window has opened.")
+        ctl = f'ROS_DOMAIN_ID={rehearsal.domain} make ctl'
+        console.print(f'Official, in a terminal: {ctl} ARGS=watch')
+        console.print(f'  the race begins with: {ctl} ARGS="grid-active --track-is-clear"')
+        console.print(f'  and then: {ctl} ARGS=green-green')
+        console.print('Ctrl-C ends the rehearsal and shows the score sheet.')
+        with contextlib.suppress(KeyboardInterrupt):
+            threading.Event().wait()
+        _show(console, rehearsal.sheet(), given.sheet)
+    return 0
+
+
+def _play(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.Namespace) -> int:
+    lines = []
+    names = given.incident or list(INCIDENTS)
+    console.rule(BANNER, style='bold magenta')
+    for index, name in enumerate(names):
+        own = folder / str(index)
+        own.mkdir()
+        laps = 1 if INCIDENTS[name].phase is Phase.LAST_LAP else plan.laps
+        with Rehearsal(dataclasses.replace(plan, laps=laps), own, given.bridged) as rehearsal:
+            lines.append(rehearsal.play(name, OFFICIALS[given.official]()))
+        console.print(f'{name}: {"passed" if lines[-1].passed else "FAILED"}')
+    _show(console, lines, given.sheet)
+    return 0 if all(line.passed for line in lines) else 1
+
+
+def _show(console: Console, lines: Sequence[Line], file: pathlib.Path | None) -> None:
+    console.print(sheet.table(lines))
+    if file is not None:
+        file.write_text(sheet.page(lines), encoding='utf-8')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,230 @@
+"""
+A rehearsal on the table: the rules, the field and an official in one thread, as fast as it goes.
+
+Pure: time is the field's. It is for the officials' tests, and to try an incident or a script; for
+people there is ``event``, with the real race control.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.race import Command, Kart, Outcome, Race, RaceTimes
+from evgp_rcs.record import RecordedEvent
+from evgp_rehearsal.field import Field, House, Link, TICK_LENGTH
+from evgp_rehearsal.incidents import choose_kart, Incident, INCIDENTS, Phase
+from evgp_rehearsal.officials import Act, AnOfficial, KartView, look, Steward, View
+from evgp_rehearsal.plan import Plan
+from evgp_rehearsal.score import Line, score, STEWARD, Took, Truth
+
+TIMES = RaceTimes(ready_alert=10.0, green_alert=6.0, flag_alert=12.0, red_alert=4.0)
+"""The times of a rehearsal's race control: shorter than in a race, so that nobody waits."""
+
+LOOKS = 10
+"""Ticks between two looks of an official."""
+
+AFTER = 200
+"""Ticks that an official has after the time of an incident is over."""
+
+RESTART = 40
+"""Ticks from the death of race control to its return."""
+
+
+@dataclass
+class TableTop:
+    """
+    Rules and field.
+
+    ``events`` are those of the record; race control is not there until the tick ``back_at``.
+    """
+
+    plan: Plan
+
+    def __post_init__(self) -> None:
+        """Have every kart in the race, in the garage."""
+        self.field = Field(self.plan)
+        self.race = self._race()
+        self.events: list[RecordedEvent] = []
+        self.back_at = 0
+        self._links = dict.fromkeys(self.plan.numbers, Link.NOBODY)
+
+    @property
+    def now(self) -> float:
+        """Return the time, in seconds."""
+        return self.field.tick * TICK_LENGTH
+
+    def step(self) -> None:
+        """Go on by a tick: karts, connections, then race control."""
+        said = self.field.step()
+        while self.field.house:
+            if self.field.house.pop() is House.CRASH:
+                self._crash()
+        if self.field.tick < self.back_at:
+            return
+        if self.field.tick == self.back_at:
+            self._come_back()
+        for number, kart in self.field.karts.items():
+            self._connect(number, kart.link(self.field.tick))
+        for number, state in said:
+            if self._links[number] is Link.KART:
+                serial = self.race.karts[number].serial
+                self._take(self.race.heard(number, serial, state, self.now))
+        self._take(self.race.tick(self.now))
+        for number, link in self._links.items():
+            if link is Link.KART:
+                self.field.hear(number, self.race.karts[number].sent)
+
+    def give(self, act: Act, official: str) -> None:
+        """Give a command, or use the MSR."""
+        if act.kind is None:
+            self.field.use_msr()
+            return
+        if self.field.tick < self.back_at:
+            return
+        entry = CATALOGUE[act.kind]
+        offered = self.race.availability(act.kind, act.kart, self.now)
+        hold = self.race.karts[act.kart].hold if entry.names_hold and act.kart else None
+        command = Command(
+            act.kind,
+            act.kart or None,
+            bool(entry.statement) or entry.call_is_statement,
+            frozenset(offered.karts),
+            hold,
+            official=official,
+        )
+        outcome = self.race.command(command, self.now)
+        self._take(outcome)
+        if outcome.write_first is not None:
+            self._take(self.race.journal(outcome.write_first, True, self.now))
+
+    def view(self, began: int = 0) -> View:
+        """Return what an official sees who has listened since a tick."""
+        race, now = self.race, self.now
+        offered = [
+            (kind, number)
+            for kind, entry in CATALOGUE.items()
+            if not entry.names_heat
+            for number in (race.karts if entry.to_one_kart else [0])
+            if race.availability(kind, number, now).available
+        ]
+        radio, moving, crossed = look(self.field, began)
+        return View(
+            race.state,
+            {
+                kart.number: KartView(
+                    kart.in_race, kart.connected, kart.sent, kart.acknowledged, kart.place
+                )
+                for kart in race.karts.values()
+            },
+            frozenset((alert.kind.name, alert.kart) for alert in race.alerts(now)),
+            frozenset(offered),
+            radio,
+            moving,
+            crossed,
+            bool([at for at in self.field.msr_at if at >= began]),
+        )
+
+    def _race(self) -> Race:
+        karts = [Kart(number, f'REHEARSAL {number}', True) for number in self.plan.numbers]
+        return Race(karts, TIMES)
+
+    def _connect(self, number: int, link: Link) -> None:
+        was, self._links[number] = self._links[number], link
+        if link is was:
+            return
+        if was is Link.KART:
+            self.field.drop(number)
+        if link is Link.NOBODY:
+            self._take(self.race.disconnected(number, 'the connection was lost', self.now))
+        else:
+            self._take(self.race.connected(number, self.now))
+
+    def _crash(self) -> None:
+        self._left = self.race.memory()
+        self.back_at = self.field.tick + RESTART
+        for number, link in self._links.items():
+            if link is Link.KART:
+                self.field.drop(number)
+            self._links[number] = Link.NOBODY
+
+    def _come_back(self) -> None:
+        self.race = self._race()
+        self._take(self.race.recover(self._left, self.now))
+
+    def _take(self, outcome: Outcome) -> None:
+        for event in outcome.events:
+            self.events.append(
+                RecordedEvent(
+                    len(self.events) + 1,
+                    0,
+                    self.now,
+                    event.kind.name,
+                    event.kart,
+                    event.command.name if event.command else None,
+                    event.success,
+                    event.state.name if event.state else None,
+                    event.text,
+                    event.official,
+                )
+            )
+
+
+def play(plan: Plan, name: str, official: AnOfficial, kart: int = 0) -> Line:
+    """
+    Return how an official deals with an incident in a race of its own.
+
+    :param kart: to which kart it happens; 0: the seed decides.
+    :raises RuntimeError: if the race does not get to where the incident can begin.
+    """
+    row = INCIDENTS[name]
+    table = TableTop(plan)
+    grid = row.phase is Phase.GRID
+    steward = Steward(RaceState.GRID_ACTIVE if grid else RaceState.GREEN_GREEN)
+    _until(table, steward, STEWARD, lambda: can_begin(row, table.field, table.race.state))
+    began = table.field.tick
+    number = choose_kart(table.field, row, kart)
+    row.begin(table.field, number)
+    ends = began + round(row.limit / TICK_LENGTH) + AFTER
+    _until(table, official, 'trainee', lambda: table.field.tick >= ends, began)
+    took = Took(name, number, began, ends)
+    return score([took], table.events, Truth.of(table.field), 0.0)[0]
+
+
+def can_begin(row: Incident, field: Field, state: RaceState) -> bool:
+    """Return whether an incident can begin now."""
+    if row.phase is Phase.GRID:
+        return state is RaceState.GRID_ACTIVE
+    karts = field.karts.values()
+    if state is not RaceState.GREEN_GREEN or not all(kart.moves for kart in karts):
+        return False
+    if row.phase is Phase.RACE:
+        return all(kart.speed > 0.5 * kart.ability.top for kart in karts)
+    return max(kart.distance for kart in karts) > field.finish - LAST_METRES
+
+
+LAST_METRES = 25.0
+"""Distance of the leader from the end of its last lap where an incident of the last lap begins."""
+
+MOST_TICKS = 30_000
+"""Maximum number of ticks until an incident can begin."""
+
+
+def _until(
+    table: TableTop,
+    official: AnOfficial,
+    name: str,
+    over: Callable[[], bool],
+    began: int = 0,
+) -> None:
+    for _ in range(MOST_TICKS):
+        if over():
+            return
+        if table.field.tick % LOOKS == 0:
+            act = official.act(table.view(began))
+            if act is not None and (act.kind is not CommandKind.SET_HEAT):
+                table.give(act, name)
+        table.step()
+    raise RuntimeError('the race did not get there')

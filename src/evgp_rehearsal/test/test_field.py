@@ -1,0 +1,114 @@
+"""The simulated karts: what they do with what they are sent, and what they say."""
+
+from __future__ import annotations
+
+from evgp_protocol.states import RaceState
+from evgp_rehearsal.field import Fault, Field, TICK_LENGTH
+from evgp_rehearsal.plan import Plan, PlanError, read_plan, Track
+import pytest
+
+SQUARE = Track(((0.0, 0.0), (30.0, 0.0), (30.0, 30.0), (0.0, 30.0)))
+
+
+def the_field(karts: int = 2, seed: int = 1) -> Field:
+    """Return a field on a square track."""
+    return Field(Plan(SQUARE, karts=karts, laps=1, seed=seed))
+
+
+def run(field: Field, seconds: float) -> list[tuple[int, RaceState]]:
+    """Let time pass, and return what karts say."""
+    return [said for _ in range(round(seconds / TICK_LENGTH)) for said in field.step()]
+
+
+def send(field: Field, state: RaceState) -> None:
+    """Send a state to every kart."""
+    for number in field.karts:
+        field.hear(number, state)
+
+
+def test_a_point_of_the_track_is_on_its_line() -> None:
+    assert SQUARE.length == 120.0
+    assert SQUARE.point(45.0) == (30.0, 15.0)
+    assert SQUARE.point(-30.0) == (0.0, 30.0)
+    assert SQUARE.point(240.0) == (0.0, 0.0)
+
+
+def test_a_kart_acknowledges_what_it_has_reached_and_each_once() -> None:
+    field = the_field(1)
+    for state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN):
+        send(field, state)
+        assert run(field, 5.0) == [(1, state)]
+    kart = field.karts[1]
+    for state in (RaceState.RED_FLAG, RaceState.RED_RED):
+        send(field, RaceState.GREEN_GREEN)
+        run(field, 5.0)
+        assert kart.moves
+        send(field, state)
+        said = []
+        while not said:
+            said = field.step()
+            assert bool(said) is not kart.moves
+        assert said == [(1, state)]
+
+
+def test_red_red_stops_within_a_shorter_way_than_red_flag() -> None:
+    ways = []
+    for state in (RaceState.RED_FLAG, RaceState.RED_RED):
+        field = the_field(1)
+        send(field, RaceState.GREEN_GREEN)
+        run(field, 5.0)
+        before = field.karts[1].distance
+        send(field, state)
+        run(field, 20.0)
+        ways.append(field.karts[1].distance - before)
+    assert ways[1] < ways[0] / 2
+
+
+def test_a_kart_that_loses_its_connection_stops_by_itself() -> None:
+    field = the_field(1)
+    send(field, RaceState.GREEN_GREEN)
+    run(field, 5.0)
+    field.drop(1)
+    assert run(field, 10.0) == []
+    assert not field.karts[1].moves
+
+
+@pytest.mark.parametrize('fault', [Fault.IGNORES_RED, Fault.MUTE])
+def test_a_kart_that_does_not_answer_a_red_says_nothing_and_the_msr_stops_it(fault: Fault) -> None:
+    field = the_field(1)
+    send(field, RaceState.GREEN_GREEN)
+    run(field, 5.0)
+    field.karts[1].faults |= {fault, Fault.MUTE}
+    send(field, RaceState.RED_RED)
+    assert run(field, 10.0) == []
+    assert field.karts[1].moves is (fault is Fault.IGNORES_RED)
+    field.use_msr()
+    run(field, 10.0)
+    assert not field.karts[1].moves
+
+
+def test_karts_differ_by_the_seed_and_by_nothing_else() -> None:
+    assert the_field(5).karts == the_field(5).karts
+    assert the_field(5).karts[2] != the_field(5, seed=2).karts[2]
+    # What one kart can do does not depend on which of the others are simulated.
+    only = Field(Plan(SQUARE, karts=5), [3])
+    assert only.karts[3] == Field(Plan(SQUARE, karts=5)).karts[3]
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        '[]',
+        'karts: 3',
+        'track: [[0, 0], [1, 0]]',
+        'track: [[0, 0], [9, 0], [9, 9]]\nroster: karts.yaml',
+        'track: [[0, 0], [9, 0], [9, 9]]\nkarts: 61',
+        'track: [[0, 0], [9, 0], [9, .nan]]',
+        'track: [[0, 0], [9, 0], [9, 9]]\nkart: {top: 0}',
+        'track: [[0, 0], [9, 0], [9, 9]]\nscript: [{what: 1}]',
+        'track: [',
+    ],
+)
+def test_a_plan_that_is_not_possible_is_refused(text: str) -> None:
+    with pytest.raises(PlanError):
+        read_plan(text)

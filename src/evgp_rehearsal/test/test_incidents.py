@@ -1,0 +1,60 @@
+"""Every incident with each automatic official, on the table: rules, field and official only."""
+
+from __future__ import annotations
+
+import pathlib
+
+from evgp_rehearsal.incidents import INCIDENTS
+from evgp_rehearsal.officials import Frantic, Good, Idle
+from evgp_rehearsal.plan import Plan, read_plan
+from evgp_rehearsal.table_top import play
+import pytest
+
+FILE = pathlib.Path(__file__).parents[1] / 'config' / 'rehearsal.yaml'
+
+SEEDS = (1, 2)
+
+
+def the_plan(seed: int, laps: int = 4) -> Plan:
+    """Return the plan that is shipped, short and with another seed."""
+    text = FILE.read_text(encoding='utf-8')
+    return read_plan(text.replace('seed: 1', f'seed: {seed}').replace('laps: 6', f'laps: {laps}'))
+
+
+def laps_of(name: str) -> int:
+    """Return how many laps the race of an incident needs at least."""
+    return 1 if name == 'slow_leader' else 4
+
+
+def test_there_are_twelve_kinds_or_more() -> None:
+    assert len(INCIDENTS) >= 12
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('name', INCIDENTS)
+def test_a_good_official_passes(name: str, seed: int) -> None:
+    line = play(the_plan(seed, laps_of(name)), name, Good())
+    assert line.passed, line
+
+
+@pytest.mark.parametrize('name', INCIDENTS)
+def test_an_official_who_does_nothing_fails(name: str) -> None:
+    line = play(the_plan(1, laps_of(name)), name, Idle())
+    assert not line.passed, line
+    assert line.first_right is None
+
+
+@pytest.mark.parametrize('name', INCIDENTS)
+def test_an_official_who_presses_everything_fails(name: str) -> None:
+    line = play(the_plan(1, laps_of(name)), name, Frantic())
+    assert not line.passed, line
+    assert line.wrong
+
+
+@pytest.mark.parametrize('official', [Good, Frantic])
+@pytest.mark.parametrize('name', INCIDENTS)
+def test_the_same_seed_and_the_same_commands_give_the_same_score(
+    name: str, official: type[Good]
+) -> None:
+    plan = the_plan(4, laps_of(name))
+    assert play(plan, name, official()) == play(plan, name, official())

@@ -1,0 +1,138 @@
+"""The rehearsal with the real race control: karts over TCP, the page, and one kart's race."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import contextlib
+import json
+import pathlib
+import socket
+import subprocess
+import sys
+from typing import Any
+import urllib.error
+import urllib.request
+
+from evgp_protocol.states import RaceState
+from evgp_rehearsal.event import RefusedError, Rehearsal
+from evgp_rehearsal.incidents import INCIDENTS
+from evgp_rehearsal.officials import Good, Steward
+from evgp_rehearsal.page import Page
+from evgp_rehearsal.plan import Plan, read_plan
+from evgp_rehearsal.rehearse_kart import main as rehearse_kart
+from evgp_rehearsal.score import STEWARD
+from evgp_testing.wire_kart import Acknowledges, WireKart
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+FILE = ROOT / 'src' / 'evgp_rehearsal' / 'config' / 'rehearsal.yaml'
+
+
+def the_plan(laps: int = 6, seed: int = 2) -> Plan:
+    """Return the plan that is shipped."""
+    text = FILE.read_text(encoding='utf-8')
+    return read_plan(text.replace('laps: 6', f'laps: {laps}').replace('seed: 1', f'seed: {seed}'))
+
+
+@pytest.fixture
+def rehearsal(tmp_path: pathlib.Path) -> Iterator[Rehearsal]:
+    """Return a rehearsal."""
+    with Rehearsal(the_plan(), tmp_path) as each:
+        yield each
+
+
+def ask(url: str, data: dict[str, Any] | None = None, **headers: str) -> Any:
+    """Return what the page answers."""
+    body = None if data is None else json.dumps(data).encode()
+    request = urllib.request.Request(url, body, headers)  # noqa: S310 - of our own page
+    with urllib.request.urlopen(request, timeout=10) as answer:  # noqa: S310
+        return json.load(answer)
+
+
+def test_the_page_shows_the_karts_and_lets_incidents_begin(rehearsal: Rehearsal) -> None:
+    with Page(rehearsal) as page:
+        rehearsal.official.wait_for_connected(*rehearsal.plan.numbers)
+        as_json = {'Content-Type': 'application/json'}
+        told = ask(page.url + 'do', {'do': 'inject', 'incident': 'spin'}, **as_json)['told']
+        assert told  # not in the garage
+        goal = RaceState.GREEN_GREEN
+        rehearsal.attend(
+            Steward(goal),
+            STEWARD,
+            lambda: all(k.moves for k in rehearsal.field.karts.values()),
+            30,
+        )
+        shown = ask(page.url + 'state')
+        assert shown['race'] == goal.value
+        assert {kart['number'] for kart in shown['karts']} == set(rehearsal.plan.numbers)
+        assert all(kart['connected'] for kart in shown['karts'])
+        ask(page.url + 'do', {'do': 'pause'}, **as_json)
+        tick = rehearsal.field.tick
+        assert ask(page.url + 'state')['paused']
+        assert rehearsal.field.tick <= tick + 1
+        # No page of the internet can press a button.
+        for headers in ({'Host': 'evil.example', **as_json}, {'Content-Type': 'text/plain'}):
+            with pytest.raises(urllib.error.HTTPError):
+                ask(page.url + 'do', {'do': 'msr'}, **headers)
+        assert not rehearsal.field.msr_at
+
+
+def test_a_race_of_other_karts_gets_no_command(rehearsal: Rehearsal) -> None:
+    rehearsal.official.wait_for_connected(*rehearsal.plan.numbers)
+    assert rehearsal.official.race is not None
+    rehearsal.official.race.karts[0].team = 'Purdue'
+    rehearsal.official.race.karts[0].address = '192.168.1.101'
+    with pytest.raises(RefusedError):
+        rehearsal._check_own(rehearsal.official.race)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('name', INCIDENTS)
+def test_a_good_official_passes_with_the_real_race_control(
+    name: str, tmp_path: pathlib.Path
+) -> None:
+    laps = 1 if name == 'slow_leader' else 6
+    with Rehearsal(the_plan(laps), tmp_path) as rehearsal:
+        line = rehearsal.play(name, Good())
+    assert line.passed, line
+
+
+def free_port() -> int:
+    """Return a port that nobody uses at present."""
+    with socket.socket() as probe:
+        probe.bind(('127.0.0.1', 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def test_a_kart_of_another_machine_is_refused() -> None:
+    assert rehearse_kart(['--host', '10.0.0.1']) == 2
+    assert rehearse_kart(['--address', '192.168.1.101']) == 2
+
+
+@pytest.mark.parametrize(
+    ('incident', 'acknowledges', 'code'),
+    [
+        ('red_red', Acknowledges.EACH_CHANGE, 0),
+        pytest.param('none', Acknowledges.EACH_CHANGE, 0, marks=pytest.mark.long),
+        pytest.param('red_flag', Acknowledges.EACH_CHANGE, 0, marks=pytest.mark.long),
+        pytest.param('all_kill', Acknowledges.EACH_CHANGE, 0, marks=pytest.mark.long),
+        # Such a kart connects once, and does not come back.
+        pytest.param('second_machine', Acknowledges.EACH_CHANGE, 1, marks=pytest.mark.long),
+    ],
+)
+def test_a_race_for_one_kart_says_how_it_did(
+    incident: str, acknowledges: Acknowledges, code: int
+) -> None:
+    port = free_port()
+    command = [sys.executable, '-m', 'evgp_rehearsal.rehearse_kart', '--incident', incident]
+    words = ['--port', str(port), '--address', '127.0.3.7', '--wait', '8']
+    with subprocess.Popen([*command, *words], stdout=subprocess.PIPE, text=True) as trial:
+        assert trial.stdout is not None
+        printed = []
+        with contextlib.ExitStack() as stack:
+            for line in trial.stdout:
+                printed.append(line)
+                if line.startswith('Connect your kart'):
+                    stack.enter_context(WireKart('127.0.3.7', port, acknowledges))
+            assert trial.wait() == code, ''.join(printed)
