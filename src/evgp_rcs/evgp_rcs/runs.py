@@ -204,7 +204,7 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
             # Without this, SQLite reads nothing of a file that was cut off.
             database.execute('PRAGMA writable_schema = ON')
             _check_schema(file, database)
-            runs = Runs(file, database, [], None)
+            runs = Runs(file, database, [], None, _cut_off(file, database))
             runs._list()
             # Race control writes the newest run only.
             if runs.listed and is_being_written(file):
@@ -240,6 +240,12 @@ def _check_schema(file: pathlib.Path, database: sqlite3.Connection) -> None:
     tables = {name for (name,) in database.execute('SELECT name FROM sqlite_master')}
     if not version or not {'session', 'event'} <= tables:
         raise UnreadableError(f'{file} is no record of race control, but another database')
+
+
+def _cut_off(file: pathlib.Path, database: sqlite3.Connection) -> str:
+    """Return that the file ends within a page, the rest of which SQLite takes for zeros."""
+    (page,) = database.execute('PRAGMA page_size').fetchone()
+    return 'it was cut off' if file.stat().st_size % page else ''
 
 
 _NO_DATABASE = 'file is not a database'
