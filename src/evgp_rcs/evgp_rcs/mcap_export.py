@@ -14,16 +14,27 @@ from typing import Any
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.inputs import Block, decode, Entry, Input, InputsError, offers, Published, Shown
+from evgp_rcs.plain import plain
+from evgp_rcs.progress import watched
 from evgp_rcs.race import AlertKind, Event, EventKind, Race, StampedEvent
-from evgp_rcs.record import events, RecordedEvent
+from evgp_rcs.record import RecordedEvent
 from evgp_rcs.replay import Kept
-from evgp_rcs.runs import add_run_arguments, open_runs, Runs, UnreadableError
+from evgp_rcs.runs import (
+    add_run_arguments,
+    FAILED,
+    open_runs,
+    Runs,
+    say,
+    UNREADABLE,
+    UnreadableError,
+)
 
 NS = 1_000_000_000
 
 NODE = 'rcs'
 """The node's name in the bag, whatever it was when the record was made."""
 
+_STATES = dict(RaceState.__members__)
 _COMMANDS = dict(CommandKind.__members__)
 _ALERTS = dict(AlertKind.__members__)
 
@@ -35,7 +46,7 @@ def main(arguments: Sequence[str]) -> int:
     """
     Write a run into a bag.
 
-    :return: 0, or 2 if the bag cannot be written.
+    :return: the exit code.
     :raises UnreadableError: if the record or the run cannot be read.
     """
     parser = argparse.ArgumentParser(
@@ -53,12 +64,11 @@ def main(arguments: Sequence[str]) -> int:
     except ModuleNotFoundError as error:
         if (error.name or '').split('.')[0] != 'mcap':
             raise
-        print(
-            'rcs_record: bags need the Python package mcap: install it with '
-            f"'{sys.executable} -m pip install mcap'",
-            file=sys.stderr,
+        say(
+            'bags need the Python package mcap: install it with '
+            f"'{sys.executable} -m pip install mcap'"
         )
-        return 2
+        return UNREADABLE
     with open_runs(wanted.file) as runs:
         messages, lacks = _read(runs, wanted.run)
     written = 0
@@ -68,63 +78,86 @@ def main(arguments: Sequence[str]) -> int:
                 bag.write(topic, wall_ns, message)
                 written += 1
     except OSError as error:
-        print(f'rcs_record: {wanted.out} cannot be written: {error.strerror}', file=sys.stderr)
-        return 2
-    print(f'{wanted.out}: {written} messages')
+        say(f'{wanted.out} cannot be written: {error.strerror}')
+        return FAILED
+    print(f'{plain(str(wanted.out))}: {written} messages')
     if lacks:
-        print(f'The bag has events only: {lacks}.')
-    return 0
+        print(f'The bag has events only: {plain(lacks)}.')
+    return runs.code
 
 
 Message = tuple[str, int, Any]
-"""A topic, a wall time (ns since the epoch), and a message."""
+"""A topic, the time in the bag (ns since the epoch), and a message."""
 
 
 def _read(runs: Runs, number: int | None) -> tuple[Iterator[Message], str]:
     """Return the messages of a run in order, and why they are events only; empty: they are not."""
     run = runs.choose(number)
     try:
-        kept = Kept.read(runs.database, run.number)
+        kept = Kept.read(runs, run)
     except UnreadableError as error:
-        return _events(list(events(runs.database, run.number))), str(error)
-    both = heapq.merge(_events(kept.happened), _races(kept), key=lambda message: message[1])
-    return both, ''
+        happened = runs.events(run)
+        return _events(happened, _shifts(happened)), str(error)
+    shifts = _shifts(kept.happened)
+    both = _events(kept.happened, shifts), _races(kept, shifts)
+    return heapq.merge(*both, key=lambda message: message[1]), ''
 
 
-def _events(happened: Sequence[RecordedEvent]) -> Iterator[Message]:
+def _shifts(happened: Sequence[RecordedEvent]) -> list[int]:
+    """
+    Return for each event by how much its time in the bag is later than its wall time, in ns.
+
+    A reader puts messages in the order of their times in the bag. Where the wall clock was set
+    back, those go on as time did; the messages themselves have the wall time.
+    """
+    shifts: list[int] = []
+    shift = 0
+    for place, event in enumerate(happened):
+        if place:
+            before = happened[place - 1]
+            if event.wall_ns < before.wall_ns:
+                passed = max(0, round((event.monotonic - before.monotonic) * NS))
+                shift += before.wall_ns + passed - event.wall_ns
+        shifts.append(shift)
+    return shifts
+
+
+def _events(happened: Sequence[RecordedEvent], shifts: Sequence[int]) -> Iterator[Message]:
     from evgp_rcs.messages import event_message
 
-    for each in happened:
+    both = list(zip(happened, shifts, strict=True))
+    for each, shift in watched(both, len(both), 'Writing the bag'):
         if each.kind not in EventKind.__members__:
             continue  # of an older version, which told it twice
         event = Event(
             EventKind[each.kind],
             each.text,
             each.kart,
-            None if each.state is None else RaceState[each.state],
+            _STATES.get(each.state or ''),
             _COMMANDS.get(each.command or ''),
             each.success,
             official=each.official,
             alert=_ALERTS.get(each.alert or ''),
         )
         stamped = StampedEvent(each.sequence, each.wall_ns, each.monotonic, event)
-        yield f'/{NODE}/events', each.wall_ns, event_message(stamped)
+        yield f'/{NODE}/events', each.wall_ns + shift, event_message(stamped)
 
 
-def _races(kept: Kept) -> Iterator[Message]:
+def _races(kept: Kept, shifts: Sequence[int]) -> Iterator[Message]:
     """Yield the race as often as it was published, and diagnostics."""
     from evgp_rcs.messages import diagnostics_message, race_message
 
-    clocks = [(event.monotonic, event.wall_ns) for event in kept.happened]
+    clocks = [event.monotonic for event in kept.happened]
     told = -math.inf
     for race, at in _published(kept):
         # By the last event before: the wall clock may have been set in the meantime.
-        known_at, known_ns = clocks[max(0, bisect.bisect(clocks, (at, math.inf)) - 1)]
-        wall_ns = known_ns + round((at - known_at) * NS)
-        yield f'/{NODE}/race', wall_ns, race_message(race, at, wall_ns, {}, offers(race, at))
+        place = max(0, bisect.bisect(clocks, at) - 1)
+        wall_ns = kept.happened[place].wall_ns + round((at - clocks[place]) * NS)
+        in_bag = wall_ns + shifts[place]
+        yield f'/{NODE}/race', in_bag, race_message(race, at, wall_ns, {}, offers(race, at))
         if at - told >= DIAGNOSTICS_EVERY:
             told = at
-            yield '/diagnostics', wall_ns, diagnostics_message(race, at, wall_ns, NODE, {})
+            yield '/diagnostics', in_bag, diagnostics_message(race, at, wall_ns, NODE, {})
 
 
 def _published(kept: Kept) -> Iterator[tuple[Race, float]]:

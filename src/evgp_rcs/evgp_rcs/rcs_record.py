@@ -3,37 +3,105 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import difflib
+import io
+import os
+import pathlib
 import sys
 
 from evgp_rcs import mcap_export, replay, timeline
+from evgp_rcs.record import default_path
 from evgp_rcs.report import command as report
-from evgp_rcs.runs import UnreadableError
+from evgp_rcs.report import results
+from evgp_rcs.runs import say, UNREADABLE, UnreadableError
 
 WAYS: dict[str, tuple[Callable[[Sequence[str]], int], str]] = {
-    'show': (timeline.main, 'print a run as a timeline; also without this word'),
-    'mcap': (
-        mcap_export.main,
-        'make a bag of it, for Foxglove, PlotJuggler and ros2 bag',
-    ),
-    'replay': (replay.main, 'run the rules again on its inputs, and compare what comes out'),
+    'show': (timeline.main, 'print a run as a timeline; the word show may be left out'),
+    'results': (results.main, 'write who finished when, and who did not and why, as CSV'),
     'report': (report.main, 'write a run, or a part of it, as a report in one HTML file'),
+    'replay': (replay.main, 'run the rules again on what went into them, and compare'),
+    'mcap': (mcap_export.main, 'make a bag for Foxglove, PlotJuggler and ros2 bag'),
 }
 """What the first argument may be: what it calls with the rest, and what that does."""
+
+HELP = """\
+usage: rcs_record [show] [FILE] [--list] [--run NUMBER] [--kart NUMBER]
+       rcs_record {subcommands} ...
+
+Look at what race control recorded. FILE is the file that its parameter "record" names; without
+FILE that is {default}. A run is
+what happened between one start of race control and its end; without --run it is the newest one.
+A run that race control is still writing is read up to now.
+
+{lines}
+
+Each has options of its own: 'rcs_record report --help'.
+
+examples:
+  rcs_record --list                             the runs in the record
+  rcs_record --run 3 --kart 7                   what happened to kart 7 in run 3
+  rcs_record results -o results.csv             the results, for a spreadsheet
+  rcs_record report -o report.html              the report, for a jury
+  rcs_record report --from 14:05 --to 14:07 -o incident.html
+  rcs_record replay race.sqlite3                was the software right?
+  rcs_record mcap race.sqlite3 race.mcap        the race, for Foxglove
+
+With make: make record ARGS='report -o report.html'
+
+exit codes:
+  0  done
+  1  the output cannot be written; or the replay found a difference
+  2  the record or the run cannot be read, or the usage is wrong
+  3  done, but only with what could be read: the record is damaged, or lacks a part
+"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """
     Do with a record what the first argument says; without one, print the newest run.
 
-    :return: 0, or 2 if the record or the run cannot be read; 1 as the way itself says.
+    :return: the exit code: see `HELP`.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A terminal that knows few characters shows the others somehow.
+        sys.stdout.reconfigure(errors='replace')
+    if given and given[0] in ('-h', '--help'):
+        print(_help(), end='')
+        return 0
+    if given and (meant := _misspelt(given[0])):
+        say(f'there is no subcommand and no file {given[0]}. Did you mean {meant}?')
+        return UNREADABLE
     way = given.pop(0) if given and given[0] in WAYS else 'show'
     try:
-        return WAYS[way][0](given)
+        code = WAYS[way][0](given)
+        sys.stdout.flush()
     except UnreadableError as error:
-        print(f'rcs_record: {error}', file=sys.stderr)
-        return 2
+        say(str(error))
+        return UNREADABLE
+    except BrokenPipeError:
+        # Whoever reads has seen enough; Python must not try to write the rest at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except KeyboardInterrupt:
+        return 130
+    return code
+
+
+def _help() -> str:
+    lines = '\n'.join(f'  {way:8} {what}' for way, (_, what) in WAYS.items())
+    return HELP.format(
+        subcommands='{' + ','.join(way for way in WAYS if way != 'show') + '}',
+        default=default_path(),
+        lines=lines,
+    )
+
+
+def _misspelt(word: str) -> str:
+    """Return the subcommand that a word may be meant for; empty: it is one, or means a file."""
+    if word in WAYS or not word.isalpha() or pathlib.Path(word).exists():
+        return ''
+    return next(iter(difflib.get_close_matches(word, WAYS)), '')
 
 
 if __name__ == '__main__':

@@ -819,7 +819,9 @@ def open_read_only(path: pathlib.Path) -> sqlite3.Connection:
     """
     if not path.exists():
         raise FileNotFoundError(f'there is no {path}')
-    return sqlite3.connect(f'{path.absolute().as_uri()}?mode=ro', uri=True, timeout=1.0)
+    database = sqlite3.connect(f'{path.absolute().as_uri()}?mode=ro', uri=True, timeout=1.0)
+    database.text_factory = lambda text: text.decode(errors='replace')
+    return database
 
 
 def is_being_written(path: pathlib.Path) -> bool:
@@ -837,48 +839,80 @@ def is_being_written(path: pathlib.Path) -> bool:
     return False
 
 
-def inputs_of(
-    database: sqlite3.Connection, session: int
-) -> tuple[str, str, list[tuple[int, bytes]]] | None:
+def setup_of(database: sqlite3.Connection, session: int) -> tuple[str, str] | None:
     """
-    Return what went into the rules in one run; None if the record does not have it.
+    Return the version of the rules of one run, and with what they began, as JSON.
 
-    :returns: the version of the rules; with what they began, as JSON; and the blocks, each with
-        its number and compressed.
+    :returns: None if the record does not have it.
     """
     (version,) = database.execute('PRAGMA user_version').fetchone()
     if version < 2:
         return None
-    begun = database.execute(
+    row: tuple[str, str] | None = database.execute(
         'SELECT rules, setup FROM setup WHERE session = ?', (session,)
     ).fetchone()
-    if begun is None:
-        return None
-    blocks = database.execute(
-        'SELECT block, data FROM input WHERE session = ? ORDER BY block', (session,)
-    )
-    return (*begun, blocks.fetchall())
+    return row
+
+
+def inputs_of(
+    database: sqlite3.Connection, session: int, after: int = 0, backwards: bool = False
+) -> Iterator[tuple[int, bytes]]:
+    """
+    Yield what went into the rules in one run, in blocks, each with its number and compressed.
+
+    :param after: only those with a higher number; needs a record that has a ``setup_of`` it.
+    :param backwards: the last one first.
+    """
+    query = 'SELECT block, data FROM input WHERE session = ? AND block > ? ORDER BY block'
+    yield from database.execute(f'{query} DESC' if backwards else query, (session, after))
 
 
 def sessions(database: sqlite3.Connection) -> list[Session]:
-    """Return the runs of race control in a record, oldest first."""
+    """
+    Return the runs of race control in a record, oldest first.
+
+    :raises sqlite3.DatabaseError: if the record is damaged.
+    """
     rows = database.execute(
         'SELECT id, began_ns, ended_ns, count(event.sequence) FROM session '
         'LEFT JOIN event ON event.session = session.id GROUP BY id ORDER BY id'
     )
-    return [Session(*row) for row in rows]
+    found = [Session(*row) for row in rows]
+    for run in found:
+        if not (isinstance(run.began_ns, int) and isinstance(run.ended_ns, int | None)):
+            raise sqlite3.DatabaseError(f'run {run.number} is damaged')
+    return found
 
 
-def events(database: sqlite3.Connection, session: int) -> Iterator[RecordedEvent]:
-    """Yield the events of one run, in order."""
+def events(
+    database: sqlite3.Connection, session: int, after: int = 0, backwards: bool = False
+) -> Iterator[RecordedEvent]:
+    """
+    Yield the events of one run, in order.
+
+    :param after: only those with a higher number.
+    :param backwards: the last one first.
+    :raises sqlite3.DatabaseError: where the record is damaged.
+    """
     (version,) = database.execute('PRAGMA user_version').fetchone()
     rows = database.execute(
         'SELECT sequence, wall_ns, monotonic, kind, kart, command, success, state, text, '
         # The first version has no such columns.
         + ('official, alert ' if version > 1 else "'', NULL ")
-        + 'FROM event WHERE session = ? ORDER BY sequence',
-        (session,),
+        + 'FROM event WHERE session = ? AND sequence > ? ORDER BY sequence'
+        + (' DESC' if backwards else ''),
+        (session, after),
     )
     for row in rows:
+        # SQLite takes any value for any column.
+        if not all(map(isinstance, row, _TYPES)) or not abs(row[2]) < MOST_SECONDS:
+            raise sqlite3.DatabaseError(f'event {row[0]!r} of run {session} is damaged')
         event = RecordedEvent(*row)
         yield dataclasses.replace(event, success=bool(event.success))
+
+
+MOST_SECONDS = 1e10
+"""Maximum time on the clock of the rules that is no damage, in seconds."""
+
+_TYPES = (int, int, float, str, int, str | None, int, str | None, str, str, str | None)
+"""Of what type the columns of an event are."""

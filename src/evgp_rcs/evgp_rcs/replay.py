@@ -12,15 +12,23 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import dataclasses
 from dataclasses import dataclass
 import enum
-import sqlite3
 from typing import Any
 
 from evgp_rcs import inputs
 from evgp_rcs.inputs import Block, Entry, Input, InputsError, Setup
+from evgp_rcs.plain import plain
+from evgp_rcs.progress import watched
 from evgp_rcs.race import Event, EventKind, Order
-from evgp_rcs.record import events, inputs_of, RecordedEvent
+from evgp_rcs.record import RecordedEvent, Session
 from evgp_rcs.rules_version import rules_version
-from evgp_rcs.runs import add_run_arguments, open_runs, UnreadableError
+from evgp_rcs.runs import (
+    add_run_arguments,
+    FAILED,
+    open_runs,
+    PARTLY,
+    Runs,
+    UnreadableError,
+)
 
 OF_THE_SERVER = frozenset(
     kind.name for kind in (EventKind.MALFORMED, EventKind.REFUSED_CONNECTION, EventKind.ENDED)
@@ -95,6 +103,10 @@ class _DifferentError(Exception):
     """A difference was found."""
 
 
+class _UnreadError(Exception):
+    """An event cannot be read, and so not compared."""
+
+
 class Replay:
     """
     One run of the rules on recorded inputs.
@@ -103,6 +115,7 @@ class Replay:
     :param blocks: what went into them, each block with its number and compressed.
     :param happened: the events of the record.
     :param goes_on: the record is being written, and may have newer events than inputs.
+    :param damaged: the record is damaged: an event that is missing could not be read.
     """
 
     def __init__(
@@ -111,6 +124,7 @@ class Replay:
         blocks: Sequence[tuple[int, bytes]],
         happened: Sequence[RecordedEvent],
         goes_on: bool = False,
+        damaged: bool = False,
     ) -> None:
         """Begin as the race did."""
         self._race = setup.race()
@@ -118,6 +132,7 @@ class Replay:
         self._blocks = blocks
         self._recorded = {event.sequence: event for event in happened}
         self._goes_on = goes_on
+        self._damaged = damaged
         self._published: dict[int, int] = {}
         # Of the last input: what it was, and what it made that was not compared yet.
         self._given: Input | None = None
@@ -142,7 +157,7 @@ class Replay:
         except _DifferentError:
             pass  # and again, in its place
         try:
-            for entry in self._entries():
+            for entry in self._entries('Replaying'):
                 compare = self._of_mark.get(type(entry))
                 if compare is not None:
                     compare(entry)
@@ -150,15 +165,15 @@ class Replay:
                     self._feed(entry)  # type: ignore[arg-type]
             self._finish()
             self._compare_the_rest()
-        except _DifferentError:
+        except (_DifferentError, _UnreadError):
             pass
         return self._replayed
 
-    def _entries(self) -> Iterator[Entry]:
+    def _entries(self, what: str = 'Reading the inputs') -> Iterator[Entry]:
         """Yield what is there without a gap."""
         self._replayed.missing = ''
         before = Block(0, 0, self._began, 0, b'')
-        for number, data in self._blocks:
+        for number, data in watched(self._blocks, len(self._blocks), what):
             try:
                 block = Block.of(data)
                 if block.entries != before.entries + before.length:
@@ -209,6 +224,12 @@ class Replay:
         left = list(made)
         for sequence in range(mark.first, mark.last + 1):
             recorded = self._recorded.pop(sequence, None)
+            if recorded is None and self._damaged:
+                self._replayed.missing = (
+                    f'event {sequence} cannot be read: nothing can be compared from '
+                    f'{self._replayed.seconds:.1f} s after the run began on'
+                )
+                raise _UnreadError
             if recorded is None:
                 self._differ(f'event {sequence}', 'it is missing', _event_or_none(left))
                 return
@@ -250,7 +271,7 @@ class Replay:
 
     def _compare_the_rest(self) -> None:
         """Look for events that no input has made, and for such as were removed."""
-        partly = self._goes_on or self._replayed.missing
+        partly = self._goes_on or self._damaged or self._replayed.missing
         for sequence, event in sorted(self._recorded.items()):
             if partly and sequence > self._told:
                 return
@@ -319,27 +340,32 @@ class Kept:
     setup: Setup
     blocks: Sequence[tuple[int, bytes]]
     happened: Sequence[RecordedEvent]
+    damaged: bool
 
     @staticmethod
-    def read(database: sqlite3.Connection, run: int) -> Kept:
+    def read(runs: Runs, run: Session) -> Kept:
         """
         Read all of a run.
 
         :raises UnreadableError: if its inputs are not there.
         """
-        # Inputs first: what is written meanwhile are events that no input here has made.
-        found = inputs_of(database, run)
+        found = runs.setup(run)
         if found is None:
-            raise UnreadableError(
-                f'run {run} cannot be replayed: the record does not have what went into the '
-                'rules. An older version of race control recorded it, or it ended before anything '
-                'was written'
+            why = (
+                f'the record is damaged ({runs.damage})'
+                if runs.damage
+                else 'the record does not have what went into the rules. An older version of race '
+                'control recorded it, or it ended before anything was written'
             )
-        rules, setup, blocks = found
+            raise UnreadableError(f'run {run.number} cannot be replayed: {why}')
+        rules, setup = found
+        # Inputs first: what is written meanwhile are events that no input here has made.
+        blocks = runs.inputs(run)
         try:
-            return Kept(rules, Setup.from_json(setup), blocks, list(events(database, run)))
+            begun = Setup.from_json(setup)
         except InputsError as error:
-            raise UnreadableError(f'run {run} cannot be replayed: {error}') from error
+            raise UnreadableError(f'run {run.number} cannot be replayed: {error}') from error
+        return Kept(rules, begun, blocks, runs.events(run), bool(runs.damage))
 
     def replay(self, goes_on: bool = False) -> Replayed:
         """
@@ -347,14 +373,14 @@ class Kept:
 
         :param goes_on: race control still writes it.
         """
-        return Replay(self.setup, self.blocks, self.happened, goes_on).run()
+        return Replay(self.setup, self.blocks, self.happened, goes_on, self.damaged).run()
 
 
 def main(arguments: Sequence[str]) -> int:
     """
     Replay a run, and print what was compared and what differs first.
 
-    :return: 0 if nothing differs, 1 if anything does.
+    :return: the exit code.
     :raises UnreadableError: if the record or the run cannot be read, or has no inputs.
     """
     parser = argparse.ArgumentParser(
@@ -363,29 +389,33 @@ def main(arguments: Sequence[str]) -> int:
         'and compare every order to a kart, every event and every command that was offered with '
         'the record. A run that goes on is replayed up to now, one that crashed up to its end.',
         epilog='Exit code 0: no difference; 1: the first difference is printed; 2: the run cannot '
-        'be read, or was recorded without its inputs.',
+        'be read, or was recorded without its inputs; 3: no difference, but not all of the run '
+        'could be replayed.',
     )
     add_run_arguments(parser)
     wanted = parser.parse_args(arguments)
     with open_runs(wanted.file) as runs:
         run = runs.choose(wanted.run)
         goes_on = run is runs.present
-        kept = Kept.read(runs.database, run.number)
+        kept = Kept.read(runs, run)
     # With the record closed: this may take long, and race control must not wait.
     if kept.rules != rules_version():
+        recorded = plain(kept.rules)
         print(
-            f'Run {run.number} was recorded with other rules (version {kept.rules or "unknown"}; '
+            f'Run {run.number} was recorded with other rules (version {recorded or "unknown"}; '
             f'here {rules_version() or "unknown"}): a difference may come from that.'
         )
     replayed = kept.replay(goes_on)
     difference = replayed.difference
     print(f'Run {run.number}: {replayed}: {"no" if difference is None else "a"} difference')
     if difference is not None:
-        print(difference)
-    elif replayed.missing:
-        print(f'Not all of it: {replayed.missing}')
-    elif goes_on:
+        print('\n'.join(plain(line) for line in str(difference).split('\n')))
+        return FAILED
+    if replayed.missing:
+        print(f'Not all of it: {plain(replayed.missing)}')
+        return PARTLY
+    if goes_on:
         print('Race control still writes this run; it was replayed up to now.')
     elif run.ended_ns is None:
         print('This run was not ended in good order; it was replayed up to its last entry.')
-    return 0 if difference is None else 1
+    return runs.code

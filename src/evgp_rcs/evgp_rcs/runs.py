@@ -1,34 +1,76 @@
-"""The runs in a record: which one is asked for, and why it cannot be read."""
+"""The runs in a record: which one is asked for, what of it can be read, and why not the rest."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 from dataclasses import dataclass
+import operator
 import pathlib
 import sqlite3
+import sys
+from typing import TypeVar
 
-from evgp_rcs.record import default_path, is_being_written, open_read_only, Session, sessions
+from evgp_rcs.plain import plain
+from evgp_rcs.progress import watched
+from evgp_rcs.record import (
+    default_path,
+    events,
+    inputs_of,
+    is_being_written,
+    open_read_only,
+    RecordedEvent,
+    SCHEMA_VERSION,
+    Session,
+    sessions,
+    setup_of,
+)
+
+DONE = 0
+"""Exit code: done."""
+
+FAILED = 1
+"""Exit code: what was asked for cannot be written; or a replay has found a difference."""
+
+UNREADABLE = 2
+"""Exit code: the record or the run cannot be read, or the usage is wrong."""
+
+PARTLY = 3
+"""Exit code: done, with what can be read of a damaged record."""
+
+_Row = TypeVar('_Row')
 
 
 class UnreadableError(RuntimeError):
     """The record, or the run in it, cannot be read; the text says why and what would be right."""
 
 
-@dataclass(frozen=True)
+def say(text: str) -> None:
+    """Say something about the work, apart from what it prints."""
+    print(f'rcs_record: {plain(text)}', file=sys.stderr)
+
+
+@dataclass
 class Runs:
     """
     A record that is open to be read.
 
     :param listed: every run, oldest first.
     :param present: the run that race control is writing now.
+    :param damage: why not all can be read that was asked for; empty: nothing is missing so far.
     """
 
     file: pathlib.Path
     database: sqlite3.Connection
     listed: list[Session]
     present: Session | None
+    damage: str = ''
+
+    @property
+    def code(self) -> int:
+        """Return the exit code of work that was done with what could be read."""
+        return PARTLY if self.damage else DONE
 
     def choose(self, number: int | None) -> Session:
         """
@@ -43,6 +85,92 @@ class Runs:
         what = f'no run {number}; it has {known}' if self.listed else 'no run yet'
         raise UnreadableError(f'{self.file} has {what}')
 
+    def events(self, run: Session) -> list[RecordedEvent]:
+        """Return the events of a run that can be read, in order."""
+
+        def read(after: int, backwards: bool) -> Iterator[RecordedEvent]:
+            rows = events(self.database, run.number, after, backwards)
+            return watched(rows, run.events, 'Reading the events')
+
+        return self._readable(read, operator.attrgetter('sequence'))
+
+    def inputs(self, run: Session) -> list[tuple[int, bytes]]:
+        """Return what went into the rules, as far as it can be read; needs a `setup`."""
+
+        def read(after: int, backwards: bool) -> Iterator[tuple[int, bytes]]:
+            return inputs_of(self.database, run.number, after, backwards)
+
+        return self._readable(read, operator.itemgetter(0))
+
+    def setup(self, run: Session) -> tuple[str, str] | None:
+        """Return the version of the rules of a run, and with what they began; None: not there."""
+        try:
+            return setup_of(self.database, run.number)
+        except sqlite3.DatabaseError as error:
+            self._note(error)
+            return None
+
+    def _readable(
+        self, read: Callable[[int, bool], Iterator[_Row]], number: Callable[[_Row], int]
+    ) -> list[_Row]:
+        """Return rows up to where the record is damaged, and those behind it."""
+        found: list[_Row] = []
+        try:
+            for row in read(0, False):
+                found.append(row)
+        except sqlite3.DatabaseError as error:
+            self._note(error)
+            behind: list[_Row] = []
+            with contextlib.suppress(sqlite3.DatabaseError):
+                for row in read(number(found[-1]) if found else 0, True):
+                    behind.append(row)
+            found += reversed(behind)
+        return found
+
+    def _note(self, error: sqlite3.DatabaseError) -> None:
+        """
+        Take note of damage.
+
+        :raises sqlite3.DatabaseError: if the error is none.
+        """
+        if not _is_damage(error):
+            raise error
+        self.damage = self.damage or str(error)
+
+    def _list(self) -> None:
+        """
+        Find the runs.
+
+        :raises sqlite3.DatabaseError: if none can be found.
+        """
+        try:
+            self.listed = sessions(self.database)
+        except sqlite3.DatabaseError as error:
+            self._note(error)
+            self.listed = list(self._list_damaged())
+            if not self.listed:
+                raise
+
+    def _list_damaged(self) -> Iterator[Session]:
+        """Yield the runs, each with the events that can be read; or those that events name."""
+        known: dict[int, tuple[int, int | None]] = {}
+        with contextlib.suppress(sqlite3.DatabaseError):
+            for number, *times in self.database.execute('SELECT * FROM session ORDER BY id'):
+                began_ns, ended_ns = (each if isinstance(each, int) else None for each in times)
+                known[number] = (began_ns or 0, ended_ns)
+        with contextlib.suppress(sqlite3.DatabaseError):
+            number = 0
+            while number is not None:
+                (number,) = self.database.execute(
+                    'SELECT min(session) FROM event WHERE session > ?', (number,)
+                ).fetchone()
+                if number is not None:
+                    known.setdefault(number, (0, None))
+        for number, (began_ns, ended_ns) in sorted(known.items()):
+            found = self.events(Session(number, began_ns, ended_ns, 0))
+            began_ns = began_ns or (found[0].wall_ns if found else 0)
+            yield Session(number, began_ns, ended_ns, len(found))
+
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     """Let a parser take `file` and `--run`."""
@@ -54,7 +182,10 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
         help='the record, if it is not %(default)s',
     )
     parser.add_argument(
-        '--run', type=int, metavar='NUMBER', help='this run, by its number in the list'
+        '--run',
+        type=int,
+        metavar='NUMBER',
+        help="this run, by its number in 'rcs_record --list'; otherwise the newest",
     )
 
 
@@ -63,17 +194,85 @@ def open_runs(file: pathlib.Path) -> Iterator[Runs]:
     """
     Open a record to read it, also while race control writes it.
 
+    What is damaged is read as far as it can be, and said at the end.
+
     :raises UnreadableError: if it cannot be read, also later.
     """
     try:
+        _check_file(file)
         with contextlib.closing(open_read_only(file)) as database:
-            runs = sessions(database)
+            # Without this, SQLite reads nothing of a file that was cut off.
+            database.execute('PRAGMA writable_schema = ON')
+            _check_schema(file, database)
+            runs = Runs(file, database, [], None, _cut_off(file, database))
+            runs._list()
             # Race control writes the newest run only.
-            present = runs[-1] if runs and is_being_written(file) else None
-            yield Runs(file, database, runs, present)
-    except FileNotFoundError:
+            if runs.listed and is_being_written(file):
+                runs.present = runs.listed[-1]
+            yield runs
+    except sqlite3.Error as error:
+        raise UnreadableError(f'{file} {_why_unreadable(error)}') from error
+    except OSError as error:
+        raise UnreadableError(f'{file} cannot be read: {error.strerror or error}') from error
+    if runs.damage:
+        say(f'{file} is damaged ({runs.damage}): this is what can be read of it')
+
+
+def _check_file(file: pathlib.Path) -> None:
+    """Refuse what SQLite would wait for, or has no plain words for."""
+    if not file.exists():
         raise UnreadableError(
             f'there is no {file}. Name the file that the parameter "record" of race control names'
-        ) from None
-    except (OSError, sqlite3.Error) as error:
-        raise UnreadableError(f'{file} cannot be read: {error}') from error
+        )
+    if not file.is_file():
+        raise UnreadableError(f'{file} is no record: it is not a file')
+    if not file.stat().st_size:
+        raise UnreadableError(f'{file} is empty: race control has not written anything into it')
+
+
+def _check_schema(file: pathlib.Path, database: sqlite3.Connection) -> None:
+    (version,) = database.execute('PRAGMA user_version').fetchone()
+    if version > SCHEMA_VERSION:
+        raise UnreadableError(
+            f'{file} is no record that this version can read (its version is {version}, not 1 to '
+            f'{SCHEMA_VERSION}). A later version of race control may have written it'
+        )
+    tables = {name for (name,) in database.execute('SELECT name FROM sqlite_master')}
+    if not version or not {'session', 'event'} <= tables:
+        raise UnreadableError(f'{file} is no record of race control, but another database')
+
+
+def _cut_off(file: pathlib.Path, database: sqlite3.Connection) -> str:
+    """Return that the file ends within a page, the rest of which SQLite takes for zeros."""
+    (page,) = database.execute('PRAGMA page_size').fetchone()
+    return 'it was cut off' if file.stat().st_size % page else ''
+
+
+_NO_DATABASE = 'file is not a database'
+_IO_ERROR = 'disk I/O error'
+_LOCKED = ('database is locked', 'database table is locked', 'database schema is locked')
+_UNOPENED = 'unable to open database file'
+"""Sentences of SQLite's, which before Python 3.11 are all that tells its errors apart."""
+
+
+def _is_damage(error: sqlite3.Error) -> bool:
+    # What SQLite calls an operational error concerns the query or the moment, not the file.
+    if isinstance(error, sqlite3.OperationalError):
+        return str(error) == _IO_ERROR
+    return str(error) != _NO_DATABASE
+
+
+def _why_unreadable(error: sqlite3.Error) -> str:
+    said = str(error)
+    if said == _NO_DATABASE:
+        return 'is no record: it is not a database, or its beginning is damaged'
+    if said.startswith(_LOCKED):
+        return 'cannot be read now: another program has locked it. Try again when that is done'
+    if said == _UNOPENED:
+        return (
+            'cannot be opened. If its folder cannot be written, copy the file into one that can, '
+            'with those beside it whose names begin alike'
+        )
+    if _is_damage(error):
+        return f'is damaged, and nothing of it can be read: {said}'
+    return f'is no record of this race control: {said}'

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import datetime
 
 from evgp_rcs.official import said_by
-from evgp_rcs.record import default_path, events, RecordedEvent, Session
+from evgp_rcs.plain import plain
+from evgp_rcs.record import default_path, RecordedEvent, Session
 from evgp_rcs.runs import add_run_arguments, open_runs
 
 FINISHED = 'FINISHED'
@@ -18,16 +19,16 @@ def main(arguments: Sequence[str]) -> int:
     """
     Print the runs of race control in a record, or the timeline of one.
 
-    :return: 0.
+    :return: the exit code.
     :raises UnreadableError: if the record or the run cannot be read.
     """
     parser = argparse.ArgumentParser(
-        prog='rcs_record',
-        description="Print the newest run in race control's record, as a timeline.",
-        epilog='Race control keeps its record in the file that its parameter "record" names. '
-        f'Without the parameter that is {default_path()}, which is read here as well. A run is '
-        'what happened between one start of race control and its end. More with a run: '
-        "'rcs_record report', 'rcs_record replay' and 'rcs_record mcap', each with --help.",
+        prog='rcs_record show',
+        description="Print the newest run in race control's record, as a timeline: the time of "
+        'day, the seconds since the first event, and what happened. A refused command has a !. '
+        'Events are in the order in which they happened, also when the clock of the computer was '
+        'set; the seconds go by a clock that nobody sets.',
+        epilog='The word show may be left out.',
     )
     add_run_arguments(parser)
     parser.add_argument('--list', action='store_true', help='list all runs, oldest first')
@@ -42,15 +43,15 @@ def main(arguments: Sequence[str]) -> int:
         if wanted.list:
             for each in runs.listed:
                 print(_describe(each, each is runs.present))
-            return 0
+            return runs.code
         run = runs.choose(wanted.run)
-        happened = list(events(runs.database, run.number))
+        happened = runs.events(run)
         before = None
         if wanted.run is None and len(runs.listed) > 1:
             before = runs.listed[-2]
     # With the record closed: it may be a pager that is slow, and the race must not wait.
     if before is not None and before.ended_ns is None:
-        file = '' if wanted.file == default_path() else f' {wanted.file}'
+        file = '' if wanted.file == default_path() else f' {plain(str(wanted.file))}'
         print(
             f'The run before this one, {before.number}, was not ended in good order. Print it '
             f'with: rcs_record{file} --run {before.number} (or make record '
@@ -58,7 +59,7 @@ def main(arguments: Sequence[str]) -> int:
         )
     print(_describe(run, run is runs.present))
     _print_timeline(happened, wanted.kart)
-    return 0
+    return runs.code
 
 
 def _describe(run: Session, present: bool) -> str:
@@ -82,7 +83,7 @@ def _print_timeline(happened: Sequence[RecordedEvent], kart: int | None) -> None
         if event.kind == FINISHED:
             continue  # the command before it said so
         mark = ' ' if event.success else '!'
-        said = said_by(event.text, event.official)
+        said = plain(said_by(event.text, event.official))
         print(f'{_clock(event.wall_ns)} {event.monotonic - first:10.3f} {mark} {said}')
 
 

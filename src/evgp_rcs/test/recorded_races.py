@@ -6,14 +6,24 @@ from collections.abc import Callable, Iterable, Sequence
 import contextlib
 import dataclasses
 import itertools
-import json
 import pathlib
 import random
 import sqlite3
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.race import Command, Event, EventKind, Kart, Outcome, Race, StampedEvent
+from evgp_rcs.inputs import Entrant, Setup
+from evgp_rcs.race import (
+    Command,
+    Event,
+    EventKind,
+    Heat,
+    Kart,
+    Outcome,
+    Race,
+    RaceTimes,
+    StampedEvent,
+)
 from evgp_rcs.record import Record, RecordedEvent
 
 PATIENCE = 60.0
@@ -26,10 +36,12 @@ class PaperRace:
     A race whose karts answer as they are told here, and its events.
 
     :param teams: the teams of the karts in the race, by number.
+    :param heats: the heats of the roster.
     """
 
-    def __init__(self, teams: dict[int, str]) -> None:
-        self.race = Race([Kart(number, team, True) for number, team in teams.items()])
+    def __init__(self, teams: dict[int, str], heats: Sequence[Heat] = ()) -> None:
+        karts = [Kart(number, team, True) for number, team in teams.items()]
+        self.race = Race(karts, heats=heats)
         self.now = 100.0
         self.wall_offset_ns = BEGAN - round(self.now * 1e9)
         self.stamped: list[StampedEvent] = []
@@ -38,6 +50,13 @@ class PaperRace:
     @property
     def events(self) -> list[RecordedEvent]:
         return [recorded(each) for each in self.stamped]
+
+    @property
+    def setup(self) -> Setup:
+        """Return with what the rules began; who was in the race then is of no matter."""
+        karts = self.race.karts.values()
+        entrants = tuple(Entrant(kart.number, kart.team, True) for kart in karts)
+        return Setup(entrants, RaceTimes(), self.race.heats, 0.0)
 
     def take(self, outcome: Outcome) -> Outcome:
         self.tell(outcome.events)
@@ -84,7 +103,7 @@ class PaperRace:
         self.take(self.race.tick(self.now))
 
     def command(
-        self, kind: CommandKind, kart: int | None = None, official: str = 'Ada'
+        self, kind: CommandKind, kart: int | None = None, official: str = 'Ada', heat: str = ''
     ) -> Outcome:
         """Give a command, for what there is to see."""
         number = kart if CATALOGUE[kind].to_one_kart and kart in self.race.karts else 0
@@ -92,7 +111,7 @@ class PaperRace:
         if not CATALOGUE[kind].to_one_kart or number:
             seen = self.race.availability(kind, number or 0, self.now).karts
         hold = self.race.karts[number].hold if number else None
-        command = Command(kind, kart, True, frozenset(seen), hold)
+        command = Command(kind, kart, True, frozenset(seen), hold, heat)
         return self.take(
             self.race.command(dataclasses.replace(command, official=official), self.now)
         )
@@ -122,13 +141,10 @@ class PaperRace:
         record.start(_fail)
         record.put(self.stamped)
         record.end(PATIENCE, in_order)
-        setup = json.dumps(
-            {'karts': [[kart.number, kart.team, True] for kart in self.race.karts.values()]}
-        )
         with contextlib.closing(sqlite3.connect(path)) as database, database:
             database.execute(
                 'INSERT OR REPLACE INTO setup SELECT max(id), ?, ? FROM session',
-                ('of the test', setup),
+                ('of the test', self.setup.to_json()),
             )
         return path
 

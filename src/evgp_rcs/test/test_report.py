@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import contextlib
 import dataclasses
 import hashlib
-import json
 import pathlib
 import random
 import re
@@ -20,6 +19,7 @@ from evgp_rcs.record import Record, RecordedEvent
 from evgp_rcs.report.command import seconds_of
 from evgp_rcs.report.model import (
     Account,
+    Alert,
     GREEN_GREEN,
     GRID_ACTIVE,
     IN_GARAGE,
@@ -30,6 +30,7 @@ from evgp_rcs.report.model import (
     read,
     RED_FLAG,
     RED_RED,
+    Why,
 )
 from evgp_rcs.report.words import Clock
 import pytest
@@ -207,12 +208,13 @@ def test_who_was_lost_or_stopped_alone_did_not_finish_for_that_reason(paper: Pap
     paper.command(CommandKind.ALL_KILL)
     account = read(paper.events)
     (race,) = account.races
-    kinds = {event.sequence: event.kind for event in paper.events}
-    assert {kart: kinds[out[1]] for kart, out in race.out.items()} == {
-        7: 'KART_STATE',
-        8: 'DISCONNECTED',
-    }
     texts = {event.sequence: event.command or event.kind for event in paper.events}
+    out = {result.kart: result.out for result in account.results(race)}
+    assert {kart: (why.why, texts[why.sequence]) for kart, why in out.items() if why} == {
+        7: (Why.STOPPED_ALONE, 'KART_RED_RED'),
+        8: (Why.LOST, 'DISCONNECTED'),
+        9: (Why.RACE_STOPPED, 'ALL_KILL'),
+    }
     incidents = [texts[number] for number in race.incidents]
     assert incidents == ['KART_RED_RED', 'DISCONNECTED', 'ALL_KILL']
 
@@ -239,9 +241,9 @@ def test_an_alert_stands_until_it_is_cleared_or_to_the_end(paper: PaperRace) -> 
     assert alerts[8].stands
 
 
-def test_of_two_alerts_of_a_kart_the_report_does_not_guess_which_one_ended(
-    paper: PaperRace,
-) -> None:
+@pytest.fixture
+def two_alerts(paper: PaperRace) -> PaperRace:
+    """Return a race with two alerts of kart 7, the second of which ends before the first."""
     paper.drive()
     paper.lose(7)
     paper.wait(1.0)
@@ -251,7 +253,33 @@ def test_of_two_alerts_of_a_kart_the_report_does_not_guess_which_one_ended(
     paper.wait(1.0)
     paper.lose(7)  # then only the first one
     paper.wait(1.0)
-    lost, unanswered = (each for each in read(paper.events).alerts if each.kart == 7)
+    return paper
+
+
+def test_two_alerts_of_a_kart_are_told_apart(two_alerts: PaperRace) -> None:
+    events = [event for event in two_alerts.events if event.kart == 7 and event.alert]
+    assert [(event.kind, event.alert) for event in events] == [
+        ('ALERT_RAISED', 'LOST_IN_MOTION'),
+        ('ALERT_RAISED', 'RED_UNACKNOWLEDGED'),
+        ('ALERT_CLEARED', 'RED_UNACKNOWLEDGED'),
+    ]
+    lost, unanswered = (each for each in read(two_alerts.events).alerts if each.kart == 7)
+    assert lost.stands
+    assert not unanswered.stands
+    assert unanswered.raised is not None
+    assert unanswered.ended_from == unanswered.ended_by == pytest.approx(unanswered.raised + 1.0)
+
+
+def test_of_two_alerts_in_an_older_record_the_report_does_not_guess_which_one_ended(
+    two_alerts: PaperRace,
+) -> None:
+    paper = two_alerts
+
+    def alerts() -> list[Alert]:
+        older = [dataclasses.replace(event, alert=None) for event in paper.events]
+        return [each for each in read(older).alerts if each.kart == 7]
+
+    lost, unanswered = alerts()
     assert lost.ended_from == unanswered.ended_from
     assert lost.ended_from is not None
     assert lost.ended_by is None
@@ -260,9 +288,8 @@ def test_of_two_alerts_of_a_kart_the_report_does_not_guess_which_one_ended(
     paper.connect(7)
     paper.say(7)
     paper.wait(1.0)
-    both = [each for each in read(paper.events).alerts if each.kart == 7]
-    assert all(each.ended_from is not None for each in both)
-    assert all(each.ended_by is not None for each in both)
+    assert all(each.ended_from is not None for each in alerts())
+    assert all(each.ended_by is not None for each in alerts())
 
 
 def test_after_a_gap_nothing_is_known_until_the_record_says_it_again(paper: PaperRace) -> None:
@@ -525,7 +552,7 @@ def test_the_version_of_the_rules_is_that_of_the_run(written: pathlib.Path) -> N
 
 
 def test_a_kart_has_the_name_of_its_team_also_if_it_never_came(written: pathlib.Path) -> None:
-    setup = json.dumps({'karts': [[7, 'Purdue', True], [12, 'The <b>Absent</b>', True]]})
+    setup = PaperRace({7: 'Purdue', 12: 'The <b>Absent</b>'}).setup.to_json()
     with contextlib.closing(sqlite3.connect(written)) as database:
         database.execute('INSERT OR REPLACE INTO setup VALUES (1, ?, ?)', ('rules-1234', setup))
         database.commit()

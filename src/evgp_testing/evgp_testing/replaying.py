@@ -17,7 +17,7 @@ def replay_without_difference(record: pathlib.Path) -> list[Replayed]:
     """
     with open_runs(record) as runs:
         kept = {
-            run.number: (Kept.read(runs.database, run.number), run is runs.present)
+            run.number: (Kept.read(runs, run), run is runs.present)
             for run in runs.listed
             if run.events  # otherwise it was killed before anything was written
         }

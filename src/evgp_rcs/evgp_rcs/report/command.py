@@ -10,15 +10,15 @@ from importlib import metadata
 import json
 import pathlib
 import re
-import sqlite3
-import sys
 import time
 
-from evgp_rcs.record import events, is_being_written, RecordedEvent, Session
-from evgp_rcs.report.model import Account, Part, read
+from evgp_rcs.plain import plain
+from evgp_rcs.record import is_being_written, RecordedEvent, Session
+from evgp_rcs.report.model import Account, Part
 from evgp_rcs.report.page import page, Source
+from evgp_rcs.report.reading import read_run
 from evgp_rcs.report.words import Clock
-from evgp_rcs.runs import add_run_arguments, open_runs, Runs
+from evgp_rcs.runs import add_run_arguments, FAILED, open_runs, Runs, say
 
 CHUNK = 1 << 20
 """Maximum part of a file that is read at a time, in bytes."""
@@ -34,6 +34,7 @@ SUMMED = (
     'state',
     'text',
     'official',
+    'alert',
 )
 """The fields of each event that its sum is of, in this order, as a line of JSON."""
 
@@ -42,7 +43,7 @@ def main(arguments: Sequence[str]) -> int:
     """
     Write the report of one run of a record.
 
-    :return: 0, or 1 if the report cannot be written.
+    :return: the exit code.
     :raises UnreadableError: if the record or the run cannot be read.
     """
     parser = argparse.ArgumentParser(
@@ -68,11 +69,10 @@ def main(arguments: Sequence[str]) -> int:
     wanted = parser.parse_args(arguments)
     with open_runs(wanted.file) as runs:
         run = runs.choose(wanted.run)
-        happened = list(events(runs.database, run.number))
-        rules, teams = _setup(runs.database, run.number)
-        source = _source(runs, run, happened, rules)
+        of_run = read_run(runs, run)
+        source = _source(runs, run, of_run.happened, of_run.rules)
     # With the record closed: the race must not wait for what follows.
-    account = read(happened, teams)
+    account = of_run.account()
     try:
         part = _part(account, run, wanted.start, wanted.end, wanted.kart)
     except ValueError as error:
@@ -81,10 +81,10 @@ def main(arguments: Sequence[str]) -> int:
     try:
         wanted.output.write_text(written, encoding='utf-8', errors='replace')
     except OSError as error:
-        print(f'rcs_record: {wanted.output} cannot be written: {error.strerror}', file=sys.stderr)
-        return 1
-    print(f'{wanted.output}: run {run.number}, {run.events} events')
-    return 0
+        say(f'{wanted.output} cannot be written: {error.strerror}')
+        return FAILED
+    print(f'{plain(str(wanted.output))}: run {run.number}, {len(of_run.happened)} events')
+    return runs.code
 
 
 def _source(runs: Runs, run: Session, happened: Sequence[RecordedEvent], rules: str) -> Source:
@@ -102,6 +102,7 @@ def _source(runs: Runs, run: Session, happened: Sequence[RecordedEvent], rules: 
         rules=rules,
         program=f'evgp_rcs {_version()}',
         made_ns=time.time_ns(),
+        damage=runs.damage,
     )
 
 
@@ -136,22 +137,6 @@ def _sum_of(file: pathlib.Path) -> str:
         while chunk := opened.read(CHUNK):
             digest.update(chunk)
     return digest.hexdigest()
-
-
-def _setup(database: sqlite3.Connection, run: int) -> tuple[str, dict[int, str]]:
-    """Return the version of the rules and the teams of a run; empty: it recorded none."""
-    (version,) = database.execute('PRAGMA user_version').fetchone()
-    if version < 2:
-        return '', {}
-    row = database.execute('SELECT rules, setup FROM setup WHERE session = ?', (run,)).fetchone()
-    if row is None:
-        return '', {}
-    rules, setup = row
-    try:
-        teams = {int(kart[0]): str(kart[1]) for kart in json.loads(setup)['karts']}
-    except (ValueError, KeyError, TypeError, IndexError):
-        teams = {}  # damaged, or of another version: the report does without
-    return str(rules), teams
 
 
 def _version() -> str:

@@ -11,6 +11,7 @@ from html import escape
 from itertools import islice
 import math
 
+from evgp_rcs.plain import plain
 from evgp_rcs.record import RecordedEvent
 from evgp_rcs.report import words
 from evgp_rcs.report.model import Account, Band, Lane
@@ -63,7 +64,7 @@ def pictures(account: Account, start: float, end: float, clock: Clock) -> list[s
 
 
 def _cut(team: str) -> str:
-    name = words.plain(team)
+    name = plain(team)
     return name if len(name) <= MOST_OF_A_TEAM else f'{name[:MOST_OF_A_TEAM]}…'
 
 

@@ -11,10 +11,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 import dataclasses
 from dataclasses import dataclass, field
+import enum
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.race import EventKind
+from evgp_rcs.race import EventKind, Heat
 from evgp_rcs.record import RecordedEvent
 from evgp_rcs.timeline import FINISHED
 
@@ -126,6 +127,50 @@ class Finish:
     at: float
 
 
+class Why(enum.Enum):
+    """Why a kart has no place."""
+
+    LOST = 'LOST'
+    STOPPED_ALONE = 'STOPPED_ALONE'
+    STOPPED = 'STOPPED'
+    FINISH_UNDONE = 'FINISH_UNDONE'
+    RACE_STOPPED = 'RACE_STOPPED'
+    RACE_CONTROL_ENDED = 'RACE_CONTROL_ENDED'
+    STILL_RACING = 'STILL_RACING'
+    NOT_KNOWN = 'NOT_KNOWN'
+
+
+@dataclass(frozen=True)
+class Out:
+    """
+    Why a kart did not finish, and since when.
+
+    :param sequence: the event that says so; 0: none.
+    """
+
+    why: Why
+    at: float
+    sequence: int = 0
+
+
+@dataclass(frozen=True)
+class Result:
+    """
+    What became of a starter.
+
+    :param place: from 1; 0: it did not finish.
+    :param seconds: the time from GREEN_GREEN to its finish; None: not finished, or not known.
+    :param finished: when it was marked as finished; None: it was not.
+    :param out: why it did not finish; None: it did.
+    """
+
+    kart: int
+    place: int = 0
+    seconds: float | None = None
+    finished: float | None = None
+    out: Out | None = None
+
+
 @dataclass
 class Race:
     """
@@ -136,11 +181,14 @@ class Race:
     :param flagged: when it first went to RED_FLAG.
     :param red: when it went to RED_RED.
     :param garage: when it went back to IN_GARAGE.
+    :param stopped_by: the number of the command's event that stopped it as a whole, to RED_FLAG or
+        RED_RED; 0: none did.
     :param red_by: the number of the command's event that brought it to RED_RED; 0: none did.
     :param starters: who was sent GREEN_GREEN.
     :param finished: in the order of their places.
-    :param out: of each starter, when it was first lost or stopped alone before it finished, and
-        the event that says so.
+    :param out: why each starter that dropped out did so, before it finished.
+    :param heats: the heat that an official had put into the race, by its name; several if it can
+        have been any of them.
     :param results: race control's own sentence; empty: none was recorded.
     :param incidents: the numbers of the events that a jury asks about first.
     :param taken_up: it was under way when the run began.
@@ -153,14 +201,21 @@ class Race:
     flagged: float | None = None
     red: float | None = None
     garage: float | None = None
+    stopped_by: int = 0
     red_by: int = 0
     starters: list[int] = field(default_factory=list)
     finished: list[Finish] = field(default_factory=list)
-    out: dict[int, tuple[float, int]] = field(default_factory=dict)
+    out: dict[int, Out] = field(default_factory=dict)
+    heats: list[str] = field(default_factory=list)
     results: str = ''
     incidents: list[int] = field(default_factory=list)
     taken_up: bool = False
     incomplete: bool = False
+
+    @property
+    def stopped(self) -> float | None:
+        """Return when it was stopped as a whole; None: it was not."""
+        return self.flagged if self.flagged is not None else self.red
 
     @property
     def began(self) -> float:
@@ -217,18 +272,49 @@ class Account:
         assert self.first is not None
         return event.monotonic - self.first.monotonic
 
+    def results(self, race: Race) -> list[Result]:
+        """Return what became of each starter of a race: in the order of places, then the rest."""
+        green = race.green
+        finished = [
+            Result(each.kart, place, None if green is None else each.at - green, each.at)
+            for place, each in enumerate(race.finished, 1)
+        ]
+        rest = sorted(set(race.starters) - {each.kart for each in finished})
+        return finished + [Result(kart, out=self._out(race, kart)) for kart in rest]
+
+    def _out(self, race: Race, kart: int) -> Out:
+        known = race.out.get(kart)
+        ends = race.stopped if race.stopped is not None else self.length
+        began = race.green or 0.0
+        gap = next((each for each in self.gaps if each.end >= began and each.start <= ends), None)
+        if gap is not None and (known is None or known.at > gap.start):
+            # It may even have finished there.
+            return Out(Why.NOT_KNOWN, gap.start)
+        if known is not None:
+            return known
+        if race.stopped is not None:
+            return Out(Why.RACE_STOPPED, race.stopped, race.stopped_by)
+        if self.ended is not None:
+            return Out(Why.RACE_CONTROL_ENDED, self.at(self.ended), self.ended.sequence)
+        return Out(Why.STILL_RACING, self.length)
+
 
 MOST_CLOCK_STEP = 1.0
 """Maximum difference of the two clocks between two events that goes for none, in seconds."""
 
 
-def read(events: Iterable[RecordedEvent], teams: Mapping[int, str] | None = None) -> Account:
+def read(
+    events: Iterable[RecordedEvent],
+    teams: Mapping[int, str] | None = None,
+    heats: Iterable[Heat] = (),
+) -> Account:
     """
     Return what the events of one run, in order, say.
 
     :param teams: the teams of the roster, by the numbers of their karts, if they are recorded.
+    :param heats: its heats, if they are recorded.
     """
-    return _Reading(list(events), teams or {}).account
+    return _Reading(list(events), teams or {}, tuple(heats)).account
 
 
 class _Kart:
@@ -247,7 +333,14 @@ class _Kart:
 class _Reading:
     """One pass over the events."""
 
-    def __init__(self, events: list[RecordedEvent], teams: Mapping[int, str]) -> None:
+    def __init__(
+        self, events: list[RecordedEvent], teams: Mapping[int, str], heats: Sequence[Heat]
+    ) -> None:
+        self._heats = heats
+        # Who was put in and out since a heat was put into the race; None: none was.
+        self._changed: dict[int, bool] | None = None
+        # The same when each race was started, by its number.
+        self._put_in: dict[int, dict[int, bool] | None] = {}
         self._first = events[0].monotonic if events else 0.0
         self._length = events[-1].monotonic - self._first if events else 0.0
         whole = not events or events[0].sequence == 1
@@ -286,6 +379,7 @@ class _Reading:
             self.account.gaps.append(Gap(0.0, 0.0, events[0].sequence - 1))
         for event in events:
             self._take(event)
+        self._name_heats()
         for kart in self._karts.values():
             kart.lane.bands = _lasting(kart.lane.bands)
             kart.lane.holds = [hold for hold in kart.lane.holds if hold.end > hold.start]
@@ -323,6 +417,7 @@ class _Reading:
             _change(kart.lane.bands, since, NOT_KNOWN)
             self._release(kart, since)
         self._alerts.lose_sight()
+        self._changed = None
         if self._race is not None:
             self._race.incomplete = True
 
@@ -345,7 +440,7 @@ class _Reading:
         if self.account.ended is None:
             if self._race is not None:
                 self._incident(event)
-            self._drops_out(event, at)
+            self._drops_out(event, at, Why.LOST)
 
     def _kart_state(self, event: RecordedEvent, at: float) -> None:
         kart = self._karts[event.kart]
@@ -357,7 +452,7 @@ class _Reading:
             if event.kart not in self._race.starters:
                 self._race.starters.append(event.kart)
         elif self._state == GREEN_GREEN:
-            self._drops_out(event, at)
+            self._drops_out(event, at, Why.STOPPED)
         self._judge_hold(kart, at)
 
     def _acknowledged(self, event: RecordedEvent, at: float) -> None:
@@ -421,13 +516,21 @@ class _Reading:
         if race is not None:
             if state == GREEN_GREEN:
                 race.green = at
-            elif state == RED_FLAG:
-                race.flagged = race.flagged or at
-            elif state == RED_RED:
-                race.red = at
-                # Who was stopped with all others was not stopped alone.
-                race.out = {kart: out for kart, out in race.out.items() if out[0] != at}
-                race.red_by = self._cause(at)
+                self._put_in[race.number] = self._changed
+            elif state in (RED_FLAG, RED_RED):
+                if race.stopped is None:
+                    race.stopped_by = self._cause(at)
+                    # Who was stopped with all others was not stopped alone.
+                    race.out = {
+                        kart: out
+                        for kart, out in race.out.items()
+                        if not race.stopped_by or out.sequence != race.stopped_by
+                    }
+                if state == RED_FLAG:
+                    race.flagged = race.flagged or at
+                else:
+                    race.red = at
+                    race.red_by = self._cause(at)
             elif state == IN_GARAGE:
                 race.garage = at
                 self._race = None
@@ -458,6 +561,7 @@ class _Reading:
         if event.command in HOLDS_ALL:
             for kart in self._karts.values():
                 self._hold(kart, at, event.command)
+        self._note_who_races(event)
         kart_named = self._karts.get(event.kart)
         if kart_named is None:
             return
@@ -473,15 +577,38 @@ class _Reading:
                 self._race.finished = [
                     each for each in self._race.finished if each.kart != event.kart
                 ]
+                if kart_named.sent != GREEN_GREEN:
+                    self._drops_out(event, at, Why.FINISH_UNDONE)
 
-    def _drops_out(self, event: RecordedEvent, at: float) -> None:
+    def _note_who_races(self, event: RecordedEvent) -> None:
+        if event.command == CommandKind.SET_HEAT.name:
+            self._changed = {}
+        elif self._changed is not None and event.command in _INTO_RACE:
+            self._changed = {**self._changed, event.kart: _INTO_RACE[event.command]}
+
+    def _name_heats(self) -> None:
+        """Find what heats the races can have been: the events do not name them."""
+        for race in self.account.races:
+            changed = self._put_in.get(race.number)
+            if changed is None:
+                continue
+            for heat in self._heats:
+                racing = dict.fromkeys(heat.karts, True) | changed
+                if {kart for kart, is_in in racing.items() if is_in} == set(race.starters):
+                    race.heats.append(heat.name)
+
+    def _drops_out(self, event: RecordedEvent, at: float, why: Why) -> None:
         race = self._race
-        if race is None or race.green is None or race.red is not None:
+        if race is None or race.green is None or race.stopped is not None:
             return
         if event.kart not in race.starters or event.kart in race.out:
             return
         if all(each.kart != event.kart for each in race.finished):
-            race.out[event.kart] = (at, event.sequence)
+            cause = self._cause(at) if why is Why.STOPPED else 0
+            by = self._command[1] if self._command is not None and cause else None
+            if by is not None and by.kart == event.kart:
+                why = Why.STOPPED_ALONE
+            race.out[event.kart] = Out(why, at, cause or event.sequence)
 
     def _incident(self, event: RecordedEvent) -> None:
         race = self._race
@@ -508,6 +635,9 @@ class _Reading:
                 # The last that every connected kart hears.
                 _change(kart.lane.bands, at, RED_RED, event.sequence)
 
+
+_INTO_RACE = {CommandKind.JOIN_RACE.name: True, CommandKind.LEAVE_RACE.name: False}
+"""Whether a command puts its kart into the race, or out."""
 
 _TAKES = {
     EventKind.COMMAND.name: _Reading._commanded,

@@ -17,10 +17,11 @@ from importlib.resources import files
 import json
 from string import Template
 
+from evgp_rcs.plain import plain
 from evgp_rcs.race import EventKind
 from evgp_rcs.record import RecordedEvent, Session
 from evgp_rcs.report import drawing, words
-from evgp_rcs.report.model import Account, Alert, Part, Race, STOPS
+from evgp_rcs.report.model import Account, Alert, Part, Race, STOPS, Why
 from evgp_rcs.report.words import Clock
 
 PAPER_ROWS = 1000
@@ -58,6 +59,7 @@ class Source:
     :param rules: the version of the rules; empty: not recorded.
     :param program: the version of the program that makes the report.
     :param made_ns: when it is made, ns since the epoch.
+    :param damage: why not all of the run could be read; empty: all of it was.
     """
 
     file: str
@@ -68,6 +70,7 @@ class Source:
     rules: str
     program: str
     made_ns: int
+    damage: str = ''
 
 
 def page(whole: Account, part: Part, source: Source) -> str:
@@ -77,7 +80,7 @@ def page(whole: Account, part: Part, source: Source) -> str:
 
 def _safe(text: str) -> str:
     """Return a text of the record as HTML: as text, with a direction of its own."""
-    return f'<bdi>{escape(words.plain(text))}</bdi>'
+    return f'<bdi>{escape(plain(text))}</bdi>'
 
 
 def _json(data: object) -> str:
@@ -194,6 +197,14 @@ class _Page:
         said: list[tuple[str, str]] = []
         if not whole.events:
             said.append(('bad', 'This run has no events.'))
+        if source.damage:
+            said.append(
+                (
+                    'bad',
+                    f'The record is damaged ({_safe(source.damage)}): this is what can be read of '
+                    'it. What came after the last event here may be missing.',
+                )
+            )
         races = len(whole.races)
         started = sum(race.green is not None for race in whole.races)
         said.append(
@@ -317,7 +328,7 @@ class _Page:
         clock = self._clock
         ends = self._whole.length if race.garage is None else race.garage
         heading = (
-            f'Race {race.number}: {clock.at(race.began)} to {clock.at(ends)} '
+            f'Race {race.number}{self._heat(race)}: {clock.at(race.began)} to {clock.at(ends)} '
             f'<small>({words.duration(ends - race.began)})</small>'
         )
         said = []
@@ -348,6 +359,10 @@ class _Page:
             f'{self._incidents(race.incidents, race)}</article>'
         )
 
+    def _heat(self, race: Race) -> str:
+        heats = ' or '.join(_safe(words.name(heat)) for heat in race.heats)
+        return f' ({heats})' if heats else ''
+
     def _stopped(self, race: Race, red: float) -> str:
         when = f'{self._clock.at(red, 1)}'
         if race.green is not None:
@@ -361,17 +376,17 @@ class _Page:
         )
 
     def _order(self, race: Race) -> str:
-        finished = {each.kart for each in race.finished}
         rows = []
-        for place, finish in enumerate(race.finished, 1):
-            since = words.duration(finish.at - race.green) if race.green is not None else ''
-            rows.append(
-                (f'{place}.', self._kart(finish.kart), since, self._clock.at(finish.at, 1))
-            )
-        for kart in sorted(set(race.starters) - finished):
-            rows.append(
-                ('-', self._kart(kart), f'did not finish: {self._why_out(race, kart)}', '')
-            )
+        for result in self._whole.results(race):
+            if result.out is not None:
+                out = result.out
+                what = 'not known' if out.why is Why.NOT_KNOWN else 'did not finish'
+                why = words.why_out(out, self._clock).removeprefix('not known: ')
+                rows.append(('-', self._kart(result.kart), f'{what}: {why}', ''))
+            else:
+                since = words.duration(result.seconds) if result.seconds is not None else ''
+                at = self._clock.at(result.finished or 0.0, 1)
+                rows.append((f'{result.place}.', self._kart(result.kart), since, at))
         text = ''
         if rows:
             head = ('Place', 'Kart', 'Time from GREEN GREEN', 'Marked as finished')
@@ -379,18 +394,6 @@ class _Page:
         if race.results:
             text += f"<p>In race control's own words: {_safe(race.results)}.</p>"
         return text
-
-    def _why_out(self, race: Race, kart: int) -> str:
-        if kart in race.out:
-            at, sequence = race.out[kart]
-            event = self._events[sequence]
-            if event.kind == EventKind.DISCONNECTED.name:
-                return f'it lost its connection at {self._clock.at(at, 1)}'
-            sent = words.STATES.get(event.state or '', 'a stop')
-            return f'it was sent {sent} at {self._clock.at(at, 1)}'
-        if race.red is not None:
-            return 'the race was ended before'
-        return 'it was still racing at the end of the record'
 
     def _incidents(self, numbers: Sequence[int], race: Race | None) -> str:
         if not numbers:
@@ -527,7 +530,7 @@ aria-label="Timeline; the arrow keys go from event to event"></canvas>
                 self._clock.time(event.wall_ns, 3),
                 words.elapsed(self._account.at(event), 3),
                 f'{event.kart}' if event.kart else '',
-                escape(words.KINDS.get(event.kind, words.plain(event.kind)))
+                escape(words.KINDS.get(event.kind, plain(event.kind)))
                 + ('' if event.success else ' <b>✗</b>'),
                 _safe(event.text)
                 + (f' <i>[{_safe(words.name(event.official))}]</i>' if event.official else ''),
@@ -541,8 +544,7 @@ aria-label="Timeline; the arrow keys go from event to event"></canvas>
         )
         kart_options = ''.join(f'<option value="{n}">Kart {n}</option>' for n in numbers)
         kind_options = ''.join(
-            f'<option value="{escape(kind)}">{escape(words.KINDS.get(kind, words.plain(kind)))}'
-            '</option>'
+            f'<option value="{escape(kind)}">{escape(words.KINDS.get(kind, plain(kind)))}</option>'
             for kind in kinds
         )
         return f"""<section class="events"><h2>Events</h2>
@@ -657,7 +659,7 @@ nothing. An acknowledgement is what the kart said, not what it did.</p></section
                     event.kart,
                     event.kind,
                     int(event.success),
-                    words.plain(event.text),
+                    plain(event.text),
                     words.name(event.official),
                 ]
                 for event in account.events

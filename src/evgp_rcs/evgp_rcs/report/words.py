@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import datetime
-import unicodedata
 
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.plain import plain
 from evgp_rcs.report.model import (
     GREEN_GREEN,
     GRID_ACTIVE,
     IN_GARAGE,
     NOT_CONNECTED,
     NOT_KNOWN,
+    Out,
     RED_FLAG,
     RED_RED,
+    Why,
 )
 
 STATES = {
@@ -56,16 +58,20 @@ KINDS = {
 }
 """What each kind of event is called; one that is missing here keeps its own name."""
 
+WHY = {
+    Why.LOST: 'it lost its connection',
+    Why.STOPPED_ALONE: 'an official stopped it alone',
+    Why.STOPPED: 'it was stopped',
+    Why.FINISH_UNDONE: 'its finish was undone after it had been stopped',
+    Why.RACE_STOPPED: 'the race was stopped before',
+    Why.RACE_CONTROL_ENDED: 'race control ended before',
+    Why.STILL_RACING: 'it was still racing at the end of the record',
+    Why.NOT_KNOWN: 'not known: events are missing, and it may have finished',
+}
+"""Why a kart has no place."""
+
 MOST_OF_A_NAME = 80
 """Maximum length of an official's or a team's name, in characters; the event has all of it."""
-
-
-def plain(text: str) -> str:
-    """Return a text of others without characters that are not seen or that turn the line round."""
-    return ''.join(
-        character if unicodedata.category(character)[0] != 'C' else '\N{REPLACEMENT CHARACTER}'
-        for character in text
-    )
 
 
 def name(text: str) -> str:
@@ -142,3 +148,10 @@ class Clock:
         """Return the day."""
         moment = self.moment(wall_ns)
         return f'{moment:%A}, {moment.day} {moment:%B %Y}'
+
+
+def why_out(out: Out, clock: Clock) -> str:
+    """Return why a kart has no place, and when that was."""
+    when = '' if out.why in (Why.STILL_RACING, Why.NOT_KNOWN) else f' at {clock.at(out.at, 1)}'
+    joined = ',' if out.why in (Why.RACE_STOPPED, Why.RACE_CONTROL_ENDED) else ''
+    return f'{WHY[out.why]}{joined}{when}'

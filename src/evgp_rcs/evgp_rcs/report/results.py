@@ -1,0 +1,135 @@
+"""``rcs_record results``: who finished when, and who did not and why, as a table."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+import csv
+import pathlib
+import sys
+from typing import TextIO
+import unicodedata
+
+from evgp_rcs.plain import plain
+from evgp_rcs.report import words
+from evgp_rcs.report.model import Account, Race
+from evgp_rcs.report.reading import read_run
+from evgp_rcs.report.words import Clock
+from evgp_rcs.runs import add_run_arguments, FAILED, open_runs, say
+
+COLUMNS = (
+    'run',
+    'race',
+    'heat',
+    'place',
+    'kart',
+    'team',
+    'seconds',
+    'started',
+    'finished',
+    'result',
+    'reason',
+    'event',
+    'complete',
+)
+"""The columns; what each means is in docs/record.md."""
+
+FORMULA = '=+-@\t\r\n'
+"""With what a cell begins that a spreadsheet may run."""
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Write the results of a run as CSV.
+
+    :return: the exit code.
+    :raises UnreadableError: if the record or the run cannot be read.
+    """
+    parser = argparse.ArgumentParser(
+        prog='rcs_record results',
+        description='Write the results of each race of a run as CSV: the order, the time from '
+        'GREEN_GREEN to the finish, who did not finish and why. A race that is under way is in it '
+        'as it stands.',
+        epilog='A cell of others, such as the name of a team, that a spreadsheet would run as a '
+        'formula gets an apostrophe in front. The columns are explained in docs/record.md.',
+    )
+    add_run_arguments(parser)
+    parser.add_argument(
+        '-o',
+        '--output',
+        type=pathlib.Path,
+        metavar='FILE',
+        help='write this file; otherwise the results are printed',
+    )
+    wanted = parser.parse_args(arguments)
+    with open_runs(wanted.file) as runs:
+        run = runs.choose(wanted.run)
+        of_run = read_run(runs, run)
+        is_present = run is runs.present
+    account = of_run.account()
+    clock = Clock(account.first.wall_ns if account.first is not None else run.began_ns)
+    rows = [
+        (str(run.number), *row)
+        for race in account.races
+        for row in _rows(account, race, clock, bool(runs.damage))
+    ]
+    if wanted.output is None:
+        _write(sys.stdout, rows)
+    else:
+        try:
+            with wanted.output.open('w', encoding='utf-8', newline='') as stream:
+                _write(stream, rows)
+        except OSError as error:
+            say(f'{wanted.output} cannot be written: {error.strerror}')
+            return FAILED
+        print(f'{plain(str(wanted.output))}: run {run.number}, {len(account.races)} races')
+    for race in account.races:
+        if race.taken_up:
+            say(f'race {race.number} began before this run: who started it is not known here')
+        elif race.green is None:
+            say(f'race {race.number} was never started')
+    if is_present:
+        say('race control still writes this run: these are the results up to now')
+    return runs.code
+
+
+def _write(stream: TextIO, rows: Sequence[Sequence[str]]) -> None:
+    table = csv.writer(stream, lineterminator='\n')
+    table.writerow(COLUMNS)
+    table.writerows(rows)
+
+
+def _rows(account: Account, race: Race, clock: Clock, damaged: bool) -> Iterator[tuple[str, ...]]:
+    teams = {lane.kart: lane.team for lane in account.lanes}
+
+    def moment(at: float | None) -> str:
+        if at is None:
+            return ''
+        wall_ns = clock.began_ns + round(at * 1e9)
+        return clock.moment(wall_ns).isoformat(timespec='milliseconds')
+
+    complete = race.stopped is not None and not (race.incomplete or race.taken_up or damaged)
+    for result in account.results(race):
+        out = result.out
+        yield (
+            str(race.number),
+            defused(' or '.join(race.heats)),
+            str(result.place or ''),
+            str(result.kart),
+            defused(teams.get(result.kart, '')),
+            '' if result.seconds is None else f'{result.seconds:.3f}',
+            moment(race.green),
+            moment(result.finished),
+            'FINISHED' if out is None else out.why.value,
+            '' if out is None else words.why_out(out, clock),
+            str(out.sequence or '') if out is not None else '',
+            'yes' if complete else 'no',
+        )
+
+
+def defused(text: str) -> str:
+    """Return a text of others as a cell that no spreadsheet runs."""
+    shown = plain(text)
+    # Some spreadsheets take a wide equals sign for one.
+    first = unicodedata.normalize('NFKC', shown.lstrip()[:1])[:1]
+    return f"'{shown}" if first and first in FORMULA else shown

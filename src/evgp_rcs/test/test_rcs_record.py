@@ -1,0 +1,472 @@
+"""``rcs_record`` as a program: its subcommands, its help, and what it says of a bad file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import contextlib
+import dataclasses
+import io
+import multiprocessing
+import os
+import pathlib
+import re
+import shutil
+import sqlite3
+import subprocess
+import sys
+
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.inputs import Setup
+from evgp_rcs.rcs_record import main as rcs_record
+from evgp_rcs.rcs_record import WAYS
+from evgp_rcs.record import default_path, Record
+from evgp_rcs.rules_version import rules_version
+from evgp_rcs.runs import DONE, PARTLY, UNREADABLE
+import pytest
+from recorded_races import PaperRace
+from test_replay import Running, SETUP
+
+Capture = pytest.CaptureFixture[str]
+PAGE = 4096
+"""Size of a page of SQLite's, in bytes."""
+
+PROGRAM = (sys.executable, '-m', 'evgp_rcs.rcs_record')
+
+
+def arguments_of(way: str, record: pathlib.Path) -> list[str]:
+    """Return the arguments of a subcommand, with all that it needs."""
+    output = {
+        'report': ['-o', str(record.with_name('report.html'))],
+        'mcap': [str(record.with_name('race.mcap'))],
+    }
+    return [way, str(record), *output.get(way, [])]
+
+
+@pytest.fixture
+def path(tmp_path: pathlib.Path) -> pathlib.Path:
+    return tmp_path / 'record.sqlite3'
+
+
+@pytest.fixture(scope='module')
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    """Return a record of a hundred pages: a short run, and a long one with what went into it."""
+    path = tmp_path_factory.mktemp('recorded') / 'record.sqlite3'
+    PaperRace({7: 'Purdue'}).write(path)
+    record = Record(path)
+    record.begin(rules_version(), SETUP)
+    record.start(lambda error: pytest.fail(repr(error)))
+    for events, block in Running(seed=1).run(4000).handed_over:
+        record.put(events, block)
+    record.end(60.0)
+    return path
+
+
+@pytest.fixture
+def good(recorded: pathlib.Path, path: pathlib.Path) -> pathlib.Path:
+    """Return a record to do anything with."""
+    shutil.copy(recorded, path)
+    return path
+
+
+# ----- the command ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('asked', ['-h', '--help'])
+def test_the_help_has_every_subcommand_the_default_record_and_the_exit_codes(
+    asked: str, capsys: Capture
+) -> None:
+    assert rcs_record([asked]) == 0
+    out = capsys.readouterr().out
+    lines = [line.split()[0] for line in out.splitlines() if line.startswith('  ')]
+    assert set(WAYS) <= set(lines)
+    assert {'0', '1', '2', '3'} <= set(lines)
+    assert str(default_path()) in out
+    assert max(map(len, out.splitlines())) < 110
+
+
+@pytest.mark.parametrize('way', WAYS)
+def test_each_subcommand_has_its_own_help(way: str, capsys: Capture) -> None:
+    with pytest.raises(SystemExit) as ended:
+        rcs_record([way, '--help'])
+    assert ended.value.code == 0
+    assert f'usage: rcs_record {way}' in capsys.readouterr().out
+
+
+def test_the_word_show_may_be_left_out(good: pathlib.Path, capsys: Capture) -> None:
+    for rest in ([], ['--list'], ['--run', '2', '--kart', '3']):
+        assert rcs_record([str(good), *rest]) == 0
+        without = capsys.readouterr().out
+        assert rcs_record(['show', str(good), *rest]) == 0
+        assert capsys.readouterr().out == without
+
+
+def test_a_misspelt_subcommand_is_no_file(capsys: Capture) -> None:
+    assert rcs_record(['reprot', '-o', 'x.html']) == UNREADABLE
+    assert 'report' in capsys.readouterr().err
+
+
+def test_it_is_a_module_too(good: pathlib.Path) -> None:
+    done = subprocess.run([*PROGRAM, str(good), '--list'], capture_output=True, text=True)
+    assert done.returncode == 0
+    assert len(done.stdout.splitlines()) == 2
+
+
+def test_whoever_reads_no_further_gets_no_trace_of_python(good: pathlib.Path) -> None:
+    with subprocess.Popen(
+        [*PROGRAM, str(good)], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as program:
+        assert program.stdout is not None
+        assert program.stderr is not None
+        program.stdout.readline()
+        program.stdout.close()
+        assert program.stderr.read() == b''
+    assert program.returncode == 0
+
+
+def test_a_terminal_of_few_characters_shows_what_it_can(path: pathlib.Path) -> None:
+    paper = PaperRace({7: 'Zürich 走'})
+    paper.connect(7)
+    paper.write(path)
+    done = subprocess.run(
+        [*PROGRAM, str(path)], capture_output=True, env={**os.environ, 'PYTHONIOENCODING': 'ascii'}
+    )
+    assert (done.returncode, done.stderr) == (0, b'')
+    assert b'Z?rich ?' in done.stdout
+
+
+class Terminal(io.StringIO):
+    """What a person looks at."""
+
+    def isatty(self) -> bool:
+        """Return that it is a terminal."""
+        return True
+
+
+def test_long_work_says_at_a_terminal_how_far_it_has_come(
+    good: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('evgp_rcs.progress.SILENT', 0.0)
+    monkeypatch.setattr('evgp_rcs.progress.EVERY', 0.0)
+    terminal = Terminal()
+    monkeypatch.setattr(sys, 'stderr', terminal)
+    assert rcs_record(arguments_of('results', good)) == 0
+    shown = terminal.getvalue()
+    assert re.search(r'\d %', shown)
+    # What was shown last is gone before anything else is said.
+    progress = shown.partition('rcs_record: ')[0]
+    assert '\n' not in progress
+    assert progress.endswith(' \r')
+
+
+@pytest.mark.parametrize('way', WAYS)
+def test_in_a_pipe_there_is_no_word_about_progress(
+    way: str, good: pathlib.Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('evgp_rcs.progress.SILENT', 0.0)
+    assert rcs_record(arguments_of(way, good)) == DONE
+    assert '%' not in capsys.readouterr().err
+
+
+# ----- bad files ------------------------------------------------------------------------------
+
+
+def nothing(path: pathlib.Path) -> None:
+    path.unlink()
+
+
+def empty(path: pathlib.Path) -> None:
+    path.write_bytes(b'')
+
+
+def a_folder(path: pathlib.Path) -> None:
+    path.unlink()
+    path.mkdir()
+
+
+def a_pipe(path: pathlib.Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+def a_text(path: pathlib.Path) -> None:
+    path.write_text('Kart 7 was first.\n' * 1000)
+
+
+def another_database(path: pathlib.Path) -> None:
+    path.unlink()
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.execute('CREATE TABLE bookmark (url TEXT)')
+
+
+def another_database_that_looks_like_one(path: pathlib.Path) -> None:
+    path.unlink()
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.executescript(
+            'CREATE TABLE session (day TEXT); CREATE TABLE event (day TEXT);'
+            'PRAGMA user_version = 2'
+        )
+
+
+def a_later_version(path: pathlib.Path) -> None:
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.execute('PRAGMA user_version = 99')
+
+
+def a_garbled_beginning(path: pathlib.Path) -> None:
+    with path.open('r+b') as file:
+        file.write(b'\xff' * PAGE)
+
+
+def cut_in_its_first_page(path: pathlib.Path) -> None:
+    os.truncate(path, 1000)
+
+
+UNREADABLE_FILES = [
+    nothing,
+    empty,
+    a_folder,
+    a_pipe,
+    a_text,
+    another_database,
+    another_database_that_looks_like_one,
+    a_later_version,
+    a_garbled_beginning,
+    cut_in_its_first_page,
+]
+
+
+def one_sentence(capsys: Capture, path: pathlib.Path) -> None:
+    """Check that the reason is in one line, which names the file, and that nothing is printed."""
+    told = capsys.readouterr()
+    assert told.out == ''
+    (line,) = told.err.splitlines()
+    assert line.startswith('rcs_record: ')
+    assert str(path) in line
+
+
+@pytest.mark.parametrize('way', WAYS)
+@pytest.mark.parametrize('harm', UNREADABLE_FILES)
+def test_a_file_that_is_no_record_gets_one_sentence(
+    way: str, harm: Callable[[pathlib.Path], None], good: pathlib.Path, capsys: Capture
+) -> None:
+    harm(good)
+    assert rcs_record(arguments_of(way, good)) == UNREADABLE
+    one_sentence(capsys, good)
+    made = {'report.html', 'race.mcap'}
+    assert not made & {each.name for each in good.parent.iterdir()}
+
+
+@pytest.fixture
+def locked(good: pathlib.Path) -> Iterator[pathlib.Path]:
+    """Return a record that another program has for itself."""
+    with contextlib.closing(sqlite3.connect(good, isolation_level=None)) as database:
+        database.execute('PRAGMA locking_mode = EXCLUSIVE')
+        database.execute('BEGIN EXCLUSIVE')
+        yield good
+
+
+@pytest.mark.parametrize('way', WAYS)
+def test_a_file_that_is_locked_gets_one_sentence(
+    way: str, locked: pathlib.Path, capsys: Capture
+) -> None:
+    assert rcs_record(arguments_of(way, locked)) == UNREADABLE
+    one_sentence(capsys, locked)
+
+
+def half(path: pathlib.Path) -> None:
+    os.truncate(path, path.stat().st_size // 2)
+
+
+def cut_within_a_page(path: pathlib.Path) -> None:
+    os.truncate(path, path.stat().st_size * 2 // 3 + 100)
+
+
+def without_its_last_byte(path: pathlib.Path) -> None:
+    os.truncate(path, path.stat().st_size - 1)
+
+
+def pages_overwritten(path: pathlib.Path) -> None:
+    with path.open('r+b') as file:
+        for share in (0.3, 0.6):
+            file.seek(int(path.stat().st_size * share) // PAGE * PAGE)
+            file.write(b'\xff' * PAGE)
+
+
+def a_value_of_another_type(path: pathlib.Path) -> None:
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.execute("UPDATE event SET monotonic = 'noon' WHERE session = 2 AND sequence = 9")
+        database.execute("UPDATE event SET text = x'ff00' WHERE session = 2 AND sequence = 99")
+        database.commit()
+
+
+def a_session_that_is_garbled(path: pathlib.Path) -> None:
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.execute("UPDATE session SET began_ns = 'noon'")
+        database.commit()
+
+
+def a_time_that_no_clock_shows(path: pathlib.Path) -> None:
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.execute('UPDATE event SET monotonic = 9e999 WHERE session = 2 AND sequence = 9')
+        database.commit()
+
+
+DAMAGED_FILES = [
+    half,
+    cut_within_a_page,
+    without_its_last_byte,
+    pages_overwritten,
+    a_value_of_another_type,
+    a_session_that_is_garbled,
+    a_time_that_no_clock_shows,
+]
+
+
+@pytest.mark.parametrize('way', WAYS)
+@pytest.mark.parametrize('harm', DAMAGED_FILES)
+def test_of_a_damaged_record_what_can_be_read_is(
+    way: str, harm: Callable[[pathlib.Path], None], good: pathlib.Path, capsys: Capture
+) -> None:
+    harm(good)
+    code = rcs_record(arguments_of(way, good))
+    told = capsys.readouterr()
+    assert all(line.startswith('rcs_record: ') for line in told.err.splitlines())
+    if way == 'replay' and code == UNREADABLE:
+        # Without the first inputs no rule can be run.
+        assert len(told.err.splitlines()) == 1
+        return
+    assert code == PARTLY
+    assert sum(str(good) in line for line in told.err.splitlines()) == 1
+    assert told.out
+
+
+@pytest.mark.parametrize('harm', DAMAGED_FILES)
+def test_of_a_damaged_record_events_before_and_behind_the_damage_are_shown(
+    harm: Callable[[pathlib.Path], None], good: pathlib.Path, capsys: Capture
+) -> None:
+    assert rcs_record([str(good)]) == 0
+    whole = capsys.readouterr().out.splitlines()
+    harm(good)
+    assert rcs_record([str(good), '--run', '2']) == PARTLY
+    shown = capsys.readouterr().out.splitlines()
+    assert len(shown) > 5
+    events = [line for line in shown[1:] if 'missing' not in line]
+    assert set(events) <= set(whole)
+    cut = harm in (half, cut_within_a_page, without_its_last_byte)
+    assert cut or events[-1] == whole[-1]
+
+
+def test_the_report_of_a_damaged_record_says_so_at_the_top(good: pathlib.Path) -> None:
+    half(good)
+    page = good.with_name('report.html')
+    assert rcs_record(['report', str(good), '-o', str(page)]) == PARTLY
+    text = page.read_text(encoding='utf-8')
+    assert 'The record is damaged' in text.partition('<h2>Timeline')[0]
+
+
+# ----- a record that is being written, a crash, a clock that was set --------------------------
+
+
+def write_and_die(path: pathlib.Path) -> None:
+    """Write a race into a record and die without a word."""
+    paper = PaperRace({7: 'Purdue', 8: 'Michigan'})
+    paper.connect(7, 8)
+    paper.drive()
+    paper.command(CommandKind.KART_FINISH, 7)
+    record = Record(path)
+    record.begin(rules_version(), Setup((), paper.race.times, (), 0.0))
+    record.start(lambda error: os._exit(2))
+    record.put(paper.stamped)
+    record.make_sure(paper.race.memory(), paper.now, lambda there: os._exit(0 if there else 1))
+    record.end(60.0)
+
+
+@pytest.mark.parametrize('way', ['show', 'results', 'report', 'mcap'])
+def test_a_record_of_a_crash_is_read_to_its_end(
+    way: str, path: pathlib.Path, capsys: Capture
+) -> None:
+    writer = multiprocessing.get_context('fork').Process(target=write_and_die, args=(path,))
+    writer.start()
+    writer.join(60.0)
+    assert writer.exitcode == 0
+    assert rcs_record(arguments_of(way, path)) == DONE
+    assert capsys.readouterr().out
+
+
+def with_the_clock_set_back() -> PaperRace:
+    """Return a race in which the wall clock was set back by an hour, right after the start."""
+    paper = PaperRace({7: 'Purdue', 8: 'Michigan'})
+    paper.connect(7, 8)
+    paper.drive()
+    paper.wait(10.0)
+    paper.wall_offset_ns -= 3_600_000_000_000
+    paper.command(CommandKind.KART_FINISH, 7)
+    paper.wait(5.0)
+    paper.command(CommandKind.ALL_KILL)
+    return paper
+
+
+def test_with_a_clock_that_was_set_back_the_timeline_has_the_order_and_both_times(
+    path: pathlib.Path, capsys: Capture
+) -> None:
+    paper = with_the_clock_set_back()
+    paper.write(path)
+    assert rcs_record([str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()[1:]
+    assert len(lines) == len(paper.events)
+    for line, event in zip(lines, paper.events, strict=True):
+        assert event.text in line
+    clocks = [line.split()[0] for line in lines]
+    seconds = [float(line.split()[1]) for line in lines]
+    assert seconds == sorted(seconds)
+    assert clocks != sorted(clocks)
+
+
+def test_with_a_clock_that_was_set_back_times_to_the_finish_stay_right(
+    path: pathlib.Path, capsys: Capture
+) -> None:
+    with_the_clock_set_back().write(path)
+    assert rcs_record(['results', str(path)]) == 0
+    _, first, _ = capsys.readouterr().out.splitlines()
+    assert ',10.000,' in first
+
+
+# ----- names of others ------------------------------------------------------------------------
+
+
+HOSTILE = '\x1b[2J\x1b]0;owned\x07\u202egnp\u2066\x00\r\nKart 9 finished\u2028'
+
+
+def test_a_hostile_text_does_nothing_to_the_terminal(path: pathlib.Path, capsys: Capture) -> None:
+    paper = PaperRace({7: HOSTILE, 8: 'x' * 10_000})
+    paper.connect(7, 8)
+    paper.command(CommandKind.KART_RED_RED, 7, official=HOSTILE)
+    paper.write(path)
+    assert rcs_record([str(path)]) == 0
+    told = capsys.readouterr()
+    assert all(line.isprintable() for line in told.out.splitlines())
+    assert len(told.out.splitlines()) == 1 + len(paper.events)
+
+
+def test_a_hostile_text_in_a_difference_does_nothing_to_the_terminal(
+    path: pathlib.Path, capsys: Capture
+) -> None:
+    paper = PaperRace({7: 'Purdue'})
+    paper.connect(7)
+    (first, *_) = paper.stamped
+    told = dataclasses.replace(first, event=dataclasses.replace(first.event, text=HOSTILE))
+    record = Record(path)
+    record.begin(HOSTILE, Setup((), paper.race.times, (), 0.0))
+    record.start(lambda error: pytest.fail(repr(error)))
+    record.put([told])
+    record.end(60.0)
+    assert rcs_record(['replay', str(path)]) == 1
+    assert all(line.isprintable() for line in capsys.readouterr().out.splitlines())
+
+
+def test_a_hostile_file_name_does_nothing_to_the_terminal(
+    tmp_path: pathlib.Path, capsys: Capture
+) -> None:
+    assert rcs_record([str(tmp_path / 'a\x1b[2J\udcff.sqlite3')]) == UNREADABLE
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.isprintable()

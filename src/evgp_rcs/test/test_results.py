@@ -1,0 +1,324 @@
+"""The results of a race: who finished when, and who did not and why, as the report has them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import csv
+import io
+import pathlib
+import queue
+import re
+
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.race import Heat
+from evgp_rcs.rcs_record import main as rcs_record
+from evgp_rcs.record import Record
+from evgp_rcs.report.model import read, Result, Why
+from evgp_rcs.report.results import COLUMNS, defused
+import pytest
+from recorded_races import PaperRace
+
+TEAMS = {7: 'Purdue', 8: 'Michigan', 9: 'Kennesaw'}
+HEATS = (Heat('Heat A', (7, 8)), Heat('Heat B', (8, 9)), Heat('Heat B again', (8, 9)))
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.fixture
+def paper() -> PaperRace:
+    """Return a race with three karts, all connected."""
+    race = PaperRace(TEAMS, HEATS)
+    race.connect(*TEAMS)
+    race.wait(1.0)
+    return race
+
+
+def results(paper: PaperRace) -> dict[int, Result]:
+    """Return what became of each starter of the newest race."""
+    account = read(paper.events, TEAMS, HEATS)
+    return {result.kart: result for result in account.results(account.races[-1])}
+
+
+def why(paper: PaperRace) -> dict[int, Why]:
+    return {kart: each.out.why for kart, each in results(paper).items() if each.out is not None}
+
+
+def heats(paper: PaperRace) -> list[list[str]]:
+    return [race.heats for race in read(paper.events, TEAMS, HEATS).races]
+
+
+def race_over(paper: PaperRace) -> None:
+    paper.command(CommandKind.RACE_OVER)
+    paper.go_home()
+
+
+def release(paper: PaperRace) -> None:
+    """Release every kart that is still held."""
+    for number in TEAMS:
+        if paper.race.karts[number].hold is not None:
+            paper.command(CommandKind.KART_IN_GARAGE, number)
+
+
+def test_a_time_is_from_green_green_to_the_finish(paper: PaperRace) -> None:
+    paper.drive()
+    paper.wait(30.0)
+    paper.command(CommandKind.KART_FINISH, 9)
+    paper.wait(1.5)
+    paper.command(CommandKind.KART_FINISH, 7)
+    race_over(paper)
+    found = results(paper)
+    assert list(found) == [9, 7, 8]
+    assert [each.place for each in found.values()] == [1, 2, 0]
+    assert [each.seconds for each in found.values()] == [30.0, 31.5, None]
+
+
+def test_a_finish_that_was_undone_is_none_and_later_places_move_up(paper: PaperRace) -> None:
+    paper.drive()
+    paper.wait(3.0)
+    paper.command(CommandKind.KART_FINISH, 9)
+    paper.command(CommandKind.KART_FINISH, 8)
+    paper.command(CommandKind.KART_UNDO_FINISH, 9)
+    assert results(paper)[8].place == 1
+    paper.wait(10.0)
+    paper.command(CommandKind.KART_FINISH, 7)
+    paper.command(CommandKind.KART_UNDO_FINISH, 8)
+    race_over(paper)
+    assert results(paper)[7].place == 1
+    # The one was stopped after its finish had been undone, the other before.
+    assert why(paper) == {8: Why.FINISH_UNDONE, 9: Why.STOPPED}
+
+
+def test_what_happens_to_a_kart_after_its_finish_takes_no_place_away(paper: PaperRace) -> None:
+    paper.drive()
+    paper.command(CommandKind.KART_FINISH, 7)
+    paper.command(CommandKind.KART_FINISH, 8)
+    paper.lose(7)
+    paper.command(CommandKind.KART_RED_RED, 8)
+    paper.wait(10.0)
+    race_over(paper)
+    assert why(paper) == {9: Why.RACE_STOPPED}
+
+
+def test_only_the_first_reason_counts(paper: PaperRace) -> None:
+    paper.drive()
+    paper.wait(1.0)
+    paper.lose(7)
+    paper.command(CommandKind.KART_RED_FLAG, 8)
+    paper.wait(1.0)
+    paper.command(CommandKind.KART_RED_RED, 7)
+    paper.lose(8)
+    paper.command(CommandKind.ALL_KILL)
+    assert why(paper) == {7: Why.LOST, 8: Why.STOPPED_ALONE, 9: Why.RACE_STOPPED}
+
+
+def test_who_is_lost_after_the_race_was_flagged_did_not_finish_because_of_the_flag(
+    paper: PaperRace,
+) -> None:
+    paper.drive()
+    paper.wait(1.0)
+    paper.command(CommandKind.RED_FLAG)
+    paper.wait(1.0)
+    paper.lose(7)
+    paper.command(CommandKind.KART_RED_RED, 8)
+    race_over(paper)
+    assert set(why(paper).values()) == {Why.RACE_STOPPED}
+    flag = next(each for each in paper.events if each.command == 'RED_FLAG')
+    assert {each.out.sequence for each in results(paper).values() if each.out} == {flag.sequence}
+
+
+def test_a_race_that_is_under_way_has_no_results_yet_but_what_there_is(paper: PaperRace) -> None:
+    paper.drive()
+    paper.command(CommandKind.KART_FINISH, 7)
+    assert results(paper)[7].place == 1
+    assert why(paper) == {8: Why.STILL_RACING, 9: Why.STILL_RACING}
+
+
+def test_a_race_that_race_control_left_was_ended_by_that(paper: PaperRace) -> None:
+    paper.drive()
+    paper.end()
+    assert set(why(paper).values()) == {Why.RACE_CONTROL_ENDED}
+
+
+def test_where_events_are_missing_nobody_is_said_to_have_not_finished(paper: PaperRace) -> None:
+    paper.drive()
+    paper.wait(1.0)
+    paper.lose(7)
+    paper.wait(1.0)
+    before = len(paper.events)
+    paper.command(CommandKind.KART_FINISH, 8)
+    race_over(paper)
+    events = [event for event in paper.events if event.sequence not in (before + 1, before + 2)]
+    account = read(events)
+    found = {each.kart: each for each in account.results(account.races[0])}
+    reasons = {kart: each.out.why for kart, each in found.items() if each.out is not None}
+    assert reasons == {7: Why.LOST, 8: Why.NOT_KNOWN, 9: Why.NOT_KNOWN}
+
+
+# ----- heats ----------------------------------------------------------------------------------
+
+
+def test_a_race_has_the_name_of_the_heat_that_was_put_into_it(paper: PaperRace) -> None:
+    paper.command(CommandKind.SET_HEAT, heat='Heat A')
+    paper.drive()
+    race_over(paper)
+    paper.command(CommandKind.SET_HEAT, heat='Heat B')
+    paper.drive()
+    race_over(paper)
+    # Two heats of the same karts: the events do not say which of them it was.
+    assert heats(paper) == [['Heat A'], ['Heat B', 'Heat B again']]
+
+
+def test_a_heat_keeps_its_name_with_karts_put_in_and_out(paper: PaperRace) -> None:
+    paper.command(CommandKind.SET_HEAT, heat='Heat A')
+    paper.command(CommandKind.LEAVE_RACE, 8)
+    paper.command(CommandKind.JOIN_RACE, 9)
+    paper.drive()
+    assert heats(paper) == [['Heat A']]
+
+
+def test_a_race_without_a_heat_has_no_name_although_its_karts_are_those_of_one(
+    paper: PaperRace,
+) -> None:
+    paper.command(CommandKind.LEAVE_RACE, 9)
+    paper.drive()
+    assert heats(paper) == [[]]
+
+
+def test_a_heat_that_events_are_missing_after_is_not_guessed(paper: PaperRace) -> None:
+    paper.command(CommandKind.SET_HEAT, heat='Heat A')
+    paper.wait(1.0)
+    gap = len(paper.events) + 1
+    paper.drive()
+    events = [event for event in paper.events if event.sequence != gap]
+    assert [race.heats for race in read(events, TEAMS, HEATS).races] == [[]]
+
+
+# ----- rcs_record results ---------------------------------------------------------------------
+
+Table = list[dict[str, str]]
+MakeTable = Callable[..., Table]
+
+
+@pytest.fixture
+def table(tmp_path: pathlib.Path, capsys: Capture) -> MakeTable:
+    """Return a function that records a race and returns its results."""
+
+    def make(paper: PaperRace, *arguments: str) -> Table:
+        record = paper.write(tmp_path / 'record.sqlite3')
+        capsys.readouterr()
+        assert rcs_record(['results', str(record), *arguments]) == 0
+        printed = capsys.readouterr().out
+        return list(csv.DictReader(io.StringIO(printed)))
+
+    return make
+
+
+def test_the_table_has_every_race_heat_by_heat(paper: PaperRace, table: MakeTable) -> None:
+    paper.command(CommandKind.SET_HEAT, heat='Heat A')
+    paper.drive()
+    paper.wait(20.0)
+    paper.command(CommandKind.KART_FINISH, 8)
+    race_over(paper)
+    paper.command(CommandKind.SET_HEAT, heat='Heat B')
+    release(paper)
+    paper.drive()
+    paper.lose(9)
+    first, second, third, fourth = table(paper)
+    assert set(first) == set(COLUMNS)
+    told = ('run', 'race', 'heat', 'place', 'kart', 'team', 'seconds', 'result', 'complete')
+    assert [first[each] for each in told] == [
+        *('1', '1', 'Heat A', '1', '8', 'Michigan', '20.000', 'FINISHED', 'yes')
+    ]
+    assert [second[each] for each in told] == [
+        *('1', '1', 'Heat A', '', '7', 'Purdue', '', 'RACE_STOPPED', 'yes')
+    ]
+    assert [third['result'], fourth['result']] == ['STILL_RACING', 'LOST']
+    assert third['heat'] == 'Heat B or Heat B again'
+    assert third['complete'] == 'no'
+    assert re.fullmatch(r'2026-05-30T\d\d:\d\d:\d\d\.\d{3}[+-]\d\d:\d\d', first['started'])
+    assert first['finished'] > first['started']
+    lost = next(each for each in paper.events if each.kind == 'DISCONNECTED')
+    assert fourth['event'] == str(lost.sequence)
+
+
+def test_the_report_has_the_same_results(
+    paper: PaperRace, table: MakeTable, tmp_path: pathlib.Path
+) -> None:
+    paper.command(CommandKind.SET_HEAT, heat='Heat A')
+    paper.drive()
+    paper.wait(20.0)
+    paper.command(CommandKind.KART_FINISH, 8)
+    paper.wait(1.0)
+    paper.lose(7)
+    race_over(paper)
+    rows = table(paper)
+    page = tmp_path / 'report.html'
+    record = tmp_path / 'record.sqlite3'
+    assert rcs_record(['report', str(record), '-o', str(page)]) == 0
+    text = page.read_text(encoding='utf-8')
+    assert 'Race 1 (<bdi>Heat A</bdi>)' in text
+    (order,) = re.findall(r'<table class="order">.*?</table>', text, re.DOTALL)
+    assert '20.0 s' in order
+    assert rows[1]['reason'] in order
+
+
+def test_the_table_is_written_to_a_file(
+    paper: PaperRace, tmp_path: pathlib.Path, capsys: Capture
+) -> None:
+    paper.drive()
+    record = paper.write(tmp_path / 'record.sqlite3')
+    output = tmp_path / 'results.csv'
+    assert rcs_record(['results', str(record), '--run', '1', '-o', str(output)]) == 0
+    with output.open(encoding='utf-8', newline='') as stream:
+        assert len(list(csv.DictReader(stream))) == 3
+    assert rcs_record(['results', str(record), '-o', str(record / 'no')]) == 1
+    assert str(record / 'no') in capsys.readouterr().err
+
+
+def test_a_record_that_is_being_written_has_the_results_up_to_now(
+    paper: PaperRace, tmp_path: pathlib.Path, capsys: Capture
+) -> None:
+    paper.drive()
+    record = Record(tmp_path / 'record.sqlite3')
+    written: queue.SimpleQueue[bool] = queue.SimpleQueue()
+    record.start(lambda error: pytest.fail(repr(error)))
+    record.put(paper.stamped)
+    record.make_sure(paper.race.memory(), paper.now, written.put)
+    try:
+        assert written.get(timeout=20.0)
+        assert rcs_record(['results', str(tmp_path / 'record.sqlite3')]) == 0
+    finally:
+        record.end(20.0)
+    printed = capsys.readouterr().out
+    assert {row['result'] for row in csv.DictReader(io.StringIO(printed))} == {'STILL_RACING'}
+
+
+@pytest.mark.parametrize(
+    'hostile',
+    [
+        '=cmd()',
+        '+1',
+        '-1',
+        '@SUM(A1)',
+        '\t=1',
+        '\r=1',
+        ' =1',
+        '\uff1d1',
+        '=' + 'x' * 10_000,
+        '"\n=1,2"',
+        '\u202e=1',
+        '<script>alert(1)</script>',
+    ],
+)
+def test_a_hostile_team_is_one_cell_that_no_spreadsheet_runs(
+    hostile: str, table: MakeTable
+) -> None:
+    paper = PaperRace({7: hostile, 8: 'Michigan'}, [Heat(hostile, (7, 8))])
+    paper.command(CommandKind.SET_HEAT, heat=hostile)
+    paper.connect(7, 8)
+    paper.drive()
+    first, second = table(paper)
+    assert first['team'] == first['heat'] == defused(hostile)
+    assert first['team'].isprintable()
+    assert first['team'].lstrip()[0] not in '=+-@\uff1d'
+    assert second['kart'] == '8'
+    assert second['team'] == 'Michigan'
