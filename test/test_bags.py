@@ -94,14 +94,12 @@ def test_a_clock_that_was_set_back_changes_no_order_in_the_bag(
         event.sequence for event in recorded
     ]
     # The messages themselves say what the clock showed.
-    stamps = [
-        event.header.stamp.sec * 10**9 + event.header.stamp.nanosec
-        for _, event in found['/rcs/events']
-    ]
+    stamps = [event.stamp.sec * 10**9 + event.stamp.nanosec for _, event in found['/rcs/events']]
     assert stamps == [event.wall_ns for event in recorded]
+    # This race only ever got stricter, and so do the numbers of its states.
     states = [message.state.state for _, message in found['/rcs/race']]
-    assert states[0] == msg.RaceState.IN_GARAGE
-    assert states[-1] == msg.RaceState.RED_RED
+    assert states == sorted(states)
+    assert len(set(states)) > 2
 
 
 def test_a_bag_of_a_record_without_inputs_has_its_events(
