@@ -163,10 +163,12 @@ def _races(kept: Kept, shifts: Sequence[int]) -> Iterator[Message]:
 def _published(kept: Kept) -> Iterator[tuple[Race, float]]:
     """Yield the race whenever it was published, and the time of it (s)."""
     published = {each.number for each in _entries(kept) if isinstance(each, Published)}
+    # Of the last ones the word may not have come back before the end.
+    last = max(published, default=0)
     race = kept.setup.race()
     for entry in _entries(kept):
         if isinstance(entry, Shown):
-            if entry.number in published and kept.happened:
+            if (entry.number in published or entry.number > last) and kept.happened:
                 yield race, entry.at
         elif isinstance(entry, Input):
             entry.feed(race)

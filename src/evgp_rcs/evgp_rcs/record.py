@@ -82,7 +82,7 @@ import stat
 import tempfile
 import threading
 import time
-from typing import IO
+from typing import Any, IO
 
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
@@ -559,7 +559,7 @@ class Record:
         assert self._database is not None
         events = list(self._waiting)
         memory = self._memory
-        rows = [_row(self._session, stamped) for stamped in events]
+        rows = [(self._session, *_row(stamped)) for stamped in events]
         self._blocks += [block.compressed() for block in joined(self._inputs)]
         self._inputs.clear()
         blocks = [
@@ -731,10 +731,10 @@ def _transaction(database: sqlite3.Connection) -> Iterator[None]:
         raise
 
 
-def _row(session: int, stamped: StampedEvent) -> tuple[object, ...]:
+def _row(stamped: StampedEvent) -> tuple[Any, ...]:
+    """Return the columns of an event, after the session; the fields of a ``RecordedEvent``."""
     event = stamped.event
     return (
-        session,
         stamped.sequence,
         stamped.wall_ns,
         stamped.monotonic,
@@ -808,6 +808,11 @@ class RecordedEvent:
     text: str
     official: str
     alert: str | None
+
+    @staticmethod
+    def of(stamped: StampedEvent) -> RecordedEvent:
+        """Return an event as it will be read from a record."""
+        return RecordedEvent(*_row(stamped))
 
 
 def open_read_only(path: pathlib.Path) -> sqlite3.Connection:

@@ -49,7 +49,7 @@ class PaperRace:
 
     @property
     def events(self) -> list[RecordedEvent]:
-        return [recorded(each) for each in self.stamped]
+        return [RecordedEvent.of(each) for each in self.stamped]
 
     @property
     def setup(self) -> Setup:
@@ -151,24 +151,6 @@ class PaperRace:
 
 def _fail(error: BaseException) -> None:
     raise error
-
-
-def recorded(stamped: StampedEvent) -> RecordedEvent:
-    """Return an event as it is read from a record."""
-    event = stamped.event
-    return RecordedEvent(
-        stamped.sequence,
-        stamped.wall_ns,
-        stamped.monotonic,
-        event.kind.name,
-        event.kart,
-        event.command.name if event.command is not None else None,
-        event.success,
-        event.state.name if event.state is not None else None,
-        event.text,
-        event.official,
-        event.alert.name if event.alert is not None else None,
-    )
 
 
 def long_event(seconds: float, karts: int, dice: random.Random, busy: float = 1.0) -> PaperRace:

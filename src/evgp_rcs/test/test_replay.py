@@ -17,7 +17,7 @@ from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.inputs import Block, Entrant, Log, Setup
 from evgp_rcs.race import Command, Event, EventKind, Heat, Outcome, RaceTimes, StampedEvent
 from evgp_rcs.rcs_record import main
-from evgp_rcs.record import _row, Record, RecordedEvent
+from evgp_rcs.record import Record, RecordedEvent
 from evgp_rcs.replay import Replay, Replayed
 from evgp_rcs.rules_version import rules_version
 from evgp_testing.faults import module_with
@@ -150,8 +150,7 @@ class Running:
         return [block for _, block in self.handed_over]
 
     def recorded(self) -> list[RecordedEvent]:
-        rows: list[Any] = [_row(1, each) for each in self.stamped]
-        return [RecordedEvent(*row[1:]) for row in rows]
+        return [RecordedEvent.of(each) for each in self.stamped]
 
 
 def replayed(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.race import Command, Kart, Outcome, Race, RaceTimes
+from evgp_rcs.race import Command, Kart, Outcome, Race, RaceTimes, StampedEvent
 from evgp_rcs.record import RecordedEvent
 from evgp_rehearsal.field import Field, House, Link, TICK_LENGTH
 from evgp_rehearsal.incidents import choose_kart, Incident, INCIDENTS, Phase
@@ -156,20 +156,8 @@ class TableTop:
 
     def _take(self, outcome: Outcome) -> None:
         for event in outcome.events:
-            self.events.append(
-                RecordedEvent(
-                    len(self.events) + 1,
-                    0,
-                    self.now,
-                    event.kind.name,
-                    event.kart,
-                    event.command.name if event.command else None,
-                    event.success,
-                    event.state.name if event.state else None,
-                    event.text,
-                    event.official,
-                )
-            )
+            stamped = StampedEvent(len(self.events) + 1, 0, self.now, event)
+            self.events.append(RecordedEvent.of(stamped))
 
 
 def play(plan: Plan, name: str, official: AnOfficial, kart: int = 0) -> Line:
