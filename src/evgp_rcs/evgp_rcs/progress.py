@@ -10,7 +10,7 @@ from typing import TypeVar
 SILENT = 0.5
 """Time for which work shows nothing, in seconds: most is done before."""
 
-EVERY = 0.2
+REDRAW_EVERY = 0.2
 """Minimum time between two changes of what is shown, in seconds."""
 
 _Item = TypeVar('_Item')
@@ -31,7 +31,7 @@ def watched(items: Iterable[_Item], total: int, what: str) -> Iterator[_Item]:
     try:
         for number, item in enumerate(items):
             if time.monotonic() >= next_at:
-                next_at = time.monotonic() + EVERY
+                next_at = time.monotonic() + REDRAW_EVERY
                 shown = f'{what}: {min(100, 100 * number // max(total, 1))} %'
                 print(f'\r{shown}', end='', file=sys.stderr, flush=True)
             yield item

@@ -806,8 +806,8 @@ class RecordedEvent:
     success: bool
     state: str | None
     text: str
-    official: str
-    alert: str | None
+    official: str = ''
+    alert: str | None = None
 
     @staticmethod
     def of(stamped: StampedEvent) -> RecordedEvent:
