@@ -16,7 +16,7 @@ import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from evgp_kart_bridge.arbiter import Arbiter, Names, Outcome, Settings, StopSource, Verdict
+from evgp_protocol.arbiter import Arbiter, Names, Outcome, Settings, StopSource, Verdict
 from evgp_kart_bridge.link import (
     Link,
     LinkClosedError,
