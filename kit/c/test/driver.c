@@ -28,7 +28,7 @@ static void answer(const evgp_kart *kart, const char *say)
     uint8_t out[20] = {0};
     int i;
     for (i = 0; i < 8; i++) {
-        out[i] = (uint8_t)(numbers[i / 4] >> (8 * (i % 4)) & 255U);
+        out[i] = (uint8_t)((numbers[i / 4] >> (8 * (i % 4))) & 255U);
     }
     out[8] = (uint8_t)verdict.obey;
     out[9] = (uint8_t)verdict.commanded;
