@@ -113,9 +113,9 @@ typedef struct {
     uint8_t stopped;
     uint32_t remote_at;
     /* the decoder: a frame so far, '$' included */
+    char frame[EVGP_MAX_FRAME_BYTES];
     uint8_t frame_bytes;
     uint8_t skipping;
-    char frame[EVGP_MAX_FRAME_BYTES];
 } evgp_kart;
 
 /* ----- names ------------------------------------------------------------------------------- */

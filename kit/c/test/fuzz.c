@@ -50,12 +50,19 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         evgp_verdict after;
         const char *say = NULL, *again = NULL;
         at += 2;
-        now += kind >= 128 ? (uint32_t)(value % 64) : (kind & 64) ? 16U * value : 0U;
+        now += kind >= 128                  ? (uint32_t)(value % 64)
+               : (kind == 64 || kind == 65) ? 16U * value
+                                            : 0U;
         switch (kind % 8) {
         case 0:
-            evgp_kart_connected(&whole, now);
-            evgp_kart_connected(&pieces, now);
-            heard = 0;
+            if (!before.open || value % 16 == 0) {
+                evgp_kart_connected(&whole, now);
+                evgp_kart_connected(&pieces, now);
+                heard = 0;
+            } else {
+                evgp_kart_tick(&whole, now);
+                evgp_kart_tick(&pieces, now);
+            }
             break;
         case 1:
             if (value % 8 == 0) {
@@ -67,8 +74,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             }
             break;
         case 2:
-            evgp_kart_team_stop(&whole, (evgp_stop_source)(value & 1), value & 2, now);
-            evgp_kart_team_stop(&pieces, (evgp_stop_source)(value & 1), value & 2, now);
+            evgp_kart_team_stop(&whole, (evgp_stop_source)(value & 1), value >= 240, now);
+            evgp_kart_team_stop(&pieces, (evgp_stop_source)(value & 1), value >= 240, now);
             break;
         case 3:
         case 4: {
@@ -165,6 +172,14 @@ int main(int argc, char **argv)
         for (i = 0; i < size; i++) {
             data[i] = (uint8_t)(roll(3) == 0 ? (uint32_t)(uint8_t)alphabet[roll(sizeof alphabet)]
                                              : roll(256));
+        }
+        if (size > 100 && roll(4) == 0) { /* a frame of about the greatest length */
+            const size_t from = 6 + 2 * roll(25), count = 29 + roll(5);
+            data[from] = 7;
+            data[from + 1] = (uint8_t)(200 + 2 + count);
+            data[from + 2] = '$';
+            memset(data + from + 3, 'R', count);
+            data[from + 3 + count] = ';';
         }
         LLVMFuzzerTestOneInput(data, size);
         free(data);
