@@ -133,7 +133,7 @@ screenshots:
 lint:
 	@failed=; \
 	for check in 'ruff check' 'ruff format --check' flake8 \
-	    'pydocstyle bench demo fuzz setup soak src test' mypy; do \
+	    'pydocstyle bench demo fuzz kit setup soak src test' mypy; do \
 	  echo "$$check"; \
 	  $(IN_WORKSPACE) $$check || failed=1; \
 	done; \

@@ -25,8 +25,8 @@ import random
 import socket
 import threading
 
-from evgp_kart_bridge.arbiter import Arbiter, Outcome, Verdict
 from evgp_protocol import clock
+from evgp_protocol.arbiter import Arbiter, Outcome, Verdict
 from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame, StateFrame
 from evgp_protocol.states import RaceState
 

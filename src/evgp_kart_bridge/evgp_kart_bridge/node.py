@@ -16,7 +16,6 @@ import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from evgp_kart_bridge.arbiter import Arbiter, Names, Outcome, Settings, StopSource, Verdict
 from evgp_kart_bridge.link import (
     Link,
     LinkClosedError,
@@ -32,6 +31,7 @@ from evgp_node.process import OnFailure, run_node
 from evgp_node.stamps import stamp
 from evgp_node.states import state_message, state_of
 from evgp_protocol import clock
+from evgp_protocol.arbiter import Arbiter, Names, Outcome, Settings, StopSource, Verdict
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState

@@ -7,8 +7,8 @@ import contextlib
 import socket
 import threading
 
-from evgp_kart_bridge.arbiter import Arbiter, Names, Outcome, Settings, Verdict
 from evgp_kart_bridge.link import Link, LinkClosedError, LinkSettings, LinkStatus
+from evgp_protocol.arbiter import Arbiter, Names, Outcome, Settings, Verdict
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 import pytest

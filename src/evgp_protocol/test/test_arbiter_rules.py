@@ -17,8 +17,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from evgp_kart_bridge import arbiter as arbiter_module
-from evgp_kart_bridge.arbiter import Arbiter, Names, Settings, StopSource, Verdict
+from evgp_protocol import arbiter as arbiter_module
+from evgp_protocol.arbiter import Arbiter, Names, Settings, StopSource, Verdict
 from evgp_protocol.states import RaceState
 from evgp_testing.faults import module_with
 from hypothesis import given

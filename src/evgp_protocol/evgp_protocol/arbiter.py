@@ -5,7 +5,8 @@ Three rules of what lives here:
 
 1. No clock, socket, ROS, thread or log. Each input brings its monotonic time in seconds, and
    the same inputs always give the same outputs.
-2. All of the bridge's rules, and nothing else: the link and the node know none.
+2. All of the rules that a kart obeys, and nothing else. The bridge (``evgp_kart_bridge``) and a
+   kart without ROS (``kart``) ask it and know none; ``kit/c/evgp_kart.h`` is held against it.
 3. Doubt means stop. Each rule may only be made stricter.
 
 Theory of operation. Every input first lets time pass: what was due by then happens before the

@@ -1,0 +1,487 @@
+/*
+ * What a kart must obey, for karts without ROS: EVGP race control's wire (docs/wire.md), in C.
+ *
+ * SPDX-License-Identifier: Apache-2.0
+ *
+ * One header, C99 or C++. It allocates nothing, opens nothing and keeps nothing outside the struct
+ * that you give it. You feed it the bytes that came and the time; it says what the kart must obey,
+ * and what to send. In each turn of your loop, at least 20 times a second:
+ *
+ *     evgp_kart_tick(&kart, now);                       first of all: is race control silent?
+ *     evgp_kart_received(&kart, bytes, count, now);     all that has come
+ *     evgp_verdict verdict = evgp_kart_verdict(&kart);
+ *     if (!verdict.open) ... close the socket, if there is one, and connect again later
+ *     int reached = drive(verdict.obey, verdict.may_drive);
+ *     if (reached) {
+ *         const char *say = evgp_kart_acknowledge(&kart, verdict.order, now);
+ *         if (say) ... send these characters
+ *     }
+ *
+ * and, when they happen, evgp_kart_connected() and evgp_kart_closed(). drive() must not wait. It
+ * returns whether the kart HAS reached what it obeys: ready in GRID_ACTIVE, driving in GREEN_GREEN,
+ * standing in the reds. On an acknowledged stop people walk onto the track: say only what is true.
+ *
+ * The rules are those of evgp_protocol/arbiter.py, where they are explained and proven. The test
+ * test_kart_kit.py gives both the same inputs and wants the same answers.
+ *
+ *   - RED_RED before the first frame of a connection, after frame_timeout_ms of silence, without a
+ *     connection, and under a team stop.
+ *   - GREEN_GREEN is obeyed only right after a GRID_ACTIVE that was acknowledged on this connection,
+ *     with no team stop since. Otherwise it is RED_RED.
+ *   - An acknowledgement names the order that was acted on. It counts for no other.
+ *
+ * Time: milliseconds of a counter that nobody sets and that counts on while the computer sleeps. It
+ * may start again at 0 after 2^32 ms. A time before an earlier one is doubt: the connection is lost.
+ * Call evgp_kart_tick() at least once in 24 days.
+ *
+ * One thread owns an evgp_kart. Nothing here may be called from an interrupt meanwhile.
+ */
+#ifndef EVGP_KART_H
+#define EVGP_KART_H
+
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* The TCP port at which race control listens. */
+#define EVGP_PORT 12017
+
+/* The longest frame, in bytes, its '$' and ';' included. */
+#define EVGP_MAX_FRAME_BYTES 32
+
+/* The race states (§3.A), loosest first. EVGP_NONE: race control has commanded nothing. */
+typedef enum {
+    EVGP_NONE = 0,
+    EVGP_GREEN_GREEN = 1,
+    EVGP_GRID_ACTIVE = 2,
+    EVGP_IN_GARAGE = 3,
+    EVGP_RED_FLAG = 4,
+    EVGP_RED_RED = 5
+} evgp_state;
+
+/* Where a team stop comes from (§2.C). Each must release its own. */
+typedef enum {
+    EVGP_STOP_BUTTON = 0, /* a button, a program, anything that says both stop and go */
+    EVGP_STOP_REMOTE = 1  /* the safety remote, which must be heard every remote_timeout_ms */
+} evgp_stop_source;
+
+/* The parameters of the rules; evgp_kart_init() brings what is out of range into it. */
+typedef struct {
+    uint32_t frame_timeout_ms;  /* silence after which the connection is lost; 1 to 1000 */
+    uint32_t red_flag_drive_ms; /* RED_FLAG lets a driving kart go on for this long; to 30000 */
+    uint32_t remote_timeout_ms; /* silence of the safety remote that is a team stop; 0: there is
+                                   no remote; to 10000 */
+    int drive_in_garage;        /* not 0: the kart may drive in IN_GARAGE, where its team has it */
+} evgp_settings;
+
+/* What holds as of the last input. */
+typedef struct {
+    evgp_state obey;      /* what the kart must do; never EVGP_NONE */
+    evgp_state commanded; /* what race control commands; EVGP_NONE: nothing */
+    uint32_t order;       /* the number of that command; acknowledge by it. 0: no command */
+    int may_drive;        /* not 0: the kart may move */
+    int open;             /* 0: there is no connection, or the socket must be closed */
+    int team_stop;        /* not 0: the team's own stop is on */
+    int acknowledged;     /* not 0: what is commanded was acknowledged */
+} evgp_verdict;
+
+/* A kart. Its fields are nobody's but the functions' below. All zeros is a kart that stands. */
+typedef struct {
+    evgp_settings settings;
+    uint32_t now;
+    /* the connection */
+    uint32_t heard_at;
+    uint32_t order;
+    uint32_t next_order;
+    uint32_t slowing_since;
+    uint32_t malformed;
+    evgp_state commanded;
+    uint8_t open;
+    uint8_t acknowledged;
+    uint8_t armed;
+    uint8_t slowing;
+    /* the acknowledgement that was sent last: not more often than race control's frames come */
+    uint32_t said_order;
+    uint8_t heard_since_said;
+    /* the team's stop */
+    uint8_t engaged[2];
+    uint8_t remote_heard;
+    uint8_t stopped;
+    uint32_t remote_at;
+    /* the decoder: a frame so far, '$' included */
+    char frame[EVGP_MAX_FRAME_BYTES];
+    uint8_t frame_bytes;
+    uint8_t skipping;
+} evgp_kart;
+
+/* ----- names ------------------------------------------------------------------------------- */
+
+/* Return the frame that says a state, such as "$RED_RED;"; "" for EVGP_NONE. */
+static inline const char *evgp_frame(evgp_state state)
+{
+    switch (state) {
+    case EVGP_GREEN_GREEN: return "$GREEN_GREEN;";
+    case EVGP_GRID_ACTIVE: return "$GRID_ACTIVE;";
+    case EVGP_IN_GARAGE: return "$IN_GARAGE;";
+    case EVGP_RED_FLAG: return "$RED_FLAG;";
+    case EVGP_RED_RED: return "$RED_RED;";
+    case EVGP_NONE: break;
+    }
+    return "";
+}
+
+/* Return the name of a state, for people. */
+static inline const char *evgp_name(evgp_state state)
+{
+    switch (state) {
+    case EVGP_GREEN_GREEN: return "GREEN_GREEN";
+    case EVGP_GRID_ACTIVE: return "GRID_ACTIVE";
+    case EVGP_IN_GARAGE: return "IN_GARAGE";
+    case EVGP_RED_FLAG: return "RED_FLAG";
+    case EVGP_RED_RED: return "RED_RED";
+    case EVGP_NONE: break;
+    }
+    return "nothing";
+}
+
+/* ----- the rules; names with evgp_p_ are private ------------------------------------------- */
+
+static inline int evgp_p_team_stop(const evgp_kart *kart)
+{
+    return kart->engaged[EVGP_STOP_BUTTON] || kart->engaged[EVGP_STOP_REMOTE] ||
+           (kart->settings.remote_timeout_ms > 0 && !kart->remote_heard);
+}
+
+static inline evgp_state evgp_p_obey(const evgp_kart *kart)
+{
+    if (kart->commanded == EVGP_NONE || evgp_p_team_stop(kart)) {
+        return EVGP_RED_RED;
+    }
+    if (kart->commanded == EVGP_GREEN_GREEN && !kart->armed) {
+        return EVGP_RED_RED;
+    }
+    return kart->commanded;
+}
+
+static inline int evgp_p_may_drive(const evgp_kart *kart)
+{
+    switch (evgp_p_obey(kart)) {
+    case EVGP_GREEN_GREEN: return 1;
+    case EVGP_IN_GARAGE: return kart->settings.drive_in_garage != 0;
+    case EVGP_RED_FLAG: return kart->slowing != 0;
+    case EVGP_GRID_ACTIVE:
+    case EVGP_RED_RED:
+    case EVGP_NONE: break;
+    }
+    return 0;
+}
+
+/* Give what is commanded, if anything is, a number that nothing had before. */
+static inline void evgp_p_number(evgp_kart *kart)
+{
+    if (kart->commanded != EVGP_NONE) {
+        kart->order = kart->next_order;
+        kart->next_order = kart->next_order == UINT32_MAX ? 1U : kart->next_order + 1U;
+    }
+}
+
+static inline void evgp_p_lose(evgp_kart *kart)
+{
+    kart->open = 0;
+    kart->commanded = EVGP_NONE;
+    kart->order = 0;
+    kart->acknowledged = 0;
+    kart->armed = 0;
+    kart->slowing = 0;
+    kart->frame_bytes = 0;
+    kart->skipping = 0;
+}
+
+/* Let nothing that allowed the kart to drive outlive a team stop. */
+static inline void evgp_p_on_team_stop(evgp_kart *kart)
+{
+    kart->stopped = 1;
+    kart->slowing = 0;
+    kart->armed = 0;
+    if (kart->commanded == EVGP_GRID_ACTIVE && kart->acknowledged) {
+        kart->acknowledged = 0;
+        evgp_p_number(kart);
+    }
+}
+
+/* Let what is due by now happen, before the input is judged. */
+static inline void evgp_p_pass(evgp_kart *kart, uint32_t now)
+{
+    /* Unsigned differences stay right when the counter starts again at 0. */
+    const int backwards = (uint32_t)(now - kart->now) > UINT32_MAX / 2U;
+    kart->now = now;
+    if (kart->open &&
+        (backwards || (uint32_t)(now - kart->heard_at) >= kart->settings.frame_timeout_ms)) {
+        evgp_p_lose(kart);
+    }
+    if (kart->remote_heard &&
+        (backwards || (uint32_t)(now - kart->remote_at) >= kart->settings.remote_timeout_ms)) {
+        kart->remote_heard = 0;
+        evgp_p_on_team_stop(kart);
+    }
+    if (kart->slowing &&
+        (uint32_t)(now - kart->slowing_since) >= kart->settings.red_flag_drive_ms) {
+        kart->slowing = 0;
+    }
+}
+
+/* End an input: what was said before the end of a team stop must not count after it. */
+static inline void evgp_p_settle(evgp_kart *kart)
+{
+    const int stopped = evgp_p_team_stop(kart);
+    if (kart->stopped && !stopped) {
+        evgp_p_number(kart);
+    }
+    kart->stopped = (uint8_t)stopped;
+}
+
+static inline void evgp_p_heard(evgp_kart *kart, evgp_state state)
+{
+    kart->heard_at = kart->now;
+    kart->heard_since_said = 1;
+    if (state != kart->commanded) {
+        const int was_driving = evgp_p_may_drive(kart);
+        const int to_race = kart->commanded == EVGP_GRID_ACTIVE && state == EVGP_GREEN_GREEN;
+        kart->commanded = state;
+        evgp_p_number(kart);
+        kart->acknowledged = 0;
+        kart->slowing = was_driving && state == EVGP_RED_FLAG &&
+                        kart->settings.red_flag_drive_ms > 0;
+        kart->slowing_since = kart->now;
+        if (!to_race) {
+            kart->armed = 0;
+        }
+    }
+}
+
+/* Return the state that a whole frame names; EVGP_NONE: it is malformed. */
+static inline evgp_state evgp_p_state_of(const char *frame, size_t count)
+{
+    static const evgp_state states[] = {EVGP_GREEN_GREEN, EVGP_GRID_ACTIVE, EVGP_IN_GARAGE,
+                                        EVGP_RED_FLAG, EVGP_RED_RED};
+    size_t i;
+    for (i = 0; i < sizeof states / sizeof states[0]; i++) {
+        const char *right = evgp_frame(states[i]);
+        if (strlen(right) == count && memcmp(right, frame, count) == 0) {
+            return states[i];
+        }
+    }
+    return EVGP_NONE;
+}
+
+/* Return the state of the frame that this byte completes; EVGP_NONE: it completes none. */
+static inline evgp_state evgp_p_decode(evgp_kart *kart, uint8_t byte)
+{
+    evgp_state state = EVGP_NONE;
+    if (byte == (uint8_t)'$') {
+        if (kart->frame_bytes > 0) {
+            kart->malformed++; /* cut off by a new frame */
+        }
+        kart->skipping = 0;
+        kart->frame[0] = '$';
+        kart->frame_bytes = 1;
+    } else if (kart->frame_bytes == 0) {
+        const int space = byte == (uint8_t)' ' || byte == (uint8_t)'\t' ||
+                          byte == (uint8_t)'\r' || byte == (uint8_t)'\n';
+        if (!kart->skipping && !space) {
+            kart->malformed++; /* a byte outside a frame */
+            kart->skipping = 1;
+        }
+    } else if (byte == (uint8_t)';') {
+        kart->frame[kart->frame_bytes] = ';';
+        state = evgp_p_state_of(kart->frame, (size_t)kart->frame_bytes + 1U);
+        if (state == EVGP_NONE) {
+            kart->malformed++; /* not the name of a state */
+        }
+        kart->frame_bytes = 0;
+    } else if (byte > 127U || kart->frame_bytes == EVGP_MAX_FRAME_BYTES - 1) {
+        kart->malformed++; /* not ASCII, or no ';' within EVGP_MAX_FRAME_BYTES */
+        kart->skipping = 1;
+        kart->frame_bytes = 0;
+    } else {
+        kart->frame[kart->frame_bytes] = (char)byte;
+        kart->frame_bytes++;
+    }
+    return state;
+}
+
+/* ----- what you call ----------------------------------------------------------------------- */
+
+/* Return the usual settings: 1 s of silence, 15 s for RED_FLAG, no remote, stand in IN_GARAGE. */
+static inline evgp_settings evgp_default_settings(void)
+{
+    evgp_settings settings;
+    settings.frame_timeout_ms = 1000;
+    settings.red_flag_drive_ms = 15000;
+    settings.remote_timeout_ms = 0;
+    settings.drive_in_garage = 0;
+    return settings;
+}
+
+/* Begin. The kart obeys RED_RED until there is a connection and race control says otherwise. */
+static inline void evgp_kart_init(evgp_kart *kart, evgp_settings settings, uint32_t now)
+{
+    memset(kart, 0, sizeof *kart);
+    if (settings.frame_timeout_ms == 0 || settings.frame_timeout_ms > 1000) {
+        settings.frame_timeout_ms = 1000;
+    }
+    if (settings.red_flag_drive_ms > 30000) {
+        settings.red_flag_drive_ms = 30000;
+    }
+    if (settings.remote_timeout_ms > 10000) {
+        settings.remote_timeout_ms = 10000;
+    }
+    kart->settings = settings;
+    kart->now = now;
+    kart->next_order = 1;
+    kart->stopped = (uint8_t)evgp_p_team_stop(kart);
+}
+
+/* Let time pass. Call it in every turn of the loop that brakes. */
+static inline void evgp_kart_tick(evgp_kart *kart, uint32_t now)
+{
+    evgp_p_pass(kart, now);
+    evgp_p_settle(kart);
+}
+
+/* A new connection to race control was made, whatever became of the last. */
+static inline void evgp_kart_connected(evgp_kart *kart, uint32_t now)
+{
+    evgp_p_pass(kart, now);
+    evgp_p_lose(kart);
+    kart->open = 1;
+    kart->heard_at = now;
+    evgp_p_settle(kart);
+}
+
+/* The connection is closed or broken, or you close it. Call it as soon as you know. */
+static inline void evgp_kart_closed(evgp_kart *kart, uint32_t now)
+{
+    evgp_p_pass(kart, now);
+    evgp_p_lose(kart);
+    evgp_p_settle(kart);
+}
+
+/*
+ * Take what has come on the present connection: any number of bytes, cut anywhere.
+ *
+ * Read all there is before you look at the verdict, so that the kart obeys the last frame. What
+ * comes after too long a silence comes too late: the connection is lost already.
+ */
+static inline void evgp_kart_received(evgp_kart *kart, const void *bytes, size_t count,
+                                      uint32_t now)
+{
+    const uint8_t *each = (const uint8_t *)bytes;
+    size_t i;
+    evgp_p_pass(kart, now);
+    for (i = 0; i < count && kart->open; i++) {
+        const evgp_state state = evgp_p_decode(kart, each[i]);
+        if (state != EVGP_NONE) {
+            evgp_p_heard(kart, state);
+        }
+    }
+    evgp_p_settle(kart);
+}
+
+/*
+ * Engage the team's stop (stop is not 0), or release it. It is on while any source engages it.
+ *
+ * With remote_timeout_ms, every message of the remote must come here, those that say go too.
+ */
+static inline void evgp_kart_team_stop(evgp_kart *kart, evgp_stop_source source, int stop,
+                                       uint32_t now)
+{
+    evgp_p_pass(kart, now);
+    kart->engaged[source == EVGP_STOP_REMOTE ? 1 : 0] = stop != 0;
+    if (source == EVGP_STOP_REMOTE && kart->settings.remote_timeout_ms > 0) {
+        kart->remote_heard = 1;
+        kart->remote_at = now;
+    }
+    if (evgp_p_team_stop(kart)) {
+        evgp_p_on_team_stop(kart);
+    }
+    evgp_p_settle(kart);
+}
+
+/* Return what holds as of the last input. */
+static inline evgp_verdict evgp_kart_verdict(const evgp_kart *kart)
+{
+    evgp_verdict verdict;
+    verdict.obey = evgp_p_obey(kart);
+    verdict.commanded = kart->commanded;
+    verdict.order = kart->order;
+    verdict.may_drive = evgp_p_may_drive(kart);
+    verdict.open = kart->open;
+    verdict.team_stop = evgp_p_team_stop(kart);
+    verdict.acknowledged = kart->acknowledged;
+    return verdict;
+}
+
+/*
+ * Say that the kart has done what an order commands; return the characters to send, or NULL.
+ *
+ * Call it in every turn in which that is true, with the order of the verdict that the kart acted
+ * on, not a newer one. NULL: the order is over, or the kart must obey something stricter, or the
+ * same was sent already and no frame has come since. Send all of the characters, or close the
+ * connection; send nothing else in between.
+ */
+static inline const char *evgp_kart_acknowledge(evgp_kart *kart, uint32_t order, uint32_t now)
+{
+    const char *say = NULL;
+    evgp_p_pass(kart, now);
+    if (order != 0 && order == kart->order &&
+        !((kart->commanded == EVGP_GRID_ACTIVE || kart->commanded == EVGP_GREEN_GREEN) &&
+          evgp_p_obey(kart) != kart->commanded)) {
+        kart->acknowledged = 1;
+        kart->slowing = 0;
+        if (kart->commanded == EVGP_GRID_ACTIVE) {
+            kart->armed = 1;
+        }
+        if (kart->said_order != order || kart->heard_since_said) {
+            kart->said_order = order;
+            kart->heard_since_said = 0;
+            say = evgp_frame(kart->commanded);
+        }
+    }
+    evgp_p_settle(kart);
+    return say;
+}
+
+/* Return why the kart does not do what race control commands, for people; "": it does. */
+static inline const char *evgp_kart_reason(const evgp_kart *kart)
+{
+    if (evgp_p_obey(kart) == kart->commanded) {
+        return "";
+    }
+    if (!kart->open) {
+        return "not connected to race control";
+    }
+    if (kart->commanded == EVGP_NONE) {
+        return "race control has said nothing on this connection yet";
+    }
+    if (evgp_p_team_stop(kart)) {
+        return "team stop";
+    }
+    return "GREEN_GREEN needs a GRID_ACTIVE that is acknowledged before it, on this connection";
+}
+
+/* Return how many malformed frames have come so far. */
+static inline uint32_t evgp_kart_malformed(const evgp_kart *kart)
+{
+    return kart->malformed;
+}
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif /* EVGP_KART_H */

@@ -1,0 +1,104 @@
+"""A kart without ROS. Its rules are the arbiter's, proven there; here is what it adds to them."""
+
+from __future__ import annotations
+
+from evgp_protocol.arbiter import Settings, StopSource
+from evgp_protocol.kart import Kart
+from evgp_protocol.states import RaceState
+import pytest
+
+
+def connected(settings: Settings | None = None) -> Kart:
+    kart = Kart(settings)
+    kart.connected(0.0)
+    return kart
+
+
+def race(kart: Kart) -> None:
+    """Bring a connected kart to GREEN_GREEN at 0.0 s."""
+    kart.received(b'$GRID_ACTIVE;', 0.0)
+    assert kart.acknowledge(kart.verdict.order, 0.0) == b'$GRID_ACTIVE;'
+    kart.received(b'$GREEN_GREEN;', 0.0)
+    assert kart.verdict.state is RaceState.GREEN_GREEN
+
+
+def test_a_kart_stands_before_race_control_has_said_anything() -> None:
+    kart = Kart()
+    assert (kart.verdict.state, kart.is_open) == (RaceState.RED_RED, False)
+    kart.connected(0.0)
+    assert (kart.verdict.state, kart.is_open) == (RaceState.RED_RED, True)
+    assert kart.acknowledge(kart.verdict.order, 0.0) == b''
+
+
+def test_a_second_of_silence_is_a_lost_connection_and_what_waited_comes_too_late() -> None:
+    kart = connected()
+    race(kart)
+    kart.tick(0.999)
+    assert kart.verdict.state is RaceState.GREEN_GREEN
+    kart.received(b'$GREEN_GREEN;', 1.0)
+    assert (kart.verdict.state, kart.is_open) == (RaceState.RED_RED, False)
+    kart.received(b'$GREEN_GREEN;', 1.1)
+    assert (kart.verdict.commanded, kart.is_open) == (None, False)
+
+
+def test_half_a_frame_of_a_connection_is_not_ended_by_the_next() -> None:
+    kart = connected()
+    kart.received(b'$IN_', 0.1)
+    kart.closed(0.2)
+    kart.connected(0.3)
+    kart.received(b'GARAGE;', 0.4)
+    assert (kart.verdict.commanded, kart.malformed) == (None, 1)
+
+
+def test_the_last_of_the_frames_that_came_together_is_obeyed() -> None:
+    kart = connected()
+    race(kart)
+    kart.received(b'$GREEN_GREEN;$RED_RED;', 0.1)
+    assert kart.verdict.state is RaceState.RED_RED
+
+
+def test_an_acknowledgement_is_sent_once_for_each_time_that_frames_come() -> None:
+    kart = connected()
+    kart.received(b'$RED_RED;', 0.1)
+    order = kart.verdict.order
+    said = [kart.acknowledge(order, 0.1) for _ in range(3)]
+    kart.received(b'$RED_RED;$RED_RED;', 0.2)
+    said += [kart.acknowledge(order, 0.2) for _ in range(3)]
+    assert said == [b'$RED_RED;', b'', b''] * 2
+
+
+def test_an_order_that_is_over_is_not_acknowledged() -> None:
+    kart = connected()
+    kart.received(b'$RED_RED;', 0.1)
+    over = kart.verdict.order
+    kart.received(b'$IN_GARAGE;$RED_RED;', 0.2)
+    assert kart.acknowledge(over, 0.2) == b''
+    assert kart.acknowledge(kart.verdict.order, 0.2) == b'$RED_RED;'
+
+
+@pytest.mark.parametrize('source', [StopSource.SERVICE, StopSource.TOPIC])
+def test_the_release_of_a_team_stop_starts_no_kart(source: StopSource) -> None:
+    kart = connected()
+    race(kart)
+    kart.team_stop(True, 0.1, source)
+    assert kart.verdict.state is RaceState.RED_RED
+    kart.team_stop(False, 0.2, source)
+    kart.received(b'$GREEN_GREEN;', 0.3)
+    assert kart.verdict.state is RaceState.RED_RED
+
+
+def test_no_red_is_acknowledged_by_a_kart_that_measures_its_speed_and_moves() -> None:
+    kart = connected()
+    kart.received(b'$RED_RED;', 0.1)
+    kart.speed(3.0, 0.1)
+    assert kart.acknowledge(kart.verdict.order, 0.1) == b''
+    kart.speed(0.0, 0.2)
+    assert kart.acknowledge(kart.verdict.order, 0.2) == b'$RED_RED;'
+
+
+def test_a_stop_is_acknowledged_by_the_measured_speed_where_the_settings_say_so() -> None:
+    kart = connected(Settings(auto_acknowledge_stop=True, standstill_time=0.25))
+    kart.received(b'$RED_RED;', 0.0)
+    assert [kart.speed(0.0, at) for at in (0.0, 0.125, 0.25, 0.375)] == [
+        *(b'', b'', b'$RED_RED;', b''),
+    ]

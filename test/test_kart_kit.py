@@ -1,0 +1,464 @@
+"""
+The kit for karts without ROS: ``kit/c/evgp_kart.h`` and ``evgp_protocol.kart``.
+
+The rules are the arbiter's, which has its own proof. Here the header is held against them: the
+same random inputs, the same answers; and the examples drive a race of the real race control.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+import contextlib
+import dataclasses
+import os
+import pathlib
+import random
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import time
+
+from evgp_protocol.arbiter import Settings, StopSource
+from evgp_protocol.frames import encode
+from evgp_protocol.kart import Kart
+from evgp_protocol.states import RaceState
+from evgp_testing.bare_race_control import BareRaceControl, BEAT
+from evgp_testing.fixtures import JoinOfficial, StartRaceControl
+from evgp_testing.process import Program
+from evgp_testing.race_control import address_of
+import pytest
+
+ROOT = pathlib.Path(__file__).parents[1]
+KIT = ROOT / 'kit/c'
+HEADER = KIT / 'evgp_kart.h'
+WARNINGS = ('-Wall', '-Wextra', '-Wpedantic', '-Werror', '-Wconversion', '-Wshadow')
+SANITIZED = ('-O1', '-g', '-fsanitize=address,undefined', '-fno-sanitize-recover=all')
+C99, CPP17 = ('-std=c99', '-x', 'c'), ('-std=c++17', '-x', 'c++')
+COMPILERS = [each for each in ('gcc', 'clang') if shutil.which(each)]
+GREEN, GRID = RaceState.GREEN_GREEN, RaceState.GRID_ACTIVE
+FLAG, RED = RaceState.RED_FLAG, RaceState.RED_RED
+
+Compile = Callable[..., pathlib.Path]
+
+
+@pytest.fixture
+def compile_kit(tmp_path: pathlib.Path) -> Compile:
+    """Return a function that compiles a file of the kit without a warning."""
+    if not COMPILERS:
+        why = 'this machine has neither gcc nor clang'
+        (pytest.fail if os.environ.get('EVGP_ALL_TESTS') else pytest.skip)(why)
+
+    def compile_it(
+        source: str,
+        *flags: str,
+        compiler: str = 'gcc' if 'gcc' in COMPILERS else 'clang',
+        kit: pathlib.Path = KIT,
+        name: str = 'program',
+    ) -> pathlib.Path:
+        program = tmp_path / name
+        command = [compiler, *WARNINGS, *flags, f'-I{kit}', str(KIT / source)]
+        if 'c++' in flags:  # the driver of C links no C++
+            command += ['-lstdc++']
+        done = subprocess.run([*command, '-o', str(program)], capture_output=True, text=True)
+        assert done.returncode == 0, f'{" ".join(command)}\n{done.stderr}'
+        return program
+
+    return compile_it
+
+
+# ----- the header against the arbiter --------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class History:
+    """Inputs of a kart as the driver reads them, what must hold after each, and what occurred."""
+
+    inputs: bytes
+    answers: list[bytes]
+    story: list[str]
+    seen: Counter[str]
+
+
+def state_number(state: RaceState | None) -> int:
+    return 0 if state is None else state.strictness + 1
+
+
+def answer_of(kart: Kart, said: bytes) -> bytes:
+    """Return what the driver must write."""
+    verdict = kart.verdict
+    return struct.pack(
+        '<II9B3x',
+        verdict.order,
+        kart.malformed,
+        state_number(verdict.state),
+        state_number(verdict.commanded),
+        verdict.may_drive,
+        kart.is_open,
+        verdict.team_stop,
+        verdict.acknowledged,
+        said[2] if said else 0,
+        len(said),
+        bool(verdict.reason),
+    )
+
+
+def rubbish(dice: random.Random) -> bytes:
+    return dice.choice(
+        [
+            bytes(dice.choices(b'$;$;RED_ \r\n\t\x80\xffx', k=dice.randint(1, 40))),
+            dice.randbytes(dice.randint(1, 40)),
+            b'$' + b'R' * dice.randint(28, 33) + dice.choice([b';', b'']),
+            dice.choice([b'$READY;', b'$red_red;', b'$;', b' ', b'\r\n', b'$RED_RED', b'$GREEN']),
+        ]
+    )
+
+
+def live(dice: random.Random, count: int, index: int) -> History:
+    """
+    Return a random history. Its times are in milliseconds, and so are the arbiter's here.
+
+    :param index: chooses the settings.
+    """
+    frame_timeout = (1000, 1000, 200)[index % 3]
+    flag_time = (15000, 300, 40, 0)[index % 4]
+    remote_timeout = (0, 0, 0, 0, 500)[index % 5]
+    garage = dice.random() < 0.5
+    kart = Kart(
+        Settings(
+            frame_timeout=frame_timeout,
+            red_flag_drive_time=flag_time,
+            tsr_timeout=remote_timeout,
+            drive_in_garage=garage,
+        )
+    )
+    now = 2**32 - dice.randint(0, 200_000)  # the counter starts again at 0 soon
+    kart.tick(now)
+    inputs = [struct.pack('<IIIBI', frame_timeout, flag_time, remote_timeout, garage, now % 2**32)]
+    answers, story = [], []
+    seen: Counter[str] = Counter()
+    state, kept, old_order = RaceState.IN_GARAGE, b'', 0
+    way = [RaceState.IN_GARAGE, GRID, GREEN, FLAG, RED]
+    for _ in range(count):
+        luck, deadline = dice.random(), kart._arbiter.deadline
+        if luck < 0.02 and deadline is not None and deadline > now:
+            now = int(deadline) + dice.choice([-1, 0, 1])
+        elif luck < 0.022:
+            now -= dice.randint(1, dice.choice([20, 3000]))
+        elif luck < 0.023:
+            now += dice.choice([2**31 - 1, 2**31, 2**31 + 5000, 2**32 - 5000])
+        elif luck < 0.6:
+            now += dice.randint(0, 40)
+        if not kart.is_open and dice.random() < 0.5:
+            kind = 'c'
+        else:
+            kind = dice.choices('datcxbr', [54, 24, 6, 0.2, 0.2, 5, 6])[0]
+        value, data, said = 0, b'', b''
+        if kind == 't':
+            kart.tick(now)
+        elif kind == 'c':
+            kart.connected(now)
+            kept = b''
+        elif kind == 'x':
+            kart.closed(now)
+        elif kind in 'br':
+            value = dice.random() < (0.3 if kind == 'b' else 0.1)
+            source = StopSource.TOPIC if kind == 'r' else StopSource.SERVICE
+            kart.team_stop(value, now, source)
+        elif kind == 'a':
+            value = kart.verdict.order
+            if dice.random() < 0.15:
+                value = dice.choice([0, old_order, value + 1, dice.randrange(2**32)])
+            elif dice.random() < 0.2:
+                old_order = value
+            said = kart.acknowledge(value, now)
+        else:
+            for _ in range(dice.randint(0, 3)):
+                if dice.random() < 0.1:  # the usual way of a race, or anything
+                    state = way[(way.index(state) + 1) % len(way)]
+                elif dice.random() < 0.02:
+                    state = dice.choice(way)
+                kept += encode(state) if dice.random() < 0.93 else rubbish(dice)
+            value = len(kept) if dice.random() < 0.7 else dice.randint(0, len(kept))
+            data, kept = kept[:value], kept[value:]
+            kart.received(data, now)
+        inputs.append(struct.pack('<cII', kind.encode(), now % 2**32, value) + data)
+        answers.append(answer_of(kart, said))
+        verdict = kart.verdict
+        story.append(f'{now} {kind} {value} {data!r}: {verdict} {said!r}')
+        commanded = verdict.commanded.value if verdict.commanded else 'nothing'
+        seen[f'obeys {verdict.state.value} under {commanded}'] += 1
+        seen[f'says {said.decode()}'] += 1
+        seen['rolls out'] += verdict.may_drive and verdict.state is FLAG
+        seen['takes a stop'] += verdict.team_stop
+    return History(b''.join(inputs), answers, story, seen)
+
+
+def difference(driver: pathlib.Path, history: History) -> str:
+    """Return the first input after which the header and the arbiter differ; empty: none."""
+    done = subprocess.run([str(driver)], input=history.inputs, capture_output=True)
+    assert done.returncode == 0, done.stderr.decode(errors='replace')
+    answers = [found for (found,) in struct.iter_unpack('20s', done.stdout)]
+    assert len(answers) == len(history.answers)
+    for index, (found, right) in enumerate(zip(answers, history.answers, strict=True)):
+        if found != right:
+            story = '\n'.join(history.story[: index + 1][-6:])
+            return f'{story}\n{found.hex(" ")} is not\n{right.hex(" ")}'
+    return ''
+
+
+NEEDED = (
+    'obeys GREEN_GREEN under GREEN_GREEN',
+    'obeys RED_RED under GREEN_GREEN',
+    'obeys RED_RED under RED_FLAG',
+    'obeys RED_FLAG under RED_FLAG',
+    'obeys RED_RED under nothing',
+    'rolls out',
+    'takes a stop',
+    'says ',
+    *(f'says {encode(state).decode()}' for state in RaceState),
+)
+"""What the inputs must lead to: otherwise that the answers are the same says little."""
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize(
+    ('histories', 'inputs'), [(5, 4000), pytest.param(100, 10_000, marks=pytest.mark.long)]
+)
+def test_the_header_and_the_arbiter_give_the_same_answers(
+    compile_kit: Compile, dice: random.Random, histories: int, inputs: int
+) -> None:
+    driver = compile_kit('test/driver.c', *C99, *SANITIZED)
+    seen: Counter[str] = Counter()
+    for index in range(histories):
+        history = live(dice, inputs, index)
+        assert difference(driver, history) == ''
+        seen += history.seen
+    assert min(seen[each] for each in NEEDED) >= 10, seen
+
+
+FAULTS = [
+    ('>= kart->settings.frame_timeout_ms', '> kart->settings.frame_timeout_ms'),
+    ('(backwards || (uint32_t)(now - kart->heard_at)', '((uint32_t)(now - kart->heard_at)'),
+    ('(backwards || (uint32_t)(now - kart->remote_at)', '((uint32_t)(now - kart->remote_at)'),
+    ('(uint32_t)(now - kart->now) > UINT32_MAX / 2U', 'now < kart->now'),
+    ('(uint32_t)(now - kart->heard_at) >=', 'now >= kart->heard_at +'),
+    ('(uint32_t)(now - kart->slowing_since) >=', '(uint32_t)(now - kart->slowing_since) >'),
+    ('>= kart->settings.remote_timeout_ms', '> kart->settings.remote_timeout_ms'),
+    ('kart->commanded == EVGP_NONE || evgp_p_team_stop(kart)', 'kart->commanded == EVGP_NONE'),
+    ('kart->commanded == EVGP_GREEN_GREEN && !kart->armed', '0'),
+    ('        if (!to_race) {', '        if (0) {'),
+    ('    kart->order = 0;\n', ''),
+    ('    kart->commanded = EVGP_NONE;\n', ''),
+    ('    kart->slowing = 0;\n    kart->armed = 0;\n', '    kart->slowing = 0;\n'),
+    ('    kart->slowing = 0;\n    kart->armed = 0;\n', '    kart->armed = 0;\n'),
+    ('kart->commanded == EVGP_GRID_ACTIVE && kart->acknowledged) {', '0) {'),
+    ('        kart->acknowledged = 0;\n        kart->slowing =', '        kart->slowing ='),
+    ('was_driving && state == EVGP_RED_FLAG', 'state == EVGP_RED_FLAG'),
+    ('    if (kart->stopped && !stopped) {', '    if (0) {'),
+    ('            kart->armed = 1;\n', ''),
+    ('order != 0 && order == kart->order &&', 'order != 0 && kart->order != 0 &&'),
+    ('order != 0 && order == kart->order &&', 'order == kart->order &&'),
+    ('          evgp_p_obey(kart) != kart->commanded)) {', '          0)) {'),
+    ('kart->said_order != order || kart->heard_since_said', '1'),
+    ('            kart->malformed++; /* cut off', '            /* cut off'),
+    ('        kart->skipping = 0;\n        kart->frame[0]', '        kart->frame[0]'),
+    ('byte > 127U || ', ''),
+    ('EVGP_MAX_FRAME_BYTES - 1)', 'EVGP_MAX_FRAME_BYTES - 2)'),
+    ('    kart->frame_bytes = 0;\n    kart->skipping = 0;\n', ''),
+    ('i < count && kart->open', 'i < count'),
+    ('return kart->settings.drive_in_garage != 0;', 'return 0;'),
+    ('return kart->slowing != 0;', 'return 1;'),
+]
+
+
+@pytest.fixture(scope='module')
+def histories() -> list[History]:
+    dice = random.Random(1)
+    return [live(dice, 4000, index) for index in range(15)]
+
+
+@pytest.mark.parametrize(('old', 'new'), FAULTS, ids=range(len(FAULTS)))
+def test_a_fault_in_the_header_is_found(
+    compile_kit: Compile, tmp_path: pathlib.Path, histories: list[History], old: str, new: str
+) -> None:
+    text = HEADER.read_text(encoding='utf-8')
+    assert text.count(old) == 1, f'{text.count(old)} times: {old}'
+    (tmp_path / HEADER.name).write_text(text.replace(old, new), encoding='utf-8')
+    driver = compile_kit('test/driver.c', *C99, '-w', kit=tmp_path)
+
+    assert any(difference(driver, history) for history in histories)
+
+
+@pytest.mark.parametrize('runs', [50_000, pytest.param(1_000_000, marks=pytest.mark.long)])
+@pytest.mark.parametrize('language', [C99, CPP17], ids=['C', 'C++'])
+def test_nothing_is_found_by_random_bytes(
+    compile_kit: Compile, dice: random.Random, language: tuple[str, ...], runs: int
+) -> None:
+    fuzzer = compile_kit('test/fuzz.c', *language, *SANITIZED)
+    seed = str(dice.randrange(1, 2**32))
+
+    done = subprocess.run([str(fuzzer), str(runs), seed], capture_output=True, text=True)
+
+    assert done.returncode == 0, f'seed {seed}: {done.stderr}'
+    assert done.stdout == f'{runs} runs\n'
+
+
+@pytest.mark.parametrize(
+    ('old', 'new'),
+    [
+        ('kart->commanded == EVGP_GREEN_GREEN && !kart->armed', '0'),
+        ('kart->commanded == EVGP_NONE || evgp_p_team_stop(kart)', 'kart->commanded == EVGP_NONE'),
+        ('>= kart->settings.frame_timeout_ms', '> kart->settings.frame_timeout_ms'),
+        ('        if (!to_race) {', '        if (!to_race && 0) {'),
+        ('    kart->slowing = 0;\n    kart->armed = 0;\n', '    kart->slowing = 0;\n'),
+        ('EVGP_MAX_FRAME_BYTES - 1)', 'EVGP_MAX_FRAME_BYTES)'),
+    ],
+    ids=range(6),
+)
+def test_a_fault_in_the_header_is_found_by_random_bytes(
+    compile_kit: Compile, tmp_path: pathlib.Path, old: str, new: str
+) -> None:
+    text = HEADER.read_text(encoding='utf-8')
+    assert text.count(old) == 1, f'{text.count(old)} times: {old}'
+    (tmp_path / HEADER.name).write_text(text.replace(old, new), encoding='utf-8')
+    fuzzer = compile_kit('test/fuzz.c', *C99, *SANITIZED, kit=tmp_path)
+
+    assert subprocess.run([str(fuzzer), '50000'], capture_output=True).returncode != 0
+
+
+@pytest.mark.skipif(not shutil.which('clang'), reason='libFuzzer comes with clang alone')
+def test_nothing_is_found_in_a_fixed_number_of_guided_runs(compile_kit: Compile) -> None:
+    guided = ('-DEVGP_LIBFUZZER', '-fsanitize=fuzzer,address,undefined')
+    fuzzer = compile_kit('test/fuzz.c', *C99, *guided, compiler='clang')
+
+    done = subprocess.run([str(fuzzer), '-runs=50000', '-seed=1'], capture_output=True, text=True)
+
+    assert done.returncode == 0, done.stderr
+
+
+# ----- compilers -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('compiler', COMPILERS or ['gcc'])
+@pytest.mark.parametrize('optimised', ['-O0', '-O2'])
+@pytest.mark.parametrize('standard', ['c99', 'c11', 'c++11', 'c++17'])
+def test_the_header_compiles_without_a_warning(
+    compile_kit: Compile, tmp_path: pathlib.Path, compiler: str, optimised: str, standard: str
+) -> None:
+    language = 'c++' if '++' in standard else 'c'
+    source = tmp_path / 'all_zero.c'
+    # A kart that nobody initialised must stand, too.
+    source.write_text(
+        '#include "evgp_kart.h"\n'
+        'static evgp_kart kart;\n'
+        'int main(void) {\n'
+        '    evgp_kart_connected(&kart, 5);\n'
+        '    evgp_kart_received(&kart, "$GRID_ACTIVE;", 13, 5);\n'
+        '    (void)evgp_kart_acknowledge(&kart, evgp_kart_verdict(&kart).order, 5);\n'
+        '    evgp_kart_received(&kart, "$GREEN_GREEN;", 13, 5);\n'
+        '    return evgp_kart_verdict(&kart).obey != EVGP_RED_RED;\n'
+        '}\n',
+        encoding='utf-8',
+    )
+    flags = (f'-std={standard}', optimised, '-Wsign-conversion', '-x', language)
+
+    program = compile_kit(str(source), *flags, compiler=compiler)
+
+    assert subprocess.run([str(program)]).returncode == 0
+
+
+# ----- the examples --------------------------------------------------------------------------
+
+
+@pytest.fixture(params=['posix.c', 'arduino.ino', 'example.py'])
+def start_example(
+    request: pytest.FixtureRequest, parts: contextlib.ExitStack
+) -> Callable[[int], Program]:
+    """Return a function that starts an example as kart 1, for race control at a port."""
+    own = address_of(1)
+
+    def start(port: int) -> Program:
+        if request.param == 'example.py':
+            script = str(ROOT / 'kit/python/example.py')
+            command = [sys.executable, script, '127.0.0.1', str(port), own]
+        elif request.param == 'posix.c':
+            compile_it = request.getfixturevalue('compile_kit')
+            program = compile_it('examples/posix.c', *C99, *SANITIZED)
+            command = [str(program), '127.0.0.1', str(port), own]
+        else:
+            compile_it = request.getfixturevalue('compile_kit')
+            board = f'-I{KIT / "test/arduino"}'
+            race_control = '-DEVGP_RACE_CONTROL=IPAddress(127,0,0,1)'
+            sketch = 'examples/arduino/arduino.ino'
+            program = compile_it(sketch, race_control, board, *CPP17, *SANITIZED)
+            command = [str(program), str(port), own]
+        return parts.enter_context(Program(request.param, command))
+
+    return start
+
+
+def lost(kart: Program, lose: Callable[[], object]) -> None:
+    """Lose race control, and return once the kart obeys RED_RED. It obeyed something else."""
+    kart.lines.clear()
+    lose()
+    kart.wait_for_line('^obey RED_RED')
+
+
+def test_an_example_drives_a_race_of_the_real_race_control(
+    start_example: Callable[[int], Program],
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+) -> None:
+    control = start_race_control(in_race=[1])
+    official = join_official(control)
+    kart = start_example(control.port)
+    official.wait_for_connected(1)
+
+    for state in (GREEN, FLAG, RED, GREEN):
+        official.bring_to(state)  # returns when the kart has acknowledged it
+        kart.wait_for_line(f'^obey {state.value}')
+
+    # Nobody says RED_RED: the connection is all that ends.
+    lost(kart, lambda: os.kill(control.kart_server_pid, signal.SIGKILL))
+
+
+def test_an_example_stops_when_the_real_race_control_hangs(
+    start_example: Callable[[int], Program],
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+) -> None:
+    control = start_race_control(in_race=[1])
+    official = join_official(control)
+    kart = start_example(control.port)
+    official.wait_for_connected(1)
+    official.bring_to(GREEN)
+
+    lost(kart, control.freeze)
+    control.thaw()
+
+
+def test_an_example_drives_off_by_no_green_of_a_new_connection(
+    start_example: Callable[[int], Program], parts: contextlib.ExitStack
+) -> None:
+    control = parts.enter_context(BareRaceControl())
+    kart = start_example(control.port)
+    control.wait_for_connections(1)
+    for state in (GRID, GREEN):
+        control.say(state)
+        control.wait_until_it_says(state)
+
+    lost(kart, control.fall_silent)
+    control.wait_for_connections(2)
+    kart.lines.clear()
+    control.say(GREEN)
+    time.sleep(10 * BEAT)  # that time passes is itself what is awaited
+    control.say(RED)
+    control.wait_until_it_says(RED)
+    assert 'obey GREEN_GREEN' not in kart.output
+
+    for state in (GRID, GREEN):
+        control.say(state)
+        control.wait_until_it_says(state)
