@@ -8,6 +8,7 @@ In this trace, what was SAID is race control's, and what was SENT is the karts'.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+import itertools
 from typing import TypeAlias
 
 from evgp_inspection.clauses import Clause
@@ -362,7 +363,7 @@ def _rate(trace: Trace, limits: RcsLimits) -> Finding:
 def _gap(trace: Trace, limits: RcsLimits) -> Finding:
     worst: tuple[float, int, float] | None = None
     for link, events in _spans(trace).items():
-        for one, other in zip(events, events[1:], strict=False):
+        for one, other in itertools.pairwise(events):
             worst = max(worst or (0.0, 0, 0.0), (other.at - one.at, link, one.at))
     if worst is None:
         return NOT_DONE
