@@ -1,8 +1,8 @@
 # The commands of the project. Each sets up first what is not set up yet (.venv, build/, install/).
 #
 #   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
-#   ARGS='...'          passed on by bench, bridge, console, ctl, demo, fuzz, inspect-kart, record,
-#                       rehearsal, soak, test and test-long
+#   ARGS='...'          passed on by bench, bridge, console, ctl, demo, fuzz, inspect-kart, inspect-rcs,
+#                       record, rehearsal, soak, test and test-long
 #   WORKERS=6           number of tests that run at the same time; most of the time, most of them wait
 WORKERS := 6
 
@@ -39,7 +39,7 @@ HOST :=
 ODOM :=
 
 .PHONY: help setup demo rehearsal test test-long bench soak fuzz run roster record console ctl bridge \
-  inspect-kart screenshots lint format clean
+  inspect-kart inspect-rcs screenshots lint format clean
 
 help:
 	@echo 'make demo    set up and show a race: race control, karts and their stacks'
@@ -54,6 +54,7 @@ help:
 	@echo 'make record  print what happened in the last run     (ARGS="--list", ARGS="--help")'
 	@echo "make bridge  on a kart: start its bridge              (HOST=10.0.0.1 ODOM=/odom ARGS='-p ...')"
 	@echo "make inspect-kart  is this kart fit to race? Needs no set-up  (ARGS='--number 7')"
+	@echo "make inspect-rcs   is a race control fit to race?  (ARGS='--driver ros --word ready')"
 	@echo "make console open the officials' window               (OFFICIAL=Anna OFFICIALS=10.1.0.6)"
 	@echo 'make ctl     the same in the terminal                (ARGS="watch" OFFICIALS=10.1.0.6)'
 	@echo 'make lint    check style and types'
@@ -123,6 +124,10 @@ bridge:
 # Needs nothing but Python: on the computer of whoever inspects karts, nothing may be set up.
 inspect-kart:
 	python3 src/evgp_inspection kart $(ARGS)
+
+# In the workspace, since the commands may come from our services.
+inspect-rcs:
+	$(IN_WORKSPACE) python src/evgp_inspection rcs $(ARGS)
 
 # The pictures of docs/, made by the test that looks at every state of the window.
 screenshots:

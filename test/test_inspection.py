@@ -22,7 +22,7 @@ from evgp_testing.domains import Domain
 from evgp_testing.kart import Bridge, ExampleStack
 from evgp_testing.patience import PATIENCE
 from evgp_testing.process import Program
-from evgp_testing.race_control import address_of
+from evgp_testing.race_control import address_of, RaceControl
 import pytest
 
 ROOT = pathlib.Path(__file__).parents[1]
@@ -213,6 +213,24 @@ def test_an_inspector_who_sees_the_wheels_turn_after_a_stop_fails_the_kart(
     assert report['inspector'] == 'Ada <&>'
     (page,) = tmp_path.glob('kart-7-*.html')
     assert 'Ada &lt;&amp;&gt;' in page.read_text(encoding='utf-8')
+
+
+def test_our_race_control_passes_every_clause(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    domain = parts.enter_context(Domain())
+    times = {'pause': 0.5, 'finish_delays': [1.0, 0.5]}
+    control = parts.enter_context(
+        RaceControl(tmp_path, domain.number, in_race=[2, 3], others=[1], parameters=times)
+    )
+    words = ['rcs', '--driver', 'ros', '--word', 'ready', '--port', str(control.port)]
+    words += ['--watch', '0.6', '--settle', '0.7', '--half-open', '2', '--report', str(tmp_path)]
+    program = parts.enter_context(Program('inspect_rcs', [*INSPECT[:2], *words], domain.number))
+    code = wait_to_end(program)
+    report = report_in(tmp_path)
+    assert those(report, 'fail') == {}
+    assert those(report, 'not judged') == {}
+    assert code == 0
 
 
 def test_the_space_bar_stops_the_kart_and_ends_the_inspection(

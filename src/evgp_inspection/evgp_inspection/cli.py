@@ -8,70 +8,36 @@ from collections.abc import Awaitable, Callable, Sequence
 import contextlib
 import dataclasses
 import datetime
-import enum
 import functools
+import importlib
 import pathlib
 import re
 import signal
 import sys
 import time
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
-from evgp_inspection import VERSION
+from evgp_inspection import rcs_judges, VERSION
 from evgp_inspection.clauses import Clause, explain, KART, KART_STEPS, listed, select
-from evgp_inspection.inspector import AtTerminal, Inspector, Printer, Unattended, WORD
-from evgp_inspection.kart_judges import judge, NOT_DONE
+from evgp_inspection.drivers import Driver, Human
+from evgp_inspection.inspection import Exit, Inspection
+from evgp_inspection.inspector import AtTerminal, Inspector, Printer, RCS_FIRST, Unattended, WORD
+from evgp_inspection.judging import judged, steps_for
+from evgp_inspection.kart_judges import judge
 from evgp_inspection.kart_steps import KartNeverCameError, KartSteps, NotStoppedError
 from evgp_inspection.kart_wire import KartWire
-from evgp_inspection.limits import Limits
+from evgp_inspection.limits import Limits, RcsLimits
 from evgp_inspection.odometry import listen, Take
-from evgp_inspection.recording import Recording
+from evgp_inspection.rcs_clauses import RCS
+from evgp_inspection.rcs_inspection import inspect_race_control
+from evgp_inspection.recording import first, Recording
 from evgp_inspection.report import as_html, as_json, as_junit, Header, line, summary
 from evgp_inspection.traces import Kind, Trace
-from evgp_inspection.verdicts import Result, Verdict
+from evgp_inspection.verdicts import Result
 from evgp_protocol.frames import DEFAULT_PORT
 
 Odometry: TypeAlias = Callable[[Take], Awaitable[Callable[[], None]]]
 """Begins to hand over speeds, in m/s, and returns what ends that."""
-
-
-class Exit(enum.IntEnum):
-    """The exit codes, for scripts."""
-
-    PASSED = 0  # every check that was judged passed
-    FAILED = 1  # a check failed
-    USAGE = 2
-    NOT_FINISHED = 3  # stopped, or there was nothing to inspect; no check failed
-
-
-@dataclasses.dataclass
-class Inspection:
-    """
-    What an inspection has come to.
-
-    :ivar results: of the clauses that were asked for.
-    :ivar seconds: how long it took, s.
-    :ivar remarks: sentences on the whole.
-    :ivar finished: every step was done.
-    :ivar came: there was something to inspect.
-    """
-
-    results: list[Result]
-    seconds: float = 0.0
-    remarks: list[str] = dataclasses.field(default_factory=list)
-    finished: bool = False
-    came: bool = True
-
-    @property
-    def exit_code(self) -> Exit:
-        """Return the exit code."""
-        if not self.came:
-            return Exit.NOT_FINISHED
-        if any(each.verdict is Verdict.FAIL for each in self.results):
-            return Exit.FAILED
-        if not self.finished or all(each.verdict is Verdict.NOT_JUDGED for each in self.results):
-            return Exit.NOT_FINISHED
-        return Exit.PASSED
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -85,9 +51,81 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def inspect_rcs(arguments: Sequence[str] | None = None) -> int:
-    """Inspect a race control."""
-    print('The inspection of race control is not there yet.', file=sys.stderr)
-    return Exit.USAGE
+    """Inspect a race control; return the exit code."""
+    parser = _rcs_parser()
+    options = parser.parse_args(arguments)
+    try:
+        chosen = select(RCS, options.only)
+        limits = RcsLimits(**_limits_of(options, RcsLimits))
+        explained = select(RCS, options.explain) if options.explain else ()
+        numbers = [int(each) for each in options.karts.split(',')]
+        own = [each for each in options.addresses.split(',') if each]
+        addresses = dict(zip(numbers, own or map(_loopback, numbers), strict=True))
+    except ValueError as error:
+        parser.error(str(error))
+    if _told(options, chosen, explained):
+        return Exit.PASSED
+    if len(addresses) != 3:
+        parser.error('--karts names three karts; two of them race')
+    if options.driver == 'ros' and options.word != WORD:
+        parser.error(f'--driver ros starts races: say --word {WORD} if no real kart is there')
+    printer = Printer()
+    began = datetime.datetime.now().astimezone()
+    try:
+        inspection = asyncio.run(_inspect_rcs(options, chosen, limits, addresses, printer))
+    except (OSError, ImportError) as error:
+        print(f'The inspection cannot start: {error}', file=sys.stderr)
+        return Exit.USAGE
+    finally:
+        printer.close()
+    header = Header(
+        subject='race control',
+        team=options.team,
+        inspector=options.inspector,
+        began=began.isoformat(timespec='seconds'),
+        seconds=inspection.seconds,
+        limits=dataclasses.asdict(limits),
+        remarks=tuple(inspection.remarks),
+    )
+    return _finish(header, inspection, options.report, began)
+
+
+async def _inspect_rcs(
+    options: argparse.Namespace,
+    chosen: Sequence[Clause],
+    limits: RcsLimits,
+    addresses: dict[int, str],
+    printer: Printer,
+) -> Inspection:
+    """Do the inspection of a race control from the word to the end."""
+    stopping = _stopping()
+    with contextlib.ExitStack() as stack:
+        inspector: Inspector
+        driver: Driver
+        if options.driver == 'ros':
+            inspector = Unattended(printer.tell)
+            ros: Any = importlib.import_module('evgp_inspection.ros_driver')
+            driver = ros.RosDriver()
+        else:
+            inspector = stack.enter_context(AtTerminal(printer, stopping.set, first=RCS_FIRST))
+            driver = Human(inspector, limits.answer)
+        stack.callback(driver.close)
+        given = asyncio.get_running_loop().create_task(inspector.confirm())
+        await first(given, stopping)
+        if not given.done() or not given.result():
+            given.cancel()
+            not_judged = [rcs_judges.judge(each, Trace(), limits) for each in chosen]
+            return Inspection(not_judged, remarks=['Not begun.'])
+        return await inspect_race_control(
+            inspector,
+            driver,
+            limits,
+            chosen,
+            stopping,
+            (options.host, options.port),
+            addresses,
+            options.stranger,
+        )
 
 
 def inspect_kart(arguments: Sequence[str] | None = None) -> int:
@@ -96,17 +134,11 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         chosen = select(KART, options.only)
-        limits = Limits(
-            **{field.name: getattr(options, field.name) for field in dataclasses.fields(Limits)}
-        )
+        limits = Limits(**_limits_of(options, Limits))
         explained = select(KART, options.explain) if options.explain else ()
     except ValueError as error:
         parser.error(str(error))
-    if options.list:
-        print(listed(chosen))
-        return Exit.PASSED
-    if explained:
-        print('\n\n'.join(map(explain, explained)))
+    if _told(options, chosen, explained):
         return Exit.PASSED
     if options.unattended and options.word != WORD:
         parser.error(
@@ -133,13 +165,49 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
         limits=dataclasses.asdict(limits),
         remarks=tuple(inspection.remarks),
     )
+    return _finish(header, inspection, options.report, began)
+
+
+def _told(
+    options: argparse.Namespace, chosen: Sequence[Clause], explained: Sequence[Clause]
+) -> bool:
+    """Print the clauses if that is all that is asked for; return whether it is."""
+    if options.list:
+        print(listed(chosen))
+    elif explained:
+        print('\n\n'.join(map(explain, explained)))
+    return bool(options.list or explained)
+
+
+def _finish(header: Header, inspection: Inspection, folder: str, began: datetime.datetime) -> Exit:
+    """Print the end, write the report into a folder (empty: nowhere), return the exit code."""
     print(f'\n{header.subject} {header.team}'.rstrip())
     for remark in inspection.remarks:
         print(remark)
     print(summary(inspection.results))
-    if options.report:
-        _write(pathlib.Path(options.report), header, inspection.results, began)
+    if folder:
+        _write(pathlib.Path(folder), header, inspection.results, began)
     return inspection.exit_code
+
+
+def _limits_of(options: argparse.Namespace, limits: type[Limits | RcsLimits]) -> dict[str, float]:
+    return {field.name: getattr(options, field.name) for field in dataclasses.fields(limits)}
+
+
+def _loopback(number: int) -> str:
+    """Return the loopback address of a kart."""
+    if not 0 < number < 250:
+        raise ValueError('karts have numbers from 1 to 249, or --addresses names their addresses')
+    return f'127.0.1.{number}'
+
+
+def _stopping() -> asyncio.Event:
+    """Return the event that a signal sets."""
+    stopping = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        loop.add_signal_handler(number, stopping.set)
+    return stopping
 
 
 def _write(
@@ -158,34 +226,22 @@ def _write(
         print(f'The report cannot be written: {error}', file=sys.stderr)
 
 
-def _kart_parser() -> argparse.ArgumentParser:
+def _parser(
+    prog: str, description: str, example: str, limits: type[Limits | RcsLimits]
+) -> argparse.ArgumentParser:
+    """Return a parser of what both programs take."""
     parser = argparse.ArgumentParser(
-        prog='inspect_kart',
-        description='Play race control to one kart, and judge whether it is fit to race.',
+        prog=prog,
+        description=description,
         epilog='Exit codes: 0 all judged checks passed, 1 a check failed, 2 wrong usage, '
-        '3 not finished (stopped, or the kart never came).',
+        '3 not finished (stopped, or there was nothing to inspect).',
     )
     add = parser.add_argument
     add('--list', action='store_true', help='print the clauses and end')
     add('--explain', metavar='CLAUSE', default='', help='print all about clauses and end')
-    add('--only', metavar='CLAUSES', default='', help='such as K-3A-07,K-4D; default: all')
-    add('--listen', metavar='ADDRESS', default='0.0.0.0', help='own IPv4 address (%(default)s)')
-    add('--port', type=int, default=DEFAULT_PORT, help='where the kart connects (%(default)s)')
-    add(
-        '--kart-address', default='', help="the kart's IPv4 address; default: the first to connect"
-    )
-    add('--number', type=int, default=0, help="the kart's number, for the report")
+    add('--only', metavar='CLAUSES', default='', help=f'such as {example}; default: all')
     add('--team', default='', help='for the report')
     add('--inspector', default='', help="the inspector's name, for the report")
-    add(
-        '--odometry',
-        metavar='SOURCE',
-        default='',
-        help='the speed in place of eyes: "-" (lines "time speed" or "speed" on standard input), '
-        'udp:[ADDRESS:]PORT, ros:/TOPIC (nav_msgs/Odometry), or a file or pipe',
-    )
-    add('--unattended', action='store_true', help='ask nothing; needs --word')
-    add('--word', default='', help=f'"{WORD}": wheels off the ground, MSR in hand')
     add(
         '--report',
         metavar='FOLDER',
@@ -193,9 +249,9 @@ def _kart_parser() -> argparse.ArgumentParser:
         help='where HTML, JUnit XML and JSON go (%(default)s); empty: nowhere',
     )
     add('--version', action='version', version=VERSION)
-    limits = parser.add_argument_group('limits, in seconds unless they say otherwise')
-    for field in dataclasses.fields(Limits):
-        limits.add_argument(
+    group = parser.add_argument_group('limits, in seconds unless they say otherwise')
+    for field in dataclasses.fields(limits):
+        group.add_argument(
             f'--{field.name.replace("_", "-")}',
             type=float,
             default=field.default,
@@ -205,14 +261,73 @@ def _kart_parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _rcs_parser() -> argparse.ArgumentParser:
+    parser = _parser(
+        'inspect_rcs', 'Play three karts to a race control, and judge it.', 'R-3B,R-4C', RcsLimits
+    )
+    add = parser.add_argument
+    add('--host', default='127.0.0.1', help="race control's IPv4 address (%(default)s)")
+    add('--port', type=int, default=DEFAULT_PORT, help='its TCP port (%(default)s)')
+    add(
+        '--karts',
+        metavar='N,N,N',
+        default='1,2,3',
+        help='the numbers of the karts; the third is not in the race (%(default)s)',
+    )
+    add(
+        '--addresses',
+        metavar='A,A,A',
+        default='',
+        help='their IPv4 addresses, all of this computer; default: 127.0.1.N',
+    )
+    add(
+        '--stranger',
+        metavar='ADDRESS',
+        default='127.0.1.250',
+        help='an IPv4 address of this computer that is no kart (%(default)s)',
+    )
+    add(
+        '--driver',
+        choices=('human', 'ros'),
+        default='human',
+        help='who gives the commands: you, when asked, or our services (%(default)s)',
+    )
+    add('--word', default='', help=f'"{WORD}": no real kart is there; for --driver ros')
+    return parser
+
+
+def _kart_parser() -> argparse.ArgumentParser:
+    parser = _parser(
+        'inspect_kart',
+        'Play race control to one kart, and judge whether it is fit to race.',
+        'K-3A-07,K-4D',
+        Limits,
+    )
+    add = parser.add_argument
+    add('--listen', metavar='ADDRESS', default='0.0.0.0', help='own IPv4 address (%(default)s)')
+    add('--port', type=int, default=DEFAULT_PORT, help='where the kart connects (%(default)s)')
+    add(
+        '--kart-address', default='', help="the kart's IPv4 address; default: the first to connect"
+    )
+    add('--number', type=int, default=0, help="the kart's number, for the report")
+    add(
+        '--odometry',
+        metavar='SOURCE',
+        default='',
+        help='the speed in place of eyes: "-" (lines "time speed" or "speed" on standard input), '
+        'udp:[ADDRESS:]PORT, ros:/TOPIC (nav_msgs/Odometry), or a file or pipe',
+    )
+    add('--unattended', action='store_true', help='ask nothing; needs --word')
+    add('--word', default='', help=f'"{WORD}": wheels off the ground, MSR in hand')
+    return parser
+
+
 async def _inspect_kart(
     options: argparse.Namespace, chosen: Sequence[Clause], limits: Limits, printer: Printer
 ) -> Inspection:
     """Do the inspection from the word to the end."""
-    stopping = asyncio.Event()
+    stopping = _stopping()
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        loop.add_signal_handler(number, stopping.set)
     with contextlib.ExitStack() as stack:
         inspector: Inspector
         if options.unattended:
@@ -220,10 +335,11 @@ async def _inspect_kart(
         else:
             inspector = stack.enter_context(AtTerminal(printer, stopping.set))
         given = loop.create_task(inspector.confirm())
-        await _first(given, stopping)
+        await first(given, stopping)
         if not given.done() or not given.result():
             given.cancel()
-            return Inspection(judged(chosen, Trace(), limits), remarks=['Not begun.'])
+            not_judged = [judge(each, Trace(), limits) for each in chosen]
+            return Inspection(not_judged, remarks=['Not begun.'])
         return await inspect(
             inspector,
             limits,
@@ -263,7 +379,7 @@ async def inspect(
     """
     recording = Recording()
     wire = KartWire(recording, inspector.tell, kart_address)
-    steps = steps_for(chosen)
+    steps = steps_for(chosen, KART_STEPS)
     done: set[str] = set()
     told: set[str] = set()
 
@@ -287,7 +403,7 @@ async def inspect(
             recording, wire, inspector, limits, step_done, steps, odometry is not None
         )
         running = asyncio.get_running_loop().create_task(play.run())
-        await _first(running, stopping)
+        await first(running, stopping)
         if not running.done():
             inspector.tell('\a  !  STOPPED. RED_RED is sent to the kart.')
             running.cancel()  # once: the end of the steps stops the kart
@@ -307,43 +423,8 @@ async def inspect(
         await wire.shut_down()
         if end_odometry is not None:
             end_odometry()
-    results = judged(chosen, recording.trace, limits, ' '.join(remarks))
+    results = judged([judge(each, recording.trace, limits) for each in chosen], ' '.join(remarks))
     for result in results:
         if result.clause.name not in told:
             inspector.tell(line(result))
     return Inspection(results, time.monotonic() - began, remarks, finished, wire.newest > 0)
-
-
-def steps_for(chosen: Sequence[Clause]) -> tuple[str, ...]:
-    """Return the steps that these clauses need, in their order."""
-    if any(not clause.steps for clause in chosen):
-        return KART_STEPS
-    wanted = {step for clause in chosen for step in clause.steps}
-    return tuple(step for step in KART_STEPS if step in wanted)
-
-
-def judged(
-    chosen: Sequence[Clause], trace: Trace, limits: Limits, hindrance: str = ''
-) -> list[Result]:
-    """
-    Return the results of these clauses as of now.
-
-    :param hindrance: why some steps were not done, a sentence; empty: all were.
-    """
-    results = [judge(clause, trace, limits) for clause in chosen]
-    if not hindrance:
-        return results
-    not_done = dataclasses.replace(NOT_DONE, why=f'Not done. {hindrance}')
-    return [
-        dataclasses.replace(each, finding=not_done) if each.finding == NOT_DONE else each
-        for each in results
-    ]
-
-
-async def _first(task: asyncio.Task[bool] | asyncio.Task[None], event: asyncio.Event) -> None:
-    """Return once the task is done or the event is set."""
-    waiting = asyncio.get_running_loop().create_task(event.wait())
-    try:
-        await asyncio.wait([task, waiting], return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        waiting.cancel()

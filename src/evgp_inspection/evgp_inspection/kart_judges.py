@@ -11,10 +11,10 @@ Pure: no socket, no clock, no question. Three rules:
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-import dataclasses
 from typing import TypeAlias
 
 from evgp_inspection.clauses import Clause
+from evgp_inspection.judging import judge_by, NOT_DONE
 from evgp_inspection.limits import Limits
 from evgp_inspection.traces import Event, Kind, Section, Trace, Word
 from evgp_inspection.verdicts import Finding, Result, Verdict
@@ -36,24 +36,8 @@ Judge: TypeAlias = Callable[[Trace, Limits], Finding]
 
 
 def judge(clause: Clause, trace: Trace, limits: Limits) -> Result:
-    """Judge a clause; one whose failure follows from that of another is not judged."""
-    finding = JUDGES[clause.name](trace, limits)
-    if finding.verdict is Verdict.FAIL:
-        why = _doubt(clause, finding, trace, limits)
-        if why:
-            finding = dataclasses.replace(finding, verdict=Verdict.NOT_JUDGED, why=why)
-    return Result(clause, finding, getattr(limits, clause.limit) if clause.limit else None)
-
-
-def _doubt(clause: Clause, finding: Finding, trace: Trace, limits: Limits) -> str:
-    """Return why a failure does not count, a sentence; empty: it does."""
-    late = [event.value for event in finding.evidence if event.kind is Kind.HELD_UP]
-    if late:
-        return f'The inspecting computer was held up for {max(late):.1f} s. Inspect again.'
-    for cause in clause.unless:
-        if JUDGES[cause](trace, limits).verdict is Verdict.FAIL:
-            return f'{cause} fails: this is the same fault, or follows from it.'
-    return ''
+    """Judge a clause of a kart."""
+    return judge_by(JUDGES, clause, trace, limits)
 
 
 # ----- what several judges look at ------------------------------------------------------------
@@ -110,7 +94,6 @@ def _evidence(sections: Iterable[Section]) -> tuple[Event, ...]:
     return tuple(event for section in sections for event in section.events)
 
 
-NOT_DONE = _not_judged('The inspection did not come to this.')
 NOT_DRIVEN = _not_judged('The kart did not come to drive in this step.')
 
 

@@ -41,8 +41,41 @@ class Limits:
 
     def __post_init__(self) -> None:
         """Refuse what no check can work with."""
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            least = 0.0 if field.name in ('warning', 'hold') else math.ulp(0.0)
-            if not (math.isfinite(value) and value >= least):
-                raise ValueError(f'{field.name} must be a finite number above 0, not {value!r}')
+        _check(self, ('warning', 'hold'))
+
+
+@dataclasses.dataclass(frozen=True)
+class RcsLimits:
+    """
+    The limits of `inspect_rcs`, in seconds.
+
+    The meaning of each is in its field's metadata, for the command line and the documents.
+
+    :raises ValueError: a limit is not a finite number above 0.
+    """
+
+    connect: float = _limit(2.0, 'maximum time from a connection to its first frame')
+    reach: float = _limit(2.0, 'maximum time from a command to its last kart')
+    all_kill: float = _limit(1.0, 'maximum time from ALL_KILL to the last kart')
+    finish: float = _limit(60.0, 'maximum time from FINISH to RED_FLAG')
+    stagger: float = _limit(0.3, 'minimum difference of the delays of two places')
+    gap: float = _limit(0.5, 'maximum time between two frames')
+    half_open: float = _limit(5.0, 'maximum time until a kart that vanished counts as lost')
+    watch: float = _limit(1.5, 'time for which the karts watch that nothing changes')
+    settle: float = _limit(2.0, 'time after a stop before the next command')
+    away: float = _limit(0.6, 'time for which a kart that lost its connection is away')
+    slack: float = _limit(1.0, 'delay allowed to the end of a connection')
+    patience: float = _limit(15.0, 'maximum time to repeat a command that must be possible')
+    answer: float = _limit(60.0, 'maximum time to wait for whoever gives the commands')
+
+    def __post_init__(self) -> None:
+        """Refuse what no check can work with."""
+        _check(self)
+
+
+def _check(limits: Limits | RcsLimits, from_zero: tuple[str, ...] = ()) -> None:
+    for field in dataclasses.fields(limits):
+        value = getattr(limits, field.name)
+        least = 0.0 if field.name in from_zero else math.ulp(0.0)
+        if not (math.isfinite(value) and value >= least):
+            raise ValueError(f'{field.name} must be a finite number above 0, not {value!r}')

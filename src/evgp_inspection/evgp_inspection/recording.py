@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from typing import Any
 
 from evgp_inspection.traces import Event, Kind, Trace
 
@@ -48,6 +49,15 @@ class Recording:
             finally:
                 timer.cancel()
         return True
+
+
+async def first(task: asyncio.Future[Any], event: asyncio.Event) -> None:
+    """Return once the task is done or the event is set."""
+    waiting = asyncio.get_running_loop().create_task(event.wait())
+    try:
+        await asyncio.wait([task, waiting], return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        waiting.cancel()
 
 
 def _wake(future: asyncio.Future[None]) -> None:

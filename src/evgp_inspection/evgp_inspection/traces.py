@@ -14,6 +14,9 @@ import enum
 from evgp_protocol.frames import FrameDecoder, StateFrame
 from evgp_protocol.states import RaceState
 
+STRANGER = 'stranger'
+"""The name of whoever connects to race control from an address that is no kart."""
+
 
 class Kind(enum.Enum):
     """What an event is; the value is how reports name it."""
@@ -29,6 +32,8 @@ class Kind(enum.Enum):
         'answer'  # of the inspector; `text` names the question, `value` is 1 for yes, 0 for no
     )
     HELD_UP = 'held up'  # the inspecting computer itself was late; `value` in s
+    COMMAND = 'command'  # to race control; `text` names it, `value` 1: at this very moment
+    ANSWERED = 'command answered'  # `value` 1 if it was accepted, else 0; `text` says why not
     SILENT = 'silent'  # from here on, the inspection sends no frame; `text` says what instead
 
 
@@ -260,5 +265,9 @@ _DESCRIBED: dict[Kind, Callable[[Event], str]] = {
     Kind.ENDED: lambda event: f'connection {event.link}: {event.text} by the inspection',
     Kind.ANSWER: lambda event: f'inspector, {event.text}: {"yes" if event.value else "no"}',
     Kind.HELD_UP: lambda event: f'the inspecting computer was held up for {event.value:.2f} s',
+    Kind.COMMAND: lambda event: f'command {event.text}',
+    Kind.ANSWERED: lambda event: (
+        f'answered: {"accepted" if event.value else "refused"} {event.text}'
+    ),
     Kind.SILENT: lambda event: f'no frame from here on: {event.text}',
 }

@@ -8,7 +8,8 @@ import contextlib
 import os
 
 from evgp_inspection.clauses import KART, select
-from evgp_inspection.cli import Exit, inspect, Inspection
+from evgp_inspection.cli import inspect
+from evgp_inspection.inspection import Exit, Inspection
 from evgp_inspection.inspector import Unattended
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import Take

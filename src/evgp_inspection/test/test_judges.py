@@ -9,9 +9,11 @@ import pathlib
 import re
 from xml.etree import ElementTree
 
+from evgp_inspection import rcs_judges
 from evgp_inspection.clauses import BY_NAME, explain, KART, KART_STEPS, select
 from evgp_inspection.kart_judges import judge, JUDGES
-from evgp_inspection.limits import Limits
+from evgp_inspection.limits import Limits, RcsLimits
+from evgp_inspection.rcs_clauses import RCS, RCS_BY_NAME, RCS_STEPS
 from evgp_inspection.report import as_html, as_json, as_junit, Header
 from evgp_inspection.traces import describe, Event, Kind, Trace
 from evgp_inspection.verdicts import Finding, Result, Verdict
@@ -27,9 +29,11 @@ DOCUMENT = pathlib.Path(__file__).parents[3] / 'docs/inspection.md'
 
 PHASES = [
     f'{step}/{phase}'
-    for step in KART_STEPS
+    for step in (*KART_STEPS, *RCS_STEPS)
     for phase in (
         'wait', 'quiet', 'garage', 'grid', 'green', 'red', 'red_flag', 'lost', 'back', 'stays',
+        'first', 'stranger', 'second', 'silent', 'early', 'order', 'started', 'finish_one',
+        'finish_two', 'over', 'unacknowledged', 'released', 'one', 'flag', 'all_kill',
         'malformed', 'glued', 'bytes', 'many', 'late', 'slow', 'away', 'after', 'flag_green',
     )
 ]  # fmt: skip
@@ -47,7 +51,7 @@ def traces(draw: st.DrawFn) -> list[Event]:
         data = b''
         if kind in (Kind.SENT, Kind.SAID):
             data = draw(st.one_of(st.sampled_from(FRAMES), st.binary(max_size=40)))
-        text = draw(st.sampled_from(PHASES)) if kind is Kind.STEP else 'closed'
+        text = draw(st.sampled_from(PHASES)) if kind is Kind.STEP else 'kart 1'
         value = draw(st.floats()) if kind is Kind.SPEED else 1.0
         events.append(Event(at, kind, draw(st.integers(1, 3)), data, text, value))
     return events
@@ -146,13 +150,44 @@ def test_no_failure_has_two_causes_that_excuse_each_other() -> None:
 
 def test_the_document_has_the_clauses_and_limits_as_they_are() -> None:
     text = DOCUMENT.read_text(encoding='utf-8')
-    rows = re.findall(r'^\| (K-\w+-\d+)\*? \| (.*) \| (.*) \| (.*) \|$', text, re.MULTILINE)
-    assert rows == [(each.name, each.title, each.done, each.judged) for each in KART]
+    rows = re.findall(r'^\| ([KR]-\w+-\d+)\*? \| (.*) \| (.*) \| (.*) \|$', text, re.MULTILINE)
+    assert rows == [(each.name, each.title, each.done, each.judged) for each in (*KART, *RCS)]
     limits = re.findall(r'^\| `--(\S+)` \| ([\d.]+) \| (.*) \|$', text, re.MULTILINE)
     assert limits == [
         (field.name.replace('_', '-'), f'{field.default:g}', field.metadata['meaning'])
-        for field in dataclasses.fields(Limits)
+        for field in (*dataclasses.fields(Limits), *dataclasses.fields(RcsLimits))
     ]
+
+
+def test_every_clause_of_a_race_control_has_one_judge_and_its_sentence_is_in_its_source() -> None:
+    assert sorted(rcs_judges.RCS_JUDGES) == sorted(RCS_BY_NAME)
+    assert len(RCS_BY_NAME) == len(RCS)
+    limits = {field.name for field in dataclasses.fields(RcsLimits)}
+    for place, clause in enumerate(RCS):
+        assert re.fullmatch(r'R-\d[A-F]-\d\d', clause.name)
+        assert clause.section == f'§{clause.name[2]}.{clause.name[3]}'
+        assert set(clause.steps) <= set(RCS_STEPS)
+        assert not clause.limit or clause.limit in limits
+        assert set(clause.unless) <= set(RCS_BY_NAME) - {clause.name}
+        assert not any(clause.name in RCS_BY_NAME[each].unless for each in clause.unless), place
+        if clause.source.startswith('docs/'):
+            text = (DOCUMENT.parents[1] / clause.source).read_text(encoding='utf-8')
+            assert clause.sentence in ' '.join(text.split())
+
+
+@given(traces())
+def test_every_trace_has_a_verdict_for_every_clause_of_a_race_control(events: list[Event]) -> None:
+    trace = Trace.of(events)
+    for clause in RCS:
+        result = rcs_judges.judge(clause, trace, RcsLimits())
+        assert result.finding.why
+        describe(result.finding.evidence)
+
+
+def test_of_nothing_nothing_of_a_race_control_is_judged() -> None:
+    for clause in RCS:
+        result = rcs_judges.judge(clause, Trace(), RcsLimits())
+        assert result.verdict is Verdict.NOT_JUDGED
 
 
 def test_clauses_are_chosen_by_the_beginnings_of_their_names() -> None:

@@ -1,0 +1,109 @@
+"""Who gives race control its commands: a person at its screen, or a program."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import dataclasses
+import enum
+from typing import Protocol
+
+from evgp_inspection.inspector import Inspector
+
+
+class Act(enum.Enum):
+    """A command of §4.B; the value is its name in `evgp_rcs`'s catalogue."""
+
+    ALL_KILL = 'ALL_KILL'
+    RED_FLAG = 'RED_FLAG'
+    GRID_ACTIVE = 'GRID_ACTIVE'
+    GREEN_GREEN = 'GREEN_GREEN'
+    RACE_OVER = 'RACE_OVER'
+    IN_GARAGE = 'IN_GARAGE'
+    KART_RED_RED = 'KART_RED_RED'
+    KART_FINISH = 'KART_FINISH'
+
+
+@dataclasses.dataclass(frozen=True)
+class Reply:
+    """
+    What became of a command.
+
+    :ivar accepted: race control says that it carries it out.
+    :ivar why: why not, a sentence.
+    """
+
+    accepted: bool
+    why: str = ''
+
+
+class Driver(Protocol):
+    """Gives commands. ``exact``: it says to the moment when it gives them."""
+
+    exact: bool
+
+    async def prepare(self, in_race: tuple[int, ...], outside: tuple[int, ...]) -> str:
+        """Have these karts in the race, in IN_GARAGE; return why that is not so, or nothing."""
+
+    async def give(self, act: Act, kart: int, given: Callable[[], None]) -> Reply:
+        """
+        Give a command.
+
+        :param kart: its kart; 0: it is for the race or for all.
+        :param given: is called in the moment in which the command is given.
+        """
+
+    def close(self) -> None:
+        """End it."""
+
+
+_ASKED = {
+    Act.ALL_KILL: 'Press ALL KILL (RED_RED to every kart)',
+    Act.RED_FLAG: 'Press RED FLAG for the race',
+    Act.GRID_ACTIVE: 'Press GRID ACTIVE',
+    Act.GREEN_GREEN: 'Press GREEN GREEN',
+    Act.RACE_OVER: 'Press RACE OVER',
+    Act.IN_GARAGE: 'Press IN GARAGE for the race',
+    Act.KART_RED_RED: 'Press RED RED for kart {kart} alone',
+    Act.KART_FINISH: 'Press FINISH for kart {kart}',
+}
+
+
+class Human:
+    """
+    A person at race control's screen, who presses what a sentence says.
+
+    :param seconds: maximum time to wait for a key, s.
+    """
+
+    exact = False
+
+    def __init__(self, inspector: Inspector, seconds: float) -> None:
+        self._inspector = inspector
+        self._seconds = seconds
+        self._prepared = False
+
+    async def prepare(self, in_race: tuple[int, ...], outside: tuple[int, ...]) -> str:
+        """Ask, the first time."""
+        if self._prepared:
+            return ''
+        racing = ' and '.join(map(str, in_race))
+        others = ' and '.join(map(str, outside))
+        done = await self._inspector.ask(
+            f'Put karts {racing} into the race, and no other; kart {others} is in the list, but '
+            'not in the race. The race is in IN_GARAGE. Done?',
+            self._seconds,
+        )
+        self._prepared = bool(done)
+        return '' if done else 'The race was not prepared.'
+
+    async def give(self, act: Act, kart: int, given: Callable[[], None]) -> Reply:
+        """Ask for it; the key says that it was done, or that race control does not let it."""
+        given()
+        done = await self._inspector.ask(
+            _ASKED[act].format(kart=kart) + '. y: pressed, n: refused or not offered.',
+            self._seconds,
+        )
+        return Reply(bool(done), '' if done else 'not possible, says the person at the screen')
+
+    def close(self) -> None:
+        """Do nothing."""

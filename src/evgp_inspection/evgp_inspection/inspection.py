@@ -1,0 +1,47 @@
+"""What an inspection has come to, and the exit codes."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+
+from evgp_inspection.verdicts import Result, Verdict
+
+
+class Exit(enum.IntEnum):
+    """The exit codes, for scripts."""
+
+    PASSED = 0  # every check that was judged passed
+    FAILED = 1  # a check failed
+    USAGE = 2
+    NOT_FINISHED = 3  # stopped, or there was nothing to inspect; no check failed
+
+
+@dataclasses.dataclass
+class Inspection:
+    """
+    What an inspection has come to.
+
+    :ivar results: of the clauses that were asked for.
+    :ivar seconds: how long it took, s.
+    :ivar remarks: sentences on the whole.
+    :ivar finished: every step was done.
+    :ivar came: there was something to inspect.
+    """
+
+    results: list[Result]
+    seconds: float = 0.0
+    remarks: list[str] = dataclasses.field(default_factory=list)
+    finished: bool = False
+    came: bool = True
+
+    @property
+    def exit_code(self) -> Exit:
+        """Return the exit code."""
+        if not self.came:
+            return Exit.NOT_FINISHED
+        if any(each.verdict is Verdict.FAIL for each in self.results):
+            return Exit.FAILED
+        if not self.finished or all(each.verdict is Verdict.NOT_JUDGED for each in self.results):
+            return Exit.NOT_FINISHED
+        return Exit.PASSED

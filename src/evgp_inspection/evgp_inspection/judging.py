@@ -1,0 +1,71 @@
+"""What the judges of karts and of race controls have in common."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+import dataclasses
+from typing import TypeVar
+
+from evgp_inspection.clauses import Clause
+from evgp_inspection.traces import Kind, Trace
+from evgp_inspection.verdicts import Finding, Result, Verdict
+
+L = TypeVar('L')
+
+NOT_DONE = Finding(Verdict.NOT_JUDGED, 'The inspection did not come to this.')
+
+
+def judge_by(
+    judges: Mapping[str, Callable[[Trace, L], Finding]], clause: Clause, trace: Trace, limits: L
+) -> Result:
+    """
+    Judge a clause; one whose failure follows from that of another is not judged.
+
+    :param judges: the judge of each clause, by its name.
+    """
+    finding = judges[clause.name](trace, limits)
+    if finding.verdict is Verdict.FAIL:
+        why = _doubt(judges, clause, finding, trace, limits)
+        if why:
+            finding = dataclasses.replace(finding, verdict=Verdict.NOT_JUDGED, why=why)
+    return Result(clause, finding, getattr(limits, clause.limit) if clause.limit else None)
+
+
+def _doubt(
+    judges: Mapping[str, Callable[[Trace, L], Finding]],
+    clause: Clause,
+    finding: Finding,
+    trace: Trace,
+    limits: L,
+) -> str:
+    """Return why a failure does not count, a sentence; empty: it does."""
+    late = [event.value for event in finding.evidence if event.kind is Kind.HELD_UP]
+    if late:
+        return f'The inspecting computer was held up for {max(late):.1f} s. Inspect again.'
+    for cause in clause.unless:
+        if judges[cause](trace, limits).verdict is Verdict.FAIL:
+            return f'{cause} fails: this is the same fault, or follows from it.'
+    return ''
+
+
+def steps_for(chosen: Sequence[Clause], steps: tuple[str, ...]) -> tuple[str, ...]:
+    """Return those of the steps that these clauses need, in their order."""
+    if any(not clause.steps for clause in chosen):
+        return steps
+    wanted = {step for clause in chosen for step in clause.steps}
+    return tuple(step for step in steps if step in wanted)
+
+
+def judged(results: Sequence[Result], hindrance: str = '') -> list[Result]:
+    """
+    Return the results, with the reason where a step was not done.
+
+    :param hindrance: why some steps were not done, a sentence; empty: all were.
+    """
+    if not hindrance:
+        return list(results)
+    not_done = dataclasses.replace(NOT_DONE, why=f'Not done. {hindrance}')
+    return [
+        dataclasses.replace(each, finding=not_done) if each.finding == NOT_DONE else each
+        for each in results
+    ]

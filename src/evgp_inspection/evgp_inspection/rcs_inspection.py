@@ -1,0 +1,83 @@
+"""The inspection of a race control, from the first connection to the results."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+import time
+
+from evgp_inspection.clauses import Clause
+from evgp_inspection.drivers import Driver
+from evgp_inspection.inspection import Inspection
+from evgp_inspection.inspector import Inspector
+from evgp_inspection.judging import judged, steps_for
+from evgp_inspection.limits import RcsLimits
+from evgp_inspection.rcs_clauses import RCS_STEPS
+from evgp_inspection.rcs_judges import judge
+from evgp_inspection.rcs_karts import Field
+from evgp_inspection.rcs_steps import NotInGarageError, RcsSteps
+from evgp_inspection.recording import first, Recording
+from evgp_inspection.report import line
+
+
+async def inspect_race_control(
+    inspector: Inspector,
+    driver: Driver,
+    limits: RcsLimits,
+    chosen: Sequence[Clause],
+    stopping: asyncio.Event,
+    where: tuple[str, int],
+    addresses: dict[int, str],
+    stranger: str,
+) -> Inspection:
+    """
+    Inspect a race control.
+
+    :param chosen: the clauses that the report is to have.
+    :param stopping: ends the inspection when it is set.
+    :param where: race control's IPv4 address and port.
+    :param addresses: the IPv4 address of each kart, by its number; the first two race.
+    :param stranger: an IPv4 address that is no kart's.
+    """
+    recording = Recording()
+    field = Field(recording, *where, addresses, stranger)
+    done: set[str] = set()
+    told: set[str] = set()
+
+    def step_done(name: str) -> None:
+        done.add(name)
+        for clause in chosen:
+            if clause.steps and clause.name not in told and done.issuperset(clause.steps):
+                told.add(clause.name)
+                inspector.tell(line(judge(clause, recording.trace, limits)))
+
+    began = time.monotonic()
+    remarks: list[str] = []
+    finished = False
+    one, two, out = addresses
+    steps = steps_for(chosen, RCS_STEPS)
+    play = RcsSteps(recording, field, driver, limits, step_done, steps, (one, two, out))
+    running = asyncio.get_running_loop().create_task(play.run())
+    try:
+        await first(running, stopping)
+        if not running.done():
+            running.cancel()
+            remarks.append('The inspection was stopped. Bring race control to IN_GARAGE.')
+        await running
+        finished = True
+    except asyncio.CancelledError:
+        pass
+    except NotInGarageError as error:
+        remarks.append(str(error))
+    finally:
+        running.cancel()
+        await field.close()
+    if not field.count:
+        remarks.append('No kart could connect to race control.')
+    results = judged(
+        [judge(clause, recording.trace, limits) for clause in chosen], ' '.join(remarks)
+    )
+    for result in results:
+        if result.clause.name not in told:
+            inspector.tell(line(result))
+    return Inspection(results, time.monotonic() - began, remarks, finished, field.count > 0)

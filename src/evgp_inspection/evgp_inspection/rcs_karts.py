@@ -1,0 +1,204 @@
+"""
+The karts' end of the wire, for the inspection of a race control.
+
+Each kart connects from an address of its own. What it says is what the inspection lets it say: it
+says the state it is being sent if that is one of its `answers`, with every frame.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ctypes
+import socket
+import struct
+
+from evgp_inspection.kart_wire import LATE_BEAT, RESET
+from evgp_inspection.recording import Recording
+from evgp_inspection.traces import Kind, STRANGER
+from evgp_protocol.frames import encode, FrameDecoder, StateFrame
+from evgp_protocol.states import RaceState
+
+ATTACH_FILTER, DETACH_FILTER = 26, 27
+"""Options of Linux that Python does not name."""
+
+
+def kart_name(number: int) -> str:
+    """Return the name of a kart in the trace."""
+    return f'kart {number}'
+
+
+class Link(asyncio.Protocol):
+    """One connection of a kart."""
+
+    def __init__(self, kart: PlayedKart) -> None:
+        self.sent: RaceState | None = None
+        self.number = 0
+        self.open = False
+        self._kart = kart
+        self._transport: asyncio.Transport | None = None
+        self._decoder = FrameDecoder()
+        self._ended = ''
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Begin to hear."""
+        assert isinstance(transport, asyncio.Transport)
+        self._transport = transport
+        self.open = True
+        self.number = self._kart.field.opened(self._kart)
+
+    def data_received(self, data: bytes) -> None:
+        """Take what race control sends."""
+        for frame in self._decoder.feed(data):
+            if isinstance(frame, StateFrame):
+                self.sent = frame.state
+        self._kart.field.recording.note(Kind.SAID, self.number, data)
+        if self.sent in self._kart.answers:
+            self.say(self.sent)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Take note."""
+        self.open = False
+        if not self._ended:
+            text = 'reset' if exc is not None else 'closed'
+            self._kart.field.recording.note(Kind.CLOSED, self.number, text=text)
+
+    def say(self, state: RaceState) -> None:
+        """Say a state."""
+        if self._transport is not None and self.open:
+            data = encode(state)
+            self._kart.field.recording.note(Kind.SENT, self.number, data)
+            self._transport.write(data)
+
+    def end(self, reset: bool = False) -> None:
+        """Close or reset it."""
+        if self._transport is None or not self.open:
+            return
+        self._ended = 'reset' if reset else 'closed'
+        self.open = False
+        self._kart.field.recording.note(Kind.ENDED, self.number, text=self._ended)
+        if reset:
+            self._option(socket.SO_LINGER, RESET)
+            self._transport.abort()
+        else:
+            self._transport.close()
+
+    def vanish(self) -> None:
+        """Answer nothing any more, not even in TCP, as a kart that has left the network."""
+        program = ctypes.create_string_buffer(struct.pack('HBBI', 6, 0, 0, 0))  # take nothing
+        self._program = program  # lives as long as the call
+        self._option(ATTACH_FILTER, struct.pack('HxxxxxxP', 1, ctypes.addressof(program)))
+        self._kart.field.recording.note(Kind.SILENT, self.number, text='the kart vanishes')
+
+    def appear(self) -> None:
+        """Answer again; if race control has given this connection up, that is seen now."""
+        self._option(DETACH_FILTER, struct.pack('i', 0))
+        self.say(RaceState.RED_RED)
+
+    def _option(self, option: int, value: bytes) -> None:
+        if self._transport is not None:
+            self._transport.get_extra_info('socket').setsockopt(socket.SOL_SOCKET, option, value)
+
+
+class PlayedKart:
+    """
+    A kart.
+
+    :ivar answers: the states that it acknowledges.
+    :ivar link: its newest connection.
+    """
+
+    def __init__(self, field: Field, name: str, address: str) -> None:
+        self.field = field
+        self.name = name
+        self.address = address
+        self.answers: frozenset[RaceState] = frozenset()
+        self.link: Link | None = None
+        self.links: list[Link] = []
+
+    @property
+    def sent(self) -> RaceState | None:
+        """Return what it is being sent; None: nothing, or it is not connected."""
+        return self.link.sent if self.link is not None and self.link.open else None
+
+    async def connect(self) -> bool:
+        """Connect; return whether race control took the connection."""
+        loop = asyncio.get_running_loop()
+        try:
+            _, link = await asyncio.wait_for(
+                loop.create_connection(
+                    lambda: Link(self),
+                    self.field.host,
+                    self.field.port,
+                    local_addr=(self.address, 0),
+                ),
+                5.0,
+            )
+        except (OSError, TimeoutError, asyncio.TimeoutError):
+            return False
+        self.link = link
+        self.links.append(link)
+        return True
+
+    def say(self, state: RaceState) -> None:
+        """Say a state on its newest connection."""
+        if self.link is not None:
+            self.link.say(state)
+
+    def end(self, reset: bool = False) -> None:
+        """End its newest connection."""
+        if self.link is not None:
+            self.link.end(reset)
+
+
+class Field:
+    """
+    All karts that the inspection plays.
+
+    :param addresses: the IPv4 address of each kart, by its number.
+    :param stranger: an address that is no kart's.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        host: str,
+        port: int,
+        addresses: dict[int, str],
+        stranger: str,
+    ) -> None:
+        self.recording = recording
+        self.host = host
+        self.port = port
+        self.karts = {
+            number: PlayedKart(self, kart_name(number), address)
+            for number, address in addresses.items()
+        }
+        self.stranger = PlayedKart(self, STRANGER, stranger)
+        self.count = 0
+        self._watching = asyncio.get_running_loop().create_task(self._watch())
+
+    def opened(self, kart: PlayedKart) -> int:
+        """Return the number of a new connection."""
+        self.count += 1
+        self.recording.note(Kind.OPENED, self.count, text=kart.name)
+        return self.count
+
+    async def close(self) -> None:
+        """End every connection."""
+        self._watching.cancel()
+        for kart in (*self.karts.values(), self.stranger):
+            for link in kart.links:
+                link.end()
+        with contextlib.suppress(asyncio.CancelledError):
+            await self._watching
+
+    async def _watch(self) -> None:
+        """Take note when this computer itself is held up."""
+        loop = asyncio.get_running_loop()
+        while True:
+            before = loop.time()
+            await asyncio.sleep(0.05)
+            late = loop.time() - before - 0.05
+            if late > LATE_BEAT:
+                self.recording.note(Kind.HELD_UP, value=late)

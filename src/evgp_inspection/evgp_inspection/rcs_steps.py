@@ -1,0 +1,318 @@
+"""
+What the inspection of a race control does, step by step; it does not judge.
+
+Each phase of a step is named in the trace, `step/phase`, and `evgp_inspection.rcs_judges` knows
+the names. A step that race control has left (it started a race that it must not, say) ends there:
+the rest is not judged, and the next step begins in IN_GARAGE again.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+
+from evgp_inspection.drivers import Act, Driver
+from evgp_inspection.limits import RcsLimits
+from evgp_inspection.rcs_karts import Field, PlayedKart
+from evgp_inspection.recording import Recording
+from evgp_inspection.traces import Kind
+from evgp_protocol.states import RaceState
+
+IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
+GREEN_GREEN, RED_FLAG, RED_RED = RaceState.GREEN_GREEN, RaceState.RED_FLAG, RaceState.RED_RED
+
+ALL = frozenset({GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED})
+NOTHING: frozenset[RaceState] = frozenset()
+
+
+class LeftError(Exception):
+    """Race control is not where this step needs it to be."""
+
+
+class NotInGarageError(Exception):
+    """Race control cannot be brought to IN_GARAGE: there is nothing more to do."""
+
+
+class RcsSteps:
+    """
+    Plays the karts, and has the commands given.
+
+    :param step_done: is told the name of each step that is done.
+    :param numbers: two karts of the race, and one outside it.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        field: Field,
+        driver: Driver,
+        limits: RcsLimits,
+        step_done: Callable[[str], None],
+        steps: Sequence[str],
+        numbers: tuple[int, int, int],
+    ) -> None:
+        self._recording = recording
+        self._driver = driver
+        self._limits = limits
+        self._step_done = step_done
+        self._steps = steps
+        self._numbers = numbers
+        self._field = field
+        self._one, self._two, self._out = (field.karts[number] for number in numbers)
+        self._all = (self._one, self._two, self._out)
+        self._race = (self._one, self._two)
+        self._step = ''
+        self._doing = {
+            'connect': self._connect,
+            'grid': self._grid,
+            'race': self._drive,
+            'again': self._again,
+            'flag': self._flag,
+            'stop': self._stop,
+            'vanish': self._vanish,
+        }
+
+    async def run(self) -> None:
+        """
+        Do the steps.
+
+        :raises NotInGarageError: race control cannot be brought to IN_GARAGE.
+        """
+        for step in self._steps:
+            self._step = step
+            try:
+                if self._field.count == 0:
+                    await self._connect_first()
+                await self._to_the_garage()
+                await self._doing[step]()
+            except LeftError:
+                pass
+            self._step_done(step)
+        await self._to_the_garage()
+
+    # ----- the steps ----------------------------------------------------------------------
+
+    async def _connect_first(self) -> None:
+        """Connect every kart."""
+        self._phase('first')
+        for kart in self._all:
+            await kart.connect()
+        await self._wait(lambda: all(kart.sent for kart in self._all), self._limits.connect)
+
+    async def _connect(self) -> None:
+        self._phase('stranger')
+        stranger = self._field.stranger
+        await stranger.connect()
+        await self._wait(
+            lambda: stranger.link is None or not stranger.link.open, self._limits.slack
+        )
+        stranger.end()
+        await self._refused('green', Act.GREEN_GREEN)
+        self._phase('second')
+        first = self._one.link
+        await self._one.connect()
+        await self._wait(
+            lambda: self._one.sent and (first is None or not first.open), self._limits.slack
+        )
+        if first is not None:
+            first.end()
+        await self._back('back', self._two)
+
+    async def _grid(self) -> None:
+        self._one.answers = self._two.answers = NOTHING
+        self._phase('before')
+        self._one.say(GRID_ACTIVE)
+        await asyncio.sleep(self._limits.watch / 2)
+        await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._race)
+        await self._refused('silent', Act.GREEN_GREEN)
+        self._two.answers = ALL
+        await asyncio.sleep(self._limits.watch / 2)
+        await self._refused('early', Act.GREEN_GREEN)
+        self._one.answers = ALL
+        await asyncio.sleep(self._limits.watch / 2)
+        self._one.answers = NOTHING
+        self._one.end()
+        await asyncio.sleep(self._limits.away)
+        await self._refused('lost', Act.GREEN_GREEN)
+        await self._back('returned', self._one)
+        await self._refused('back', Act.GREEN_GREEN)
+
+    async def _drive(self) -> None:
+        await self._start()
+        await self._refused('grid_again', Act.GRID_ACTIVE)
+        await self._refused('garage_in_race', Act.IN_GARAGE)
+        self._one.answers = self._two.answers = NOTHING
+        await self._reach(
+            'finish_one',
+            Act.KART_FINISH,
+            RED_FLAG,
+            self._one,
+            kart=self._numbers[0],
+            seconds=self._limits.finish,
+        )
+        await self._reach(
+            'finish_two',
+            Act.KART_FINISH,
+            RED_FLAG,
+            self._two,
+            kart=self._numbers[1],
+            seconds=self._limits.finish,
+        )
+        await self._reach('over', Act.RACE_OVER, RED_RED, *self._race)
+        self._two.answers = ALL
+        await asyncio.sleep(self._limits.settle)
+        await self._refused('unacknowledged', Act.IN_GARAGE)
+        self._one.answers = ALL
+        await asyncio.sleep(self._limits.watch / 2)
+        await self._reach('released', Act.IN_GARAGE, IN_GARAGE, *self._race)
+
+    async def _again(self) -> None:
+        self._one.answers = self._two.answers = NOTHING
+        await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._race)
+        await self._refused('silent', Act.GREEN_GREEN)
+        await self._green()
+        await self._reach(
+            'one', Act.KART_RED_RED, RED_RED, self._one, kart=self._numbers[0], more=True
+        )
+        await self._back('back', self._two, reset=True)
+
+    async def _flag(self) -> None:
+        await self._start()
+        await self._reach('flag', Act.RED_FLAG, RED_FLAG, *self._race)
+        await self._back('back', self._one)
+
+    async def _stop(self) -> None:
+        await self._start()
+        await self._reach('all_kill', Act.ALL_KILL, RED_RED, *self._all)
+        await self._refused('flag', Act.RED_FLAG)
+        await self._back('back', self._one)
+        await asyncio.sleep(self._limits.settle)
+        await self._refused('grid', Act.GRID_ACTIVE)
+        await self._refused('green', Act.GREEN_GREEN)
+
+    async def _vanish(self) -> None:
+        await self._start()
+        self._phase('lost')
+        link = self._one.link
+        assert link is not None
+        # What it said must have arrived: otherwise TCP would be late to say more, in the end.
+        self._one.answers = NOTHING
+        await asyncio.sleep(0.1)
+        link.vanish()
+        await asyncio.sleep(self._limits.half_open)
+        link.appear()
+        noticed = await self._wait(lambda: not link.open, self._limits.slack)
+        link.end()
+        if not noticed:
+            raise LeftError
+        await self._back('back', self._one)
+
+    # ----- what they consist of -----------------------------------------------------------
+
+    async def _start(self) -> None:
+        """Start a race."""
+        self._one.answers = self._two.answers = ALL
+        await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._race)
+        await self._green()
+
+    async def _green(self) -> None:
+        self._one.answers = self._two.answers = ALL
+        await asyncio.sleep(self._limits.watch / 2)
+        await self._reach('started', Act.GREEN_GREEN, GREEN_GREEN, *self._race)
+
+    async def _to_the_garage(self) -> None:
+        """Bring race control to IN_GARAGE with every kart connected."""
+        self._phase('garage')
+        for kart in self._all:
+            kart.answers = ALL
+            if kart.sent is None:
+                await asyncio.sleep(self._limits.away)
+                await kart.connect()
+        await self._wait(lambda: all(kart.sent for kart in self._all), self._limits.connect)
+        if any(kart.sent is not IN_GARAGE for kart in self._all):
+            await self._give(Act.ALL_KILL)
+            await self._wait(self._all_are(RED_RED, self._all), self._limits.reach)
+            await asyncio.sleep(self._limits.settle)
+            if not await self._insist(Act.IN_GARAGE, IN_GARAGE, self._all):
+                raise NotInGarageError('Race control cannot be brought to IN_GARAGE.')
+        why = await self._driver.prepare(self._numbers[:2], self._numbers[2:])
+        if why:
+            raise NotInGarageError(why)
+
+    async def _reach(
+        self,
+        phase: str,
+        act: Act,
+        state: RaceState,
+        *karts: PlayedKart,
+        kart: int = 0,
+        seconds: float = 0.0,
+        more: bool = False,
+    ) -> None:
+        """
+        Give a command that must be possible, until these karts are sent a state.
+
+        :param seconds: how long one command may take, s; 0: `reach`.
+        :param more: watch what follows.
+        """
+        self._phase(phase)
+        if not await self._insist(act, state, karts, kart, seconds):
+            raise LeftError
+        if more:
+            await asyncio.sleep(self._limits.watch)
+
+    async def _insist(
+        self,
+        act: Act,
+        state: RaceState,
+        karts: Sequence[PlayedKart],
+        kart: int = 0,
+        seconds: float = 0.0,
+    ) -> bool:
+        """Give a command, again where it is refused; return whether it has come."""
+        loop = asyncio.get_running_loop()
+        deadline = loop.time() + self._limits.patience
+        while True:
+            accepted = await self._give(act, kart)
+            if accepted or self._all_are(state, karts)():
+                return await self._wait(self._all_are(state, karts), seconds or self._limits.reach)
+            if loop.time() > deadline or act is Act.ALL_KILL or not self._driver.exact:
+                return await self._wait(self._all_are(state, karts), self._limits.reach)
+            await asyncio.sleep(0.2)
+
+    async def _refused(self, phase: str, act: Act) -> None:
+        """Give a command that must change nothing, and watch."""
+        before = [kart.sent for kart in self._all]
+        self._phase(phase)
+        await self._give(act)
+        await asyncio.sleep(self._limits.watch)
+        if [kart.sent for kart in self._all] != before:
+            raise LeftError
+
+    async def _back(self, phase: str, kart: PlayedKart, reset: bool = False) -> None:
+        """Have a kart lose its connection, if it has one, and come back; watch."""
+        kart.end(reset)
+        await asyncio.sleep(self._limits.away)
+        self._phase(phase)
+        await kart.connect()
+        await self._wait(lambda: kart.sent, self._limits.connect)
+        await asyncio.sleep(self._limits.watch)
+
+    async def _give(self, act: Act, kart: int = 0) -> bool:
+        text = f'{act.value} {kart}' if kart else act.value
+
+        def given() -> None:
+            self._recording.note(Kind.COMMAND, text=text, value=float(self._driver.exact))
+
+        reply = await self._driver.give(act, kart, given)
+        self._recording.note(Kind.ANSWERED, text=reply.why, value=float(reply.accepted))
+        return reply.accepted
+
+    def _all_are(self, state: RaceState, karts: Sequence[PlayedKart]) -> Callable[[], bool]:
+        return lambda: all(kart.sent is state for kart in karts)
+
+    async def _wait(self, found: Callable[[], object], seconds: float) -> bool:
+        return await self._recording.until(found, seconds)
+
+    def _phase(self, name: str) -> None:
+        self._recording.note(Kind.STEP, text=f'{self._step}/{name}')

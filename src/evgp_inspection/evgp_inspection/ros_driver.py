@@ -1,0 +1,152 @@
+"""
+Commands to our race control, by its services.
+
+The only module here that needs ROS and our packages; it is imported where it is asked for.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+import contextlib
+import importlib
+import threading
+from typing import Any
+
+from evgp_inspection.drivers import Act, Reply
+
+ANSWER = 10.0
+"""Maximum time to wait for race control or its answer, s."""
+
+OFFICIAL = 'inspect_rcs'
+
+
+class RosDriver:
+    """A client of our race control's services, on the officials' graph."""
+
+    exact = True
+
+    def __init__(self) -> None:
+        """Join the graph."""
+        rclpy: Any = importlib.import_module('rclpy')
+        executors: Any = importlib.import_module('rclpy.executors')
+        qos: Any = importlib.import_module('rclpy.qos')
+        signals: Any = importlib.import_module('rclpy.signals')
+        messages: Any = importlib.import_module('evgp_rcs_msgs.msg')
+        catalogue: Any = importlib.import_module('evgp_rcs.catalogue')
+        graph: Any = importlib.import_module('evgp_node.graph')
+        self._catalogue = catalogue
+        self._messages = messages
+        graph.bind_graph()
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, signal_handler_options=signals.SignalHandlerOptions.NO)
+        self._node = rclpy.create_node('inspect_rcs', context=self._context)
+        self._clients: dict[str, Any] = {}
+        self._race: Any = None
+        latched = qos.QoSProfile(
+            depth=1,
+            reliability=qos.ReliabilityPolicy.RELIABLE,
+            durability=qos.DurabilityPolicy.TRANSIENT_LOCAL,
+        )
+        self._node.create_subscription(messages.Race, 'rcs/race', self._hear, latched)
+        self._executor = executors.SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        ended = executors.ExternalShutdownException
+
+        def spin() -> None:
+            with contextlib.suppress(ended):
+                self._executor.spin()
+
+        self._thread = threading.Thread(target=spin, daemon=True)
+        self._thread.start()
+
+    async def prepare(self, in_race: tuple[int, ...], outside: tuple[int, ...]) -> str:
+        """Put these karts into the race, and every other kart out of it."""
+        if not await self._until(lambda: self._race is not None):
+            return 'Race control is not to be heard on rcs/race.'
+        known = {each.number for each in self._race.karts}
+        missing = {*in_race, *outside} - known
+        if missing:
+            return f'Race control has no kart {min(missing)} in its roster.'
+        for kart in self._race.karts:
+            wanted = kart.number in in_race
+            if kart.in_race is not wanted:
+                kind = 'JOIN_RACE' if wanted else 'LEAVE_RACE'
+                reply = await self._call(kind, kart.number, lambda: None)
+                if not reply.accepted:
+                    return reply.why
+        if not await self._until(
+            lambda: {each.number for each in self._race.karts if each.in_race} == set(in_race)
+        ):
+            return 'The karts of the race are others than were asked for.'
+        return ''
+
+    async def give(self, act: Act, kart: int, given: Callable[[], None]) -> Reply:
+        """Call the service, with the statement and the karts that an official would name."""
+        return await self._call(act.value, kart, given)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self._thread.join(5.0)
+        self._node.destroy_node()
+        self._context.try_shutdown()
+
+    def _hear(self, race: Any) -> None:
+        self._race = race
+
+    async def _until(self, found: Callable[[], bool]) -> bool:
+        deadline = asyncio.get_running_loop().time() + ANSWER
+        while not found():
+            if asyncio.get_running_loop().time() > deadline:
+                return False
+            await asyncio.sleep(0.02)
+        return True
+
+    async def _call(self, kind: str, kart: int, given: Callable[[], None]) -> Reply:
+        command = self._catalogue.CommandKind[kind]
+        entry = self._catalogue.CATALOGUE[command]
+        package, _, name = entry.service_type.split('/')
+        service = getattr(importlib.import_module(f'{package}.srv'), name)
+        client = self._clients.get(entry.service)
+        if client is None:
+            client = self._node.create_client(service, f'rcs/{entry.service}')
+            self._clients[entry.service] = client
+        if not await self._until(client.service_is_ready):
+            return Reply(False, f'Race control does not offer rcs/{entry.service}.')
+        request = service.Request(official=OFFICIAL, **entry.fixed)
+        # No statement for a record that fails: GREEN_GREEN must not need it.
+        if entry.statement and command is not self._catalogue.CommandKind.GREEN_GREEN:
+            setattr(request, entry.statement, True)
+        if entry.to_one_kart:
+            request.kart = kart
+        if entry.names_karts:
+            request.karts = self._seen(getattr(self._messages.CommandAvailability, kind))
+        loop = asyncio.get_running_loop()
+        answered: asyncio.Future[Any] = loop.create_future()
+
+        def take(future: Any) -> None:
+            with contextlib.suppress(RuntimeError):  # the loop has ended meanwhile
+                loop.call_soon_threadsafe(settle, future.result())
+
+        def settle(response: Any) -> None:
+            if not answered.done():
+                answered.set_result(response)
+
+        given()
+        client.call_async(request).add_done_callback(take)
+        try:
+            response = await asyncio.wait_for(answered, ANSWER)
+        except (TimeoutError, asyncio.TimeoutError):
+            return Reply(False, f'No answer in {ANSWER:g} s.')
+        return Reply(response.success, response.message)
+
+    def _seen(self, command: int) -> list[int]:
+        """Return the karts that race control offers a command for; where it does not, the race."""
+        race = self._race
+        if race is None:
+            return []
+        for each in race.commands:
+            if each.command == command and each.available:
+                return list(each.karts)
+        return sorted(kart.number for kart in race.karts if kart.in_race)

@@ -1,0 +1,338 @@
+"""`inspect_rcs` against our rules and kart server, good and with one fault each."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+import dataclasses
+from types import ModuleType
+from typing import Any
+
+from evgp_inspection.clauses import select
+from evgp_inspection.drivers import Act, Reply
+from evgp_inspection.inspection import Exit, Inspection
+from evgp_inspection.inspector import Unattended
+from evgp_inspection.limits import RcsLimits
+from evgp_inspection.rcs_clauses import RCS
+from evgp_inspection.rcs_inspection import inspect_race_control
+from evgp_inspection.traces import Kind
+from evgp_inspection.verdicts import Verdict
+from evgp_rcs import kart_link, kart_server, race
+from evgp_rcs.catalogue import CommandKind
+from evgp_testing.faults import module_with
+import pytest
+
+SHORT = RcsLimits(
+    connect=1.0,
+    reach=1.0,
+    finish=3.0,
+    stagger=0.15,
+    half_open=1.5,
+    watch=0.5,
+    settle=0.3,
+    away=0.3,
+    slack=0.5,
+    patience=3.0,
+)
+
+TIMES: dict[str, Any] = {'finish_delays': (0.8, 0.4), 'pause': 0.1}
+SETTINGS: dict[str, Any] = {'host': '127.0.0.1', 'port': 0, 'send_timeout': 0.5}
+
+ATTEMPTS = 5
+
+
+@dataclasses.dataclass
+class Flaw:
+    """
+    A fault of a race control.
+
+    :ivar clause: the clause that finds it.
+    :ivar module: where its source is changed.
+    """
+
+    clause: str
+    module: ModuleType | None = None
+    old: str = ''
+    new: str = ''
+    times: dict[str, Any] = dataclasses.field(default_factory=dict)
+    settings: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+
+HOLD_OF_THE_LOST = (
+    '        if under_way and self.state is not GRID_ACTIVE:\n'
+    "            self._hold(kart, RED_RED, f'lost its connection in {self.state.value}', now)\n"
+    '        elif kart.may_be_moving:\n'
+)
+
+FLAWS = {
+    'GREEN_GREEN does not wait': Flaw(
+        'R-3B-01',
+        race,
+        "        if missing:\n            return f'waiting for {_cut(missing)}'\n"
+        "        return 'another",
+        "        return 'another",
+    ),
+    'what was said before the command counts': Flaw(
+        'R-3B-02',
+        race,
+        '        kart.acknowledged = False\n        kart.withdrawn = False\n',
+        '        kart.acknowledged = state is GRID_ACTIVE and kart.reported is state\n'
+        '        kart.withdrawn = False\n',
+    ),
+    'GREEN_GREEN waits for connected karts only': Flaw(
+        'R-3B-03',
+        race,
+        'if not (each.connected and each.acknowledged)',
+        'if each.connected and not each.acknowledged',
+    ),
+    'a kart that comes back counts as ready': Flaw(
+        'R-3B-04',
+        race,
+        '        self._redirect(kart, now, anew=True)\n',
+        '        self._redirect(kart, now, anew=True)\n'
+        '        kart.acknowledged = kart.sent is GRID_ACTIVE\n',
+    ),
+    'an acknowledgement survives the race': Flaw(
+        'R-3B-05',
+        race,
+        '        for each in self.karts.values():\n'
+        '            each.place = 0\n'
+        '        self._go(GRID_ACTIVE, now)\n',
+        '        raced = [each for each in self.karts.values() if each.place]\n'
+        '        for each in raced:\n'
+        '            each.place = 0\n'
+        '        self._go(GRID_ACTIVE, now)\n'
+        '        for each in raced:\n'
+        '            each.acknowledged = True\n',
+    ),
+    'RED_FLAG loosens ALL_KILL': Flaw(
+        'R-3A-02',
+        race,
+        '        self._go(stricter(self.state, RED_FLAG), now)\n',
+        '        for each in self.karts.values():\n'
+        '            self._unhold(each)\n'
+        '        self._go(RED_FLAG, now)\n',
+    ),
+    'FINISH is for the whole race': Flaw(
+        'R-3C-01',
+        race,
+        '                self._hold(kart, RED_FLAG, MARKED_AS_FINISHED, now)\n',
+        '                for each in self.racing():\n'
+        '                    self._hold(each, RED_FLAG, MARKED_AS_FINISHED, now)\n',
+    ),
+    'every place has the same delay': Flaw('R-3C-02', times={'finish_delays': (0.5,)}),
+    'IN_GARAGE does not wait': Flaw(
+        'R-3C-04',
+        race,
+        "        if not missing:\n            return ''\n        how",
+        "        return ''\n        how",
+    ),
+    'a kart lost in RED_FLAG is not held': Flaw(
+        'R-3E-04',
+        race,
+        HOLD_OF_THE_LOST,
+        HOLD_OF_THE_LOST.replace('is not GRID_ACTIVE', 'not in (GRID_ACTIVE, RED_FLAG)').replace(
+            'elif kart.may_be_moving', 'elif self.state is not RED_FLAG and kart.may_be_moving'
+        ),
+    ),
+    'a kart lost in GREEN_GREEN is not held': Flaw(
+        'R-3E-03',
+        race,
+        HOLD_OF_THE_LOST,
+        HOLD_OF_THE_LOST.replace(
+            'is not GRID_ACTIVE', 'not in (GRID_ACTIVE, GREEN_GREEN)'
+        ).replace(
+            'elif kart.may_be_moving', 'elif self.state is not GREEN_GREEN and kart.may_be_moving'
+        ),
+    ),
+    'RED_FLAG is for every kart': Flaw(
+        'R-3F-01',
+        race,
+        '        self._go(stricter(self.state, RED_FLAG), now)\n',
+        '        self._go(stricter(self.state, RED_FLAG), now)\n'
+        '        for each in self.karts.values():\n'
+        "            self._hold(each, RED_FLAG, '', now)\n",
+    ),
+    'an unknown address is let in': Flaw(
+        'R-4A-02',
+        kart_server,
+        "            link.drop('its address is not in the roster')\n",
+        "            link._transport.write(b'$IN_GARAGE;')\n",
+    ),
+    'ALL_KILL is for the race only': Flaw(
+        'R-4B-01',
+        race,
+        "for each in self.karts.values():\n            self._hold(each, RED_RED, 'ALL_KILL', now)",
+        "for each in self.racing():\n            self._hold(each, RED_RED, 'ALL_KILL', now)",
+    ),
+    'RED_RED to one kart is for all': Flaw(
+        'R-4B-03',
+        race,
+        '        self._hold_alone(kart, RED_RED, now)\n',
+        '        for each in self.racing():\n            self._hold_alone(each, RED_RED, now)\n',
+    ),
+    'IN_GARAGE in a race under way': Flaw(
+        'R-4B-04',
+        race,
+        '        if self.state is not RED_RED:\n            return f',
+        '        if self.state not in (RED_RED, GREEN_GREEN):\n            return f',
+    ),
+    '5 frames a second': Flaw('R-4C-01', settings={'beat_rate': 5.0}),
+    'bytes between the frames': Flaw(
+        'R-4C-03',
+        kart_link,
+        'FRAMES = {state: encode(state) for state in RaceState}',
+        "FRAMES = {state: encode(state) + b'x' for state in RaceState}",
+    ),
+    'a kart that vanished is not missed': Flaw('R-4D-01', settings={'send_timeout': 3600.0}),
+}
+
+
+class OurRaceControl:
+    """
+    Our rules and kart server in this loop, with a fault or none; and who gives them commands.
+
+    It is the server's ``Outside`` itself, and keeps nothing.
+    """
+
+    exact = True
+
+    def __init__(self, flaw: Flaw | None) -> None:
+        flaw = flaw or Flaw('')
+        rules: Any = race
+        served: Any = kart_server
+        if flaw.module is race:
+            rules = module_with(race, flaw.old, flaw.new)
+        elif flaw.module is kart_server:
+            served = module_with(kart_server, flaw.old, flaw.new)
+        elif flaw.module is kart_link:
+            served = module_with(kart_server, 'HELD_UP = 1.0', 'HELD_UP = 1.0')
+            served.KartLink = module_with(kart_link, flaw.old, flaw.new).KartLink
+        self.race = rules.Race(
+            [rules.Kart(number, '', number <= 2) for number in (1, 2, 3)],
+            rules.RaceTimes(**{**TIMES, **flaw.times}),
+        )
+        self.server = served.KartServer(
+            self.race,
+            {f'127.0.1.{number}': number for number in (1, 2, 3)},
+            kart_server.ServerSettings(**{**SETTINGS, **flaw.settings}),
+            self,
+        )
+
+    async def inspect(self, chosen: str = '') -> Inspection:
+        """Inspect it to the end."""
+        listening: asyncio.Future[tuple[str, int]] = asyncio.get_running_loop().create_future()
+        serving = asyncio.create_task(self.server.serve(listening.set_result))
+        where = await listening
+        addresses = {number: f'127.0.1.{number}' for number in (1, 2, 3)}
+        try:
+            return await inspect_race_control(
+                Unattended(lambda line: None),
+                self,
+                SHORT,
+                select(RCS, chosen),
+                asyncio.Event(),
+                where,
+                addresses,
+                '127.0.1.250',
+            )
+        finally:
+            self.server.end()
+            await serving
+
+    # ----- the driver ---------------------------------------------------------------------
+
+    async def prepare(self, in_race: tuple[int, ...], outside: tuple[int, ...]) -> str:
+        return ''
+
+    async def give(self, act: Act, kart: int, given: Callable[[], None]) -> Reply:
+        kind = CommandKind[act.value]
+        answered: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
+        offered = self.race.availability(kind, kart, self.server.now())
+        karts = offered.karts or tuple(each.number for each in self.race.racing())
+        given()
+        command = race.Command(kind, kart or None, True, frozenset(karts))
+        self.server.submit(command, answered.set_result)
+        self.server.take_commands()
+        answer = await answered
+        return Reply(answer.success, answer.message)
+
+    def close(self) -> None:
+        pass
+
+    # ----- the outside --------------------------------------------------------------------
+
+    def look(self) -> None:
+        pass
+
+    def tell(self, events: list[Any], log: Any) -> None:
+        pass
+
+    def keep(self, log: Any) -> None:
+        pass
+
+    def show(self, race: Any, at: float, number: int) -> None:
+        pass
+
+    def remember(self, memory: Any, at: float) -> None:
+        pass
+
+    def make_sure(self, memory: Any, at: float, done: Callable[[bool], None]) -> None:
+        done(True)
+
+    def note_unrecorded_start(self) -> bool:
+        return True
+
+    def trouble(self) -> str:
+        return ''
+
+    def silent_since(self) -> float | None:
+        return None
+
+
+def held_up(inspection: Inspection) -> bool:
+    return any(
+        event.kind is Kind.HELD_UP
+        for result in inspection.results
+        for event in result.finding.evidence
+    )
+
+
+def those(inspection: Inspection, verdict: Verdict) -> dict[str, str]:
+    return {
+        each.clause.name: each.finding.why
+        for each in inspection.results
+        if each.verdict is verdict
+    }
+
+
+async def all_at_once(names: list[str]) -> dict[str, Inspection]:
+    """Inspect race controls with these faults at the same time; again if this was held up."""
+
+    async def later(number: int, name: str) -> Inspection:
+        await asyncio.sleep(number * 0.07)
+        return await OurRaceControl(FLAWS.get(name)).inspect()
+
+    found: dict[str, Inspection] = {}
+    left = names
+    for _ in range(ATTEMPTS):
+        done = await asyncio.gather(*(later(number, name) for number, name in enumerate(left)))
+        found.update(zip(left, done, strict=True))
+        left = [name for name in left if held_up(found[name])]
+        if not left:
+            break
+    return found
+
+
+@pytest.mark.timeout(300)
+def test_our_race_control_passes_and_each_fault_is_found_by_its_own_clause_and_no_other() -> None:
+    inspections = asyncio.run(all_at_once(['', *FLAWS]))
+    expected = {'': '', **{name: flaw.clause for name, flaw in FLAWS.items()}}
+    wrong = {
+        name: failed
+        for name, inspection in inspections.items()
+        if set(failed := those(inspection, Verdict.FAIL)) != {expected[name]} - {''}
+    }
+    assert not wrong
+    assert not those(inspections[''], Verdict.NOT_JUDGED)
+    assert inspections[''].exit_code is Exit.PASSED
