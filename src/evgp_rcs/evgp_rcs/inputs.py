@@ -50,11 +50,12 @@ class InputsError(ValueError):
 
 
 class Entrant(NamedTuple):
-    """A kart of the roster, as far as the rules know it."""
+    """A kart of the roster, as far as the rules know it; records of before lack `inspected`."""
 
     number: int
     team: str
     in_race: bool
+    inspected: str = ''
 
 
 @dataclasses.dataclass(frozen=True)
@@ -72,7 +73,10 @@ class Setup:
 
     def race(self) -> Race:
         """Return a race that has just begun."""
-        karts = [Kart(kart.number, kart.team, kart.in_race) for kart in self.karts]
+        karts = [
+            Kart(kart.number, kart.team, kart.in_race, inspected=kart.inspected)
+            for kart in self.karts
+        ]
         return Race(karts, self.times, self.now, self.heats)
 
     def to_json(self) -> str:

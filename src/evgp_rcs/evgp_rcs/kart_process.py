@@ -269,7 +269,9 @@ def setup_of(begin: Begin, now: float) -> Setup:
     """Return with what the rules begin: every kart of the roster."""
     entries = begin.roster.entries
     return Setup(
-        tuple(Entrant(entry.number, entry.team, entry.in_race) for entry in entries),
+        tuple(
+            Entrant(entry.number, entry.team, entry.in_race, entry.inspected) for entry in entries
+        ),
         begin.times,
         begin.roster.heats,
         now,

@@ -84,6 +84,7 @@ def race_message(
             hold_reason=kart.hold_reason,
             may_be_moving=kart.may_be_moving,
             place=kart.place,
+            inspected=kart.inspected,
             commands=[availability(each) for each in offered[kart.number]],
         )
 

@@ -278,6 +278,7 @@ class RaceTimes:
     :param pause_after_held_up: the same after race control was held up: what officials sent
         meanwhile comes late. (DDS delivered it up to 3 s later.) At least ``pause``.
     :param journal_timeout: maximum time that a GREEN_GREEN waits for the disk.
+    :param require_inspection: whether a kart must have an inspection to race.
     """
 
     finish_delays: tuple[float, ...] = (6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
@@ -290,6 +291,7 @@ class RaceTimes:
     pause: float = 1.0
     pause_after_held_up: float = 5.0
     journal_timeout: float = 1.0
+    require_inspection: bool = False
 
     def finish_delay(self, place: int) -> float:
         """Return the delay, in seconds, of a finishing place from 1; 0 if none is configured."""
@@ -320,6 +322,7 @@ class Kart:
         made safe by hand, nor been sent IN_GARAGE on the connection it has.
     :param held_alone: an official held this kart alone; until its release.
     :param withdrawn: it withdrew an acknowledgement of the present order.
+    :param inspected: the date of its inspection, as the roster has it; empty: none.
     """
 
     number: int
@@ -340,6 +343,7 @@ class Kart:
     on_grid: bool = False
     held_alone: bool = False
     withdrawn: bool = False
+    inspected: str = ''
 
     def __str__(self) -> str:
         """Return how officials call this kart."""
@@ -646,6 +650,7 @@ class Race:
             # A reason of the rules says more to the official than the pause does.
             or self._paused(command.kind, came)
             or self._unknown_heat(command)
+            or self._uninspected_heat(command)
         )
         if refusal:
             return refusal
@@ -1133,7 +1138,7 @@ class Race:
         moving = [each for each in racing if each.may_be_moving]
         if moving:
             return f'send RED_RED first to what may be moving: {_listed(moving)}'
-        return ''
+        return self._uninspected(racing)
 
     def _no_green_green(self, kart: Kart | None) -> str:
         if self.state is not GRID_ACTIVE:
@@ -1231,7 +1236,7 @@ class Race:
             return f'{kart} is in the race already'
         if self.state is not IN_GARAGE:
             return f'the race is in {self.state.value}; karts join in IN_GARAGE'
-        return ''
+        return self._uninspected([kart])
 
     def _no_set_heat(self, kart: Kart | None) -> str:
         if not self.heats:
@@ -1247,6 +1252,23 @@ class Race:
             return ''
         names = ', '.join(f'"{heat.name}"' for heat in self.heats)
         return f'the roster has no heat {command.heat[:40]!r}; it has {names}'
+
+    def _uninspected_heat(self, command: Command) -> str:
+        if command.kind is not CommandKind.SET_HEAT:
+            return ''
+        (heat,) = (each for each in self.heats if each.name == command.heat)
+        return self._uninspected(self.karts[number] for number in heat.karts)
+
+    def _uninspected(self, karts: Iterable[Kart]) -> str:
+        if not self.times.require_inspection:
+            return ''
+        missing = [each for each in karts if not each.inspected]
+        if not missing:
+            return ''
+        return (
+            f'not inspected: {_listed(missing)}. Race without it; or inspect it, write the date '
+            'into the roster, and restart race control'
+        )
 
     def _no_leave(self, kart: Kart | None) -> str:
         assert kart is not None

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 import dataclasses
+import datetime
 import ipaddress
 import pathlib
 import re
@@ -29,6 +30,8 @@ MAX_HEAT_LENGTH = 32
 MOST_FAULTS = 100
 
 _FIELDS = ('number', 'team', 'address', 'in_race')
+
+_OPTIONAL = ('inspected',)
 
 _INT = 'tag:yaml.org,2002:int'
 _BOOL = 'tag:yaml.org,2002:bool'
@@ -49,12 +52,17 @@ class RosterError(ValueError):
 
 @dataclasses.dataclass(frozen=True)
 class RosterEntry:
-    """One kart: its number (1 to 9999), team, IPv4 address, and if it is in the first race."""
+    """
+    One kart: its number (1 to 9999), team, IPv4 address, and if it is in the first race.
+
+    :ivar inspected: the date of its inspection, YYYY-MM-DD; empty: it has none.
+    """
 
     number: int
     team: str
     address: str
     in_race: bool
+    inspected: str = ''
 
 
 @dataclasses.dataclass(frozen=True)
@@ -209,7 +217,7 @@ class _Parser:
             kart = f'kart entry {position}'
             known = self._number_in(node)
             named = kart if known is None else f'kart {known}'
-            fields = self._tried(self._fields, node, _FIELDS, named)
+            fields = self._tried(self._fields, node, _FIELDS, named, _OPTIONAL)
             fields = fields or {}
             number = self._tried(self._number, fields.get('number'), kart)
             if number is None:
@@ -238,13 +246,14 @@ class _Parser:
             elif address is not None:
                 owners[address] = kart, _line(fields['address'])
             in_race = self._tried(self._in_race, fields.get('in_race'), kart)
+            inspected = self._tried(self._inspected, fields.get('inspected'), kart)
             if (
                 number is not None
                 and team is not None
                 and address is not None
                 and in_race is not None
             ):
-                yield RosterEntry(number, team, address, in_race)
+                yield RosterEntry(number, team, address, in_race, inspected or '')
 
     def _heats(self, node: yaml.Node) -> Iterator[Heat]:
         """Yield the heats, each checked by itself and against the karts."""
@@ -399,6 +408,19 @@ class _Parser:
             )
         return str(node.value).lower() in ('true', 'yes', 'on')
 
+    def _inspected(self, node: yaml.Node, kart: str) -> str:
+        text = str(node.value)
+        if isinstance(node, yaml.ScalarNode) and re.fullmatch('[0-9]{4}-[0-9]{2}-[0-9]{2}', text):
+            try:
+                return datetime.date.fromisoformat(text).isoformat()
+            except ValueError:
+                pass  # such as the 31st of February
+        raise _fault(
+            node,
+            f'{kart}: inspected {_shown(node)} is not a date; give the day of the inspection as '
+            'YEAR-MONTH-DAY, such as 2026-05-01, or leave it out',
+        )
+
     def _tried(
         self, read: Callable[..., _Read], node: yaml.Node | None, *context: object
     ) -> _Read | None:
@@ -451,7 +473,7 @@ def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
     # A field without a space after its colon is no field, and the next line does not fit.
     for number in range(at, max(at - 2, -1), -1):
         field = _FIELD.match(lines[number])
-        if field and field['glued'] and field['name'] in (*_FIELDS, 'karts', 'heats'):
+        if field and field['glued'] and field['name'] in (*_FIELDS, *_OPTIONAL, 'karts', 'heats'):
             right = f'{field["name"]}: {field["glued"]}{field["rest"]}'.rstrip()
             return _FaultError(number + 1, f"has no space after the colon; write '{right[:60]}'")
     field, before = _FIELD.match(shown), _FIELD.match(lines[at - 1]) if at else None

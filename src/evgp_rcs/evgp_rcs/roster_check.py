@@ -42,6 +42,7 @@ def _lines(roster: Roster) -> list[str]:
     lines = [
         f'kart {entry.number:{width}}  {entry.team:{team}}  {entry.address:15}  '
         + ('in the first race' if entry.in_race else 'not in the first race')
+        + (f', inspected {entry.inspected}' if entry.inspected else '')
         for entry in roster.entries
     ]
     for heat in roster.heats:

@@ -89,6 +89,11 @@ def read_settings(parameters: Parameters) -> Begin:
             rules.red_alert,
             'Time until the alert that RED_RED is not acknowledged',
         ),
+        require_inspection=declare(
+            'require_inspection',
+            rules.require_inspection,
+            'A kart without an inspection in the roster cannot race.',
+        ),
         pause=declare(
             'pause',
             rules.pause,

@@ -89,6 +89,7 @@ PROPERTIES = {
     'red-to-green': 'S: no way from red to GREEN_GREEN but by IN_GARAGE and a new GRID_ACTIVE',
     'finish-put-off': 'S: once a kart is marked as finished, its RED_FLAG comes, and no later',
     'membership-loosens': 'S: joining, leaving and heats never change what a red kart is sent',
+    'uninspected': 'where an inspection is required, no kart without one joins or starts',
     'heat-halved': 'a heat is put into the race whole, and nothing else is changed by it',
     'results': 'the results of a race are told once, when it is over or goes to IN_GARAGE',
     'ack-old': 'S: only the present state under the present serial is an acknowledgement',
@@ -155,6 +156,7 @@ class KartView(NamedTuple):
     finish_at: float | None
     on_grid: bool
     alone: bool
+    barred: bool
 
 
 class StartView(NamedTuple):
@@ -268,6 +270,7 @@ _KART = operator.attrgetter(
     'finish_due',
     'on_grid',
     'held_alone',
+    'inspected',
 )
 # As KartView._make, in half the time.
 _kart_view: Callable[[Iterable[Any]], KartView] = functools.partial(tuple.__new__, KartView)
@@ -278,7 +281,13 @@ _RACE = operator.attrgetter(
 
 def look(race: Any) -> View:
     """Return what the oracle sees of a race."""
-    karts = tuple([_kart_view(_KART(kart)) for kart in race.karts.values()])
+    required = race.times.require_inspection
+    karts = tuple(
+        [
+            _kart_view((*fields, required and not inspected))
+            for *fields, inspected in map(_KART, race.karts.values())
+        ]
+    )
     start = race.start
     if start is not None:
         command = start.command
@@ -354,6 +363,7 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     if kind == 'GRID_ACTIVE':
         held = tuple(kart.number for kart in racing if kart.hold is not None)
         held = held or tuple(kart.number for kart in racing if kart.moving)
+        held = held or tuple(kart.number for kart in racing if kart.barred)
         allowed = state is IN_GARAGE and bool(racing) and not held
         return Judgement(allowed, True, held if state is IN_GARAGE else (), numbers)
     if kind == 'GREEN_GREEN':
@@ -395,7 +405,7 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     if kind == 'KART_IN_GARAGE':
         return Judgement(_red(kart), not (kart.connected and kart.acked), (), (number,))
     if kind == 'JOIN_RACE':
-        return Judgement(not kart.in_race and state is IN_GARAGE)
+        return Judgement(not kart.in_race and state is IN_GARAGE and not kart.barred)
     assert kind == 'LEAVE_RACE', kind
     return Judgement(kart.in_race and state in (IN_GARAGE, GRID_ACTIVE))
 
@@ -471,7 +481,11 @@ def fate(
     stated = given.statement or not opinion.needs_statement
     late = is_paused(facts, given.kind, now if given.came is None else given.came)
     if late or not (
-        opinion.allowed and stated and _is_as_seen(view, given) and _heat_exists(view, given)
+        opinion.allowed
+        and stated
+        and _is_as_seen(view, given)
+        and _heat_exists(view, given)
+        and not _heat_is_barred(view, given)
     ):
         return 'refused'
     if waits and given.kind == 'GREEN_GREEN':
@@ -481,6 +495,23 @@ def fate(
 
 def _heat_exists(view: View, given: Input) -> bool:
     return given.kind != 'SET_HEAT' or given.heat in [heat.name for heat in view.heats]
+
+
+def _is_barred(view: View, given: Input) -> bool:
+    """Return whether a command is refused for want of an inspection, if for nothing else."""
+    if given.kind == 'GRID_ACTIVE':
+        return any(kart.in_race and kart.barred for kart in view.karts)
+    if given.kind == 'JOIN_RACE':
+        return any(kart.number == given.kart and kart.barred for kart in view.karts)
+    return _heat_is_barred(view, given)
+
+
+def _heat_is_barred(view: View, given: Input) -> bool:
+    """Return whether a heat has a kart that lacks the inspection that it needs."""
+    barred = {kart.number for kart in view.karts if kart.barred}
+    return given.kind == 'SET_HEAT' and any(
+        heat.name == given.heat and barred.intersection(heat.karts) for heat in view.heats
+    )
 
 
 def _is_as_seen(view: View, given: Input) -> bool:
@@ -828,6 +859,8 @@ def check_input(
         if success != (becomes != 'refused'):
             message = '' if waits else outcome.answer.message
             name = 'availability' if not opinion.allowed else 'as-seen'
+            if success and _is_barred(before, given):
+                raise RuleBrokenError('uninspected', f'{given} in {before}: {outcome.answer}')
             if success and not _heat_exists(before, given):
                 raise RuleBrokenError('heat-halved', f'{given} in {before}: {outcome.answer}')
             if opinion.allowed and (stated != seen or 'since you looked' not in message):
@@ -1077,7 +1110,14 @@ def check_recovery(
     :param every_start: no kart was sent GREEN_GREEN since it was written.
     """
     roster = [kart.number for kart in view.karts][:-1]
-    karts = [rules.Kart(number, in_race=True) for number in (*roster, 99)]
+    karts = [
+        rules.Kart(
+            number,
+            in_race=True,
+            inspected=race.karts[number].inspected if number in roster else '',
+        )
+        for number in (*roster, 99)
+    ]
     again = rules.Race(karts, race.times, now, race.heats)
     memory = race.memory()
     home = view.state is IN_GARAGE and not any(kart.hold or _in_doubt(kart) for kart in view.karts)
@@ -1127,6 +1167,8 @@ def check_recovery(
             place=0 if gone else old.place,
             finish_at=None,
             on_grid=old.on_grid or old.in_race,
+            # The roster has no date of a kart that is not in it.
+            barred=race.times.require_inspection if gone else old.barred,
         )
         if kart != expected:
             raise broken(f'{kart}, expected {expected}: ')
@@ -1167,7 +1209,8 @@ def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any, la
     if not message.startswith(f'{given.kind} refused: ') or message.endswith('refused: .'):
         raise RuleBrokenError('refusal-silent', message)
     named = opinion.culprits[:3]
-    heats = race.heats if given.kind == 'SET_HEAT' and opinion.allowed else ()
+    known = given.heat in [heat.name for heat in race.heats]
+    heats = race.heats if given.kind == 'SET_HEAT' and opinion.allowed and not known else ()
     if any(heat.name not in message for heat in heats):
         raise RuleBrokenError('refusal-silent', f'{message} does not name the heats')
     if 'another race control is running' in message or (late and opinion.allowed):
@@ -1367,6 +1410,7 @@ class Search:
     :param around: another race control comes and goes, and the record fails and works again.
     :param begin: where: in the 'garage', on the 'grid' or in 'green' with every kart of the race
         connected and its word given, or after a 'crash' in mid-race.
+    :param uninspected: the karts whose inspection the roster does not have.
     :param without: commands to one kart that are not given.
     :param waits: starts wait for the disk, commands come before they are judged, and race control
         is held up. If not, what a start waits for is so at once, and there is no pause.
@@ -1378,6 +1422,7 @@ class Search:
         racing: int = 2,
         outside: int = 1,
         times: dict[str, Any] | None = None,
+        uninspected: tuple[int, ...] = (),
         compare: int = 4000,
         track: bool = True,
         around: bool = False,
@@ -1402,7 +1447,11 @@ class Search:
             }
         )
         karts = [
-            rules.Kart(number, in_race=number <= racing)
+            rules.Kart(
+                number,
+                in_race=number <= racing,
+                inspected='' if number in uninspected else '2026-05-01',
+            )
             for number in range(1, racing + outside + 1)
         ]
         numbers = [kart.number for kart in karts]
@@ -1692,10 +1741,10 @@ class Search:
             if race.karts[number].held_alone:
                 self._command('KART_IN_GARAGE', later, number)
         self._check_home(outcome)
-        # And the next race can begin.
-        for kart in race.karts.values():
-            if not kart.in_race:
-                self._command('JOIN_RACE', later, kart.number)
+        # And the next race can begin, of those who may race.
+        for kart in look(race).karts:
+            if kart.in_race is kart.barred:
+                self._command('LEAVE_RACE' if kart.barred else 'JOIN_RACE', later, kart.number)
         if not self._command('GRID_ACTIVE', later).answer.success:
             raise RuleBrokenError('stuck', f'no new race: {look(race)}')
         self.scratch.load(saved)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import ast
 import dataclasses
 import inspect
+import json
 import pathlib
 from typing import Any, get_args, get_type_hints
 
 from evgp_protocol.states import RaceState
 from evgp_rcs import inputs, kart_process, kart_server
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.inputs import Block, decode, encode, InputsError, joined, Log, Setup
+from evgp_rcs.inputs import Block, decode, encode, Entrant, InputsError, joined, Log, Setup
 from evgp_rcs.race import (
     Command,
     Heat,
@@ -139,7 +140,7 @@ def test_a_block_of_which_one_byte_was_changed_is_refused() -> None:
 @given(
     st.builds(
         Setup,
-        karts=st.lists(st.builds(inputs.Entrant, KARTS, TEXTS, FLAGS)).map(tuple),
+        karts=st.lists(st.builds(inputs.Entrant, KARTS, TEXTS, FLAGS, TEXTS)).map(tuple),
         times=st.builds(
             RaceTimes,
             finish_delays=st.lists(TIMES).map(tuple),
@@ -197,3 +198,11 @@ def test_the_kart_server_hands_nothing_to_the_rules_but_what_it_logs() -> None:
                 assert node.attr not in ways, f'{module.__name__}: {ast.unparse(node)}'
     source = inspect.getsource(kart_server)
     assert source.count('.feed(') == 1
+
+
+def test_a_setup_of_before_inspections_is_read() -> None:
+    old = Setup((Entrant(1, 'Purdue', True),), RaceTimes(), (), 0.0)
+    given = json.loads(old.to_json())
+    given['karts'] = [kart[:3] for kart in given['karts']]
+    del given['times']['require_inspection']
+    assert Setup.from_json(json.dumps(given)) == old

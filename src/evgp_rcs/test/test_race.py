@@ -2105,3 +2105,31 @@ def test_the_race_goes_to_another_process_and_is_the_same_there(officials: Offic
     assert [there.availability(kind, 1, officials.now) for kind in CommandKind] == [
         officials.race.availability(kind, 1, officials.now) for kind in CommandKind
     ]
+
+
+def test_a_required_inspection_keeps_karts_out_of_the_race_and_no_stop_from_any_kart() -> None:
+    karts = [Kart(1, in_race=True, inspected='2026-05-01'), Kart(2), Kart(3, in_race=True)]
+    heats = [Heat('with', (1, 2)), Heat('without', (1,))]
+    race = Race(karts, RaceTimes(pause=0.0, require_inspection=True), heats=heats)
+
+    def give(kind: CommandKind, kart: int | None = None, heat: str = '') -> bool:
+        seen = race.availability(kind, kart or 0, 1.0).karts
+        command = Command(kind, kart, True, frozenset(seen), heat=heat)
+        answer = race.command(command, 1.0).answer
+        assert answer is not None
+        return answer.success
+
+    assert not give(CommandKind.GRID_ACTIVE)  # kart 3 is in the race
+    assert not give(CommandKind.JOIN_RACE, 2)
+    assert not give(CommandKind.SET_HEAT, heat='with')
+    for kind in (CommandKind.KART_RED_RED, CommandKind.KART_RED_FLAG):
+        assert give(kind, 2)
+        assert give(kind, 3)
+    assert give(CommandKind.ALL_KILL)
+    for number in (1, 2, 3):
+        race.connected(number, 1.0)
+        race.heard(number, race.karts[number].serial, RaceState.RED_RED, 1.0)
+        give(CommandKind.KART_IN_GARAGE, number)
+    give(CommandKind.IN_GARAGE)
+    assert give(CommandKind.SET_HEAT, heat='without')
+    assert give(CommandKind.GRID_ACTIVE)

@@ -14,6 +14,8 @@ from evgp_testing.faults import Fault, module_with
 import pytest
 import race_oracle as oracle
 
+REQUIRED = {'require_inspection': True}
+
 # Each small world with the number of its states that are searched. Each fault is found in one of
 # them well before.
 WORLDS: tuple[tuple[int, dict[str, Any]], ...] = (
@@ -24,6 +26,8 @@ WORLDS: tuple[tuple[int, dict[str, Any]], ...] = (
     (150, {'racing': 1, 'outside': 1, 'begin': 'grid', 'waits': True}),
     (300, {'racing': 2, 'outside': 0, 'begin': 'green'}),
     (150, {'racing': 2, 'outside': 0}),
+    (60, {'racing': 1, 'outside': 1, 'times': REQUIRED, 'uninspected': (2,)}),
+    (60, {'racing': 1, 'outside': 1, 'times': REQUIRED, 'uninspected': (1,)}),
 )
 
 # The nearest states of all worlds come first: there most faults are found.
@@ -791,6 +795,21 @@ FAULTS = {
         'dataclasses.replace(karts[kart.number], may_be_moving=True)',
         'karts[kart.number]',
         ('restart',),
+    ),
+    'a kart without an inspection may join': Fault(
+        "karts join in IN_GARAGE'\n        return self._uninspected([kart])",
+        "karts join in IN_GARAGE'\n        return ''",
+        ('uninspected', 'availability'),
+    ),
+    'a kart without an inspection may start': Fault(
+        '        return self._uninspected(racing)\n',
+        "        return ''\n",
+        ('uninspected', 'availability'),
+    ),
+    'a heat may have a kart without an inspection': Fault(
+        '            or self._uninspected_heat(command)\n',
+        '',
+        ('uninspected',),
     ),
     'the statement that the track is safe leaves the doubt of a restart': Fault(
         '        self.restarted = False\n        self._tell_results()',

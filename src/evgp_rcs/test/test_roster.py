@@ -163,7 +163,7 @@ def test_every_way_to_say_false_in_yaml_keeps_a_kart_out_of_the_race(word: str) 
 def test_an_unknown_field_is_refused_with_those_there_are() -> None:
     assert fault_of_two_karts_with('    in_race', '    colour: red\n    in_race') == (
         "karts.yaml:5: kart 1 has the unknown field 'colour'; "
-        "it has 'number', 'team', 'address', 'in_race'"
+        "it has 'number', 'team', 'address', 'in_race', 'inspected'"
     )
 
 
@@ -498,3 +498,26 @@ def test_every_fault_of_a_wrong_roster_is_printed_with_its_line(
 
 def test_a_roster_that_is_not_there_is_refused(tmp_path: pathlib.Path) -> None:
     assert check_roster(['check', str(tmp_path / 'absent.yaml')]) == 2
+
+
+ONE_KART = """\
+karts:
+  - number: 1
+    team: Purdue
+    address: 10.0.0.1
+    in_race: true
+"""
+
+
+def test_the_day_of_an_inspection_may_be_there_or_not() -> None:
+    (kart,) = parse_roster(ONE_KART, 'karts.yaml').entries
+    assert kart.inspected == ''
+    for written in ('2026-05-01', "'2026-05-01'"):
+        (kart,) = parse_roster(f'{ONE_KART}    inspected: {written}\n', 'karts.yaml').entries
+        assert kart.inspected == '2026-05-01'
+
+
+@pytest.mark.parametrize('written', ['yes', '', '2026-02-31', '1.5.2026', '20260501', '[2026]'])
+def test_an_inspection_that_is_no_day_is_refused_with_its_line(written: str) -> None:
+    with pytest.raises(RosterError, match=r'karts\.yaml:6: kart 1: inspected'):
+        parse_roster(f'{ONE_KART}    inspected: {written}\n', 'karts.yaml')

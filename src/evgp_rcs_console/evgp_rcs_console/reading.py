@@ -88,6 +88,7 @@ def _kart(kart: msg.KartStatus, stamp: float) -> Kart:
         hold_reason=kart.hold_reason,
         may_be_moving=kart.may_be_moving,
         place=kart.place,
+        inspected=kart.inspected,
         commands=_availability(kart.commands, stamp),
     )
 

@@ -63,6 +63,7 @@ class Kart:
     may_be_moving: bool
     place: int
     commands: Availability
+    inspected: str = ''
 
 
 @dataclass(frozen=True)

@@ -448,7 +448,8 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
         acknowledged=acknowledged,
         says=says,
         place=f'P{kart.place}' if kart.place else '',
-        note=', '.join(notes),
+        # Never beside what an official must read; of a kart at rest there is nothing else.
+        note=', '.join(notes) or words.inspected(kart),
         buttons=tuple(
             finish if command is finish.command else buttons.kart(command, kart)
             for command in (_offered(each, buttons.snapshot, kart) for each in KART_COMMANDS)

@@ -247,6 +247,11 @@ def kart_name(kart: Kart) -> str:
     return f'kart {kart.number} ({kart.team})' if kart.team else f'kart {kart.number}'
 
 
+def inspected(kart: Kart) -> str:
+    """Return when a kart was inspected; empty if the roster has no date."""
+    return f'inspected {kart.inspected}' if kart.inspected else ''
+
+
 def command_name(command: CommandKind, kart: int = 0) -> str:
     """Return the name of a command in a sentence."""
     return f'{CATALOGUE[command].label} kart {kart}' if kart else CATALOGUE[command].label
