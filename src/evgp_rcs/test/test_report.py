@@ -32,6 +32,7 @@ from evgp_rcs.report.model import (
     RED_RED,
     Why,
 )
+from evgp_rcs.report import words
 from evgp_rcs.report.words import Clock
 import pytest
 from recorded_races import long_event, PaperRace
@@ -434,6 +435,29 @@ def test_a_time_is_given_as_the_clock_showed_it(text: str, seconds: float) -> No
 def test_what_is_no_time_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match='no time'):
         seconds_of(text, Clock(0))
+
+
+@pytest.mark.parametrize('began_ns', [0, 499_999, 500_000, 999_999_999])
+def test_the_times_that_are_shown_add_up(dice: random.Random, began_ns: int) -> None:
+    clock = Clock(began_ns)
+
+    def shown(at: float) -> int:
+        hours, minutes, rest = clock.at(at, 3).split(':')
+        return (int(hours) * 60 + int(minutes)) * 60_000 + round(float(rest) * 1000)
+
+    for _ in range(1000):
+        start = dice.uniform(0.0, 50.0)
+        end = start + dice.uniform(0.0, 9.0)
+        took = float(words.exact(start, end).removesuffix(' s'))
+        assert (shown(end) - shown(start)) % 86_400_000 == round(took * 1000)
+        assert took == words.between(start, end)
+
+
+def test_a_time_of_day_is_rounded_never_cut() -> None:
+    clock = Clock(1_780_135_500_000_000_000)
+    assert clock.at(50.26, 1).endswith(':50.3')
+    assert clock.at(50.96, 1).endswith(':51.0')
+    assert clock.at(50.5).endswith(':51')
 
 
 # ----- rcs_record report ----------------------------------------------------------------------

@@ -12,7 +12,8 @@
 
   const pad = (number, digits) => String(number).padStart(digits, '0');
   const clock = (wall, digits) => {
-    const moment = new Date(wall + data.offset * 1000);
+    const unit = 10 ** (3 - (digits || 0));
+    const moment = new Date(Math.floor(Math.round(wall) / unit + 0.5) * unit + data.offset * 1000);
     const text = pad(moment.getUTCHours(), 2) + ':' + pad(moment.getUTCMinutes(), 2) + ':' +
       pad(moment.getUTCSeconds(), 2);
     return digits ? text + '.' + pad(moment.getUTCMilliseconds(), 3).slice(0, digits) : text;
@@ -24,10 +25,9 @@
     return '+' + (hours ? hours + ':' + pad(minutes, 2) : minutes) + ':' + rest;
   };
   const duration = (seconds) => {
-    if (seconds < 60) return seconds.toFixed(1) + ' s';
-    const whole = Math.round(seconds), minutes = Math.floor(whole / 60);
-    if (minutes < 60) return minutes + ' min ' + whole % 60 + ' s';
-    return Math.floor(minutes / 60) + ' h ' + minutes % 60 + ' min ' + whole % 60 + ' s';
+    // It stands beside times of day with as many digits.
+    const ms = Math.round(seconds * 1000), minutes = Math.floor(ms / 60000);
+    return (minutes ? minutes + ' min ' : '') + (ms % 60000 / 1000).toFixed(3) + ' s';
   };
   const kindOf = (kind) => data.kinds[kind] || kind;
   const cut = (text, most) => text.length > most ? text.slice(0, most) + '…' : text;

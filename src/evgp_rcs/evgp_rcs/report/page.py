@@ -328,8 +328,8 @@ class _Page:
         clock = self._clock
         ends = self._whole.length if race.garage is None else race.garage
         heading = (
-            f'Race {race.number}{self._heat(race)}: {clock.at(race.began)} to {clock.at(ends)} '
-            f'<small>({words.duration(ends - race.began)})</small>'
+            f'Race {race.number}{self._heat(race)}: {clock.at(race.began, 3)} to '
+            f'{clock.at(ends, 3)} <small>({words.exact(race.began, ends)})</small>'
         )
         said = []
         if race.taken_up:
@@ -339,19 +339,19 @@ class _Page:
                 '<strong>Events of this race are missing, so this may not be all.</strong>'
             )
         if race.grid is not None:
-            said.append(f'GRID ACTIVE at {clock.at(race.grid, 1)}.')
+            said.append(f'GRID ACTIVE at {clock.at(race.grid, 3)}.')
         if race.green is not None:
             said.append(
-                f'GREEN GREEN at {clock.at(race.green, 1)}, sent to {words.karts(race.starters)}.'
+                f'GREEN GREEN at {clock.at(race.green, 3)}, sent to {words.karts(race.starters)}.'
             )
         elif race.grid is not None:
             said.append('It was never started.')
         if race.flagged is not None:
-            said.append(f'RED FLAG for the race at {clock.at(race.flagged, 1)}.')
+            said.append(f'RED FLAG for the race at {clock.at(race.flagged, 3)}.')
         if race.red is not None:
             said.append(self._stopped(race, race.red))
         if race.garage is not None:
-            said.append(f'Back in IN GARAGE at {clock.at(race.garage, 1)}.')
+            said.append(f'Back in IN GARAGE at {clock.at(race.garage, 3)}.')
         else:
             said.append('<strong>It was still under way at the end of the record.</strong>')
         return (
@@ -364,9 +364,9 @@ class _Page:
         return f' ({heats})' if heats else ''
 
     def _stopped(self, race: Race, red: float) -> str:
-        when = f'{self._clock.at(red, 1)}'
+        when = f'{self._clock.at(red, 3)}'
         if race.green is not None:
-            when += f', {words.duration(red - race.green)} after the start'
+            when += f', {words.exact(race.green, red)} after the start'
         if not race.red_by:
             return f'Race control itself went to RED RED at {when}.'
         command = self._events[race.red_by]
@@ -384,8 +384,9 @@ class _Page:
                 why = words.why_out(out, self._clock).removeprefix('not known: ')
                 rows.append(('-', self._kart(result.kart), f'{what}: {why}', ''))
             else:
-                since = words.duration(result.seconds) if result.seconds is not None else ''
-                at = self._clock.at(result.finished or 0.0, 1)
+                finished = result.finished or 0.0
+                since = words.exact(race.green, finished) if race.green is not None else ''
+                at = self._clock.at(finished, 3)
                 rows.append((f'{result.place}.', self._kart(result.kart), since, at))
         text = ''
         if rows:
@@ -404,12 +405,12 @@ class _Page:
             at = self._account.at(event)
             since = ''
             if race is not None and race.green is not None and at >= race.green:
-                since = words.elapsed(at - race.green)
+                since = words.elapsed(words.between(race.green, at), 3)
             what = _safe(event.text)
             if event.kind == EventKind.COMMAND.name:
                 label = escape(words.command(event.command, 0))
                 what = f'<strong>{label}</strong> from {self._official(event)}: {what}'
-            rows.append((self._clock.at(at, 1), since, self._kart(event.kart), what))
+            rows.append((self._clock.at(at, 3), since, self._kart(event.kart), what))
         more = len(numbers) - len(rows)
         rest = f'<p>{more:,} more are in the table of events.</p>' if more else ''
         head = (
@@ -595,7 +596,7 @@ nothing. An acknowledgement is what the kart said, not what it did.</p></section
         return {
             'start': short(self._start),
             'end': short(self._end),
-            'began': self._clock.began_ns // 1_000_000,
+            'began': self._clock.wall_ns(0.0) // 1_000_000,
             'offset': self._clock.offset,
             'states': words.STATES,
             'short': words.SHORT,
@@ -654,7 +655,7 @@ nothing. An acknowledgement is what the kart said, not what it did.</p></section
             'events': [
                 [
                     event.sequence,
-                    event.wall_ns // 1_000_000,
+                    (event.wall_ns + 500_000) // 1_000_000,
                     short(account.at(event)),
                     event.kart,
                     event.kind,

@@ -82,13 +82,29 @@ def name(text: str) -> str:
 
 def duration(seconds: float) -> str:
     """Return how long something took; to the tenth while that tells something."""
-    if seconds < 60:
+    if round(seconds, 1) < 60:
         return f'{seconds:.1f} s'
     minutes, rest = divmod(round(seconds), 60)
     if minutes < 60:
         return f'{minutes} min {rest} s'
     hours, minutes = divmod(minutes, 60)
     return f'{hours} h {minutes} min {rest} s'
+
+
+def milliseconds(seconds: float) -> int:
+    """Return a time as the report shows it at its finest, so that what it shows can be added."""
+    return round(seconds * 1000)
+
+
+def between(start: float, end: float) -> float:
+    """Return the seconds between two times that are shown with three digits, as these say it."""
+    return (milliseconds(end) - milliseconds(start)) / 1000
+
+
+def exact(start: float, end: float) -> str:
+    """Return how long it was between two times that are shown with three digits."""
+    minutes, rest = divmod(milliseconds(end) - milliseconds(start), 60_000)
+    return (f'{minutes} min ' if minutes else '') + f'{rest / 1000:.3f} s'
 
 
 def elapsed(seconds: float, digits: int = 1) -> str:
@@ -137,12 +153,19 @@ class Clock:
 
     def time(self, wall_ns: int, digits: int = 0) -> str:
         """Return the time of day."""
-        text = f'{self.moment(wall_ns):%H:%M:%S.%f}'
-        return text[:8] if not digits else text[: 9 + digits]
+        # To the millisecond first, as everywhere: so no two places show a time differently.
+        shown = _nearest(_nearest(wall_ns, 1_000_000), 10 ** (9 - digits))
+        whole, rest = divmod(shown, 1_000_000_000)
+        second = datetime.datetime.fromtimestamp(whole, self.zone)
+        return f'{second:%H:%M:%S}' + (f'.{rest:09}'[: 1 + digits] if digits else '')
 
     def at(self, seconds: float, digits: int = 0) -> str:
         """Return the time of day so many seconds after the beginning."""
-        return self.time(self.began_ns + round(seconds * 1e9), digits)
+        return self.time(self.wall_ns(seconds), digits)
+
+    def wall_ns(self, seconds: float) -> int:
+        """Return the wall time so many seconds after the beginning, in full milliseconds."""
+        return _nearest(self.began_ns, 1_000_000) + milliseconds(seconds) * 1_000_000
 
     def day(self, wall_ns: int) -> str:
         """Return the day."""
@@ -150,8 +173,13 @@ class Clock:
         return f'{moment:%A}, {moment.day} {moment:%B %Y}'
 
 
+def _nearest(number: int, unit: int) -> int:
+    """Return the multiple of a unit that is nearest; of two, the greater one."""
+    return (2 * number + unit) // (2 * unit) * unit
+
+
 def why_out(out: Out, clock: Clock) -> str:
     """Return why a kart has no place, and when that was."""
-    when = '' if out.why in (Why.STILL_RACING, Why.NOT_KNOWN) else f' at {clock.at(out.at, 1)}'
+    when = '' if out.why in (Why.STILL_RACING, Why.NOT_KNOWN) else f' at {clock.at(out.at, 3)}'
     joined = ',' if out.why in (Why.RACE_STOPPED, Why.RACE_CONTROL_ENDED) else ''
     return f'{WHY[out.why]}{joined}{when}'
