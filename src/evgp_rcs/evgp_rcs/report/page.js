@@ -579,11 +579,14 @@
   const kart = element('kart'), kind = element('kind'), words = element('find');
   let matching = data.events, opened = null, painted = '';
 
+  const labels = new Map(data.commands.map((command) => [command[4], command[1]]));
+  const sentenceOf = (event) => (labels.has(event[0]) ? labels.get(event[0]) + ': ' : '') +
+    event[6] + (event[7] ? ' [' + event[7] + ']' : '');
   const fits = (event, number, sort, text) => {
     if (number && event[3] !== number) return false;
     if (sort === '!' ? data.lesser.includes(event[4]) : sort === 'refused' ?
       event[4] !== 'COMMAND' || event[5] : sort && event[4] !== sort) return false;
-    return !text || (event[6] + ' ' + event[7]).toLowerCase().includes(text);
+    return !text || sentenceOf(event).toLowerCase().includes(text);
   };
   const filter = () => {
     const number = Number(kart.value), text = words.value.trim().toLowerCase();
@@ -599,7 +602,7 @@
     const line = document.createElement('tr');
     const cells = [event[0], clock(event[1], 3), elapsed(event[2]), event[3] || '',
       kindOf(event[4]) + (event[5] ? '' : ' ✗'),
-      event[6] + (event[7] ? ' [' + event[7] + ']' : '')];
+      sentenceOf(event)];
     for (const text of cells) line.insertCell().textContent = text;
     line.lastChild.title = cut(cells[5], 700);
     if (!event[5]) line.classList.add('refused');

@@ -356,8 +356,55 @@ class _Page:
             said.append('<strong>It was still under way at the end of the record.</strong>')
         return (
             f'<article><h3>{heading}</h3><p>{" ".join(said)}</p>{self._order(race)}'
-            f'{self._incidents(race.incidents, race)}</article>'
+            f'{self._stops(race)}{self._incidents(race.incidents, race)}'
+            f'{self._refused(race)}</article>'
         )
+
+    def _stops(self, race: Race) -> str:
+        stops = self._whole.stops(race)
+        parts = []
+        for stop in stops[:MOST_INCIDENTS]:
+            event = self._events[stop.sequence]
+            by = 'Race control itself'
+            if event.kind == EventKind.COMMAND.name:
+                label = escape(words.command(event.command, event.kart))
+                by = f'<strong>{label}</strong> from {self._official(event)}'
+            told = [each for each in stop.told if self._part.kart in (None, each.kart)]
+            rows = [
+                (self._kart(each.kart), *words.acknowledged(stop, each, self._clock))
+                for each in told
+            ]
+            slowest = stop.slowest()
+            said = f'{by} at {self._clock.at(stop.at, 3)}.'
+            if slowest is not None and slowest.acknowledged is not None:
+                took = words.exact(slowest.since, slowest.acknowledged)
+                said += f' Slowest to acknowledge: {self._kart(slowest.kart)}, after {took}.'
+            silent = [each.kart for each in stop.told if each.silence in words.SILENT]
+            if silent:
+                said += f' <strong>Not acknowledged: {words.karts(silent)}.</strong>'
+            head = ('Kart', 'Was sent', 'Acknowledged at', 'After')
+            parts.append(f'<p>{said}</p>' + (_table('stops', head, rows) if rows else ''))
+        if not parts:
+            return ''
+        more = len(stops) - len(parts)
+        rest = f'<p>{more:,} more are in the table of events.</p>' if more else ''
+        return f'<h4>The stop{"s" if len(stops) > 1 else ""}</h4>{"".join(parts)}{rest}'
+
+    def _refused(self, race: Race) -> str:
+        if not race.refused:
+            return ''
+        rows = []
+        for number in race.refused[:MOST_INCIDENTS]:
+            event = self._events[number]
+            at = self._clock.at(self._account.at(event), 3)
+            label = escape(words.command(event.command, event.kart))
+            rows.append(
+                (at, f'<strong>{label}</strong>', self._official(event), _safe(event.text))
+            )
+        more = len(race.refused) - len(rows)
+        rest = f'<p>{more:,} more are in the table of events.</p>' if more else ''
+        head = ('Time', 'Command', 'From', 'Why it was refused')
+        return f'<h4>Refused commands</h4>{_table("refusals", head, rows)}{rest}'
 
     def _heat(self, race: Race) -> str:
         heats = ' or '.join(_safe(words.name(heat)) for heat in race.heats)
@@ -533,7 +580,8 @@ aria-label="Timeline; the arrow keys go from event to event"></canvas>
                 f'{event.kart}' if event.kart else '',
                 escape(words.KINDS.get(event.kind, plain(event.kind)))
                 + ('' if event.success else ' <b>✗</b>'),
-                _safe(event.text)
+                self._label(event)
+                + _safe(event.text)
                 + (f' <i>[{_safe(words.name(event.official))}]</i>' if event.official else ''),
             )
             for event in shown
@@ -562,6 +610,11 @@ aria-label="Timeline; the arrow keys go from event to event"></canvas>
 <thead><tr>{''.join(f'<th scope="col">{escape(each)}</th>' for each in head)}</tr></thead>
 <tbody id="rows"></tbody></table></div></div>
 <div id="paper">{note}{_table('all', head, rows)}</div></section>"""
+
+    def _label(self, event: RecordedEvent) -> str:
+        if event.kind != EventKind.COMMAND.name:
+            return ''
+        return f'<b>{escape(words.command(event.command, 0))}</b>: '
 
     def _origin(self) -> str:
         source, clock = self._source, self._clock

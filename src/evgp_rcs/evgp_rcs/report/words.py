@@ -15,6 +15,9 @@ from evgp_rcs.report.model import (
     Out,
     RED_FLAG,
     RED_RED,
+    Silence,
+    Stop,
+    Told,
     Why,
 )
 
@@ -69,6 +72,17 @@ WHY = {
     Why.NOT_KNOWN: 'not known: events are missing, and it may have finished',
 }
 """Why a kart has no place."""
+
+SILENCE = {
+    Silence.LOST: 'not acknowledged: it lost its connection at {}',
+    Silence.TOLD_ELSE: 'not acknowledged before it was sent another state, at {}',
+    Silence.NOT_KNOWN: 'not known: events are missing from {} on',
+    Silence.RECORD_ENDS: 'not acknowledged',
+}
+"""Why there is no acknowledgement of a stop, and when that began."""
+
+SILENT = frozenset(SILENCE) - {Silence.NOT_KNOWN}
+"""Where it is certain that a kart did not acknowledge."""
 
 MOST_OF_A_NAME = 80
 """Maximum length of an official's or a team's name, in characters; the event has all of it."""
@@ -171,6 +185,21 @@ class Clock:
         """Return the day."""
         moment = self.moment(wall_ns)
         return f'{moment:%A}, {moment.day} {moment:%B %Y}'
+
+
+def acknowledged(stop: Stop, told: Told, clock: Clock) -> tuple[str, str, str]:
+    """Return what a kart was sent at a stop, when it acknowledged that, and after how long."""
+    if told.what == NOT_CONNECTED:
+        return 'nothing: it was not connected', '', ''
+    what = STATES[told.what]
+    if told.sent and told.since < stop.at:
+        what += f', already since {clock.at(told.since, 3)}'
+    if told.acknowledged is not None:
+        at, after = clock.at(told.acknowledged, 3), exact(told.since, told.acknowledged)
+        return what, at, after
+    if told.silence is None:
+        return what, '', ''
+    return what, SILENCE[told.silence].format(clock.at(told.until, 3)), ''
 
 
 def _nearest(number: int, unit: int) -> int:
