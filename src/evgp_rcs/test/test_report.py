@@ -13,6 +13,7 @@ import sqlite3
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.inputs import CLOSED_BY_KART
 from evgp_rcs.race import Kart, Race, RaceMemory
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record import Record, RecordedEvent
@@ -326,6 +327,19 @@ def test_a_stop_at_which_race_control_ends_unacknowledged_lost_no_connection(
     account = read(paper.events)
     (stop,) = account.stops(account.races[0])
     assert {each.silence for each in stop.told} == {Silence.RECORD_ENDS}
+
+
+def test_a_connection_that_the_kart_closed_is_counted_apart(
+    paper: PaperRace, tmp_path: pathlib.Path
+) -> None:
+    paper.drive()
+    paper.lose(7)
+    paper.wait(1.0)
+    paper.take(paper.race.disconnected(8, CLOSED_BY_KART, paper.now))
+    paper.wait(1.0)
+    page = report(paper.write(tmp_path / 'record.sqlite3'))
+    assert '1 lost connection during' in page
+    assert 'closed 1 connection ' in page
 
 
 def test_the_page_has_the_stops_the_refusals_and_the_label_of_each_command(

@@ -166,29 +166,31 @@
       const [at, name, accepted, official] = command, px = x(at);
       const text = (accepted ? '' : '✗ ') + name + (official ? ' · ' + cut(official, 24) : '');
       const wide = pen.measureText(text).width + 8;
-      const row = rows.findIndex((row) => row.every(([a, b]) => px + wide + 3 < a || px > b));
+      // At the right edge it stands left of its moment, so that none of it is cut off.
+      const left = px > width ? px : Math.max(Math.min(px, width - wide - 1), Math.min(px, LEFT));
+      const row = rows.findIndex((row) => row.every(([a, b]) => left + wide + 3 < a || left > b));
       if (row < 0) return;
-      rows[row].push([px, px + wide + 3]);
-      labels.push([command, text, px, wide, line.top + 2 + row * COMMAND_ROW]);
+      rows[row].push([left, left + wide + 3]);
+      labels.push([command, text, px, left, wide, line.top + 2 + row * COMMAND_ROW]);
     };
     for (const first of [true, false]) {
       for (const command of seen) if ((command[5] === 1) === first) place(command);
     }
-    for (const [command, , px, , top] of labels) {
+    for (const [command, , px, , , top] of labels) {
       pen.fillStyle = command[2] ? '#000' : '#a0001c';
       pen.fillRect(px - 0.5, top, 1, line.top + line.height - top);
     }
-    for (const [command, text, px, wide, top] of labels) {
+    for (const [command, text, , left, wide, top] of labels) {
       const accepted = command[2];
       pen.fillStyle = command === chosen ? '#dce8ff' : '#fff';
-      pen.fillRect(px, top, wide, COMMAND_ROW - 2);
+      pen.fillRect(left, top, wide, COMMAND_ROW - 2);
       pen.lineWidth = command === chosen ? 2 : 1;
       pen.strokeStyle = pen.fillStyle = accepted ? '#000' : '#a0001c';
       pen.setLineDash(accepted ? [] : [3, 2]);
-      pen.strokeRect(px + 0.5, top + 0.5, wide - 1, COMMAND_ROW - 3);
+      pen.strokeRect(left + 0.5, top + 0.5, wide - 1, COMMAND_ROW - 3);
       pen.setLineDash([]);
-      pen.fillText(text, px + 4, top + 12);
-      drawn.push([px - 2, top, px + wide, top + COMMAND_ROW, {kind: 'command', item: command}]);
+      pen.fillText(text, left + 4, top + 12);
+      drawn.push([left - 2, top, left + wide, top + COMMAND_ROW, {kind: 'command', item: command}]);
     }
   };
 
@@ -373,7 +375,7 @@
     pen.fillStyle = '#000';
     pen.font = '12px ' + FONT;
     pen.textAlign = 'right';
-    pen.fillText('seen of all', LEFT - 8, top + 10);
+    pen.fillText('the whole run', LEFT - 8, top + 10);
     pen.textAlign = 'left';
   };
 

@@ -17,6 +17,7 @@ from importlib.resources import files
 import json
 from string import Template
 
+from evgp_rcs.inputs import CLOSED_BY_KART
 from evgp_rcs.plain import plain
 from evgp_rcs.race import EventKind
 from evgp_rcs.record import RecordedEvent, Session
@@ -131,6 +132,7 @@ class _Page:
             self._head(),
             '<main>',
             self._in_short(),
+            self._glossary(),
             self._races(),
             self._alerts(),
             self._timeline(),
@@ -225,11 +227,14 @@ class _Page:
         stops = [event for event in whole.commands if event.success and event.command in STOPS]
         lost = [number for race in whole.races for number in race.incidents]
         lost = [n for n in lost if self._events[n].kind == EventKind.DISCONNECTED.name]
+        # Only the sentence of an event says why a connection is gone.
+        closed = sum(self._events[n].text.endswith(CLOSED_BY_KART) for n in lost)
+        by_karts = f'; karts closed {_count(closed, "connection")} in a race' if closed else ''
         said.append(
             (
                 '',
                 f'Incidents: {_count(len(stops), "stop")} by officials; '
-                f'{_count(len(lost), "lost connection")} during a race.',
+                f'{_count(len(lost) - closed, "lost connection")} during a race{by_karts}.',
             )
         )
         standing = sum(alert.stands for alert in whole.alerts)
@@ -281,6 +286,17 @@ class _Page:
             f'<li{f" class={kind}" if kind else ""}>{text}</li>\n' for kind, text in said
         )
         return f'<section><h2>In short</h2><ul class="short">\n{items}</ul></section>'
+
+    def _glossary(self) -> str:
+        lines = ''.join(
+            f'<tr><th scope="row">{escape(word)}</th><td>{escape(meaning)}</td></tr>'
+            for word, meaning in words.GLOSSARY
+        )
+        return f"""<section class="glossary"><h2>What the words mean</h2>
+<table class="facts">{lines}</table>
+<p>Race control's own sentences write the states as karts hear them: GREEN_GREEN. An official's
+name is what they typed: a claim, not a proof. A command that was refused did nothing. An
+acknowledgement is what the kart said, not what it did.</p></section>"""
 
     def _how_it_ended(self) -> tuple[str, str]:
         ended = self._whole.ended
@@ -539,13 +555,15 @@ class _Page:
 commands, with their names; those that race control refused are marked ✗. A kart that is
 <b>held</b> is stopped on its own account, whatever the race does. A hold is shown where it is
 certain.</p>
-<ul class="legend">{legend}<li>✓ acknowledged</li><li>✗ connection lost</li>
+<ul class="legend">{legend}<li>no link: not connected, where there is little
+room</li><li>✓ acknowledged</li><li>✗ connection lost</li>
 <li>↺ acknowledgement withdrawn</li><li><span class="swatch hold">held</span></li></ul>
 <div id="view" hidden>
 <div class="controls">{buttons}</div>
 <p class="hint">Point at anything to read what it is. Drag to move. To zoom, turn the wheel with
 Ctrl held down, or without Ctrl once you have clicked the timeline. Keys: + and - to zoom, ← and →
-for the events of a line, ↑ and ↓ for the line, Home to show all.</p>
+for the events of a line, ↑ and ↓ for the line, Home to show all. The strip at the bottom is the
+whole run; its frame is what you see above.</p>
 <div id="plot"><canvas id="lines" tabindex="0" role="application"
 aria-label="Timeline; the arrow keys go from event to event"></canvas>
 <div id="tip" hidden></div></div>
@@ -635,8 +653,7 @@ aria-label="Timeline; the arrow keys go from event to event"></canvas>
         )
         return f"""<section class="origin"><h2>Where this comes from</h2>
 <table class="facts">{lines}</table>
-<p>An official's name is what they typed: a claim, not a proof. A command that was refused did
-nothing. An acknowledgement is what the kart said, not what it did.</p></section>"""
+</section>"""
 
     # ----- for the script -----------------------------------------------------------------
 

@@ -66,12 +66,26 @@ WHY = {
     Why.STOPPED_ALONE: 'an official stopped it alone',
     Why.STOPPED: 'it was stopped',
     Why.FINISH_UNDONE: 'its finish was undone after it had been stopped',
-    Why.RACE_STOPPED: 'the race was stopped before',
-    Why.RACE_CONTROL_ENDED: 'race control ended before',
+    Why.RACE_STOPPED: 'the race was stopped first',
+    Why.RACE_CONTROL_ENDED: 'race control ended first',
     Why.STILL_RACING: 'it was still racing at the end of the record',
     Why.NOT_KNOWN: 'not known: events are missing, and it may have finished',
 }
 """Why a kart has no place."""
+
+GLOSSARY = (
+    ('IN GARAGE', 'The kart is not racing; its team may work on it.'),
+    ('GRID ACTIVE', 'The race starts soon: the kart gets ready, and nobody is on the track.'),
+    ('GREEN GREEN', 'The race is on: the kart drives.'),
+    ('RED FLAG', 'The kart slows down to a stop, still steering, and stays there.'),
+    ('RED RED', 'The kart stops at once, as fast as it can.'),
+    ('held', 'Race control keeps this one kart stopped, whatever the race does.'),
+    (
+        'acknowledged',
+        'The kart answered with the state that it was sent; to a stop, once it stands still.',
+    ),
+)
+"""What a reader has to know who has never seen a report."""
 
 SILENCE = {
     Silence.LOST: 'not acknowledged: it lost its connection at {}',
