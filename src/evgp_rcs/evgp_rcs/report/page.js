@@ -375,7 +375,7 @@
     pen.fillStyle = '#000';
     pen.font = '12px ' + FONT;
     pen.textAlign = 'right';
-    pen.fillText('the whole run', LEFT - 8, top + 10);
+    pen.fillText(data.isWhole ? 'whole run' : 'whole part', LEFT - 8, top + 10);
     pen.textAlign = 'left';
   };
 

@@ -22,7 +22,7 @@ from evgp_rcs.plain import plain
 from evgp_rcs.race import EventKind
 from evgp_rcs.record import RecordedEvent, Session
 from evgp_rcs.report import drawing, words
-from evgp_rcs.report.model import Account, Alert, Part, Race, STOPS, Why
+from evgp_rcs.report.model import Account, Alert, NOT_CONNECTED, Part, Race, STOPS, Why
 from evgp_rcs.report.words import Clock
 
 PAPER_ROWS = 1000
@@ -395,9 +395,12 @@ acknowledgement is what the kart said, not what it did.</p></section>"""
             if slowest is not None and slowest.acknowledged is not None:
                 took = words.exact(slowest.since, slowest.acknowledged)
                 said += f' Slowest to acknowledge: {self._kart(slowest.kart)}, after {took}.'
-            silent = [each.kart for each in stop.told if each.silence in words.SILENT]
+            silent = [each.kart for each in told if each.silence in words.SILENT]
             if silent:
                 said += f' <strong>Not acknowledged: {words.karts(silent)}.</strong>'
+            absent = [each.kart for each in told if each.what == NOT_CONNECTED]
+            if absent:
+                said += f' <strong>Not connected then: {words.karts(absent)}.</strong>'
             head = ('Kart', 'Was sent', 'Acknowledged at', 'After')
             parts.append(f'<p>{said}</p>' + (_table('stops', head, rows) if rows else ''))
         if not parts:
@@ -563,7 +566,7 @@ room</li><li>✓ acknowledged</li><li>✗ connection lost</li>
 <p class="hint">Point at anything to read what it is. Drag to move. To zoom, turn the wheel with
 Ctrl held down, or without Ctrl once you have clicked the timeline. Keys: + and - to zoom, ← and →
 for the events of a line, ↑ and ↓ for the line, Home to show all. The strip at the bottom is the
-whole run; its frame is what you see above.</p>
+whole {'run' if self._part.whole else 'part'}; its frame is what you see above.</p>
 <div id="plot"><canvas id="lines" tabindex="0" role="application"
 aria-label="Timeline; the arrow keys go from event to event"></canvas>
 <div id="tip" hidden></div></div>
@@ -668,6 +671,7 @@ aria-label="Timeline; the arrow keys go from event to event"></canvas>
             'end': short(self._end),
             'began': self._clock.wall_ns(0.0) // 1_000_000,
             'offset': self._clock.offset,
+            'isWhole': self._part.whole,
             'states': words.STATES,
             'short': words.SHORT,
             'kinds': words.KINDS,
