@@ -131,6 +131,10 @@ class Connected(NamedTuple):
         return race.connected(self.kart, self.at)
 
 
+CLOSED_BY_KART = 'the kart closed the connection'
+"""Why a connection is gone that its kart ended in good order."""
+
+
 class Disconnected(NamedTuple):
     """A kart's connection is gone."""
 

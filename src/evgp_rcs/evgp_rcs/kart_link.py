@@ -16,6 +16,7 @@ from typing import Protocol
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 from evgp_rcs.hearing import FLOOD_BYTES, Heard, Hearing
+from evgp_rcs.inputs import CLOSED_BY_KART
 
 UNSENT_BYTES = 4096
 """Maximum backlog to a kart that does not read, in bytes; beyond it, the kart is dropped."""
@@ -108,7 +109,7 @@ class KartLink(asyncio.BufferedProtocol):
 
     def eof_received(self) -> bool:
         """Drop the kart at once, whatever waits to be written: it hears nothing any more."""
-        self.drop('the kart closed the connection')
+        self.drop(CLOSED_BY_KART)
         return False
 
     def connection_lost(self, exc: Exception | None) -> None:

@@ -13,9 +13,11 @@ import sqlite3
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.inputs import CLOSED_BY_KART
 from evgp_rcs.race import Kart, Race, RaceMemory
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record import Record, RecordedEvent
+from evgp_rcs.report import words
 from evgp_rcs.report.command import seconds_of
 from evgp_rcs.report.model import (
     Account,
@@ -30,6 +32,8 @@ from evgp_rcs.report.model import (
     read,
     RED_FLAG,
     RED_RED,
+    Silence,
+    Stop,
     Why,
 )
 from evgp_rcs.report.words import Clock
@@ -217,6 +221,156 @@ def test_who_was_lost_or_stopped_alone_did_not_finish_for_that_reason(paper: Pap
     }
     incidents = [texts[number] for number in race.incidents]
     assert incidents == ['KART_RED_RED', 'DISCONNECTED', 'ALL_KILL']
+
+
+def test_a_stop_has_who_was_told_who_acknowledged_and_who_was_slowest(paper: PaperRace) -> None:
+    paper.drive()
+    paper.wait(5.0)
+    paper.command(CommandKind.KART_RED_RED, 9)
+    paper.wait(1.0)
+    paper.say(9)
+    paper.command(CommandKind.RED_FLAG)
+    paper.wait(2.0)
+    paper.say(7)
+    paper.command(CommandKind.ALL_KILL)
+    paper.wait(1.0)
+    paper.say(8)
+    paper.wait(0.5)
+    paper.lose(7)
+    paper.wait(2.0)
+    paper.command(CommandKind.ALL_KILL)
+    account = read(paper.events)
+    (race,) = account.races
+    alone, flag, kill, again = account.stops(race)
+    kinds = {event.sequence: event.command for event in paper.events}
+    assert [kinds[each.sequence] for each in (alone, flag, kill, again)] == [
+        'KART_RED_RED',
+        'RED_FLAG',
+        'ALL_KILL',
+        'ALL_KILL',
+    ]
+
+    def told(stop: Stop) -> dict[int, tuple[str, float | None, Silence | None]]:
+        return {
+            each.kart: (
+                each.what,
+                None if each.acknowledged is None else round(each.acknowledged - each.since, 3),
+                each.silence,
+            )
+            for each in stop.told
+        }
+
+    assert told(alone) == {9: (RED_RED, 1.0, None)}
+    assert told(flag) == {
+        7: (RED_FLAG, 2.0, None),
+        8: (RED_FLAG, None, Silence.TOLD_ELSE),
+        9: (RED_RED, 1.0, None),
+    }
+    assert told(kill) == {
+        7: (RED_RED, None, Silence.LOST),
+        8: (RED_RED, 1.0, None),
+        9: (RED_RED, 1.0, None),
+    }
+    assert told(again)[7] == (NOT_CONNECTED, None, None)
+    # Kart 9 had been told before: it says nothing about these stops.
+    slowest = [each.slowest() for each in (alone, flag, kill, again)]
+    assert [each and each.kart for each in slowest] == [9, 7, 8, None]
+
+
+def test_a_stop_that_no_kart_acknowledges_until_the_record_ends_says_so(paper: PaperRace) -> None:
+    paper.drive()
+    paper.wait(5.0)
+    paper.command(CommandKind.RACE_OVER)
+    paper.wait(5.0)
+    account = read(paper.events)
+    (stop,) = account.stops(account.races[0])
+    assert [each.silence for each in stop.told] == [Silence.RECORD_ENDS] * 3
+    assert stop.slowest() is None
+
+
+def test_a_race_that_goes_over_by_itself_has_a_stop_without_a_command(paper: PaperRace) -> None:
+    paper.drive()
+    for number in TEAMS:
+        paper.command(CommandKind.KART_FINISH, number)
+    paper.wait(30.0)
+    account = read(paper.events)
+    last = account.stops(account.races[0])[-1]
+    (event,) = [each for each in paper.events if each.sequence == last.sequence]
+    assert (event.kind, event.state) == ('RACE_STATE', RED_RED)
+    assert [each.what for each in last.told] == [RED_RED] * 3
+
+
+def test_where_events_are_missing_a_stop_is_not_said_to_be_unacknowledged(
+    paper: PaperRace,
+) -> None:
+    paper.drive()
+    paper.wait(5.0)
+    paper.command(CommandKind.ALL_KILL)
+    paper.wait(1.0)
+    paper.say(8)
+    hidden = len(paper.stamped) + 1
+    paper.say(7)
+    paper.wait(1.0)
+    paper.lose(9)
+    account = read(without(paper.events, hidden, hidden))
+    (stop,) = account.stops(account.races[0])
+    assert [each.silence for each in stop.told] == [Silence.NOT_KNOWN, None, Silence.NOT_KNOWN]
+
+
+def test_a_stop_at_which_race_control_ends_unacknowledged_lost_no_connection(
+    paper: PaperRace,
+) -> None:
+    paper.drive()
+    paper.command(CommandKind.ALL_KILL)
+    paper.wait(1.0)
+    paper.end()
+    account = read(paper.events)
+    (stop,) = account.stops(account.races[0])
+    assert {each.silence for each in stop.told} == {Silence.RECORD_ENDS}
+
+
+def test_a_connection_that_the_kart_closed_is_counted_apart(
+    paper: PaperRace, tmp_path: pathlib.Path
+) -> None:
+    paper.drive()
+    paper.lose(7)
+    paper.wait(1.0)
+    paper.take(paper.race.disconnected(8, CLOSED_BY_KART, paper.now))
+    paper.wait(1.0)
+    page = report(paper.write(tmp_path / 'record.sqlite3'))
+    assert '1 lost connection during' in page
+    assert 'closed 1 connection ' in page
+
+
+def test_the_page_has_the_stops_the_refusals_and_the_label_of_each_command(
+    paper: PaperRace, tmp_path: pathlib.Path
+) -> None:
+    paper.drive()
+    paper.wait(5.0)
+    paper.command(CommandKind.GRID_ACTIVE, official='Grace')
+    paper.command(CommandKind.ALL_KILL)
+    paper.wait(2.0)
+    paper.say(7)
+    page = report(paper.write(tmp_path / 'record.sqlite3'))
+    (stops,) = re.findall(r'<table class="stops">.*?</table>', page, re.DOTALL)
+    assert stops.count('<tr><td>') == 3
+    assert '2.000 s' in stops
+    (refusals,) = re.findall(r'<table class="refusals">.*?</table>', page, re.DOTALL)
+    assert refusals.count('<tr><td>') == 1
+    assert 'Grace' in refusals
+    (events,) = re.findall(r'<div id="paper">.*?</table>', page, re.DOTALL)
+    assert '<b>ALL KILL</b>' in events
+
+
+def test_a_race_has_the_commands_that_were_refused_in_it(paper: PaperRace) -> None:
+    paper.command(CommandKind.GREEN_GREEN)  # before the race
+    paper.drive()
+    paper.command(CommandKind.GRID_ACTIVE)
+    account = read(paper.events)
+    (race,) = account.races
+    refused = [event for event in paper.events if event.sequence in race.refused]
+    assert [event.command for event in refused] == ['GRID_ACTIVE']
+    assert not any(event.success for event in refused)
 
 
 def test_all_kill_in_the_garage_is_no_race(paper: PaperRace) -> None:
@@ -434,6 +588,29 @@ def test_a_time_is_given_as_the_clock_showed_it(text: str, seconds: float) -> No
 def test_what_is_no_time_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match='no time'):
         seconds_of(text, Clock(0))
+
+
+@pytest.mark.parametrize('began_ns', [0, 499_999, 500_000, 999_999_999])
+def test_the_times_that_are_shown_add_up(dice: random.Random, began_ns: int) -> None:
+    clock = Clock(began_ns)
+
+    def shown(at: float) -> int:
+        hours, minutes, rest = clock.at(at, 3).split(':')
+        return (int(hours) * 60 + int(minutes)) * 60_000 + round(float(rest) * 1000)
+
+    for _ in range(1000):
+        start = dice.uniform(0.0, 50.0)
+        end = start + dice.uniform(0.0, 9.0)
+        took = float(words.exact(start, end).removesuffix(' s'))
+        assert (shown(end) - shown(start)) % 86_400_000 == round(took * 1000)
+        assert took == words.between(start, end)
+
+
+def test_a_time_of_day_is_rounded_never_cut() -> None:
+    clock = Clock(1_780_135_500_000_000_000)
+    assert clock.at(50.26, 1).endswith(':50.3')
+    assert clock.at(50.96, 1).endswith(':51.0')
+    assert clock.at(50.5).endswith(':51')
 
 
 # ----- rcs_record report ----------------------------------------------------------------------

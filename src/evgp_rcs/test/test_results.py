@@ -257,7 +257,7 @@ def test_the_report_has_the_same_results(
     text = page.read_text(encoding='utf-8')
     assert 'Race 1 (<bdi>Heat A</bdi>)' in text
     (order,) = re.findall(r'<table class="order">.*?</table>', text, re.DOTALL)
-    assert '20.0 s' in order
+    assert '20.000 s' in order
     assert rows[1]['reason'] in order
 
 

@@ -32,6 +32,10 @@ MOST_OF_A_TEAM = 15
 """Maximum length of a team's name beside its line, in characters."""
 
 COMMAND_ROWS = 5
+ALERT_ROWS = 3
+ALERT_HEIGHT = 12
+"""Height of a row of alerts, in units of the picture."""
+
 STEPS = (1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 14400, 43200, 86400)
 """Possible distances of two times on the axis, in seconds."""
 
@@ -93,9 +97,11 @@ class _Picture:
 
     def draw(self) -> str:
         y = self._axis(0)
-        bottom = y + COMMAND_ROWS * 12 + 6 + self._row * (len(self._lanes) + 1)
-        self._gaps(y, bottom)
+        alerts = self._alerts_in_rows()
+        above = COMMAND_ROWS * 12 + 6 + ALERT_HEIGHT * len(alerts)
+        self._gaps(y, y + above + self._row * (len(self._lanes) + 1))
         y = self._commands(y)
+        y = self._alerts(alerts, y)
         self._label(y, 'Race')
         self._bands(self._account.race_bands, y)
         y += self._row
@@ -187,6 +193,35 @@ class _Picture:
                 self._line(x, y + row * 12 + 1, bottom, event)
                 self._text(left, y + 9 + row * 12, text, _command_kind(event))
         return bottom + 2
+
+    def _alerts_in_rows(self) -> list[list[tuple[float, float, str]]]:
+        """Return the left, right and name of each alert for which there is room."""
+        rows: list[list[tuple[float, float, str]]] = []
+        for alert in self._account.alerts:
+            begins = alert.raised if alert.raised is not None else alert.ended_from or 0.0
+            ends = self._end if alert.ended_by is None else alert.ended_by
+            if ends < self._start or begins > self._end:
+                continue
+            left = self._x(begins)
+            right = max(self._x(ends), left + 2)
+            name = f'! kart {alert.kart}' if alert.kart else '!'
+            row = next((row for row in rows if row[-1][1] < left), None)
+            if row is not None:
+                row.append((left, right, name))
+            elif len(rows) < ALERT_ROWS:
+                rows.append([(left, right, name)])
+        return rows
+
+    def _alerts(self, rows: list[list[tuple[float, float, str]]], y: float) -> float:
+        if rows:
+            self._label(y - 1, 'Alerts')
+        for row in rows:
+            for left, right, name in row:
+                self._rect(left, y + 1, right - left, ALERT_HEIGHT - 2, 'alert')
+                if 5 * len(name) + 4 <= right - left:
+                    self._text(left + 3, y + ALERT_HEIGHT - 3.5, name, 'alert-word')
+            y += ALERT_HEIGHT
+        return y
 
     def _line(self, x: float, top: float, bottom: float, event: RecordedEvent) -> None:
         self._parts.append(

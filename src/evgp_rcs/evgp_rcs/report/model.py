@@ -34,6 +34,7 @@ NOT_KNOWN = 'NOT_KNOWN'
 HOLDS_ONE = frozenset({CommandKind.KART_RED_RED.name, CommandKind.KART_RED_FLAG.name})
 HOLDS_ALL = frozenset({CommandKind.ALL_KILL.name, CommandKind.RECORD_MSR.name})
 STOPS = HOLDS_ONE | HOLDS_ALL | {CommandKind.RED_FLAG.name}
+SENDS_RED = STOPS | {CommandKind.RACE_OVER.name}
 
 
 @dataclass
@@ -171,6 +172,70 @@ class Result:
     out: Out | None = None
 
 
+class Silence(enum.Enum):
+    """Why the record has no acknowledgement of what a kart was told, as far as it says."""
+
+    LOST = 'LOST'
+    """It lost its connection first."""
+    TOLD_ELSE = 'TOLD_ELSE'
+    """It was sent another state first."""
+    NOT_KNOWN = 'NOT_KNOWN'
+    """Events are missing: it may have acknowledged there."""
+    RECORD_ENDS = 'RECORD_ENDS'
+    """Until the record ends it had not."""
+
+
+@dataclass(frozen=True)
+class Told:
+    """
+    What a kart was sent at a stop, and when it acknowledged that.
+
+    :param what: `NOT_CONNECTED`: it was sent nothing. `NOT_KNOWN`: the record does not say.
+    :param since: when it was first sent that: before the stop, if it was being sent it already.
+    :param acknowledged: when it first acknowledged it; None: not before `until`.
+    :param until: when something else followed.
+    :param silence: why there is no acknowledgement; None: there is one, or nothing was sent.
+    """
+
+    kart: int
+    what: str
+    since: float
+    acknowledged: float | None
+    until: float
+    silence: Silence | None = None
+
+    @property
+    def sent(self) -> bool:
+        """Return whether the record has it that it was sent anything."""
+        return self.what not in (NOT_CONNECTED, NOT_KNOWN)
+
+
+@dataclass(frozen=True)
+class Stop:
+    """
+    A stop, and what each kart was sent that it concerned.
+
+    :param sequence: the event that says so: of a command, or of the race's state if no official's
+        command stopped it.
+    """
+
+    sequence: int
+    at: float
+    told: tuple[Told, ...]
+
+    def slowest(self) -> Told | None:
+        """Return who took longest of those that it told something new, and acknowledged."""
+        return max(
+            (
+                each
+                for each in self.told
+                if each.since == self.at and each.acknowledged is not None
+            ),
+            key=lambda each: (each.acknowledged or 0.0) - each.since,
+            default=None,
+        )
+
+
 @dataclass
 class Race:
     """
@@ -191,6 +256,8 @@ class Race:
         have been any of them.
     :param results: race control's own sentence; empty: none was recorded.
     :param incidents: the numbers of the events that a jury asks about first.
+    :param stops: the numbers of the events that are stops, of all or of one kart.
+    :param refused: the numbers of the commands that race control refused in it.
     :param taken_up: it was under way when the run began.
     :param incomplete: events are missing in it.
     """
@@ -209,6 +276,8 @@ class Race:
     heats: list[str] = field(default_factory=list)
     results: str = ''
     incidents: list[int] = field(default_factory=list)
+    stops: list[int] = field(default_factory=list)
+    refused: list[int] = field(default_factory=list)
     taken_up: bool = False
     incomplete: bool = False
 
@@ -282,6 +351,41 @@ class Account:
         rest = sorted(set(race.starters) - {each.kart for each in finished})
         return finished + [Result(kart, out=self._out(race, kart)) for kart in rest]
 
+    def stops(self, race: Race) -> list[Stop]:
+        """Return the stops of a race, and what they told to whom; of the account of all karts."""
+        events = {event.sequence: event for event in self.events}
+        return [self._stop(race, events[number]) for number in race.stops if number in events]
+
+    def _stop(self, race: Race, event: RecordedEvent) -> Stop:
+        at = self.at(event)
+        told = []
+        for lane in self.lanes:
+            if event.kart not in (0, lane.kart):
+                continue
+            number = next((n for n, band in enumerate(lane.bands) if band.end > at), -1)
+            band, *after = lane.bands[number:] if number >= 0 else lane.bands[-1:]
+            concerned = band.what in (RED_FLAG, RED_RED) or (
+                # It should have been told.
+                band.what in (NOT_CONNECTED, NOT_KNOWN)
+                and lane.kart in (event.kart, *race.starters)
+            )
+            if concerned:
+                ends = self.ended is not None and band.end >= self.at(self.ended)
+                then = after[0].what if after and not ends else ''
+                told.append(
+                    Told(
+                        lane.kart,
+                        band.what,
+                        band.start,
+                        band.acknowledged,
+                        band.end,
+                        None
+                        if band.what in (NOT_CONNECTED, NOT_KNOWN) or band.acknowledged is not None
+                        else _SILENCE.get(then, Silence.TOLD_ELSE),
+                    )
+                )
+        return Stop(event.sequence, at, tuple(told))
+
     def _out(self, race: Race, kart: int) -> Out:
         known = race.out.get(kart)
         ends = race.stopped if race.stopped is not None else self.length
@@ -298,6 +402,13 @@ class Account:
             return Out(Why.RACE_CONTROL_ENDED, self.at(self.ended), self.ended.sequence)
         return Out(Why.STILL_RACING, self.length)
 
+
+_SILENCE = {
+    '': Silence.RECORD_ENDS,
+    NOT_CONNECTED: Silence.LOST,
+    NOT_KNOWN: Silence.NOT_KNOWN,
+}
+"""Why a kart did not acknowledge, by what it was sent then; of any other state, that one."""
 
 MOST_CLOCK_STEP = 1.0
 """Maximum difference of the two clocks between two events that goes for none, in seconds."""
@@ -526,6 +637,8 @@ class _Reading:
                         for kart, out in race.out.items()
                         if not race.stopped_by or out.sequence != race.stopped_by
                     }
+                if not restarted and before != NOT_KNOWN and not self._is_told(race, at):
+                    race.stops.append(event.sequence)
                 if state == RED_FLAG:
                     race.flagged = race.flagged or at
                 else:
@@ -540,6 +653,11 @@ class _Reading:
             elif state != GREEN_GREEN:
                 self._judge_hold(kart, at)
 
+    def _is_told(self, race: Race, at: float) -> bool:
+        """Return whether a command that is a stop says what happens to the race now."""
+        cause = self._cause(at)
+        return bool(cause) and cause in race.stops
+
     def _new_race(self) -> Race:
         race = Race(len(self.account.races) + 1)
         self.account.races.append(race)
@@ -553,9 +671,13 @@ class _Reading:
 
     def _commanded(self, event: RecordedEvent, at: float) -> None:
         self.account.commands.append(event)
+        if not event.success and self._race is not None:
+            self._race.refused.append(event.sequence)
         if not event.success or event.command is None:
             return
         self._command = (at, event)
+        if event.command in SENDS_RED and self._race is not None:
+            self._race.stops.append(event.sequence)
         if event.command in STOPS:
             self._incident(event)
         if event.command in HOLDS_ALL:
@@ -808,7 +930,12 @@ class Part:
                 if touches(band.start, band.end)
             ],
             races=[
-                dataclasses.replace(race, incidents=[n for n in race.incidents if n in kept])
+                dataclasses.replace(
+                    race,
+                    incidents=[n for n in race.incidents if n in kept],
+                    stops=[n for n in race.stops if n in kept],
+                    refused=[n for n in race.refused if n in kept],
+                )
                 for race in account.races
                 if touches(race.began, account.length if race.garage is None else race.garage)
             ],

@@ -12,7 +12,8 @@
 
   const pad = (number, digits) => String(number).padStart(digits, '0');
   const clock = (wall, digits) => {
-    const moment = new Date(wall + data.offset * 1000);
+    const unit = 10 ** (3 - (digits || 0));
+    const moment = new Date(Math.floor(Math.round(wall) / unit + 0.5) * unit + data.offset * 1000);
     const text = pad(moment.getUTCHours(), 2) + ':' + pad(moment.getUTCMinutes(), 2) + ':' +
       pad(moment.getUTCSeconds(), 2);
     return digits ? text + '.' + pad(moment.getUTCMilliseconds(), 3).slice(0, digits) : text;
@@ -24,10 +25,9 @@
     return '+' + (hours ? hours + ':' + pad(minutes, 2) : minutes) + ':' + rest;
   };
   const duration = (seconds) => {
-    if (seconds < 60) return seconds.toFixed(1) + ' s';
-    const whole = Math.round(seconds), minutes = Math.floor(whole / 60);
-    if (minutes < 60) return minutes + ' min ' + whole % 60 + ' s';
-    return Math.floor(minutes / 60) + ' h ' + minutes % 60 + ' min ' + whole % 60 + ' s';
+    // It stands beside times of day with as many digits.
+    const ms = Math.round(seconds * 1000), minutes = Math.floor(ms / 60000);
+    return (minutes ? minutes + ' min ' : '') + (ms % 60000 / 1000).toFixed(3) + ' s';
   };
   const kindOf = (kind) => data.kinds[kind] || kind;
   const cut = (text, most) => text.length > most ? text.slice(0, most) + '…' : text;
@@ -166,29 +166,31 @@
       const [at, name, accepted, official] = command, px = x(at);
       const text = (accepted ? '' : '✗ ') + name + (official ? ' · ' + cut(official, 24) : '');
       const wide = pen.measureText(text).width + 8;
-      const row = rows.findIndex((row) => row.every(([a, b]) => px + wide + 3 < a || px > b));
+      // At the right edge it stands left of its moment, so that none of it is cut off.
+      const left = px > width ? px : Math.max(Math.min(px, width - wide - 1), Math.min(px, LEFT));
+      const row = rows.findIndex((row) => row.every(([a, b]) => left + wide + 3 < a || left > b));
       if (row < 0) return;
-      rows[row].push([px, px + wide + 3]);
-      labels.push([command, text, px, wide, line.top + 2 + row * COMMAND_ROW]);
+      rows[row].push([left, left + wide + 3]);
+      labels.push([command, text, px, left, wide, line.top + 2 + row * COMMAND_ROW]);
     };
     for (const first of [true, false]) {
       for (const command of seen) if ((command[5] === 1) === first) place(command);
     }
-    for (const [command, , px, , top] of labels) {
+    for (const [command, , px, , , top] of labels) {
       pen.fillStyle = command[2] ? '#000' : '#a0001c';
       pen.fillRect(px - 0.5, top, 1, line.top + line.height - top);
     }
-    for (const [command, text, px, wide, top] of labels) {
+    for (const [command, text, , left, wide, top] of labels) {
       const accepted = command[2];
       pen.fillStyle = command === chosen ? '#dce8ff' : '#fff';
-      pen.fillRect(px, top, wide, COMMAND_ROW - 2);
+      pen.fillRect(left, top, wide, COMMAND_ROW - 2);
       pen.lineWidth = command === chosen ? 2 : 1;
       pen.strokeStyle = pen.fillStyle = accepted ? '#000' : '#a0001c';
       pen.setLineDash(accepted ? [] : [3, 2]);
-      pen.strokeRect(px + 0.5, top + 0.5, wide - 1, COMMAND_ROW - 3);
+      pen.strokeRect(left + 0.5, top + 0.5, wide - 1, COMMAND_ROW - 3);
       pen.setLineDash([]);
-      pen.fillText(text, px + 4, top + 12);
-      drawn.push([px - 2, top, px + wide, top + COMMAND_ROW, {kind: 'command', item: command}]);
+      pen.fillText(text, left + 4, top + 12);
+      drawn.push([left - 2, top, left + wide, top + COMMAND_ROW, {kind: 'command', item: command}]);
     }
   };
 
@@ -373,7 +375,7 @@
     pen.fillStyle = '#000';
     pen.font = '12px ' + FONT;
     pen.textAlign = 'right';
-    pen.fillText('seen of all', LEFT - 8, top + 10);
+    pen.fillText(data.isWhole ? 'whole run' : 'whole part', LEFT - 8, top + 10);
     pen.textAlign = 'left';
   };
 
@@ -579,11 +581,14 @@
   const kart = element('kart'), kind = element('kind'), words = element('find');
   let matching = data.events, opened = null, painted = '';
 
+  const labels = new Map(data.commands.map((command) => [command[4], command[1]]));
+  const sentenceOf = (event) => (labels.has(event[0]) ? labels.get(event[0]) + ': ' : '') +
+    event[6] + (event[7] ? ' [' + event[7] + ']' : '');
   const fits = (event, number, sort, text) => {
     if (number && event[3] !== number) return false;
     if (sort === '!' ? data.lesser.includes(event[4]) : sort === 'refused' ?
       event[4] !== 'COMMAND' || event[5] : sort && event[4] !== sort) return false;
-    return !text || (event[6] + ' ' + event[7]).toLowerCase().includes(text);
+    return !text || sentenceOf(event).toLowerCase().includes(text);
   };
   const filter = () => {
     const number = Number(kart.value), text = words.value.trim().toLowerCase();
@@ -599,7 +604,7 @@
     const line = document.createElement('tr');
     const cells = [event[0], clock(event[1], 3), elapsed(event[2]), event[3] || '',
       kindOf(event[4]) + (event[5] ? '' : ' ✗'),
-      event[6] + (event[7] ? ' [' + event[7] + ']' : '')];
+      sentenceOf(event)];
     for (const text of cells) line.insertCell().textContent = text;
     line.lastChild.title = cut(cells[5], 700);
     if (!event[5]) line.classList.add('refused');

@@ -17,11 +17,12 @@ from importlib.resources import files
 import json
 from string import Template
 
+from evgp_rcs.inputs import CLOSED_BY_KART
 from evgp_rcs.plain import plain
 from evgp_rcs.race import EventKind
 from evgp_rcs.record import RecordedEvent, Session
 from evgp_rcs.report import drawing, words
-from evgp_rcs.report.model import Account, Alert, Part, Race, STOPS, Why
+from evgp_rcs.report.model import Account, Alert, NOT_CONNECTED, Part, Race, STOPS, Why
 from evgp_rcs.report.words import Clock
 
 PAPER_ROWS = 1000
@@ -131,6 +132,7 @@ class _Page:
             self._head(),
             '<main>',
             self._in_short(),
+            self._glossary(),
             self._races(),
             self._alerts(),
             self._timeline(),
@@ -225,11 +227,14 @@ class _Page:
         stops = [event for event in whole.commands if event.success and event.command in STOPS]
         lost = [number for race in whole.races for number in race.incidents]
         lost = [n for n in lost if self._events[n].kind == EventKind.DISCONNECTED.name]
+        # Only the sentence of an event says why a connection is gone.
+        closed = sum(self._events[n].text.endswith(CLOSED_BY_KART) for n in lost)
+        by_karts = f'; karts closed {_count(closed, "connection")} in a race' if closed else ''
         said.append(
             (
                 '',
                 f'Incidents: {_count(len(stops), "stop")} by officials; '
-                f'{_count(len(lost), "lost connection")} during a race.',
+                f'{_count(len(lost) - closed, "lost connection")} during a race{by_karts}.',
             )
         )
         standing = sum(alert.stands for alert in whole.alerts)
@@ -282,6 +287,17 @@ class _Page:
         )
         return f'<section><h2>In short</h2><ul class="short">\n{items}</ul></section>'
 
+    def _glossary(self) -> str:
+        lines = ''.join(
+            f'<tr><th scope="row">{escape(word)}</th><td>{escape(meaning)}</td></tr>'
+            for word, meaning in words.GLOSSARY
+        )
+        return f"""<section class="glossary"><h2>What the words mean</h2>
+<table class="facts">{lines}</table>
+<p>Race control's own sentences write the states as karts hear them: GREEN_GREEN. An official's
+name is what they typed: a claim, not a proof. A command that was refused did nothing. An
+acknowledgement is what the kart said, not what it did.</p></section>"""
+
     def _how_it_ended(self) -> tuple[str, str]:
         ended = self._whole.ended
         last = f'The last event is of {self._clock.at(self._whole.length, 1)}.'
@@ -328,8 +344,8 @@ class _Page:
         clock = self._clock
         ends = self._whole.length if race.garage is None else race.garage
         heading = (
-            f'Race {race.number}{self._heat(race)}: {clock.at(race.began)} to {clock.at(ends)} '
-            f'<small>({words.duration(ends - race.began)})</small>'
+            f'Race {race.number}{self._heat(race)}: {clock.at(race.began, 3)} to '
+            f'{clock.at(ends, 3)} <small>({words.exact(race.began, ends)})</small>'
         )
         said = []
         if race.taken_up:
@@ -339,34 +355,84 @@ class _Page:
                 '<strong>Events of this race are missing, so this may not be all.</strong>'
             )
         if race.grid is not None:
-            said.append(f'GRID ACTIVE at {clock.at(race.grid, 1)}.')
+            said.append(f'GRID ACTIVE at {clock.at(race.grid, 3)}.')
         if race.green is not None:
             said.append(
-                f'GREEN GREEN at {clock.at(race.green, 1)}, sent to {words.karts(race.starters)}.'
+                f'GREEN GREEN at {clock.at(race.green, 3)}, sent to {words.karts(race.starters)}.'
             )
         elif race.grid is not None:
             said.append('It was never started.')
         if race.flagged is not None:
-            said.append(f'RED FLAG for the race at {clock.at(race.flagged, 1)}.')
+            said.append(f'RED FLAG for the race at {clock.at(race.flagged, 3)}.')
         if race.red is not None:
             said.append(self._stopped(race, race.red))
         if race.garage is not None:
-            said.append(f'Back in IN GARAGE at {clock.at(race.garage, 1)}.')
+            said.append(f'Back in IN GARAGE at {clock.at(race.garage, 3)}.')
         else:
             said.append('<strong>It was still under way at the end of the record.</strong>')
         return (
             f'<article><h3>{heading}</h3><p>{" ".join(said)}</p>{self._order(race)}'
-            f'{self._incidents(race.incidents, race)}</article>'
+            f'{self._stops(race)}{self._incidents(race.incidents, race)}'
+            f'{self._refused(race)}</article>'
         )
+
+    def _stops(self, race: Race) -> str:
+        stops = self._whole.stops(race)
+        parts = []
+        for stop in stops[:MOST_INCIDENTS]:
+            event = self._events[stop.sequence]
+            by = 'Race control itself'
+            if event.kind == EventKind.COMMAND.name:
+                label = escape(words.command(event.command, event.kart))
+                by = f'<strong>{label}</strong> from {self._official(event)}'
+            told = [each for each in stop.told if self._part.kart in (None, each.kart)]
+            rows = [
+                (self._kart(each.kart), *words.acknowledged(stop, each, self._clock))
+                for each in told
+            ]
+            slowest = stop.slowest()
+            said = f'{by} at {self._clock.at(stop.at, 3)}.'
+            if slowest is not None and slowest.acknowledged is not None:
+                took = words.exact(slowest.since, slowest.acknowledged)
+                said += f' Slowest to acknowledge: {self._kart(slowest.kart)}, after {took}.'
+            silent = [each.kart for each in told if each.silence in words.SILENT]
+            if silent:
+                said += f' <strong>Not acknowledged: {words.karts(silent)}.</strong>'
+            absent = [each.kart for each in told if each.what == NOT_CONNECTED]
+            if absent:
+                said += f' <strong>Not connected then: {words.karts(absent)}.</strong>'
+            head = ('Kart', 'Was sent', 'Acknowledged at', 'After')
+            parts.append(f'<p>{said}</p>' + (_table('stops', head, rows) if rows else ''))
+        if not parts:
+            return ''
+        more = len(stops) - len(parts)
+        rest = f'<p>{more:,} more are in the table of events.</p>' if more else ''
+        return f'<h4>The stop{"s" if len(stops) > 1 else ""}</h4>{"".join(parts)}{rest}'
+
+    def _refused(self, race: Race) -> str:
+        if not race.refused:
+            return ''
+        rows = []
+        for number in race.refused[:MOST_INCIDENTS]:
+            event = self._events[number]
+            at = self._clock.at(self._account.at(event), 3)
+            label = escape(words.command(event.command, event.kart))
+            rows.append(
+                (at, f'<strong>{label}</strong>', self._official(event), _safe(event.text))
+            )
+        more = len(race.refused) - len(rows)
+        rest = f'<p>{more:,} more are in the table of events.</p>' if more else ''
+        head = ('Time', 'Command', 'From', 'Why it was refused')
+        return f'<h4>Refused commands</h4>{_table("refusals", head, rows)}{rest}'
 
     def _heat(self, race: Race) -> str:
         heats = ' or '.join(_safe(words.name(heat)) for heat in race.heats)
         return f' ({heats})' if heats else ''
 
     def _stopped(self, race: Race, red: float) -> str:
-        when = f'{self._clock.at(red, 1)}'
+        when = f'{self._clock.at(red, 3)}'
         if race.green is not None:
-            when += f', {words.duration(red - race.green)} after the start'
+            when += f', {words.exact(race.green, red)} after the start'
         if not race.red_by:
             return f'Race control itself went to RED RED at {when}.'
         command = self._events[race.red_by]
@@ -384,8 +450,9 @@ class _Page:
                 why = words.why_out(out, self._clock).removeprefix('not known: ')
                 rows.append(('-', self._kart(result.kart), f'{what}: {why}', ''))
             else:
-                since = words.duration(result.seconds) if result.seconds is not None else ''
-                at = self._clock.at(result.finished or 0.0, 1)
+                finished = result.finished or 0.0
+                since = words.exact(race.green, finished) if race.green is not None else ''
+                at = self._clock.at(finished, 3)
                 rows.append((f'{result.place}.', self._kart(result.kart), since, at))
         text = ''
         if rows:
@@ -404,12 +471,12 @@ class _Page:
             at = self._account.at(event)
             since = ''
             if race is not None and race.green is not None and at >= race.green:
-                since = words.elapsed(at - race.green)
+                since = words.elapsed(words.between(race.green, at), 3)
             what = _safe(event.text)
             if event.kind == EventKind.COMMAND.name:
                 label = escape(words.command(event.command, 0))
                 what = f'<strong>{label}</strong> from {self._official(event)}: {what}'
-            rows.append((self._clock.at(at, 1), since, self._kart(event.kart), what))
+            rows.append((self._clock.at(at, 3), since, self._kart(event.kart), what))
         more = len(numbers) - len(rows)
         rest = f'<p>{more:,} more are in the table of events.</p>' if more else ''
         head = (
@@ -491,13 +558,15 @@ class _Page:
 commands, with their names; those that race control refused are marked ✗. A kart that is
 <b>held</b> is stopped on its own account, whatever the race does. A hold is shown where it is
 certain.</p>
-<ul class="legend">{legend}<li>✓ acknowledged</li><li>✗ connection lost</li>
+<ul class="legend">{legend}<li>no link: not connected, where there is little
+room</li><li>✓ acknowledged</li><li>✗ connection lost</li>
 <li>↺ acknowledgement withdrawn</li><li><span class="swatch hold">held</span></li></ul>
 <div id="view" hidden>
 <div class="controls">{buttons}</div>
 <p class="hint">Point at anything to read what it is. Drag to move. To zoom, turn the wheel with
 Ctrl held down, or without Ctrl once you have clicked the timeline. Keys: + and - to zoom, ← and →
-for the events of a line, ↑ and ↓ for the line, Home to show all.</p>
+for the events of a line, ↑ and ↓ for the line, Home to show all. The strip at the bottom is the
+whole {'run' if self._part.whole else 'part'}; its frame is what you see above.</p>
 <div id="plot"><canvas id="lines" tabindex="0" role="application"
 aria-label="Timeline; the arrow keys go from event to event"></canvas>
 <div id="tip" hidden></div></div>
@@ -532,7 +601,8 @@ aria-label="Timeline; the arrow keys go from event to event"></canvas>
                 f'{event.kart}' if event.kart else '',
                 escape(words.KINDS.get(event.kind, plain(event.kind)))
                 + ('' if event.success else ' <b>✗</b>'),
-                _safe(event.text)
+                self._label(event)
+                + _safe(event.text)
                 + (f' <i>[{_safe(words.name(event.official))}]</i>' if event.official else ''),
             )
             for event in shown
@@ -562,6 +632,11 @@ aria-label="Timeline; the arrow keys go from event to event"></canvas>
 <tbody id="rows"></tbody></table></div></div>
 <div id="paper">{note}{_table('all', head, rows)}</div></section>"""
 
+    def _label(self, event: RecordedEvent) -> str:
+        if event.kind != EventKind.COMMAND.name:
+            return ''
+        return f'<b>{escape(words.command(event.command, 0))}</b>: '
+
     def _origin(self) -> str:
         source, clock = self._source, self._clock
         zone = f'{clock.moment(clock.began_ns):%z}'
@@ -581,8 +656,7 @@ aria-label="Timeline; the arrow keys go from event to event"></canvas>
         )
         return f"""<section class="origin"><h2>Where this comes from</h2>
 <table class="facts">{lines}</table>
-<p>An official's name is what they typed: a claim, not a proof. A command that was refused did
-nothing. An acknowledgement is what the kart said, not what it did.</p></section>"""
+</section>"""
 
     # ----- for the script -----------------------------------------------------------------
 
@@ -595,8 +669,9 @@ nothing. An acknowledgement is what the kart said, not what it did.</p></section
         return {
             'start': short(self._start),
             'end': short(self._end),
-            'began': self._clock.began_ns // 1_000_000,
+            'began': self._clock.wall_ns(0.0) // 1_000_000,
             'offset': self._clock.offset,
+            'isWhole': self._part.whole,
             'states': words.STATES,
             'short': words.SHORT,
             'kinds': words.KINDS,
@@ -654,7 +729,7 @@ nothing. An acknowledgement is what the kart said, not what it did.</p></section
             'events': [
                 [
                     event.sequence,
-                    event.wall_ns // 1_000_000,
+                    (event.wall_ns + 500_000) // 1_000_000,
                     short(account.at(event)),
                     event.kart,
                     event.kind,

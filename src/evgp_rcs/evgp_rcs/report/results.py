@@ -12,7 +12,7 @@ import unicodedata
 
 from evgp_rcs.plain import plain
 from evgp_rcs.report import words
-from evgp_rcs.report.model import Account, Race
+from evgp_rcs.report.model import Account, Race, Result
 from evgp_rcs.report.reading import read_run
 from evgp_rcs.report.words import Clock
 from evgp_rcs.runs import add_run_arguments, FAILED, open_runs, say
@@ -105,8 +105,7 @@ def _rows(account: Account, race: Race, clock: Clock, damaged: bool) -> Iterator
     def moment(at: float | None) -> str:
         if at is None:
             return ''
-        wall_ns = clock.began_ns + round(at * 1e9)
-        return clock.moment(wall_ns).isoformat(timespec='milliseconds')
+        return clock.moment(clock.wall_ns(at)).isoformat(timespec='milliseconds')
 
     complete = race.stopped is not None and not (race.incomplete or race.taken_up or damaged)
     for result in account.results(race):
@@ -117,7 +116,7 @@ def _rows(account: Account, race: Race, clock: Clock, damaged: bool) -> Iterator
             str(result.place or ''),
             str(result.kart),
             defused(teams.get(result.kart, '')),
-            '' if result.seconds is None else f'{result.seconds:.3f}',
+            _seconds(race, result),
             moment(race.green),
             moment(result.finished),
             'FINISHED' if out is None else out.why.value,
@@ -125,6 +124,12 @@ def _rows(account: Account, race: Race, clock: Clock, damaged: bool) -> Iterator
             str(out.sequence or '') if out is not None else '',
             'yes' if complete else 'no',
         )
+
+
+def _seconds(race: Race, result: Result) -> str:
+    if race.green is None or result.finished is None:
+        return ''
+    return f'{words.between(race.green, result.finished):.3f}'
 
 
 def defused(text: str) -> str:

@@ -15,6 +15,9 @@ from evgp_rcs.report.model import (
     Out,
     RED_FLAG,
     RED_RED,
+    Silence,
+    Stop,
+    Told,
     Why,
 )
 
@@ -63,12 +66,37 @@ WHY = {
     Why.STOPPED_ALONE: 'an official stopped it alone',
     Why.STOPPED: 'it was stopped',
     Why.FINISH_UNDONE: 'its finish was undone after it had been stopped',
-    Why.RACE_STOPPED: 'the race was stopped before',
-    Why.RACE_CONTROL_ENDED: 'race control ended before',
+    Why.RACE_STOPPED: 'the race was stopped first',
+    Why.RACE_CONTROL_ENDED: 'race control ended first',
     Why.STILL_RACING: 'it was still racing at the end of the record',
     Why.NOT_KNOWN: 'not known: events are missing, and it may have finished',
 }
 """Why a kart has no place."""
+
+GLOSSARY = (
+    ('IN GARAGE', 'The kart is not racing; its team may work on it.'),
+    ('GRID ACTIVE', 'The race starts soon: the kart gets ready, and nobody is on the track.'),
+    ('GREEN GREEN', 'The race is on: the kart drives.'),
+    ('RED FLAG', 'The kart slows down to a stop, still steering, and stays there.'),
+    ('RED RED', 'The kart stops at once, as fast as it can.'),
+    ('held', 'Race control keeps this one kart stopped, whatever the race does.'),
+    (
+        'acknowledged',
+        'The kart answered with the state that it was sent; to a stop, once it stands still.',
+    ),
+)
+"""What a reader has to know who has never seen a report."""
+
+SILENCE = {
+    Silence.LOST: 'not acknowledged: it lost its connection at {}',
+    Silence.TOLD_ELSE: 'not acknowledged before it was sent another state, at {}',
+    Silence.NOT_KNOWN: 'not known: events are missing from {} on',
+    Silence.RECORD_ENDS: 'not acknowledged',
+}
+"""Why there is no acknowledgement of a stop, and when that began."""
+
+SILENT = frozenset(SILENCE) - {Silence.NOT_KNOWN}
+"""Where it is certain that a kart did not acknowledge."""
 
 MOST_OF_A_NAME = 80
 """Maximum length of an official's or a team's name, in characters; the event has all of it."""
@@ -82,13 +110,29 @@ def name(text: str) -> str:
 
 def duration(seconds: float) -> str:
     """Return how long something took; to the tenth while that tells something."""
-    if seconds < 60:
+    if round(seconds, 1) < 60:
         return f'{seconds:.1f} s'
     minutes, rest = divmod(round(seconds), 60)
     if minutes < 60:
         return f'{minutes} min {rest} s'
     hours, minutes = divmod(minutes, 60)
     return f'{hours} h {minutes} min {rest} s'
+
+
+def milliseconds(seconds: float) -> int:
+    """Return a time as the report shows it at its finest, so that what it shows can be added."""
+    return round(seconds * 1000)
+
+
+def between(start: float, end: float) -> float:
+    """Return the seconds between two times that are shown with three digits, as these say it."""
+    return (milliseconds(end) - milliseconds(start)) / 1000
+
+
+def exact(start: float, end: float) -> str:
+    """Return how long it was between two times that are shown with three digits."""
+    minutes, rest = divmod(milliseconds(end) - milliseconds(start), 60_000)
+    return (f'{minutes} min ' if minutes else '') + f'{rest / 1000:.3f} s'
 
 
 def elapsed(seconds: float, digits: int = 1) -> str:
@@ -137,12 +181,19 @@ class Clock:
 
     def time(self, wall_ns: int, digits: int = 0) -> str:
         """Return the time of day."""
-        text = f'{self.moment(wall_ns):%H:%M:%S.%f}'
-        return text[:8] if not digits else text[: 9 + digits]
+        # To the millisecond first, as everywhere: so no two places show a time differently.
+        shown = _nearest(_nearest(wall_ns, 1_000_000), 10 ** (9 - digits))
+        whole, rest = divmod(shown, 1_000_000_000)
+        second = datetime.datetime.fromtimestamp(whole, self.zone)
+        return f'{second:%H:%M:%S}' + (f'.{rest:09}'[: 1 + digits] if digits else '')
 
     def at(self, seconds: float, digits: int = 0) -> str:
         """Return the time of day so many seconds after the beginning."""
-        return self.time(self.began_ns + round(seconds * 1e9), digits)
+        return self.time(self.wall_ns(seconds), digits)
+
+    def wall_ns(self, seconds: float) -> int:
+        """Return the wall time so many seconds after the beginning, in full milliseconds."""
+        return _nearest(self.began_ns, 1_000_000) + milliseconds(seconds) * 1_000_000
 
     def day(self, wall_ns: int) -> str:
         """Return the day."""
@@ -150,8 +201,28 @@ class Clock:
         return f'{moment:%A}, {moment.day} {moment:%B %Y}'
 
 
+def acknowledged(stop: Stop, told: Told, clock: Clock) -> tuple[str, str, str]:
+    """Return what a kart was sent at a stop, when it acknowledged that, and after how long."""
+    if told.what == NOT_CONNECTED:
+        return 'nothing: it was not connected', '', ''
+    what = STATES[told.what]
+    if told.sent and told.since < stop.at:
+        what += f', already since {clock.at(told.since, 3)}'
+    if told.acknowledged is not None:
+        at, after = clock.at(told.acknowledged, 3), exact(told.since, told.acknowledged)
+        return what, at, after
+    if told.silence is None:
+        return what, '', ''
+    return what, SILENCE[told.silence].format(clock.at(told.until, 3)), ''
+
+
+def _nearest(number: int, unit: int) -> int:
+    """Return the multiple of a unit that is nearest; of two, the greater one."""
+    return (2 * number + unit) // (2 * unit) * unit
+
+
 def why_out(out: Out, clock: Clock) -> str:
     """Return why a kart has no place, and when that was."""
-    when = '' if out.why in (Why.STILL_RACING, Why.NOT_KNOWN) else f' at {clock.at(out.at, 1)}'
+    when = '' if out.why in (Why.STILL_RACING, Why.NOT_KNOWN) else f' at {clock.at(out.at, 3)}'
     joined = ',' if out.why in (Why.RACE_STOPPED, Why.RACE_CONTROL_ENDED) else ''
     return f'{WHY[out.why]}{joined}{when}'
