@@ -382,6 +382,15 @@ def test_a_kart_without_link_stands_out_if_it_matters() -> None:
     assert (outside.link.text, outside.link.tone) == ('✗ NO LINK', Tone.FAINT)
 
 
+def test_the_day_of_an_inspection_is_shown_where_nothing_else_is_to_be_read() -> None:
+    inspected = with_kart(inspected='2026-05-01')
+    assert inspected.rows[0].note == 'inspected 2026-05-01'
+    assert 'inspected 2026-05-01' in '\n'.join(table(inspected, ()))
+    held = with_kart(inspected='2026-05-01', hold=State.RED_FLAG, hold_reason='ALL_KILL')
+    assert held.rows[0].note == 'held: ALL_KILL'
+    assert with_kart().rows[0].note == ''
+
+
 def test_a_held_kart_shows_why() -> None:
     row = with_kart(
         sent=State.RED_RED, hold=State.RED_RED, hold_reason='ALL_KILL', may_be_moving=True
