@@ -38,7 +38,7 @@ SHORT = Limits(
 ATTEMPTS = 5
 """How often a kart is inspected while other programs hold this computer up."""
 
-INSPECTIONS = int(os.environ.get('EVGP_INSPECTIONS', '1000'))
+INSPECTIONS = int(os.environ.get('EVGP_INSPECTIONS', '80'))
 
 
 class OneInspection:

@@ -329,6 +329,8 @@ class Record:
                 inputs = None  # the next block shows that this one is missing
             else:
                 self._put_bytes += len(inputs.data)
+        if self._put == self._taken:
+            self._caught_up_at = time.monotonic()
         self._put += len(events)
         self._given.put(_Happened(events, inputs))
 
@@ -370,7 +372,8 @@ class Record:
         if not reason:
             return ''
         lost = f', {self._lost} are lost' if self._lost else ''
-        return f'The record {self._path} fails: {reason}; {waiting} events wait{lost}'
+        wait = 'event waits' if waiting == 1 else 'events wait'
+        return f'The record {self._path} fails: {reason}; {waiting} {wait}{lost}'
 
     def end(self, timeout: float, in_order: bool = True) -> None:
         """

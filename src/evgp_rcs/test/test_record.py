@@ -420,6 +420,23 @@ def small_disk(tmp_path: pathlib.Path) -> Iterator[pathlib.Path]:
         subprocess.run(['umount', '-l', str(folder)], check=True)
 
 
+def test_a_disk_that_keeps_up_is_no_trouble_although_it_is_looked_at_only_when_something_comes(
+    begin: Begin, path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(evgp_rcs.record, 'SLOW', 0.5)
+    record = begin()
+    for sequence in (1, 2, 3):
+        record.put([event(sequence)])
+        assert record.trouble() == ''
+
+        def written(wanted: int = sequence) -> bool:
+            with contextlib.closing(open_read_only(path)) as database:
+                return len(list(events(database, 1))) == wanted
+
+        wait_for(written)
+        time.sleep(0.3)  # what is tested is that time goes by
+
+
 def test_a_full_disk_is_trouble_until_there_is_room_and_no_event_is_lost(
     small_disk: pathlib.Path,
 ) -> None:
