@@ -114,7 +114,13 @@ def check_roster(data: bytes) -> None:
         assert list(heat.karts) == sorted(set(heat.karts) & numbers), heat
         assert heat.name.isprintable(), heat
         assert 1 <= len(heat.name.strip()) == len(heat.name) <= roster.MAX_HEAT_LENGTH, heat
-    plain_roster: dict[str, object] = {'karts': [vars(entry) for entry in entries]}
+    plain_roster: dict[str, object] = {
+        # A kart without an inspection has no such field.
+        'karts': [
+            {name: value for name, value in vars(entry).items() if name != 'inspected' or value}
+            for entry in entries
+        ]
+    }
     if loaded.heats:
         plain_roster['heats'] = {heat.name: list(heat.karts) for heat in loaded.heats}
     again = yaml.safe_dump(plain_roster, allow_unicode=True, sort_keys=False)

@@ -7,7 +7,7 @@ from evgp_inspection.clauses import Clause, PROPOSAL, WIRE
 RCS_STEPS = ('connect', 'grid', 'race', 'again', 'flag', 'stop', 'vanish')
 """The steps of `inspect_rcs`, in their order."""
 
-RULES = 'docs/rules.md'
+RULES_DOCUMENT = 'docs/rules.md'
 
 _GREEN = 'Fail: a kart is sent GREEN_GREEN.'
 _BACK_RED = 'Fail: the kart is sent anything but RED_RED.'
@@ -37,7 +37,7 @@ RCS: tuple[Clause, ...] = (
     Clause(
         'R-3A-02',
         'RED_FLAG does not loosen RED_RED',
-        RULES,
+        RULES_DOCUMENT,
         '§3.A',
         'race to `RED_FLAG`, unless it is in `RED_RED`',
         'RED_FLAG is commanded after ALL_KILL.',
@@ -70,7 +70,7 @@ RCS: tuple[Clause, ...] = (
     Clause(
         'R-3B-03',
         'no GREEN_GREEN while a kart of the race is away',
-        RULES,
+        RULES_DOCUMENT,
         '§3.B',
         'all of them connected, none held, and each has acknowledged this `GRID_ACTIVE`',
         'Both acknowledge, one closes its connection, then GREEN_GREEN is commanded.',
