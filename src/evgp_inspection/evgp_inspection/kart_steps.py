@@ -59,6 +59,9 @@ MALFORMED = (
 """Bytes that no kart may take for GREEN_GREEN, and that no kart may die of. Whatever each of them
 is cut off by, it stays malformed."""
 
+ODOMETRY_COMES = 5.0
+"""Maximum time to wait for the first odometry once the kart has connected, in seconds."""
+
 BURST = 400
 """Frames that are sent at once, before the stop that must be seen in time: 20 s of frames."""
 
@@ -262,6 +265,10 @@ class KartSteps:
         self._phase('connect/wait')
         if not await self._until(lambda: self._wire.connected, limits.connect):
             raise KartNeverCameError
+        if self._seen:
+            # The first of it takes its time: until then nobody sees the wheels.
+            await self._until(lambda: self._trace.now.speeds, ODOMETRY_COMES)
+            await self._until(lambda: self._wire.connected, limits.connect)
         self._phase('connect/quiet')
         section = self._trace.now
         await self._until(
