@@ -46,6 +46,24 @@ class InputsError(ValueError):
     """What was recorded of the inputs is damaged, or of another version."""
 
 
+class BlockError(InputsError):
+    """A block of inputs is damaged; `number` says which."""
+
+    def __init__(self, number: int, why: InputsError) -> None:
+        """Take the number of the block, and what is wrong with it."""
+        super().__init__(str(why))
+        self.number = number
+
+
+class GapError(InputsError):
+    """Inputs are missing; `next_at` is the time of the next that are there (s)."""
+
+    def __init__(self, next_at: float) -> None:
+        """Take the time at which the inputs go on."""
+        super().__init__('inputs are missing')
+        self.next_at = next_at
+
+
 # ----- with what the rules begin --------------------------------------------------------------
 
 
@@ -555,3 +573,24 @@ class Log:
         self._new.clear()
         self._inputs = 0
         return block
+
+
+def entries_of(blocks: Iterable[tuple[int, bytes]]) -> Iterator[Entry]:
+    """
+    Yield the entries of a run.
+
+    :param blocks: each block with its number, in order and compressed.
+    :raises GapError: where entries are missing.
+    :raises BlockError: where a block is damaged.
+    """
+    entries = 0
+    for number, data in blocks:
+        try:
+            block = Block.of(data)
+            if block.entries == entries:
+                yield from decode(block.data)
+        except InputsError as error:
+            raise BlockError(number, error) from error
+        if block.entries != entries:
+            raise GapError(block.at)
+        entries += block.length

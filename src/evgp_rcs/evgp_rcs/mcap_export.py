@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import bisect
 from collections.abc import Iterator, Sequence
+import contextlib
 import heapq
 import math
 import pathlib
@@ -13,7 +14,7 @@ from typing import Any
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.inputs import Block, decode, Entry, Input, InputsError, offers, Published, Shown
+from evgp_rcs.inputs import entries_of, Entry, Input, InputsError, offers, Published, Shown
 from evgp_rcs.plain import plain
 from evgp_rcs.progress import watched
 from evgp_rcs.race import AlertKind, Event, EventKind, Race, StampedEvent
@@ -176,13 +177,5 @@ def _published(kept: Kept) -> Iterator[tuple[Race, float]]:
 
 def _entries(kept: Kept) -> Iterator[Entry]:
     """Yield what went into the rules, up to the first gap or damage."""
-    entries = 0
-    for _, data in kept.blocks:
-        try:
-            block = Block.of(data)
-            if block.entries != entries:
-                return
-            yield from decode(block.data)
-        except InputsError:
-            return
-        entries += block.length
+    with contextlib.suppress(InputsError):
+        yield from entries_of(kept.blocks)

@@ -15,7 +15,7 @@ import enum
 from typing import Any
 
 from evgp_rcs import inputs
-from evgp_rcs.inputs import Block, Entry, Input, InputsError, Setup
+from evgp_rcs.inputs import BlockError, Entry, GapError, Input, InputsError, Setup
 from evgp_rcs.plain import plain
 from evgp_rcs.progress import watched
 from evgp_rcs.race import Event, EventKind, Order
@@ -172,21 +172,16 @@ class Replay:
     def _entries(self, what: str = 'Reading the inputs') -> Iterator[Entry]:
         """Yield what is there without a gap."""
         self._replayed.missing = ''
-        before = Block(0, 0, self._began, 0, b'')
-        for number, data in watched(self._blocks, len(self._blocks), what):
-            try:
-                block = Block.of(data)
-                if block.entries != before.entries + before.length:
-                    self._replayed.missing = (
-                        'inputs are missing (the disk took none, or they were removed): nothing '
-                        f'can be compared from {self._replayed.seconds:.1f} s after the run began '
-                        f'on; the next ones are of {block.at - self._began:.1f} s'
-                    )
-                    return
-                yield from inputs.decode(block.data)
-            except InputsError as error:
-                self._differ(f'block {number} of the inputs', 'it is damaged', str(error))
-            before = block
+        try:
+            yield from inputs.entries_of(watched(self._blocks, len(self._blocks), what))
+        except GapError as gap:
+            self._replayed.missing = (
+                'inputs are missing (the disk took none, or they were removed): nothing '
+                f'can be compared from {self._replayed.seconds:.1f} s after the run began '
+                f'on; the next ones are of {gap.next_at - self._began:.1f} s'
+            )
+        except BlockError as error:
+            self._differ(f'block {error.number} of the inputs', 'it is damaged', str(error))
 
     def _feed(self, given: Input) -> None:
         self._finish()
