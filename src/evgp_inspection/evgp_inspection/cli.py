@@ -22,7 +22,7 @@ from evgp_inspection.clauses import Clause, explain, KART, KART_STEPS, listed, s
 from evgp_inspection.drivers import Driver, Human
 from evgp_inspection.inspection import Exit, Inspection
 from evgp_inspection.inspector import AtTerminal, Inspector, Printer, RCS_FIRST, Unattended, WORD
-from evgp_inspection.judging import judged, steps_for
+from evgp_inspection.judging import steps_for
 from evgp_inspection.kart_judges import judge
 from evgp_inspection.kart_steps import KartNeverCameError, KartSteps, NotStoppedError
 from evgp_inspection.kart_wire import KartWire
@@ -31,7 +31,8 @@ from evgp_inspection.odometry import listen, Take
 from evgp_inspection.rcs_clauses import RCS
 from evgp_inspection.rcs_inspection import inspect_race_control
 from evgp_inspection.recording import first, Recording
-from evgp_inspection.report import as_html, as_json, as_junit, Header, line, summary
+from evgp_inspection.report import as_html, as_json, as_junit, Header, summary
+from evgp_inspection.telling import Telling
 from evgp_inspection.traces import Kind, Trace
 from evgp_inspection.verdicts import Result
 from evgp_protocol.frames import DEFAULT_PORT
@@ -380,16 +381,9 @@ async def inspect(
     recording = Recording()
     wire = KartWire(recording, inspector.tell, kart_address)
     steps = steps_for(chosen, KART_STEPS)
-    done: set[str] = set()
-    told: set[str] = set()
-
-    def step_done(name: str) -> None:
-        done.add(name)
-        for clause in chosen:
-            if clause.steps and clause.name not in told and done.issuperset(clause.steps):
-                told.add(clause.name)
-                inspector.tell(line(judge(clause, recording.trace, limits)))
-
+    telling = Telling(
+        chosen, lambda clause: judge(clause, recording.trace, limits), inspector.tell
+    )
     began = time.monotonic()
     finished = False
     remarks: list[str] = []
@@ -400,7 +394,7 @@ async def inspect(
         await wire.listen(host, port)
         listening(wire.port)
         play = KartSteps(
-            recording, wire, inspector, limits, step_done, steps, odometry is not None
+            recording, wire, inspector, limits, telling.step_done, steps, odometry is not None
         )
         running = asyncio.get_running_loop().create_task(play.run())
         await first(running, stopping)
@@ -423,8 +417,5 @@ async def inspect(
         await wire.shut_down()
         if end_odometry is not None:
             end_odometry()
-    results = judged([judge(each, recording.trace, limits) for each in chosen], ' '.join(remarks))
-    for result in results:
-        if result.clause.name not in told:
-            inspector.tell(line(result))
+    results = telling.end(' '.join(remarks))
     return Inspection(results, time.monotonic() - began, remarks, finished, wire.newest > 0)

@@ -2,15 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 import dataclasses
 from typing import TypeVar
 
 from evgp_inspection.clauses import Clause
-from evgp_inspection.traces import Kind, Trace
+from evgp_inspection.traces import Event, Kind, Section, Trace
 from evgp_inspection.verdicts import Finding, Result, Verdict
 
 L = TypeVar('L')
+
+
+def failed(why: str, *sections: Section, measured: float | None = None) -> Finding:
+    """Return a failure, with all that happened in these phases as its evidence."""
+    return Finding(Verdict.FAIL, why, measured, evidence(sections))
+
+
+def passed(why: str, *sections: Section, measured: float | None = None) -> Finding:
+    """Return a pass, with all that happened in these phases as its evidence."""
+    return Finding(Verdict.PASS, why, measured, evidence(sections))
+
+
+def not_judged(why: str, *sections: Section) -> Finding:
+    """Return that nothing can be said, with all that happened in these phases."""
+    return Finding(Verdict.NOT_JUDGED, why, None, evidence(sections))
+
+
+def evidence(sections: Iterable[Section]) -> tuple[Event, ...]:
+    """Return all that happened in these phases."""
+    return tuple(event for section in sections for event in section.events)
+
 
 NOT_DONE = Finding(Verdict.NOT_JUDGED, 'The inspection did not come to this.')
 

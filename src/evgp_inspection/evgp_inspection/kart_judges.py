@@ -10,11 +10,11 @@ Pure: no socket, no clock, no question. Three rules:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import TypeAlias
 
 from evgp_inspection.clauses import Clause
-from evgp_inspection.judging import judge_by, NOT_DONE
+from evgp_inspection.judging import failed, judge_by, NOT_DONE, not_judged, passed
 from evgp_inspection.limits import Limits
 from evgp_inspection.traces import Event, Kind, Section, Trace, Word
 from evgp_inspection.verdicts import Finding, Result, Verdict
@@ -78,23 +78,7 @@ def _watched(section: Section, limits: Limits) -> bool:
     return bool(speeds) and section.ended - speeds[-1][0] <= limits.slack
 
 
-def _fail(why: str, *sections: Section, measured: float | None = None) -> Finding:
-    return Finding(Verdict.FAIL, why, measured, _evidence(sections))
-
-
-def _pass(why: str, *sections: Section, measured: float | None = None) -> Finding:
-    return Finding(Verdict.PASS, why, measured, _evidence(sections))
-
-
-def _not_judged(why: str, *sections: Section) -> Finding:
-    return Finding(Verdict.NOT_JUDGED, why, None, _evidence(sections))
-
-
-def _evidence(sections: Iterable[Section]) -> tuple[Event, ...]:
-    return tuple(event for section in sections for event in section.events)
-
-
-NOT_DRIVEN = _not_judged('The kart did not come to drive in this step.')
+NOT_DRIVEN = not_judged('The kart did not come to drive in this step.')
 
 
 def _worst(findings: list[Finding]) -> Finding:
@@ -114,7 +98,7 @@ def _acknowledges_in(
     lost = section.of(Kind.CLOSED)
     if link_stays and lost:
         after = lost[0].at - section.began
-        return _fail(f'It dropped the connection after {after:.2f} s.', section)
+        return failed(f'It dropped the connection after {after:.2f} s.', section)
     if order is None:
         return NOT_DONE
     # A connection that is made meanwhile is sent the order, too.
@@ -123,12 +107,14 @@ def _acknowledges_in(
     if word is not None:
         took = word.at - order.at
         if took > seconds + EARLY:
-            return _fail(f'It took {took:.2f} s to say ${state.value};.', section, measured=took)
-        return _pass(f'${state.value}; came {took:.3f} s after the order.', section, measured=took)
+            return failed(f'It took {took:.2f} s to say ${state.value};.', section, measured=took)
+        return passed(
+            f'${state.value}; came {took:.3f} s after the order.', section, measured=took
+        )
     waited = section.ended - order.at
     if waited < seconds - EARLY:
-        return _not_judged(f'The wait was cut short after {waited:.1f} s.', section)
-    return _fail(f'No ${state.value}; in {waited:.1f} s.', section, measured=waited)
+        return not_judged(f'The wait was cut short after {waited:.1f} s.', section)
+    return failed(f'No ${state.value}; in {waited:.1f} s.', section, measured=waited)
 
 
 def _acknowledges(state: RaceState, limit: str, *phases: str, link_stays: bool = False) -> Judge:
@@ -156,15 +142,15 @@ def _stands(*phases: str, needs: Callable[[Trace, Limits], bool] | None = None) 
     def one(section: Section, limits: Limits) -> Finding:
         why = started(section, limits)
         if why:
-            return _fail(why, section)
+            return failed(why, section)
         answer = section.answer(STANDS)
         if answer is not None and not answer.value:
-            return _fail('The inspector saw the wheels turn.', section)
+            return failed('The inspector saw the wheels turn.', section)
         took = section.ended - section.began
         if answer is not None or _watched(section, limits):
             who = 'odometry' if answer is None else 'the inspector'
-            return _pass(f'It stood for {took:.1f} s; seen by {who}.', section)
-        return _not_judged('It did not say $GREEN_GREEN;, but nobody saw the wheels.', section)
+            return passed(f'It stood for {took:.1f} s; seen by {who}.', section)
+        return not_judged('It did not say $GREEN_GREEN;, but nobody saw the wheels.', section)
 
     def judge_phases(trace: Trace, limits: Limits) -> Finding:
         sections = [section for name in phases if (section := trace.called(name)) is not None]
@@ -191,28 +177,28 @@ def _stops(step: str, silent: bool) -> Judge:
         if speeds:
             moving = [at for at, speed in speeds if moves(speed, limits)]
             if not moving:
-                return _not_judged('The wheels did not turn when the connection was lost.', lost)
+                return not_judged('The wheels did not turn when the connection was lost.', lost)
             highest = max((abs(speed) for _, speed in speeds))
             fast = [at for at, speed in speeds if not abs(speed) < 0.9 * highest]
             stood = next((at for at, _ in speeds if at > moving[-1]), None)
             if stood is None and speeds[-1][0] < limit - limits.slack:
-                return _not_judged('Odometry fell silent, or the check was cut short.', lost)
+                return not_judged('Odometry fell silent, or the check was cut short.', lost)
             if stood is None or stood > limit + EARLY:
-                return _fail(f'The wheels still turned after {speeds[-1][0]:.1f} s.', lost)
+                return failed(f'The wheels still turned after {speeds[-1][0]:.1f} s.', lost)
             if fast[-1] > due:
                 why = f'It began to slow down after {fast[-1]:.2f} s only, not within {due:.2f} s.'
-                return _fail(why, lost, measured=stood)
-            return _pass(f'The wheels stood after {stood:.2f} s.', lost, measured=stood)
+                return failed(why, lost, measured=stood)
+            return passed(f'The wheels stood after {stood:.2f} s.', lost, measured=stood)
         if answer is not None:
             took = answer.at - lost.began
             if not answer.value:
-                return _fail('The inspector saw the wheels go on turning.', lost, measured=took)
+                return failed('The inspector saw the wheels go on turning.', lost, measured=took)
             if took > limit + 2 * limits.slack:
                 why = f'The inspector saw the wheels stand after {took:.1f} s only.'
-                return _fail(why, lost, measured=took)
+                return failed(why, lost, measured=took)
             why = f'The inspector saw the wheels stand, {took:.1f} s after the loss at the latest.'
-            return _pass(why, lost, measured=took)
-        return _not_judged('Nobody saw the wheels.', lost)
+            return passed(why, lost, measured=took)
+        return not_judged('Nobody saw the wheels.', lost)
 
     return judge_stop
 
@@ -229,7 +215,7 @@ def _true(state: RaceState, step: str, phase: str) -> Judge:
         order = section.order(state)
         word = None if order is None else section.acknowledgement(order)
         if order is None or word is None:
-            return _not_judged('It did not acknowledge.', section)
+            return not_judged('It did not acknowledge.', section)
         took = word.at - order.at
         speeds = section.speeds
         late = [(at, speed) for at, speed in speeds if at > word.at + limits.slack]
@@ -239,21 +225,21 @@ def _true(state: RaceState, step: str, phase: str) -> Judge:
                     f'It said ${state.value}; after {took:.3f} s; {at - word.at:.2f} s later, '
                     f'odometry says {speed:.2f} m/s.'
                 )
-                return _fail(why, section, measured=took)
+                return failed(why, section, measured=took)
         before = [speed for at, speed in speeds if at <= order.at + limits.slack]
         at_speed = not speeds or (bool(before) and moves(before[0], limits))
         if at_speed and took < limits.fastest_stop:
             why = f'It said ${state.value}; after {took:.3f} s: no kart at speed stops that fast.'
-            return _fail(why, section, measured=took)
+            return failed(why, section, measured=took)
         answer = section.answer(STANDS)
         if answer is not None and not answer.value:
             why = f'It said ${state.value}; after {took:.3f} s; the inspector saw the wheels turn.'
-            return _fail(why, section, measured=took)
+            return failed(why, section, measured=took)
         if late or answer is not None:
             who = 'odometry' if late else 'the inspector'
             why = f'It said so after {took:.2f} s; {who} saw it stand.'
-            return _pass(why, section, measured=took)
-        return _not_judged(f'It said so after {took:.2f} s; nobody saw the wheels.', section)
+            return passed(why, section, measured=took)
+        return not_judged(f'It said so after {took:.2f} s; nobody saw the wheels.', section)
 
     return judge_word
 
@@ -271,12 +257,12 @@ def _connects_again(step: str, phase: str = 'lost', since: str = 'lost') -> Judg
         if opened:
             took = opened[0].at - lost.began
             if took > limits.reconnect + EARLY:
-                return _fail(f'It connected after {took:.1f} s only.', first, measured=took)
-            return _pass(f'It connected {took:.2f} s after the loss.', first, measured=took)
+                return failed(f'It connected after {took:.1f} s only.', first, measured=took)
+            return passed(f'It connected {took:.2f} s after the loss.', first, measured=took)
         waited = first.ended - lost.began
         if waited < limits.reconnect - EARLY:
-            return _not_judged(f'The wait was cut short after {waited:.1f} s.', first)
-        return _fail(f'No new connection in {waited:.1f} s.', first, measured=waited)
+            return not_judged(f'The wait was cut short after {waited:.1f} s.', first)
+        return failed(f'No new connection in {waited:.1f} s.', first, measured=waited)
 
     return judge_connection
 
@@ -291,11 +277,11 @@ def _connects(trace: Trace, limits: Limits) -> Finding:
     opened = section.of(Kind.OPENED)
     if opened:
         took = opened[0].at - section.began
-        return _pass(f'It connected after {took:.1f} s.', section, measured=took)
+        return passed(f'It connected after {took:.1f} s.', section, measured=took)
     waited = section.ended - section.began
     if waited < limits.connect - EARLY:
-        return _not_judged('The wait was cut short.', section)
-    return _fail(f'No connection in {waited:.0f} s.', section, measured=waited)
+        return not_judged('The wait was cut short.', section)
+    return failed(f'No connection in {waited:.0f} s.', section, measured=waited)
 
 
 def _drives(trace: Trace, limits: Limits) -> Finding:
@@ -305,22 +291,22 @@ def _drives(trace: Trace, limits: Limits) -> Finding:
         return NOT_DONE
     word = section.acknowledgement(order)
     if word is None:
-        return _not_judged('It did not acknowledge.', section)
+        return not_judged('It did not acknowledge.', section)
     said = word.at - order.at
     turned = next((at for at, speed in section.speeds if moves(speed, limits)), None)
     if section.speeds:
         if turned is None or turned > word.at + limits.slack:
             why = f'It said $GREEN_GREEN; after {said:.2f} s, and its wheels stood still.'
-            return _fail(why, section, measured=said)
+            return failed(why, section, measured=said)
         took = max(turned - order.at, 0.0)
-        return _pass(f'The wheels turned after {took:.2f} s.', section, measured=took)
+        return passed(f'The wheels turned after {took:.2f} s.', section, measured=took)
     answer = section.answer(TURNS)
     if answer is None:
-        return _not_judged('Nobody saw the wheels.', section)
+        return not_judged('Nobody saw the wheels.', section)
     if not answer.value:
         why = 'It said $GREEN_GREEN;, and the inspector saw the wheels stand still.'
-        return _fail(why, section, measured=said)
-    return _pass('The inspector saw the wheels turn.', section, measured=said)
+        return failed(why, section, measured=said)
+    return passed('The inspector saw the wheels turn.', section, measured=said)
 
 
 def _waits_for_its_own_word(trace: Trace, limits: Limits) -> Finding:
@@ -329,7 +315,7 @@ def _waits_for_its_own_word(trace: Trace, limits: Limits) -> Finding:
         said = section.word(GRID_ACTIVE)
         green = section.word(GREEN_GREEN)
         if said is not None and (green is None or said.at <= green.at):
-            return _pass('It acknowledged GRID_ACTIVE in between.', section)
+            return passed('It acknowledged GRID_ACTIVE in between.', section)
     return _stands('again/glued')(trace, limits)
 
 
@@ -340,7 +326,7 @@ def _survives(trace: Trace, limits: Limits) -> Finding:
     lost = section.of(Kind.CLOSED)
     if lost:
         after = lost[0].at - section.began
-        return _fail(f'It dropped the connection after {after:.2f} s.', section)
+        return failed(f'It dropped the connection after {after:.2f} s.', section)
     return _acknowledges(RED_RED, 'red_red', 'ready/red', link_stays=True)(trace, limits)
 
 
@@ -349,7 +335,7 @@ def _says_nothing_first(trace: Trace, limits: Limits) -> Finding:
     if section is None:
         return NOT_DONE
     if section.words:
-        return _fail(f'It said {_what(section.words[0])}.', section)
+        return failed(f'It said {_what(section.words[0])}.', section)
     return _stands('connect/quiet')(trace, limits)
 
 
@@ -362,8 +348,8 @@ def _says_nothing_old(trace: Trace, limits: Limits) -> Finding:
         for word in section.words:
             if word.link in links and word.order is None:
                 why = f'It said {_what(word)}; nothing was sent on this connection yet.'
-                return _fail(why, *sections)
-    return _pass('It said nothing before it was sent anything.', *sections)
+                return failed(why, *sections)
+    return passed('It said nothing before it was sent anything.', *sections)
 
 
 OWN_CLAUSE = ('ready/red', 'backlog/red', 'fin/red', 'end/red')
@@ -388,10 +374,10 @@ def _says_frames(trace: Trace, limits: Limits) -> Finding:
     for section in trace.sections:
         for word in section.words:
             if word.state is None:
-                return _fail(f'It said {_what(word)}', section)
+                return failed(f'It said {_what(word)}', section)
     if not words:
-        return _not_judged('It said nothing at all.')
-    return _pass(f'It said {len(words)} frames.')
+        return not_judged('It said nothing at all.')
+    return passed(f'It said {len(words)} frames.')
 
 
 def _says_what_it_is_sent(trace: Trace, limits: Limits) -> Finding:
@@ -406,10 +392,10 @@ def _says_what_it_is_sent(trace: Trace, limits: Limits) -> Finding:
             since = word.at - word.order.at
             if since > limits.slack and not careful:
                 why = f'It said {_what(word)} {since:.2f} s after it was sent '
-                return _fail(f'{why}{word.order.state.value}.', section, measured=since)
+                return failed(f'{why}{word.order.state.value}.', section, measured=since)
     if not said:
-        return _not_judged('It said nothing at all.')
-    return _pass('It said nothing but what it was being sent.')
+        return not_judged('It said nothing at all.')
+    return passed('It said nothing but what it was being sent.')
 
 
 def _what(word: Word) -> str:
@@ -429,8 +415,8 @@ def _does_not_flood(trace: Trace, limits: Limits) -> Finding:
             why = f'It said {size} bytes in one second.'
             return Finding(Verdict.FAIL, why, None, tuple(said[first:][-20:]))
     if not said:
-        return _not_judged('It said nothing at all.')
-    return _pass(f'It said {most} bytes a second at most.')
+        return not_judged('It said nothing at all.')
+    return passed(f'It said {most} bytes a second at most.')
 
 
 def _one_connection(trace: Trace, limits: Limits) -> Finding:
@@ -453,7 +439,7 @@ def _one_connection(trace: Trace, limits: Limits) -> Finding:
             return _two(link, newer, last)
     if not any(event.kind is Kind.OPENED for event in trace.events):
         return NOT_DONE
-    return _pass('It never had two connections.')
+    return passed('It never had two connections.')
 
 
 def _two(older: int, newer: Event, until: float) -> Finding:

@@ -10,14 +10,14 @@ from evgp_inspection.clauses import Clause
 from evgp_inspection.drivers import Driver
 from evgp_inspection.inspection import Inspection
 from evgp_inspection.inspector import Inspector
-from evgp_inspection.judging import judged, steps_for
+from evgp_inspection.judging import steps_for
 from evgp_inspection.limits import RcsLimits
 from evgp_inspection.rcs_clauses import RCS_STEPS
 from evgp_inspection.rcs_judges import judge
 from evgp_inspection.rcs_karts import Field
 from evgp_inspection.rcs_steps import NotInGarageError, RcsSteps
 from evgp_inspection.recording import first, Recording
-from evgp_inspection.report import line
+from evgp_inspection.telling import Telling
 
 
 async def inspect_race_control(
@@ -41,22 +41,15 @@ async def inspect_race_control(
     """
     recording = Recording()
     field = Field(recording, *where, addresses, stranger)
-    done: set[str] = set()
-    told: set[str] = set()
-
-    def step_done(name: str) -> None:
-        done.add(name)
-        for clause in chosen:
-            if clause.steps and clause.name not in told and done.issuperset(clause.steps):
-                told.add(clause.name)
-                inspector.tell(line(judge(clause, recording.trace, limits)))
-
+    telling = Telling(
+        chosen, lambda clause: judge(clause, recording.trace, limits), inspector.tell
+    )
     began = time.monotonic()
     remarks: list[str] = []
     finished = False
     one, two, out = addresses
     steps = steps_for(chosen, RCS_STEPS)
-    play = RcsSteps(recording, field, driver, limits, step_done, steps, (one, two, out))
+    play = RcsSteps(recording, field, driver, limits, telling.step_done, steps, (one, two, out))
     running = asyncio.get_running_loop().create_task(play.run())
     try:
         await first(running, stopping)
@@ -74,10 +67,5 @@ async def inspect_race_control(
         await field.close()
     if not field.count:
         remarks.append('No kart could connect to race control.')
-    results = judged(
-        [judge(clause, recording.trace, limits) for clause in chosen], ' '.join(remarks)
-    )
-    for result in results:
-        if result.clause.name not in told:
-            inspector.tell(line(result))
+    results = telling.end(' '.join(remarks))
     return Inspection(results, time.monotonic() - began, remarks, finished, field.count > 0)

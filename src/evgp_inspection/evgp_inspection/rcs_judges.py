@@ -12,7 +12,7 @@ import itertools
 from typing import TypeAlias
 
 from evgp_inspection.clauses import Clause
-from evgp_inspection.judging import judge_by, NOT_DONE
+from evgp_inspection.judging import failed, judge_by, NOT_DONE, not_judged, passed
 from evgp_inspection.limits import RcsLimits
 from evgp_inspection.traces import Event, Kind, Section, STRANGER, Trace, Word
 from evgp_inspection.verdicts import Finding, Result, Verdict
@@ -75,22 +75,6 @@ def before(trace: Trace, section: Section, name: str) -> RaceState | None:
     return None
 
 
-def _evidence(sections: Iterable[Section]) -> tuple[Event, ...]:
-    return tuple(event for section in sections for event in section.events)
-
-
-def _fail(why: str, *sections: Section, measured: float | None = None) -> Finding:
-    return Finding(Verdict.FAIL, why, measured, _evidence(sections))
-
-
-def _pass(why: str, *sections: Section, measured: float | None = None) -> Finding:
-    return Finding(Verdict.PASS, why, measured, _evidence(sections))
-
-
-def _not_judged(why: str, *sections: Section) -> Finding:
-    return Finding(Verdict.NOT_JUDGED, why, None, _evidence(sections))
-
-
 def _first(words: Iterable[Word], state: RaceState, after: float = 0.0) -> Word | None:
     return next((each for each in words if each.state is state and each.at >= after), None)
 
@@ -106,14 +90,14 @@ def _taken(trace: Trace, section: Section, state: RaceState, places: Iterable[in
         word = _first(said_to(trace, section, name), state, commands[0].at)
         if not name or word is None:
             waited = section.ended - commands[0].at
-            return _fail(f'No {state.value} to {name or "a kart"} in {waited:.1f} s.', section)
+            return failed(f'No {state.value} to {name or "a kart"} in {waited:.1f} s.', section)
         came.append(word.at)
     # Repeated commands were refused; the last one before the first frame counts.
     command = [each for each in commands if each.at <= min(came)][-1]
     began = command.at if command.value else min(came)
     took = max(came) - began
     what = 'the command' if command.value else 'the first kart'
-    return _pass(f'{state.value} came {took:.3f} s after {what}.', section, measured=took)
+    return passed(f'{state.value} came {took:.3f} s after {what}.', section, measured=took)
 
 
 # ----- the kinds of judges --------------------------------------------------------------------
@@ -130,9 +114,9 @@ def _reaches(phase: str, limit: str, state: RaceState, *places: int) -> Judge:
         seconds: float = getattr(limits, limit)
         if finding.measured is not None and finding.measured > seconds:
             why = f'{state.value} took {finding.measured:.2f} s.'
-            return _fail(why, section, measured=finding.measured)
+            return failed(why, section, measured=finding.measured)
         if finding.verdict is Verdict.FAIL and section.ended - section.began < seconds - EARLY:
-            return _not_judged('The wait was cut short.', section)
+            return not_judged('The wait was cut short.', section)
         return finding
 
     return judge_phase
@@ -147,7 +131,7 @@ def _alone(judge_one: Judge, phase: str, place: int, *states: RaceState) -> Judg
             name = kart(trace, place)
             for word in said_to(trace, section, name):
                 if word.state is not None and word.state not in states:
-                    return _fail(f'{word.state.value} was sent to {name}, too.', section)
+                    return failed(f'{word.state.value} was sent to {name}, too.', section)
         return judge_one(trace, limits)
 
     return judge_phase
@@ -162,11 +146,11 @@ def _no_green(phase: str) -> Judge:
             return NOT_DONE
         for name in names(trace):
             if before(trace, section, name) is GREEN_GREEN:
-                return _not_judged('The race was in GREEN_GREEN before.', section)
+                return not_judged('The race was in GREEN_GREEN before.', section)
             word = _first(said_to(trace, section, name), GREEN_GREEN)
             if word is not None:
                 after = word.at - section.began
-                return _fail(f'GREEN_GREEN was sent to {name} after {after:.2f} s.', section)
+                return failed(f'GREEN_GREEN was sent to {name} after {after:.2f} s.', section)
         return _stayed(section, limits)
 
     return judge_phase
@@ -175,10 +159,10 @@ def _no_green(phase: str) -> Judge:
 def _stayed(section: Section, limits: RcsLimits) -> Finding:
     took = section.ended - section.began
     if took < limits.watch - EARLY:
-        return _not_judged('The watch was cut short.', section)
+        return not_judged('The watch was cut short.', section)
     if not any(word.state is not None for word in section.words):
-        return _not_judged('Race control sent nothing.', section)
-    return _pass(f'Nothing of the kind came for {took:.1f} s.', section)
+        return not_judged('Race control sent nothing.', section)
+    return passed(f'Nothing of the kind came for {took:.1f} s.', section)
 
 
 def _unchanged(*phases: str) -> Judge:
@@ -190,7 +174,7 @@ def _unchanged(*phases: str) -> Judge:
             for word in said_to(trace, section, name):
                 if word.state is not state and word.state is not None:
                     was = state.value if state is not None else 'nothing'
-                    return _fail(f'{name} was sent {was}, then {word.state.value}.', section)
+                    return failed(f'{name} was sent {was}, then {word.state.value}.', section)
         return _stayed(section, limits)
 
     def judge_phases(trace: Trace, limits: RcsLimits) -> Finding:
@@ -219,11 +203,11 @@ def _comes_back(phase: str, allowed: frozenset[RaceState], places: Iterable[int]
             links = [e.link for e in section.of(Kind.OPENED) if e.text == name]
             words = [w for w in section.words if w.link in links and w.state is not None]
             if not words:
-                return _not_judged(f'{name or "A kart"} was sent nothing.', section)
+                return not_judged(f'{name or "A kart"} was sent nothing.', section)
             for word in words:
                 if word.state is not None and word.state not in allowed:
-                    return _fail(f'{word.state.value} was sent to {name}.', section)
-        return _pass('Only what was expected was sent.', section)
+                    return failed(f'{word.state.value} was sent to {name}.', section)
+        return passed('Only what was expected was sent.', section)
 
     return judge_phase
 
@@ -240,13 +224,13 @@ def _connects(trace: Trace, limits: RcsLimits) -> Finding:
     for event in opened:
         word = next((w for w in section.words if w.link == event.link), None)
         if word is None:
-            return _fail(f'Nothing was sent to {event.text}.', section)
+            return failed(f'Nothing was sent to {event.text}.', section)
         longest = max(longest, word.at - event.at)
     if len(opened) < len((ONE, TWO, OUT)):
-        return _fail('A connection was refused.', section)
+        return failed('A connection was refused.', section)
     if longest > limits.connect:
-        return _fail(f'The first frame came after {longest:.2f} s.', section, measured=longest)
-    return _pass('Every kart was sent a frame.', section, measured=longest)
+        return failed(f'The first frame came after {longest:.2f} s.', section, measured=longest)
+    return passed('Every kart was sent a frame.', section, measured=longest)
 
 
 def _refuses_strangers(trace: Trace, limits: RcsLimits) -> Finding:
@@ -255,13 +239,13 @@ def _refuses_strangers(trace: Trace, limits: RcsLimits) -> Finding:
         return NOT_DONE
     links = {e.link for e in section.of(Kind.OPENED) if e.text == STRANGER}
     if not links:
-        return _pass('The connection was refused.', section)
+        return passed('The connection was refused.', section)
     if any(event.link in links for event in section.of(Kind.SAID)):
-        return _fail('A frame was sent to an unknown address.', section)
+        return failed('A frame was sent to an unknown address.', section)
     ended = [e for e in section.of(Kind.CLOSED) if e.link in links]
     if not ended:
-        return _fail(f'The connection stayed open for {limits.slack:g} s.', section)
-    return _pass('The connection was closed without a byte.', section)
+        return failed(f'The connection stayed open for {limits.slack:g} s.', section)
+    return passed('The connection was closed without a byte.', section)
 
 
 def _replaces(trace: Trace, limits: RcsLimits) -> Finding:
@@ -270,10 +254,10 @@ def _replaces(trace: Trace, limits: RcsLimits) -> Finding:
         return NOT_DONE
     links = [event.link for event in section.of(Kind.OPENED)]
     if not links or not any(word.link == links[0] for word in section.words):
-        return _fail('Nothing was sent on the second connection.', section)
+        return failed('Nothing was sent on the second connection.', section)
     if not [e for e in section.of(Kind.CLOSED) if e.link != links[0]]:
-        return _fail(f'The first connection stayed open for {limits.slack:g} s.', section)
-    return _pass('The first connection was closed.', section)
+        return failed(f'The first connection stayed open for {limits.slack:g} s.', section)
+    return passed('The first connection was closed.', section)
 
 
 def _staggers(trace: Trace, limits: RcsLimits) -> Finding:
@@ -289,19 +273,19 @@ def _staggers(trace: Trace, limits: RcsLimits) -> Finding:
             if word is not None and event.at <= word.at
         ]
         if word is None or not given:
-            return _not_judged('A finished kart was not sent RED_FLAG.', section)
+            return not_judged('A finished kart was not sent RED_FLAG.', section)
         # A person has pressed by the time of the answer; what comes before it is not timed.
         exact = [event for event in given if event.kind is Kind.COMMAND and event.value]
         answered = [event for event in given if event.kind is Kind.ANSWERED]
         if not exact and not answered:
-            return _not_judged('RED_FLAG came before the key.', section)
+            return not_judged('RED_FLAG came before the key.', section)
         delays.append(word.at - (exact or answered)[-1].at)
     difference = abs(delays[0] - delays[1])
     why = f'The delays are {delays[0]:.2f} s and {delays[1]:.2f} s.'
     shown = [section for section in sections if section is not None]
     if difference < limits.stagger:
-        return _fail(why, *shown, measured=difference)
-    return _pass(why, *shown, measured=difference)
+        return failed(why, *shown, measured=difference)
+    return passed(why, *shown, measured=difference)
 
 
 def _outside(trace: Trace, limits: RcsLimits) -> Finding:
@@ -322,11 +306,11 @@ def _outside(trace: Trace, limits: RcsLimits) -> Finding:
                 killed = killed and not (stopped and not kills)
                 continue
             if word.state is not RED_RED or not killed:
-                return _fail(f'{word.state.value} was sent to {name}.', section)
+                return failed(f'{word.state.value} was sent to {name}.', section)
         killed = killed or bool(kills)
     if not seen:
         return NOT_DONE
-    return _pass('It was sent IN_GARAGE, and RED_RED after ALL_KILL.')
+    return passed('It was sent IN_GARAGE, and RED_RED after ALL_KILL.')
 
 
 def _spans(trace: Trace) -> dict[int, list[Event]]:
@@ -357,7 +341,7 @@ def _rate(trace: Trace, limits: RcsLimits) -> Finding:
     if rate < LEAST_RATE:
         held_up = [event for event in trace.events if event.kind is Kind.HELD_UP]
         return Finding(Verdict.FAIL, why, None, (*_spans(trace)[link][:200], *held_up))
-    return _pass(f'{why} It is the slowest.')
+    return passed(f'{why} It is the slowest.')
 
 
 def _gap(trace: Trace, limits: RcsLimits) -> Finding:
@@ -372,7 +356,7 @@ def _gap(trace: Trace, limits: RcsLimits) -> Finding:
     if gap > limits.gap:
         evidence = tuple(e for e in trace.events if at - 0.2 <= e.at <= at + gap + 0.2)
         return Finding(Verdict.FAIL, why, gap, evidence)
-    return _pass(why, measured=gap)
+    return passed(why, measured=gap)
 
 
 def _well_formed(trace: Trace, limits: RcsLimits) -> Finding:
@@ -381,8 +365,8 @@ def _well_formed(trace: Trace, limits: RcsLimits) -> Finding:
         for word in section.words:
             heard = True
             if word.state is None:
-                return _fail(f'It sent bytes that are no frame: {word.reason}.', section)
-    return _pass('All bytes were frames.') if heard else NOT_DONE
+                return failed(f'It sent bytes that are no frame: {word.reason}.', section)
+    return passed('All bytes were frames.') if heard else NOT_DONE
 
 
 def _notices(trace: Trace, limits: RcsLimits) -> Finding:
@@ -392,11 +376,11 @@ def _notices(trace: Trace, limits: RcsLimits) -> Finding:
     gone = section.of(Kind.SILENT)
     words = section.of(Kind.SENT)
     if not gone or not [event for event in words if event.link == gone[0].link]:
-        return _not_judged('The wait was cut short.', section)
+        return not_judged('The wait was cut short.', section)
     link = gone[0].link
     if not [event for event in section.of(Kind.CLOSED) if event.link == link]:
-        return _fail(f'It still had the connection after {limits.half_open:g} s.', section)
-    return _pass(f'It had given the connection up within {limits.half_open:g} s.', section)
+        return failed(f'It still had the connection after {limits.half_open:g} s.', section)
+    return passed(f'It had given the connection up within {limits.half_open:g} s.', section)
 
 
 _JUST_RED = frozenset({RED_RED})
