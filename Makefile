@@ -73,14 +73,14 @@ demo:
 rehearsal:
 	$(IN_WORKSPACE) --console install/evgp_rehearsal/lib/evgp_rehearsal/rehearse $(ARGS)
 
-PYTEST = $(IN_WORKSPACE) --console python -m pytest -n $(WORKERS) --dist worksteal
+PYTEST = $(IN_WORKSPACE) --console python -m pytest -n $(WORKERS)
 
 test:
-	$(PYTEST) -m 'not long' $(ARGS)
+	$(PYTEST) --dist worksteal -m 'not long' $(ARGS)
 
-# What takes long, and why, stands in docs/testing.md.
+# What takes long, and why, stands in docs/testing.md. Each worker takes the next when it is free.
 test-long:
-	$(PYTEST) -m long $(ARGS)
+	$(PYTEST) --maxschedchunk 1 -m long $(ARGS)
 
 soak:
 	$(IN_WORKSPACE) python soak/run.py $(ARGS)

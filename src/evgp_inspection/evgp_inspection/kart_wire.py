@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterator
+import contextlib
+import os
 import socket
 import struct
 from typing import TypeAlias
@@ -167,7 +169,7 @@ class KartWire:
 
     def close(self) -> None:
         """End every connection in order (FIN)."""
-        self._end('closed', lambda link: link.transport.close())
+        self._end('closed', _finish)
 
     def reset(self) -> None:
         """Reset every connection (RST)."""
@@ -303,6 +305,16 @@ class _Connection(asyncio.Protocol):
     def connection_lost(self, error: Exception | None) -> None:
         self.takes = False
         self._wire.lost(self, 'closed' if error is None else 'reset')
+
+
+def _finish(link: _Connection) -> None:
+    # A socket that is closed while something in it is unread says RST in place of FIN.
+    same = os.dup(link.transport.get_extra_info('socket').fileno())
+    with socket.socket(fileno=same) as unread, contextlib.suppress(OSError):
+        link.transport.write_eof()
+        while unread.recv(4096, socket.MSG_DONTWAIT):
+            pass
+    link.transport.close()
 
 
 def _reset(link: _Connection) -> None:

@@ -93,7 +93,7 @@ class InspectedKart:
         self._links = 0
         self._commanded: RaceState | None = None
         self._before: RaceState | None = None
-        self._ordered_at = self._heard_at = 0.0
+        self._ordered_at = self._heard_at = self._ticked_at = 0.0
         self._armed = self._grid_said = False
         self._reached_at: float | None = None
         self._moving_since: float | None = None
@@ -105,7 +105,7 @@ class InspectedKart:
         self._decoder = FrameDecoder()
         self._pending: list[RaceState] = []
         self._unread = b''
-        self._read_at = 0.0
+        self._idle = 0  # turns since it last read something
         self._frame_times: list[float] = []
         self._errors_only = False
         self._silent_kept = False
@@ -194,6 +194,7 @@ class InspectedKart:
                 continue
             size = 13 if self._is['reads one frame a turn'] else 4096
             if not await self._readable(link):
+                self._idle += 1
                 continue
             try:
                 data = link.recv(size)
@@ -249,10 +250,10 @@ class InspectedKart:
     def _take_in(self, data: bytes) -> bool:
         now = self._loop.time()
         if self._is['needs a whole frame in each read'] or (
-            self._is['forgets half a frame'] and now - self._read_at > 0.04
+            self._is['forgets half a frame'] and self._idle > 1
         ):
             self._decoder = FrameDecoder()
-        self._read_at = now
+        self._idle = 0
         if self._is['throws long reads away'] and len(data) > 40:
             return True
         if self._is['looks for GREEN_GREEN anywhere'] and b'GREEN_GREEN' in data:
@@ -318,7 +319,9 @@ class InspectedKart:
 
     async def _tick_for_ever(self) -> None:
         while True:
-            self._tick(self._loop.time())
+            now = self._loop.time()
+            self._tick(now)
+            self._ticked_at = now
             await asyncio.sleep(STEP)
 
     def _tick(self, now: float) -> None:
@@ -343,7 +346,8 @@ class InspectedKart:
 
     def _acknowledge(self, obeyed: RaceState, now: float, since: float) -> None:
         if self._is['floods'] and self._links == 1 and obeyed is IN_GARAGE:
-            self._say(encode(IN_GARAGE) * 250)
+            # However late this tick is.
+            self._say(encode(IN_GARAGE) * int(12_500 * (now - self._ticked_at)))
         late = self._before is GRID_ACTIVE and obeyed is RED_RED and since < 0.9
         if self._is['echoes an earlier order'] and late:
             self._say(encode(GRID_ACTIVE))
