@@ -100,3 +100,35 @@ def test_the_judge_sees_what_a_plain_kart_is_sent_and_says() -> None:
     assert {judge.judged[kind] for kind in ('opened', 'closed')} == {1}
     assert judge.judged['said'] == 2
     assert judge.judged['frame'] == kart.frames
+
+
+def test_tests_of_other_modules_run_after_one_in_its_own_process(tmp_path: pathlib.Path) -> None:
+    (tmp_path / 'test_first.py').write_text(
+        'import os, pytest\n'
+        'def test_plain(): ...\n'
+        '@pytest.mark.own_process\n'
+        'def test_own(): assert os.environ["EVGP_TEST_IN_OWN_PROCESS"]\n'
+        '@pytest.mark.own_process\n'
+        'def test_own_that_fails(): assert not "found out"\n'
+        '@pytest.mark.own_process\n'
+        'def test_own_that_cannot_run(): pytest.skip("for a reason")\n',
+        encoding='utf-8',
+    )
+    (tmp_path / 'test_second.py').write_text('def test_after(): ...\n', encoding='utf-8')
+    done = subprocess.run(
+        [sys.executable, '-m', 'pytest', '-rA', '-p', 'no:cacheprovider', str(tmp_path)],
+        cwd=tmp_path,
+        env={**os.environ, 'PYTEST_ADDOPTS': ''},
+        capture_output=True,
+        text=True,
+    )
+    for outcome in (
+        'PASSED test_first.py::test_plain',
+        'PASSED test_first.py::test_own',
+        'FAILED test_first.py::test_own_that_fails',
+        'PASSED test_second.py::test_after',
+    ):
+        assert outcome in done.stdout.splitlines() or f'{outcome} - ' in done.stdout, done.stdout
+    assert 'found out' in done.stdout
+    assert ' 1 skipped' in done.stdout.splitlines()[-1]
+    assert 'for a reason' in done.stdout

@@ -12,7 +12,6 @@ import pathlib
 import secrets
 import subprocess
 import sys
-import time
 from typing import Any
 
 from evgp_testing import nursery
@@ -48,6 +47,10 @@ def pytest_configure(config: pytest.Config) -> None:
 
     In a worker of pytest-xdist, the seed is that of all workers.
     """
+    if hasattr(config, 'workerinput'):
+        # Linux divides the processor among sessions: most of what tests start has one of its own,
+        # and would leave next to nothing to workers that share one.
+        os.setsid()
     config.addinivalue_line('markers', 'own_process: runs in another pytest (evgp_testing.plugin)')
     config.addinivalue_line('markers', 'long: takes long, and is for `make test-long`')
     if IN_OWN_PROCESS not in os.environ:
@@ -93,51 +96,53 @@ def pytest_runtest_logfinish() -> None:
     started[:] = [each for each in started if each.runs]
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Have each test marked `own_process` run in another pytest."""
+    if IN_OWN_PROCESS not in os.environ:
+        items[:] = [
+            each
+            if each.get_closest_marker('own_process') is None
+            else _InOwnProcess.from_parent(each.parent, name=each.name, item=each)
+            for each in items
+        ]
+
+
+class _InOwnProcess(pytest.Item):
     """
-    Run a test marked `own_process` in another pytest.
+    A test that another pytest runs.
 
     Fast DDS learns the network interfaces of its process once. In a process that has used it
     before, it does not find its way in a network namespace.
     """
-    if item.get_closest_marker('own_process') is None or IN_OWN_PROCESS in os.environ:
-        return None
-    hook = item.ihook
-    hook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
-    began = time.time()
-    words = ['-p', 'no:cacheprovider', '-p', 'no:xdist']
-    words += [f'--seed={item.config.option.seed}', item.nodeid]
-    environment = {**os.environ, IN_OWN_PROCESS: '1'}
-    root = item.config.rootpath
-    with nursery.start(
-        [str(_PYTEST), *words], environment, modules=nursery.TESTS, cwd=root
-    ) or subprocess.Popen(
-        [sys.executable, '-m', 'pytest', *words],
-        cwd=root,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    ) as done:
-        printed, _ = done.communicate()
-    passed = done.returncode == 0 and ' skipped' not in printed.splitlines()[-1]
-    ended = time.time()
-    report = pytest.TestReport(
-        nodeid=item.nodeid,
-        location=item.location,
-        keywords={},
-        outcome='passed' if done.returncode == 0 else 'failed',
-        longrepr=None if done.returncode == 0 else printed,
-        when='call',
-        sections=[('Its own process', printed)],
-        duration=ended - began,
-        start=began,
-        stop=ended,
-    )
-    if done.returncode == 0 and not passed:
-        report.outcome = 'skipped'
-        report.longrepr = (str(item.path), 0, f'Skipped: {printed}')
-    hook.pytest_runtest_logreport(report=report)
-    hook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
-    return True
+
+    def __init__(self, *, item: pytest.Item, **names: Any) -> None:
+        super().__init__(**names)
+        self._item = item
+        self.own_markers = item.own_markers
+        self.keywords.update(item.keywords)
+
+    def runtest(self) -> None:
+        words = ['-rs', '-p', 'no:cacheprovider', '-p', 'no:xdist']
+        words += [f'--seed={self.config.option.seed}', self.nodeid]
+        environment = {**os.environ, IN_OWN_PROCESS: '1'}
+        root = self.config.rootpath
+        with nursery.start(
+            [str(_PYTEST), *words], environment, modules=nursery.TESTS, cwd=root
+        ) or subprocess.Popen(
+            [sys.executable, '-m', 'pytest', *words],
+            cwd=root,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        ) as done:
+            printed, _ = done.communicate()
+        self.add_report_section('call', 'its own process', printed)
+        if done.returncode != 0:
+            pytest.fail(printed, pytrace=False)
+        if ' skipped' in printed.splitlines()[-1]:
+            pytest.skip(printed)
+
+    def reportinfo(self) -> tuple[os.PathLike[str] | str, int | None, str]:
+        return self._item.reportinfo()
