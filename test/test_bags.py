@@ -112,6 +112,23 @@ def test_a_bag_of_a_record_without_inputs_has_its_events(
     assert set(read(bag)) == {'/rcs/events'}
 
 
+def test_a_bag_whose_race_ends_where_inputs_are_missing_says_so(
+    race: pathlib.Path, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole, cut = tmp_path / 'whole.mcap', tmp_path / 'cut.mcap'
+    assert rcs_record(['mcap', str(race), str(whole)]) == 0
+    assert len(capsys.readouterr().out.splitlines()) == 1
+    with contextlib.closing(sqlite3.connect(race)) as database:
+        lost = 'SELECT rowid FROM input LIMIT 1 OFFSET (SELECT count(*) / 2 FROM input)'
+        database.execute(f'DELETE FROM input WHERE rowid = ({lost})')
+        database.commit()
+    assert rcs_record(['mcap', str(race), str(cut)]) == 3
+    assert len(capsys.readouterr().out.splitlines()) == 2
+    before, after = read(whole), read(cut)
+    assert len(after['/rcs/events']) == len(before['/rcs/events'])
+    assert 0 < len(after['/rcs/race']) < len(before['/rcs/race'])
+
+
 def test_a_file_that_is_there_is_not_written_over(
     race: pathlib.Path, tmp_path: pathlib.Path
 ) -> None:

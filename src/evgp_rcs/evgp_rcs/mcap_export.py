@@ -83,7 +83,7 @@ def main(arguments: Sequence[str]) -> int:
         return FAILED
     print(f'{plain(str(wanted.out))}: {written} messages')
     if lacks:
-        print(f'The bag has events only: {plain(lacks)}.')
+        print(plain(lacks))
     return runs.code
 
 
@@ -92,16 +92,30 @@ Message = tuple[str, int, Any]
 
 
 def _read(runs: Runs, number: int | None) -> tuple[Iterator[Message], str]:
-    """Return the messages of a run in order, and why they are events only; empty: they are not."""
+    """Return the messages of a run in order, and a sentence on what they lack; empty: nothing."""
     run = runs.choose(number)
     try:
         kept = Kept.read(runs, run)
     except UnreadableError as error:
         happened = runs.events(run)
-        return _events(happened, _shifts(happened)), str(error)
+        return _events(happened, _shifts(happened)), f'The bag has events only: {error}.'
     shifts = _shifts(kept.happened)
     both = _events(kept.happened, shifts), _races(kept, shifts)
-    return heapq.merge(*both, key=lambda message: message[1]), ''
+    return heapq.merge(*both, key=lambda message: message[1]), _end_of_race(runs, kept)
+
+
+def _end_of_race(runs: Runs, kept: Kept) -> str:
+    """Say where the race ends in the bag; empty: it goes to the end of the run."""
+    at = kept.setup.now
+    try:
+        for entry in entries_of(kept.blocks):
+            if isinstance(entry, Input):
+                at = entry.at
+    except InputsError as error:
+        runs.damage = runs.damage or str(error)
+        after = f'{at - kept.setup.now:.1f} s after the run began'
+        return f'The bag has events only from {after} on: {error}.'
+    return ''
 
 
 def _shifts(happened: Sequence[RecordedEvent]) -> list[int]:
