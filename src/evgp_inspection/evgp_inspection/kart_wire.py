@@ -224,16 +224,18 @@ class KartWire:
         due = loop.time()
         while True:
             self._changed.clear()
-            late = loop.time() - due
-            if late > LATE_BEAT:
-                self._recording.note(Kind.HELD_UP, value=late)
+            sent = due
             if self._beats is not None:
                 links = list(self._links.values())
                 for pause, data in next(self._beats):
                     if pause:
                         await asyncio.sleep(pause)
+                        sent += pause
                     for link in links:
                         link.write(data)
+            late = loop.time() - sent
+            if late > LATE_BEAT:
+                self._recording.note(Kind.HELD_UP, value=late)
             # A beat that is late is not made up for; a new order does not wait for the next one.
             due = max(due + self._period, loop.time())
             # No asyncio.wait_for: before Python 3.12 it may swallow the end of this task.

@@ -6,15 +6,19 @@ import asyncio
 from collections.abc import Callable
 import contextlib
 import os
+import time
 
 from evgp_inspection.clauses import KART, select
 from evgp_inspection.cli import inspect
 from evgp_inspection.inspection import Exit, Inspection
 from evgp_inspection.inspector import Unattended
+from evgp_inspection.kart_wire import KartWire, single_bytes
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import Take
+from evgp_inspection.recording import Recording
 from evgp_inspection.traces import Kind
 from evgp_inspection.verdicts import Verdict
+from evgp_protocol.states import RaceState
 from inspected_kart import FAULTS, InspectedKart
 import pytest
 
@@ -192,6 +196,29 @@ def test_an_inspection_that_fails_while_the_kart_drives_stops_the_kart(
     assert ones[0].driving.is_set()
     assert kart.speed == 0.0
     assert kart.last_heard == b'$RED_RED;'
+
+
+def test_that_this_computer_was_late_with_the_pieces_of_a_frame_is_noted() -> None:
+    async def late() -> bool:
+        recording = Recording()
+        wire = KartWire(recording, lambda line: None)
+        await wire.listen('127.0.0.1', 0)
+        wire.order(RaceState.RED_RED, single_bytes)
+
+        async def busy() -> None:
+            while True:
+                time.sleep(0.05)  # shorter than what would be noted between two beats
+                await asyncio.sleep(0)
+
+        holding_up = asyncio.create_task(busy())
+        recording.note(Kind.STEP, text='pieces/bytes')
+        section = recording.trace.now
+        noted = await recording.until(lambda: section.of(Kind.HELD_UP), 20.0)
+        holding_up.cancel()
+        await wire.shut_down()
+        return noted
+
+    assert asyncio.run(late())
 
 
 def test_a_kart_that_never_comes_is_not_judged() -> None:

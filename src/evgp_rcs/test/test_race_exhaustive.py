@@ -81,6 +81,7 @@ def test_one_kart_while_another_race_control_comes_and_goes_and_the_record_fails
 # Pauses and starts that wait are read by officials' commands alone, so one kart is enough to look
 # at every state; how a start waits for two karts that come and go, a search looks at that ends.
 @pytest.mark.long
+@pytest.mark.timeout(900)
 def test_one_kart_with_pauses_and_starts_that_wait_for_the_disk(
     record_property: Callable[[str, object], None],
 ) -> None:
