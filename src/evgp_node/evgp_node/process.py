@@ -84,6 +84,10 @@ def run_node(
                 code, take_down = _run(name, make_node, refusals, args, obstacles, ending, end)
             # All that was printed is out by now: while ROS hangs, no thread could print it.
             end_within(TEARDOWN_TIMEOUT, code)
+            # Python gives up its handlers before the process is gone; a signal would then change
+            # the exit code.
+            for number in ENDING:
+                signal.signal(number, signal.SIG_IGN)
             take_down()
             return code
         finally:

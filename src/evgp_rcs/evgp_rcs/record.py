@@ -746,10 +746,15 @@ def _row(stamped: StampedEvent) -> tuple[Any, ...]:
         event.command.name if event.command is not None else None,
         event.success,
         event.state.name if event.state is not None else None,
-        event.text,
-        event.official,
+        _without_nul(event.text),
+        _without_nul(event.official),
         event.alert.name if event.alert is not None else None,
     )
+
+
+def _without_nul(text: str) -> str:
+    """Return the text as it is recorded: a NUL says that a file was cut off within it."""
+    return text.replace('\0', '\ufffd')
 
 
 def _left_behind(database: sqlite3.Connection, said: str, vouched: str) -> RaceMemory | None:
@@ -913,7 +918,9 @@ def events(
     )
     for row in rows:
         # SQLite takes any value for any column.
-        if not all(map(isinstance, row, _TYPES)) or not abs(row[2]) < MOST_SECONDS:
+        damaged = not all(map(isinstance, row, _TYPES)) or not abs(row[2]) < MOST_SECONDS
+        # For what is missing at the end of a file, SQLite has zeros.
+        if damaged or any('\0' in value for value in row if isinstance(value, str)):
             raise sqlite3.DatabaseError(f'event {row[0]!r} of run {session} is damaged')
         event = RecordedEvent(*row)
         yield dataclasses.replace(event, success=bool(event.success))

@@ -285,6 +285,14 @@ def without_its_last_byte(path: pathlib.Path) -> None:
     os.truncate(path, path.stat().st_size - 1)
 
 
+def a_text_that_was_cut_off(path: pathlib.Path) -> None:
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.execute(
+            "UPDATE event SET text = substr(text, 1, 5) || x'00' WHERE session = 2 AND sequence = 9"
+        )
+        database.commit()
+
+
 def pages_overwritten(path: pathlib.Path) -> None:
     with path.open('r+b') as file:
         for share in (0.3, 0.6):
@@ -315,6 +323,7 @@ DAMAGED_FILES = [
     half,
     cut_within_a_page,
     without_its_last_byte,
+    a_text_that_was_cut_off,
     pages_overwritten,
     a_value_of_another_type,
     a_session_that_is_garbled,
