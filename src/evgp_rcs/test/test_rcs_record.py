@@ -288,7 +288,7 @@ def without_its_last_byte(path: pathlib.Path) -> None:
 def a_text_that_was_cut_off(path: pathlib.Path) -> None:
     with contextlib.closing(sqlite3.connect(path)) as database:
         database.execute(
-            "UPDATE event SET text = substr(text, 1, 5) || x'00' WHERE session = 2 AND sequence = 9"
+            "UPDATE event SET text = 'cut' || x'00' WHERE session = 2 AND sequence = 9"
         )
         database.commit()
 
