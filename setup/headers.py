@@ -15,7 +15,7 @@
 """
 Check that every source file names its copyright and licence; with --add, add what is missing.
 
-    python3 setup/headers.py          names the files without a header; exit status 1 if there are any
+    python3 setup/headers.py          names the files without a header; exit status 1 if any
     python3 setup/headers.py --add    adds the header to these files
 
 Python, C and CMake files get the whole notice, which ament_copyright looks for; all others the two
@@ -73,7 +73,7 @@ HEAD = 2000
 
 
 def header(path: pathlib.Path, text: str) -> str | None:
-    """Return the header that a file of this name and content has to have, None if it needs none."""
+    """Return the header that a file of this name and content has to have; None: it needs none."""
     copyright_line = f'Copyright {YEAR} {HOLDER}'
     mark = WHOLE.get(path.suffix)
     if mark is not None:
@@ -97,7 +97,7 @@ def with_header(path: pathlib.Path, text: str) -> str:
     first = re.match(r'(#!|<!doctype).*\n', text, re.IGNORECASE)
     kept = first[0] if first else ''
     gap = '' if path.suffix == '.html' else '\n'
-    rest = text[len(kept) :]
+    rest = text.removeprefix(kept)
     if path.suffix not in WHOLE and rest.startswith('#'):
         gap = '#\n'  # one comment with what follows
     return f'{kept}{header(path, text) or ""}{gap}{rest}'

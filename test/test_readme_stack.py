@@ -156,4 +156,6 @@ def test_readme_shows_the_stack_as_it_is() -> None:
     readme = (ROOT / 'README.md').read_text(encoding='utf-8')
     shown = re.findall(r'^```python\n(.*?)^```$', readme, re.MULTILINE | re.DOTALL)
     program = pathlib.Path(shortest_stack.__file__).read_text(encoding='utf-8')
-    assert program[program.index('"""') :] in shown  # without the licence
+    licence, quotes, rest = program.partition('"""')
+    assert quotes + rest in shown
+    assert licence.startswith('# Copyright')

@@ -32,7 +32,9 @@ setup(
     extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='EVGP race control maintainers',
-    maintainer_email='maintainers@users.noreply.h-seed-31a65fc7.example',
+    maintainer_email='evgp-race-control@users.noreply.github.com',
+    author='EVGP race control contributors',
+    url='https://engineering.purdue.edu/evGrandPrix/',
     description='Inspects whether a kart, or a race control, is fit to race; needs no ROS.',
     license='Apache-2.0',
     entry_points={

@@ -32,7 +32,9 @@ setup(
     extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='EVGP race control maintainers',
-    maintainer_email='maintainers@users.noreply.h-seed-31a65fc7.example',
+    maintainer_email='evgp-race-control@users.noreply.github.com',
+    author='EVGP race control contributors',
+    url='https://engineering.purdue.edu/evGrandPrix/',
     description='What the nodes of the EVGP race control share as ROS processes.',
     license='Apache-2.0',
 )

@@ -40,7 +40,9 @@ setup(
     },
     zip_safe=False,
     maintainer='EVGP race control maintainers',
-    maintainer_email='maintainers@users.noreply.h-seed-31a65fc7.example',
+    maintainer_email='evgp-race-control@users.noreply.github.com',
+    author='EVGP race control contributors',
+    url='https://engineering.purdue.edu/evGrandPrix/',
     description='The EVGP race control: rules, kart server, record and node for the officials.',
     license='Apache-2.0',
     entry_points={

@@ -34,7 +34,9 @@ setup(
     entry_points={'pytest11': ['evgp_testing = evgp_testing.plugin']},
     zip_safe=False,
     maintainer='EVGP race control maintainers',
-    maintainer_email='maintainers@users.noreply.h-seed-31a65fc7.example',
+    maintainer_email='evgp-race-control@users.noreply.github.com',
+    author='EVGP race control contributors',
+    url='https://engineering.purdue.edu/evGrandPrix/',
     description='The parts of a race for tests, as a pytest plugin; all real, none a mock.',
     license='Apache-2.0',
 )

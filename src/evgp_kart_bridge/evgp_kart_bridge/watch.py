@@ -204,7 +204,7 @@ class RaceStateWatch:
     @property
     def state(self) -> RaceState:
         """
-        The state to obey now.
+        Return the state to obey now.
 
         RED_RED before the bridge is heard, when it says so, once it has been silent for the
         lease, when it is gone, when two bridges speak, when it says what is no state, and when it
@@ -222,7 +222,7 @@ class RaceStateWatch:
     @property
     def order(self) -> Order:
         """
-        What to do now: obey its `state`, and acknowledge this order, no other, once it is reached.
+        Return what to do now: obey its `state`; once it is reached, acknowledge this very order.
 
         It is the same object until something else is to be done. A new command is a new order,
         also when it asks for the same state, and so is what follows a doubt or a team stop.

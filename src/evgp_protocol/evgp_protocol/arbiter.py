@@ -246,7 +246,7 @@ class Arbiter:
 
     @property
     def verdict(self) -> Verdict:
-        """What holds as of the last input."""
+        """Return what holds as of the last input."""
         commanded = self._commanded
         reasons = []
         if self._engaged[StopSource.TWO_BRIDGES]:  # first: the others may follow from it

@@ -58,7 +58,7 @@ class Kart:
 
     @property
     def verdict(self) -> Verdict:
-        """What holds as of the last input."""
+        """Return what holds as of the last input."""
         return self._arbiter.verdict
 
     @property

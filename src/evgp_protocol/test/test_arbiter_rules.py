@@ -142,7 +142,7 @@ class Oracle:
 
     @property
     def armed(self) -> bool:
-        """A GRID_ACTIVE was acknowledged on this connection, and nothing came between."""
+        """Return whether a GRID_ACTIVE was acknowledged here, and nothing came between."""
         if self.since is None:
             return False
         for index in range(self.since, len(self.history)):

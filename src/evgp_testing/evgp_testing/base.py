@@ -74,7 +74,7 @@ class SimulatedBase(RosSide):
 
     @property
     def speed_to_come(self) -> float:
-        """The highest speed that it has, or is going to try by the commands it has, m/s."""
+        """Return the highest speed that it has, or is going to try by the commands it has, m/s."""
         with self._moving:
             speed = self._move(time.monotonic())
             return max([speed, self._wanted, *(wanted for _, wanted in self._coming)])
