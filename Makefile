@@ -140,7 +140,7 @@ screenshots:
 # Every check runs, whatever those before it found.
 lint:
 	@failed=; \
-	for check in 'python setup/headers.py' 'ruff check' 'ruff format --check' flake8 \
+	for check in 'python setup/headers.py' 'ruff check' 'ruff format --check' 'setup/without-ros flake8' \
 	    'pydocstyle bench demo fuzz kit setup soak src test' mypy; do \
 	  echo "$$check"; \
 	  $(IN_WORKSPACE) $$check || failed=1; \

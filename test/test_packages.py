@@ -135,6 +135,13 @@ def test_the_linters_of_ament_are_asked_for_and_asked(path: pathlib.Path) -> Non
     assert {'ament_copyright', 'ament_flake8', 'ament_pep257', 'ament_xmllint'} <= wanted
 
 
+def test_every_launch_file_is_launched_by_a_test() -> None:
+    text = (ROOT / 'test/test_launch_files.py').read_text(encoding='utf-8')
+    files = [path.name for path in (ROOT / 'src').glob('*/launch/*.py')]
+    assert files
+    assert [name for name in files if f"'{name}'" not in text] == []
+
+
 def load_headers() -> ModuleType:
     """Return setup/headers.py, which is no module of any package."""
     spec = importlib.util.spec_from_file_location('headers', ROOT / 'setup/headers.py')

@@ -57,13 +57,8 @@ DIAGNOSTICS_EVERY = 1.0
 """Time between two messages of diagnostics, in seconds."""
 
 
-def main(arguments: Sequence[str]) -> int:
-    """
-    Write a run into a bag.
-
-    :return: the exit code.
-    :raises UnreadableError: if the record or the run cannot be read.
-    """
+def options() -> argparse.ArgumentParser:
+    """Return what reads the command line of `rcs_record mcap`."""
     parser = argparse.ArgumentParser(
         prog='rcs_record mcap',
         description='Write a run, the newest by default, as a bag of ROS messages in the MCAP '
@@ -72,7 +67,17 @@ def main(arguments: Sequence[str]) -> int:
     )
     add_run_arguments(parser)
     parser.add_argument('out', type=pathlib.Path, help='the bag, a new file (race.mcap)')
-    wanted = parser.parse_args(arguments)
+    return parser
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Write a run into a bag.
+
+    :return: the exit code.
+    :raises UnreadableError: if the record or the run cannot be read.
+    """
+    wanted = options().parse_args(arguments)
     try:
         # With the rest of ROS; and mcap has no rosdep key.
         from evgp_rcs.bag import open_bag

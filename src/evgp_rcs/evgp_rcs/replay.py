@@ -385,13 +385,8 @@ class Kept:
         return Replay(self.setup, self.blocks, self.happened, goes_on, self.damaged).run()
 
 
-def main(arguments: Sequence[str]) -> int:
-    """
-    Replay a run, and print what was compared and what differs first.
-
-    :return: the exit code.
-    :raises UnreadableError: if the record or the run cannot be read, or has no inputs.
-    """
+def options() -> argparse.ArgumentParser:
+    """Return what reads the command line of `rcs_record replay`."""
     parser = argparse.ArgumentParser(
         prog='rcs_record replay',
         description='Run the rules again on what went into them in a run, the newest by default, '
@@ -402,7 +397,17 @@ def main(arguments: Sequence[str]) -> int:
         'could be replayed.',
     )
     add_run_arguments(parser)
-    wanted = parser.parse_args(arguments)
+    return parser
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Replay a run, and print what was compared and what differs first.
+
+    :return: the exit code.
+    :raises UnreadableError: if the record or the run cannot be read, or has no inputs.
+    """
+    wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
         run = runs.choose(wanted.run)
         goes_on = run is runs.present

@@ -29,13 +29,8 @@ FINISHED = 'FINISHED'
 """Kind of an event of older versions, which told each finish a second time."""
 
 
-def main(arguments: Sequence[str]) -> int:
-    """
-    Print the runs of race control in a record, or the timeline of one.
-
-    :return: the exit code.
-    :raises UnreadableError: if the record or the run cannot be read.
-    """
+def options() -> argparse.ArgumentParser:
+    """Return what reads the command line of `rcs_record show`."""
     parser = argparse.ArgumentParser(
         prog='rcs_record show',
         description="Print the newest run in race control's record, as a timeline: the time of "
@@ -52,7 +47,17 @@ def main(arguments: Sequence[str]) -> int:
         metavar='NUMBER',
         help='print the events of this kart, and those that concern no single kart',
     )
-    wanted = parser.parse_args(arguments)
+    return parser
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Print the runs of race control in a record, or the timeline of one.
+
+    :return: the exit code.
+    :raises UnreadableError: if the record or the run cannot be read.
+    """
+    wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
         if wanted.list:
             for each in runs.listed:

@@ -70,6 +70,10 @@ def main(
         print(f'rcs_gui: {error}', file=sys.stderr)
         return 2
     application = QtWidgets.QApplication(remove_ros_args(given))
+    # Python runs these when the window's timer gives it the chance. To quit at once would be in
+    # vain before the loop runs. Not later: KeyboardInterrupt inside Qt is a crash.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: QtCore.QTimer.singleShot(0, application.quit))
     application.setStyle('Fusion')
     inbox = Inbox()
     try:
@@ -80,10 +84,6 @@ def main(
     signature = Signature(_given(client.node, 'official', _OFFICIAL), os.getpid())
     banner = _given(client.node, 'banner', _BANNER)
     window = ConsoleWindow(inbox, client.give, signature, looking(client.topic), banner)
-    # Python runs these when the window's timer gives it the chance. To quit at once would be in
-    # vain before the loop runs.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: QtCore.QTimer.singleShot(0, application.quit))
     window.showMaximized()
     if on_window is not None:
         on_window(window)

@@ -53,13 +53,8 @@ SUMMED = (
 """The fields of each event that its sum is of, in this order, as a line of JSON."""
 
 
-def main(arguments: Sequence[str]) -> int:
-    """
-    Write the report of one run of a record.
-
-    :return: the exit code.
-    :raises UnreadableError: if the record or the run cannot be read.
-    """
+def options() -> argparse.ArgumentParser:
+    """Return what reads the command line of `rcs_record report`."""
     parser = argparse.ArgumentParser(
         prog='rcs_record report',
         description='Write the report of the newest run, or of a part of it, as one HTML file.',
@@ -80,7 +75,17 @@ def main(arguments: Sequence[str]) -> int:
         metavar='NUMBER',
         help='show this kart, and what concerns no single kart',
     )
-    wanted = parser.parse_args(arguments)
+    return parser
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Write the report of one run of a record.
+
+    :return: the exit code.
+    :raises UnreadableError: if the record or the run cannot be read.
+    """
+    wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
         run = runs.choose(wanted.run)
         of_run = read_run(runs, run)
@@ -90,7 +95,7 @@ def main(arguments: Sequence[str]) -> int:
     try:
         part = _part(account, run, wanted.start, wanted.end, wanted.kart)
     except ValueError as error:
-        parser.error(str(error))
+        options().error(str(error))
     written = page(account, part, source)
     try:
         wanted.output.write_text(written, encoding='utf-8', errors='replace')

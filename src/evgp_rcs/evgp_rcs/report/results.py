@@ -52,13 +52,8 @@ FORMULA = '=+-@\t\r\n'
 """With what a cell begins that a spreadsheet may run."""
 
 
-def main(arguments: Sequence[str]) -> int:
-    """
-    Write the results of a run as CSV.
-
-    :return: the exit code.
-    :raises UnreadableError: if the record or the run cannot be read.
-    """
+def options() -> argparse.ArgumentParser:
+    """Return what reads the command line of `rcs_record results`."""
     parser = argparse.ArgumentParser(
         prog='rcs_record results',
         description='Write the results of each race of a run as CSV: the order, the time from '
@@ -75,7 +70,17 @@ def main(arguments: Sequence[str]) -> int:
         metavar='FILE',
         help='write this file; otherwise the results are printed',
     )
-    wanted = parser.parse_args(arguments)
+    return parser
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Write the results of a run as CSV.
+
+    :return: the exit code.
+    :raises UnreadableError: if the record or the run cannot be read.
+    """
+    wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
         run = runs.choose(wanted.run)
         of_run = read_run(runs, run)
