@@ -1,3 +1,6 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+#
 # The commands of the project. Each sets up first what is not set up yet (.venv, build/, install/).
 #
 #   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
@@ -58,7 +61,7 @@ help:
 	@echo "make console open the officials' window               (OFFICIAL=Anna OFFICIALS=10.1.0.6)"
 	@echo 'make ctl     the same in the terminal                (ARGS="watch" OFFICIALS=10.1.0.6)'
 	@echo 'make lint    check style and types'
-	@echo 'make format  format the code, as far as a tool can'
+	@echo 'make format  format the code, and add missing copyright headers'
 	@echo 'make screenshots  take the pictures of docs/ again'
 	@echo 'make setup   set up only, with what the window needs'
 	@echo 'make clean   remove all that the set-up made'
@@ -137,7 +140,7 @@ screenshots:
 # Every check runs, whatever those before it found.
 lint:
 	@failed=; \
-	for check in 'ruff check' 'ruff format --check' flake8 \
+	for check in 'python setup/headers.py' 'ruff check' 'ruff format --check' 'setup/without-ros flake8' \
 	    'pydocstyle bench demo fuzz kit setup soak src test' mypy; do \
 	  echo "$$check"; \
 	  $(IN_WORKSPACE) $$check || failed=1; \
@@ -145,6 +148,7 @@ lint:
 	test -z "$$failed"
 
 format:
+	python3 setup/headers.py --add
 	$(IN_WORKSPACE) ruff check --fix
 	$(IN_WORKSPACE) ruff format
 

@@ -1,3 +1,17 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """
 Set up the environment and the workspace: .venv, then build/ and install/.
 
@@ -7,9 +21,9 @@ Needs the standard library only, and parses on any Python 3.7 or later, so that 
 cannot be used can still say so. Decisions are functions of their arguments and are tested;
 whatever touches the machine stands below them.
 
-There are two ways to have ROS 2 Jazzy. With one sourced (ROS_DISTRO=jazzy) it is used as it
+There are two ways to have ROS 2. With one sourced (ROS_DISTRO, one of SOURCED) it is used as it
 stands, its interpreter and its colcon too, and .venv only adds the tests' and checks' tools to
-it. Without one, .venv holds ROS itself, from wheels.
+it. Without one, .venv holds ROS itself, Jazzy, from wheels.
 
 What has been made is marked by a stamp that is removed before and written after the making, so
 that a half-made environment is never taken for a whole one.
@@ -49,7 +63,10 @@ CONSOLE_STAMP = VENV / '.console-stamp'
 WHEEL_PYTHONS = ('3.11', '3.12')
 OLDEST_GLIBC = (2, 28)
 
-# What a sourced Jazzy must offer beside rclpy, and what brings it on Ubuntu.
+# The distributions that everything is for; in-workspace has them too.
+SOURCED = ('jazzy', 'lyrical')
+
+# What a sourced ROS must offer beside rclpy, and what brings it on Ubuntu.
 SOURCED_MODULES = {
     'colcon_core': 'python3-colcon-common-extensions',
     'pytest': 'python3-pytest',
@@ -80,18 +97,19 @@ class Stamp:
 
 
 def is_sourced(environment: Mapping[str, str]) -> bool:
-    """Return whether an installed Jazzy is to be used, rather than wheels."""
-    return environment.get('ROS_DISTRO') == 'jazzy'
+    """Return whether an installed ROS is to be used, rather than wheels."""
+    return environment.get('ROS_DISTRO') in SOURCED
 
 
 def why_no_ros(environment: Mapping[str, str]) -> str | None:
-    """Return why the sourced ROS cannot be used, None where it is Jazzy or there is none."""
+    """Return why the sourced ROS cannot be used, None where it can or there is none."""
     distribution = environment.get('ROS_DISTRO')
-    if distribution in (None, '', 'jazzy'):
+    if distribution in (None, '', *SOURCED):
         return None
     return (
-        f'ROS 2 {distribution} is sourced in this shell, and this needs Jazzy; '
-        'use a shell with Jazzy sourced, or with no ROS at all.'
+        f'ROS 2 {distribution} is sourced in this shell, and this needs Jazzy or Lyrical; use a '
+        'shell with one of them sourced, or with no ROS at all. (On Humble, a kart builds the '
+        'bridge with colcon: README.)'
     )
 
 
@@ -99,7 +117,7 @@ def why_unfit(python: Interpreter, *, sourced: bool) -> str | None:
     """
     Return why the set-up cannot use this interpreter and what to install, in one sentence.
 
-    None where it can. With a sourced Jazzy its own interpreter is right whatever its version.
+    None where it can. With a sourced ROS its own interpreter is right whatever its version.
     """
     debian = 'on Debian or Ubuntu with'
     where = f'Python {python.version} ({python.executable})'
@@ -111,8 +129,8 @@ def why_unfit(python: Interpreter, *, sourced: bool) -> str | None:
     if sourced:
         if 'rclpy' not in python.modules:
             return (
-                f'ROS_DISTRO is jazzy but {where} finds no rclpy; source the setup.bash of your '
-                'ROS 2 Jazzy, or unset ROS_DISTRO to use wheels.'
+                f'ROS_DISTRO is set but {where} finds no rclpy; source the setup.bash of your '
+                'ROS 2, or unset ROS_DISTRO to use wheels.'
             )
         missing = [apt for name, apt in SOURCED_MODULES.items() if name not in python.modules]
         if missing:

@@ -1,3 +1,17 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A race on real parts, as a bag, read by a reader that shares nothing with the writer."""
 
 from __future__ import annotations
@@ -12,11 +26,23 @@ from typing import Any
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record import events, open_read_only
+from evgp_rcs.teller import EVENTS_QOS, RACE_QOS
 from evgp_rcs_msgs import msg
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.wire_kart import Acknowledges
 import pytest
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    qos_check_compatible,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 from rosbags.highlevel import AnyReader
+import yaml
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
 
 Published = dict[str, list[tuple[int, Any]]]
 
@@ -146,3 +172,42 @@ def test_without_the_package_for_bags_it_is_said_how_to_get_it(
     monkeypatch.setitem(sys.modules, 'mcap', None)
     assert rcs_record(['mcap', str(tmp_path / 'race.mcap')]) == 2
     assert 'pip install mcap' in capsys.readouterr().err
+
+
+def overrides() -> dict[str, QoSProfile]:
+    """Return how rosbag2 listens to the topics that it is told of, by bag_qos.yaml."""
+    text = (ROOT / 'src/evgp_rcs/config/bag_qos.yaml').read_text(encoding='utf-8')
+    return {
+        topic: QoSProfile(
+            history=HistoryPolicy[given['history'].upper()],
+            depth=given['depth'],
+            reliability=ReliabilityPolicy[given['reliability'].upper()],
+            durability=DurabilityPolicy[given['durability'].upper()],
+        )
+        for topic, given in yaml.safe_load(text).items()
+    }
+
+
+def test_rosbag2_is_told_of_every_latched_topic_of_race_control(
+    start_race_control: StartRaceControl, join_official: JoinOfficial
+) -> None:
+    official = join_official(start_race_control())
+    official.wait_for_race(lambda race: race.karts, 'a race')
+    latched = {
+        topic
+        for topic, _ in official.node.get_topic_names_and_types()
+        for publisher in official.node.get_publishers_info_by_topic(topic)
+        if publisher.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
+    }
+    assert latched - {'/rosout'} == set(overrides())
+
+
+@pytest.mark.parametrize(
+    ('topic', 'published'), [('/rcs/race', RACE_QOS), ('/rcs/events', EVENTS_QOS)]
+)
+def test_rosbag2_gets_all_that_a_latched_topic_keeps(topic: str, published: QoSProfile) -> None:
+    listens = overrides()[topic]
+    compatible, reason = qos_check_compatible(published, listens)
+    assert compatible is not QoSCompatibility.ERROR, reason
+    assert listens.durability is published.durability
+    assert listens.depth >= published.depth

@@ -1,3 +1,17 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What race control says of its own health on ``/diagnostics``, and of its record."""
 
 from __future__ import annotations
@@ -11,11 +25,14 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartBridge, StartRaceControl
 from evgp_testing.race_control import address_of, RaceControl
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges
 import pytest
+import yaml
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -142,3 +159,37 @@ def test_diagnostics_have_every_kart(
         ),
         lambda: f'kart 1 as it stands; heard {health.statuses}',
     )
+
+
+def analyzers(package: str) -> dict[str, list[str]]:
+    """Return, by the path of each analyzer of a package, what the names have that it takes."""
+    text = (ROOT / 'src' / package / 'config/analyzers.yaml').read_text(encoding='utf-8')
+    given = yaml.safe_load(text)['analyzers']['ros__parameters']
+    return {each['path']: each['contains'] for each in given.values() if isinstance(each, dict)}
+
+
+def taken(package: str, health: Health) -> dict[str, list[str]]:
+    """Return, by the name of each status, the analyzers that take it."""
+    return {
+        name: [path for path, parts in analyzers(package).items() if any(map(name.count, parts))]
+        for name in health.statuses
+    }
+
+
+def test_each_status_of_race_control_is_taken_by_one_analyzer(
+    start_race_control: StartRaceControl, look: Look
+) -> None:
+    health = look(start_race_control([1], [2]))
+    health.wait_for('rcs: kart 2', OK)
+    expected = {'rcs: race': ['Race'], 'rcs: kart 1': ['Karts'], 'rcs: kart 2': ['Karts']}
+    assert taken('evgp_rcs', health) == expected
+
+
+def test_the_status_of_the_bridge_is_taken_by_one_analyzer(
+    start_bridge: StartBridge, parts: contextlib.ExitStack
+) -> None:
+    bridge = start_bridge(port=9)  # where nobody listens
+    health = parts.enter_context(Health(bridge.domain))
+    health.wait_for('kart_bridge: race state', ERROR)
+    expected = {'kart_bridge: race state': ['Race control']}
+    assert taken('evgp_kart_bridge', health) == expected

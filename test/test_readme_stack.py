@@ -1,3 +1,17 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """README's stack as it stands, on a kart that takes its time to stop."""
 
 from __future__ import annotations
@@ -141,4 +155,7 @@ def test_the_bridge_lets_no_stack_acknowledge_a_stop_while_odometry_shows_motion
 def test_readme_shows_the_stack_as_it_is() -> None:
     readme = (ROOT / 'README.md').read_text(encoding='utf-8')
     shown = re.findall(r'^```python\n(.*?)^```$', readme, re.MULTILINE | re.DOTALL)
-    assert pathlib.Path(shortest_stack.__file__).read_text(encoding='utf-8') in shown
+    program = pathlib.Path(shortest_stack.__file__).read_text(encoding='utf-8')
+    licence, quotes, rest = program.partition('"""')
+    assert quotes + rest in shown
+    assert licence.startswith('# Copyright')

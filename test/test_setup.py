@@ -1,3 +1,17 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """What the set-up decides, and what it says to a machine that it cannot be set up on."""
 
 from __future__ import annotations
@@ -74,7 +88,7 @@ def test_a_sourced_jazzy_is_used_whatever_the_machine() -> None:
 @pytest.mark.parametrize(
     ('missing', 'advice'),
     [
-        ('rclpy', 'source the setup.bash of your ROS 2 Jazzy'),
+        ('rclpy', 'source the setup.bash of your ROS 2'),
         ('pytest', "'apt-get install python3-pytest'"),
         ('colcon_core', "'apt-get install python3-colcon-common-extensions'"),
     ],
@@ -85,9 +99,10 @@ def test_a_sourced_jazzy_that_lacks_something_is_told_what(missing: str, advice:
 
 
 @pytest.mark.parametrize(
-    ('distribution', 'sourced'), [(None, False), ('', False), ('jazzy', True)]
+    ('distribution', 'sourced'),
+    [(None, False), ('', False), ('jazzy', True), ('lyrical', True)],
 )
-def test_an_installed_ros_is_used_where_jazzy_is_sourced(
+def test_an_installed_ros_is_used_where_it_is_sourced(
     distribution: str | None, sourced: bool
 ) -> None:
     environment = {} if distribution is None else {'ROS_DISTRO': distribution}
@@ -96,7 +111,7 @@ def test_an_installed_ros_is_used_where_jazzy_is_sourced(
 
 
 def test_another_sourced_ros_is_refused() -> None:
-    assert 'Jazzy' in prepare.why_no_ros({'ROS_DISTRO': 'humble'})
+    assert 'Jazzy or Lyrical' in prepare.why_no_ros({'ROS_DISTRO': 'humble'})
 
 
 def test_a_missing_compiler_is_told_by_its_language() -> None:
@@ -191,6 +206,88 @@ def test_find_python_says_what_to_do_where_python_does_not_run() -> None:
         '',
         'PYTHON=no-such-python does not run; name a Python 3.11 or 3.12.\n',
     )
+
+
+def put_python(folder: pathlib.Path, answer: str, code: int) -> pathlib.Path:
+    """Put a Python into a folder that gives this answer when it is asked whether it fits."""
+    folder.mkdir(exist_ok=True)
+    python = folder / 'python3.12'
+    python.write_text(f'#!/bin/sh\necho "{answer}"\nexit {code}\n')
+    python.chmod(0o755)
+    return folder
+
+
+def find_python(*path: pathlib.Path, **environment: str) -> tuple[int, str]:
+    """Return the exit code of find-python with this PATH, and what it says."""
+    done = subprocess.run(
+        ['/bin/sh', ROOT / 'setup' / 'find-python'],
+        env={'PATH': os.pathsep.join([*map(str, path), '/usr/bin']), **environment},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+    return done.returncode, done.stdout.strip()
+
+
+def test_a_python_that_fits_is_found_behind_one_that_does_not(tmp_path: pathlib.Path) -> None:
+    pyenv = put_python(tmp_path / 'pyenv', 'install what is there', 1)
+    system = put_python(tmp_path / 'system', '/the/one', 0)
+    assert find_python(pyenv, system) == (0, '/the/one')
+
+
+@pytest.mark.skipif(not os.access('/usr/bin/python3', os.X_OK), reason='no /usr/bin/python3')
+def test_where_none_fits_the_advice_is_for_the_python_of_the_system(
+    tmp_path: pathlib.Path,
+) -> None:
+    pyenv = put_python(tmp_path / 'pyenv', 'install what is there', 1)
+    code, said = find_python(pyenv, ROS_DISTRO='unheard-of')  # no Python fits
+    assert code == 1
+    assert 'unheard-of' in said
+
+
+INTRUDER = """
+raise RuntimeError('a plugin of the system')
+"""
+
+
+@pytest.fixture
+def beside(tmp_path: pathlib.Path) -> dict[str, str]:
+    """Return an environment that has plugins of an installed ROS, which break what loads them."""
+    (tmp_path / 'intruder.py').write_text(INTRUDER)
+    made = tmp_path / 'intruder-1.0.dist-info'
+    made.mkdir()
+    (made / 'METADATA').write_text('Metadata-Version: 2.1\nName: intruder\nVersion: 1.0\n')
+    (made / 'entry_points.txt').write_text(
+        '[flake8.extension]\nX9 = intruder:check\n'
+        '[pytest11]\nlaunch_testing = intruder\nlaunch_ros = intruder\n'
+    )
+    path = f'{tmp_path}{os.pathsep}{os.environ.get("PYTHONPATH", "")}'
+    return {**os.environ, 'PYTHONPATH': path}
+
+
+def test_lint_loads_no_flake8_plugin_of_the_system(beside: dict[str, str]) -> None:
+    done = subprocess.run(
+        [ROOT / 'setup/without-ros', 'flake8', '--version'],
+        env={**beside, 'PATH': f'{pathlib.Path(sys.executable).parent}:{beside["PATH"]}'},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert 'import_order' in done.stdout
+
+
+def test_a_run_of_pytest_loads_no_launch_plugin_of_ros(beside: dict[str, str]) -> None:
+    done = subprocess.run(
+        [sys.executable, '-m', 'pytest', '--collect-only', '-q', __file__, '-k', 'no_launch'],
+        cwd=ROOT,
+        env=beside,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def pins(lock: str) -> dict[str, str]:

@@ -1,8 +1,26 @@
-"""Build file of the ament_python package evgp_protocol."""
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Build file of evgp_protocol, an ament_python package and one for pip alone."""
+
+import pathlib
 
 from setuptools import find_packages, setup
 
 PACKAGE = 'evgp_protocol'
+# Where colcon builds, setup.py is a link and has no neighbours.
+README = pathlib.Path(__file__).resolve().with_name('README.md')
 
 setup(
     name=PACKAGE,
@@ -13,12 +31,18 @@ setup(
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
     ],
-    install_requires=['setuptools'],
+    python_requires='>=3.10',
     # By this colcon knows how to run the tests.
     extras_require={'test': ['pytest']},
     zip_safe=False,
     maintainer='EVGP race control maintainers',
-    maintainer_email='maintainers@users.noreply.h-seed-31a65fc7.example',
+    maintainer_email='evgp-race-control@users.noreply.github.com',
+    author='EVGP race control contributors',
+    url='https://engineering.purdue.edu/evGrandPrix/',
     description='What goes over the wire between the EVGP race control and a kart; needs no ROS.',
+    long_description=README.read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
     license='Apache-2.0',
+    license_files=['LICENSE'],
+    classifiers=['Programming Language :: Python :: 3', 'Typing :: Typed'],
 )

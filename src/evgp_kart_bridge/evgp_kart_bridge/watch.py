@@ -1,3 +1,17 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """
 For a team's stack: what to do now, and how to say that it is done.
 
@@ -190,7 +204,7 @@ class RaceStateWatch:
     @property
     def state(self) -> RaceState:
         """
-        The state to obey now.
+        Return the state to obey now.
 
         RED_RED before the bridge is heard, when it says so, once it has been silent for the
         lease, when it is gone, when two bridges speak, when it says what is no state, and when it
@@ -208,7 +222,7 @@ class RaceStateWatch:
     @property
     def order(self) -> Order:
         """
-        What to do now: obey its `state`, and acknowledge this order, no other, once it is reached.
+        Return what to do now: obey its `state`; once it is reached, acknowledge this very order.
 
         It is the same object until something else is to be done. A new command is a new order,
         also when it asks for the same state, and so is what follows a doubt or a team stop.

@@ -1,3 +1,17 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """
 The rules of the arbiter, held against an oracle that knows only the history of the inputs.
 
@@ -128,7 +142,7 @@ class Oracle:
 
     @property
     def armed(self) -> bool:
-        """A GRID_ACTIVE was acknowledged on this connection, and nothing came between."""
+        """Return whether a GRID_ACTIVE was acknowledged here, and nothing came between."""
         if self.since is None:
             return False
         for index in range(self.since, len(self.history)):

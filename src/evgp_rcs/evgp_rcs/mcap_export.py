@@ -1,3 +1,17 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A run of a record as a bag: what ``~/race``, ``~/events`` and ``/diagnostics`` said in it."""
 
 from __future__ import annotations
@@ -43,13 +57,8 @@ DIAGNOSTICS_EVERY = 1.0
 """Time between two messages of diagnostics, in seconds."""
 
 
-def main(arguments: Sequence[str]) -> int:
-    """
-    Write a run into a bag.
-
-    :return: the exit code.
-    :raises UnreadableError: if the record or the run cannot be read.
-    """
+def options() -> argparse.ArgumentParser:
+    """Return what reads the command line of `rcs_record mcap`."""
     parser = argparse.ArgumentParser(
         prog='rcs_record mcap',
         description='Write a run, the newest by default, as a bag of ROS messages in the MCAP '
@@ -58,7 +67,17 @@ def main(arguments: Sequence[str]) -> int:
     )
     add_run_arguments(parser)
     parser.add_argument('out', type=pathlib.Path, help='the bag, a new file (race.mcap)')
-    wanted = parser.parse_args(arguments)
+    return parser
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Write a run into a bag.
+
+    :return: the exit code.
+    :raises UnreadableError: if the record or the run cannot be read.
+    """
+    wanted = options().parse_args(arguments)
     try:
         # With the rest of ROS; and mcap has no rosdep key.
         from evgp_rcs.bag import open_bag

@@ -1,13 +1,31 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+#
+# PYTHON_ARGCOMPLETE_OK
+
 """``rcs_record``, or ``make record``: what can be done with the record of a race."""
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Sequence
 import difflib
 import io
 import os
 import pathlib
 import sys
+from typing import NoReturn, TypeAlias
 
 from evgp_rcs import mcap_export, replay, timeline
 from evgp_rcs.record import default_path
@@ -15,14 +33,37 @@ from evgp_rcs.report import command as report
 from evgp_rcs.report import results
 from evgp_rcs.runs import say, UNREADABLE, UnreadableError
 
-WAYS: dict[str, tuple[Callable[[Sequence[str]], int], str]] = {
-    'show': (timeline.main, 'print a run as a timeline; the word show may be left out'),
-    'results': (results.main, 'write who finished when, and who did not and why, as CSV'),
-    'report': (report.main, 'write a run, or a part of it, as a report in one HTML file'),
-    'replay': (replay.main, 'run the rules again on what went into them, and compare'),
-    'mcap': (mcap_export.main, 'make a bag for Foxglove, PlotJuggler and ros2 bag'),
+Main: TypeAlias = Callable[[Sequence[str]], int]
+Options: TypeAlias = Callable[[], argparse.ArgumentParser]
+
+WAYS: dict[str, tuple[Main, Options, str]] = {
+    'show': (
+        timeline.main,
+        timeline.options,
+        'print a run as a timeline; the word show may be left out',
+    ),
+    'results': (
+        results.main,
+        results.options,
+        'write who finished when, and who did not and why, as CSV',
+    ),
+    'report': (
+        report.main,
+        report.options,
+        'write a run, or a part of it, as a report in one HTML file',
+    ),
+    'replay': (
+        replay.main,
+        replay.options,
+        'run the rules again on what went into them, and compare',
+    ),
+    'mcap': (
+        mcap_export.main,
+        mcap_export.options,
+        'make a bag for Foxglove, PlotJuggler and ros2 bag',
+    ),
 }
-"""What the first argument may be: what it calls with the rest, and what that does."""
+"""What the first argument may be: what it calls with the rest, what reads that, what that does."""
 
 HELP = """\
 usage: rcs_record [show] [FILE] [--list] [--run NUMBER] [--kart NUMBER]
@@ -62,6 +103,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     :return: the exit code: see `HELP`.
     """
+    if '_ARGCOMPLETE' in os.environ:  # the shell asks what could come next
+        _complete()
     given = list(sys.argv[1:] if arguments is None else arguments)
     if isinstance(sys.stdout, io.TextIOWrapper):
         # A terminal that knows few characters shows the others somehow.
@@ -88,8 +131,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
+def _complete() -> NoReturn:
+    """Answer the shell, and exit."""
+    import argcomplete
+
+    whole = argparse.ArgumentParser(parents=[timeline.options()], conflict_handler='resolve')
+    ways = whole.add_subparsers()
+    for way, (_, options, _) in WAYS.items():
+        ways.add_parser(way, parents=[options()], conflict_handler='resolve')
+    argcomplete.autocomplete(whole)
+    raise AssertionError('argcomplete exits')
+
+
 def _help() -> str:
-    lines = '\n'.join(f'  {way:8} {what}' for way, (_, what) in WAYS.items())
+    lines = '\n'.join(f'  {way:8} {what}' for way, (_, _, what) in WAYS.items())
     return HELP.format(
         subcommands='{' + ','.join(way for way in WAYS if way != 'show') + '}',
         default=default_path(),

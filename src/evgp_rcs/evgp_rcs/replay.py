@@ -1,3 +1,17 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """
 Runs the rules again on what went into them, and compares what comes out with the record.
 
@@ -371,13 +385,8 @@ class Kept:
         return Replay(self.setup, self.blocks, self.happened, goes_on, self.damaged).run()
 
 
-def main(arguments: Sequence[str]) -> int:
-    """
-    Replay a run, and print what was compared and what differs first.
-
-    :return: the exit code.
-    :raises UnreadableError: if the record or the run cannot be read, or has no inputs.
-    """
+def options() -> argparse.ArgumentParser:
+    """Return what reads the command line of `rcs_record replay`."""
     parser = argparse.ArgumentParser(
         prog='rcs_record replay',
         description='Run the rules again on what went into them in a run, the newest by default, '
@@ -388,7 +397,17 @@ def main(arguments: Sequence[str]) -> int:
         'could be replayed.',
     )
     add_run_arguments(parser)
-    wanted = parser.parse_args(arguments)
+    return parser
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Replay a run, and print what was compared and what differs first.
+
+    :return: the exit code.
+    :raises UnreadableError: if the record or the run cannot be read, or has no inputs.
+    """
+    wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
         run = runs.choose(wanted.run)
         goes_on = run is runs.present

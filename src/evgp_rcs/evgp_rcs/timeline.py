@@ -1,3 +1,17 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The record of a race as a timeline in the terminal."""
 
 from __future__ import annotations
@@ -15,13 +29,8 @@ FINISHED = 'FINISHED'
 """Kind of an event of older versions, which told each finish a second time."""
 
 
-def main(arguments: Sequence[str]) -> int:
-    """
-    Print the runs of race control in a record, or the timeline of one.
-
-    :return: the exit code.
-    :raises UnreadableError: if the record or the run cannot be read.
-    """
+def options() -> argparse.ArgumentParser:
+    """Return what reads the command line of `rcs_record show`."""
     parser = argparse.ArgumentParser(
         prog='rcs_record show',
         description="Print the newest run in race control's record, as a timeline: the time of "
@@ -38,7 +47,17 @@ def main(arguments: Sequence[str]) -> int:
         metavar='NUMBER',
         help='print the events of this kart, and those that concern no single kart',
     )
-    wanted = parser.parse_args(arguments)
+    return parser
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Print the runs of race control in a record, or the timeline of one.
+
+    :return: the exit code.
+    :raises UnreadableError: if the record or the run cannot be read.
+    """
+    wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
         if wanted.list:
             for each in runs.listed:

@@ -1,3 +1,19 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+#
+# PYTHON_ARGCOMPLETE_OK
+
 """
 The officials' terminal client: `rcs_ctl`, one command per command of an official, and `watch`.
 
@@ -15,6 +31,7 @@ from collections.abc import Sequence
 import os
 import signal
 import sys
+from typing import NoReturn
 
 from evgp_protocol.clock import now
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
@@ -77,6 +94,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     :return: a code of ``Exit``.
     """
+    if '_ARGCOMPLETE' in os.environ:  # the shell asks what could come next
+        _complete()
     given = list(sys.argv[1:] if arguments is None else arguments)
     wanted = parser().parse_args(without_ros_arguments(given))
     # A shell that starts it in the background makes it ignore SIGINT, and Python keeps that.
@@ -99,6 +118,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return Exit.ACCEPTED if wanted.command == 'watch' else Exit.NOT_THERE
     finally:
         apart.end(TIDY)
+
+
+def _complete() -> NoReturn:
+    """Answer the shell, and exit. No command may ever come of a question."""
+    import argcomplete
+
+    argcomplete.autocomplete(parser())
+    raise AssertionError('argcomplete exits')
 
 
 def _ask_for_name(wanted: argparse.Namespace) -> None:

@@ -1,3 +1,17 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """The officials' window as a process: `ros2 run evgp_rcs_console rcs_gui`."""
 
 from __future__ import annotations
@@ -56,6 +70,10 @@ def main(
         print(f'rcs_gui: {error}', file=sys.stderr)
         return 2
     application = QtWidgets.QApplication(remove_ros_args(given))
+    # Python runs these when the window's timer gives it the chance. To quit at once would be in
+    # vain before the loop runs. Not later: KeyboardInterrupt inside Qt is a crash.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: QtCore.QTimer.singleShot(0, application.quit))
     application.setStyle('Fusion')
     inbox = Inbox()
     try:
@@ -66,10 +84,6 @@ def main(
     signature = Signature(_given(client.node, 'official', _OFFICIAL), os.getpid())
     banner = _given(client.node, 'banner', _BANNER)
     window = ConsoleWindow(inbox, client.give, signature, looking(client.topic), banner)
-    # Python runs these when the window's timer gives it the chance. To quit at once would be in
-    # vain before the loop runs.
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: QtCore.QTimer.singleShot(0, application.quit))
     window.showMaximized()
     if on_window is not None:
         on_window(window)

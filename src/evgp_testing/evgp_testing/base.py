@@ -1,3 +1,17 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """A kart's base with inertia: obeys velocity commands, says its speed, brakes when left alone."""
 
 from __future__ import annotations
@@ -60,7 +74,7 @@ class SimulatedBase(RosSide):
 
     @property
     def speed_to_come(self) -> float:
-        """The highest speed that it has, or is going to try by the commands it has, m/s."""
+        """Return the highest speed that it has, or is going to try by the commands it has, m/s."""
         with self._moving:
             speed = self._move(time.monotonic())
             return max([speed, self._wanted, *(wanted for _, wanted in self._coming)])

@@ -1,3 +1,6 @@
+// Copyright 2026 EVGP race control contributors
+// SPDX-License-Identifier: Apache-2.0
+
 /*
  * A kart on a microcontroller with WiFi (ESP32 and the like), with evgp_kart.h.
  *

@@ -1,3 +1,17 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """``rcs_record report``: write the report of a run."""
 
 from __future__ import annotations
@@ -39,13 +53,8 @@ SUMMED = (
 """The fields of each event that its sum is of, in this order, as a line of JSON."""
 
 
-def main(arguments: Sequence[str]) -> int:
-    """
-    Write the report of one run of a record.
-
-    :return: the exit code.
-    :raises UnreadableError: if the record or the run cannot be read.
-    """
+def options() -> argparse.ArgumentParser:
+    """Return what reads the command line of `rcs_record report`."""
     parser = argparse.ArgumentParser(
         prog='rcs_record report',
         description='Write the report of the newest run, or of a part of it, as one HTML file.',
@@ -66,7 +75,17 @@ def main(arguments: Sequence[str]) -> int:
         metavar='NUMBER',
         help='show this kart, and what concerns no single kart',
     )
-    wanted = parser.parse_args(arguments)
+    return parser
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Write the report of one run of a record.
+
+    :return: the exit code.
+    :raises UnreadableError: if the record or the run cannot be read.
+    """
+    wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
         run = runs.choose(wanted.run)
         of_run = read_run(runs, run)
@@ -76,7 +95,7 @@ def main(arguments: Sequence[str]) -> int:
     try:
         part = _part(account, run, wanted.start, wanted.end, wanted.kart)
     except ValueError as error:
-        parser.error(str(error))
+        options().error(str(error))
     written = page(account, part, source)
     try:
         wanted.output.write_text(written, encoding='utf-8', errors='replace')

@@ -1,3 +1,6 @@
+// Copyright 2026 EVGP race control contributors
+// SPDX-License-Identifier: Apache-2.0
+
 'use strict';
 // Draws the timeline, and shows the events that the reader asks for. Texts of the record are
 // only ever drawn, or set as text.

@@ -1,3 +1,17 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
 """``rcs_record results``: who finished when, and who did not and why, as a table."""
 
 from __future__ import annotations
@@ -38,13 +52,8 @@ FORMULA = '=+-@\t\r\n'
 """With what a cell begins that a spreadsheet may run."""
 
 
-def main(arguments: Sequence[str]) -> int:
-    """
-    Write the results of a run as CSV.
-
-    :return: the exit code.
-    :raises UnreadableError: if the record or the run cannot be read.
-    """
+def options() -> argparse.ArgumentParser:
+    """Return what reads the command line of `rcs_record results`."""
     parser = argparse.ArgumentParser(
         prog='rcs_record results',
         description='Write the results of each race of a run as CSV: the order, the time from '
@@ -61,7 +70,17 @@ def main(arguments: Sequence[str]) -> int:
         metavar='FILE',
         help='write this file; otherwise the results are printed',
     )
-    wanted = parser.parse_args(arguments)
+    return parser
+
+
+def main(arguments: Sequence[str]) -> int:
+    """
+    Write the results of a run as CSV.
+
+    :return: the exit code.
+    :raises UnreadableError: if the record or the run cannot be read.
+    """
+    wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
         run = runs.choose(wanted.run)
         of_run = read_run(runs, run)

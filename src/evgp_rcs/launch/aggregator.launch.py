@@ -1,0 +1,51 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Aggregate race control's diagnostics: ros2 launch evgp_rcs aggregator.launch.py .
+
+It needs the package diagnostic_aggregator (apt: ros-jazzy-diagnostic-aggregator), which nothing
+else here does. It publishes /diagnostics_agg, on the same graph as race control.
+"""
+
+from evgp_node.graph import bind_graph
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.substitutions import FindPackageShare
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the description that `ros2 launch` looks for."""
+    # It is on the same graph as race control, by the same settings; they go through the
+    # environment, which the aggregator inherits.
+    bind_graph()
+    config = PathJoinSubstitution([FindPackageShare('evgp_rcs'), 'config'])
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                'analyzers_file',
+                default_value=PathJoinSubstitution([config, 'analyzers.yaml']),
+                description='The file of the analyzers.',
+            ),
+            Node(
+                package='diagnostic_aggregator',
+                executable='aggregator_node',
+                name='analyzers',
+                parameters=[LaunchConfiguration('analyzers_file')],
+                output='screen',
+            ),
+        ]
+    )

@@ -1,0 +1,375 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Every launch file, by a real `launch`: what it starts is there, comes back, and ends in order.
+
+A `launch` in a process of its own does here what `ros2 launch` does. launch_testing is not used:
+its plugin for pytest breaks every run of pytest 9, and it lets nobody kill what it has launched.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+import contextlib
+import importlib.util
+import itertools
+import json
+import os
+import pathlib
+import re
+import signal
+import subprocess
+import sys
+from typing import Any
+
+from ament_index_python.packages import get_package_share_directory
+from evgp_node.process import WRONG_SETTING
+from evgp_node.states import state_of
+from evgp_protocol.states import RaceState
+from evgp_testing.bare_race_control import BareRaceControl
+from evgp_testing.domains import Domain
+from evgp_testing.kart import Team
+from evgp_testing.official import Official, SERVICES
+from evgp_testing.process import PATIENCE, Program, wait_until_ended
+from evgp_testing.race_control import settings, write_roster
+from evgp_testing.ros_side import RosSide
+from evgp_testing.screen import Screen, why_no_screen
+from evgp_testing.usage import family
+import pytest
+import yaml
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+
+if importlib.util.find_spec('launch_ros') is None:
+    pytest.skip(
+        'launch and launch_ros are not installed: they come with ROS, not with its wheels',
+        allow_module_level=True,
+    )
+
+LAUNCH = """
+import sys
+from launch import LaunchDescription, LaunchService
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import AnyLaunchDescriptionSource
+
+file, *arguments = sys.argv[1:]
+service = LaunchService(noninteractive=True)  # as `ros2 launch` without a terminal
+service.include_launch_description(
+    LaunchDescription(
+        [
+            IncludeLaunchDescription(
+                AnyLaunchDescriptionSource(file),
+                launch_arguments=[each.split(':=', 1) for each in arguments],
+            )
+        ]
+    )
+)
+sys.exit(service.run())
+"""
+
+STAND_IN = """#!{python}
+import json, os, sys
+with open({told!r}, 'w') as file:
+    json.dump({{'arguments': sys.argv[1:], 'environment': dict(os.environ)}}, file)
+"""
+"""A program of somebody else that is not installed here: writes down how it was started."""
+
+Start = Callable[..., 'Launch']
+
+
+class Launch(Program):
+    """A launch file that is being launched, with the processes that it has started."""
+
+    def __init__(
+        self,
+        path: pathlib.Path,
+        arguments: Mapping[str, object],
+        environment: Mapping[str, str],
+    ) -> None:
+        """Launch it."""
+        words = [f'{name}:={value}' for name, value in arguments.items()]
+        command = [sys.executable, '-c', LAUNCH, str(path), *words]
+        super().__init__(path.name, command, environment=environment, end='INT')
+
+    def wait_for_start(self, count: int = 1) -> int:
+        """Return the process number of what was started as the first, second, ... in a row."""
+        pattern = r'process started with pid \[(\d+)\]'
+        with self._news:
+            self._news.wait_for(
+                lambda: self._ended or len(re.findall(pattern, '\n'.join(self.lines))) >= count,
+                PATIENCE,
+            )
+        pids = re.findall(pattern, self.output)
+        assert len(pids) >= count, self.output
+        return int(pids[count - 1])
+
+    @property
+    def failures(self) -> list[int]:
+        """Return how the processes ended that did not end in order (negative: a signal)."""
+        return [
+            int(code) for code in re.findall(r'process has died .*exit code (-?\d+)', self.output)
+        ]
+
+    def end(self) -> int:
+        """End it as Ctrl-C does; return its exit code."""
+        self.signal(signal.SIGINT)
+        return self.wait()
+
+    def close(self) -> int:
+        """End it, and whatever it leaves behind."""
+        left = family(self.pid)[1:] if self.runs else []
+        if self.runs:
+            self.signal(signal.SIGINT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self.process.wait(10)
+            if self.runs:
+                self.process.kill()
+        for pid in left:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        return self.wait()
+
+
+@pytest.fixture
+def launch(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Start:
+    """Return a function that launches a launch file of a package."""
+
+    def start(
+        package: str, file: str, environment: Mapping[str, str] | None = None, **arguments: object
+    ) -> Launch:
+        path = pathlib.Path(get_package_share_directory(package), 'launch', file)
+        own = {'ROS_LOG_DIR': str(tmp_path / 'log'), 'ROS_HOME': str(tmp_path)}
+        return parts.enter_context(Launch(path, arguments, {**own, **(environment or {})}))
+
+    return start
+
+
+@pytest.fixture
+def domain(parts: contextlib.ExitStack) -> int:
+    """Return a ROS domain that nobody else uses."""
+    return parts.enter_context(Domain()).number
+
+
+def parameter_file(folder: pathlib.Path, parameters: Mapping[str, object]) -> pathlib.Path:
+    """Write parameters into a file, and return it."""
+    path = folder / 'parameters.yaml'
+    given = {name: str(each) if name == 'record' else each for name, each in parameters.items()}
+    path.write_text(yaml.safe_dump({'/**': {'ros__parameters': given}}), encoding='utf-8')
+    return path
+
+
+# ----- race control -----------------------------------------------------------------------
+
+
+def race_control(folder: pathlib.Path, domain: int) -> dict[str, object]:
+    """Return the arguments of rcs.launch.py for a race control at a port of its own."""
+    parameters = settings(folder, write_roster(folder, [1]))
+    roster = parameters.pop('roster')
+    params_file = parameter_file(folder, parameters)
+    return {'roster': roster, 'params_file': params_file, 'domain_id': domain}
+
+
+def test_race_control_is_there_comes_back_and_ends_in_order(
+    launch: Start, domain: int, tmp_path: pathlib.Path, parts: contextlib.ExitStack
+) -> None:
+    launched = launch('evgp_rcs', 'rcs.launch.py', **race_control(tmp_path, domain))
+    official = parts.enter_context(Official(domain))
+    official.wait_for_race(lambda race: race.karts, 'a race')
+    wanted = {f'/rcs/{service}' for service in SERVICES}
+    official.wait_until_polled(
+        lambda: wanted <= {name for name, _ in official.node.get_service_names_and_types()},
+        'every service of an official',
+    )
+    official.command('set_track_open', open=False)
+
+    first = launched.wait_for_start(1)
+    os.kill(first, signal.SIGKILL)
+    second = launched.wait_for_start(2)
+    official.wait_for_race(
+        lambda race: state_of(race.state) is RaceState.RED_RED, 'race control again'
+    )
+    official.command('all_kill')
+
+    assert launched.end() == 0, launched.output
+    wait_until_ended(second)
+    assert launched.failures == [-signal.SIGKILL]
+
+
+def test_a_launch_ends_where_a_setting_of_race_control_is_wrong(
+    launch: Start, domain: int, tmp_path: pathlib.Path
+) -> None:
+    wrong = {**race_control(tmp_path, domain), 'roster': tmp_path / 'none.yaml'}
+    launched = launch('evgp_rcs', 'rcs.launch.py', **wrong)
+    launched.wait()
+    assert launched.failures == [WRONG_SETTING]
+
+
+# ----- the bridge -------------------------------------------------------------------------
+
+
+def test_the_bridge_is_there_comes_back_and_ends_in_order(
+    launch: Start, domain: int, tmp_path: pathlib.Path, parts: contextlib.ExitStack
+) -> None:
+    race = parts.enter_context(BareRaceControl())
+    launched = launch(
+        'evgp_kart_bridge',
+        'kart_bridge.launch.py',
+        host='127.0.0.1',
+        odom='/odom',
+        params_file=parameter_file(tmp_path, {'port': race.port}),
+        domain_id=domain,
+    )
+    team = parts.enter_context(Team(domain))
+    first = team.wait_for_state(RaceState.IN_GARAGE)
+    assert team.node.count_subscribers('/odom') == 1
+    offered = {name for name, _ in team.node.get_service_names_and_types()}
+    assert {'/kart_bridge/acknowledge', '/kart_bridge/team_stop'} <= offered
+
+    os.kill(launched.wait_for_start(1), signal.SIGKILL)
+    team.wait_for(lambda told: told.order not in (0, first.order), 'the bridge again')
+
+    second = launched.wait_for_start(2)
+    assert launched.end() == 0, launched.output
+    wait_until_ended(second)
+    assert launched.failures == [-signal.SIGKILL]
+
+
+def test_a_launch_ends_where_a_setting_of_the_bridge_is_wrong(launch: Start, domain: int) -> None:
+    launched = launch('evgp_kart_bridge', 'kart_bridge.launch.py', host='track', domain_id=domain)
+    launched.wait()
+    assert launched.failures == [WRONG_SETTING]
+
+
+# ----- the window -------------------------------------------------------------------------
+
+
+def test_the_window_is_there_and_ends_in_order(
+    launch: Start, domain: int, parts: contextlib.ExitStack
+) -> None:
+    if why_not := why_no_screen():
+        pytest.skip(why_not)
+    screen = parts.enter_context(Screen())
+    shown = {'DISPLAY': screen.display, 'QT_QPA_PLATFORM': 'xcb'}
+    launched = launch('evgp_rcs_console', 'console.launch.py', shown, domain_id=domain)
+    looking = parts.enter_context(RosSide('looking', domain))
+    looking.spin()
+    looking.wait_until_polled(lambda: looking.node.count_subscribers('/rcs/race') == 1, 'a window')
+    window = launched.wait_for_start()
+    assert launched.end() == 0, launched.output
+    wait_until_ended(window)
+    assert launched.failures == []
+
+
+def test_a_launch_ends_where_a_setting_of_the_window_is_wrong(
+    launch: Start, parts: contextlib.ExitStack
+) -> None:
+    if why_not := why_no_screen():
+        pytest.skip(why_not)
+    screen = parts.enter_context(Screen())
+    shown = {'DISPLAY': screen.display, 'QT_QPA_PLATFORM': 'xcb'}
+    launched = launch('evgp_rcs_console', 'console.launch.py', shown, domain_id=999)
+    launched.wait()
+    assert launched.failures == [WRONG_SETTING]
+
+
+# ----- programs of others -----------------------------------------------------------------
+
+
+@pytest.fixture
+def stand_in(tmp_path: pathlib.Path) -> Callable[..., pathlib.Path]:
+    """Return a function that puts a program in somebody else's place, and what that will write."""
+
+    def put(program: pathlib.Path) -> pathlib.Path:
+        told = tmp_path / 'told.json'
+        program.parent.mkdir(parents=True)
+        text = STAND_IN.format(python=sys.executable, told=str(told))
+        program.write_text(text, encoding='utf-8')
+        program.chmod(0o755)
+        return told
+
+    return put
+
+
+def of_package(folder: pathlib.Path, package: str, executable: str) -> pathlib.Path:
+    """Return where the executable of a package goes that is installed in a folder."""
+    index = folder / 'share/ament_index/resource_index/packages'
+    index.mkdir(parents=True)
+    (index / package).touch()
+    return folder / 'lib' / package / executable
+
+
+def parameters_of(told: dict[str, Any]) -> dict[str, Any]:
+    """Return the ROS parameters with which a program was started."""
+    words = told['arguments']
+    parameters: dict[str, Any] = {}
+    for word, file in itertools.pairwise(words):
+        if word == '--params-file':
+            text = pathlib.Path(file).read_text(encoding='utf-8')
+            # launch_ros writes lists so, and ROS does not mind.
+            ((_, each),) = yaml.safe_load(text.replace('!!python/tuple', '')).items()
+            parameters.update(each['ros__parameters'])
+    return parameters
+
+
+@pytest.mark.parametrize(
+    ('file', 'package', 'executable', 'parameter', 'value'),
+    [
+        ('foxglove.launch.py', 'foxglove_bridge', 'foxglove_bridge', 'address', '127.0.0.1'),
+        ('aggregator.launch.py', 'diagnostic_aggregator', 'aggregator_node', 'path', 'EVGP'),
+    ],
+)
+def test_a_tool_starts_with_its_parameters_on_the_graph_of_race_control(
+    file: str,
+    package: str,
+    executable: str,
+    parameter: str,
+    value: str,
+    launch: Start,
+    stand_in: Callable[..., pathlib.Path],
+    tmp_path: pathlib.Path,
+) -> None:
+    told = stand_in(of_package(tmp_path / 'ros', package, executable))
+    path = f'{tmp_path / "ros"}{os.pathsep}{os.environ["AMENT_PREFIX_PATH"]}'
+    launched = launch('evgp_rcs', file, {'AMENT_PREFIX_PATH': path})
+    assert launched.wait() == 0, launched.output
+    was = json.loads(told.read_text(encoding='utf-8'))
+    assert parameters_of(was)[parameter] == value
+    assert is_bound(was['environment'])
+
+
+def test_a_race_is_recorded_with_what_the_latched_topics_keep(
+    launch: Start, stand_in: Callable[..., pathlib.Path], tmp_path: pathlib.Path
+) -> None:
+    told = stand_in(tmp_path / 'bin/ros2')
+    path = f'{tmp_path / "bin"}{os.pathsep}{os.environ["PATH"]}'
+    launched = launch('evgp_rcs', 'bag.launch.py', {'PATH': path}, output='race1')
+    assert launched.wait() == 0, launched.output
+    was = json.loads(told.read_text(encoding='utf-8'))
+    words = was['arguments']
+    assert words[:2] == ['bag', 'record']
+    assert words[words.index('--output') + 1] == 'race1'
+    assert words[-4:] == ['--topics', '/rcs/race', '/rcs/events', '/diagnostics']
+    file = pathlib.Path(words[words.index('--qos-profile-overrides-path') + 1])
+    assert file.read_bytes() == (ROOT / 'src/evgp_rcs/config/bag_qos.yaml').read_bytes()
+    assert is_bound(was['environment'])
+
+
+def is_bound(environment: Mapping[str, str]) -> bool:
+    """Return whether a program finds the graph of race control, and is found there only."""
+    return environment.get(
+        'ROS_AUTOMATIC_DISCOVERY_RANGE'
+    ) == 'SYSTEM_DEFAULT' and 'evgp-graph-' in environment.get(
+        'FASTRTPS_DEFAULT_PROFILES_FILE', ''
+    )

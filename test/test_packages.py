@@ -1,0 +1,194 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What every package of this repository has, as the ROS world expects it."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import pathlib
+import subprocess
+import sys
+from types import ModuleType
+
+from catkin_pkg.changelog import get_changelog_from_path
+from catkin_pkg.package import Package, parse_package
+from catkin_pkg.package_version import get_forthcoming_label
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+PACKAGES = sorted(path.parent for path in (ROOT / 'src').glob('*/package.xml'))
+PYTHON_PACKAGES = [path for path in PACKAGES if (path / 'setup.py').exists()]
+
+every_package = pytest.mark.parametrize('path', PACKAGES, ids=lambda path: path.name)
+every_python_package = pytest.mark.parametrize('path', PYTHON_PACKAGES, ids=lambda path: path.name)
+
+
+def described(path: pathlib.Path) -> Package:
+    """Return what a package.xml says; a fault in it, or what it warns of, raises."""
+    warnings: list[str] = []
+    package = parse_package(path, warnings=warnings)
+    assert not warnings
+    return package
+
+
+def set_up(path: pathlib.Path) -> dict[str, object]:
+    """Return the arguments of `setup` in a package's setup.py that are written out there."""
+    tree = ast.parse((path / 'setup.py').read_text(encoding='utf-8'))
+    (call,) = (
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'setup'
+    )
+    return {
+        str(each.arg): each.value.value
+        for each in call.keywords
+        if isinstance(each.value, ast.Constant)
+    }
+
+
+@every_package
+def test_all_packages_have_one_version_one_maintainer_and_one_licence(path: pathlib.Path) -> None:
+    package, first = described(path), described(PACKAGES[0])
+    assert package.version == first.version
+    assert [str(each) for each in package.maintainers] == [str(each) for each in first.maintainers]
+    assert [str(each) for each in package.authors] == [str(each) for each in first.authors]
+    assert [(each.type, each.url) for each in package.urls] == [
+        (each.type, each.url) for each in first.urls
+    ]
+    assert [(str(each), each.file) for each in package.licenses] == [('Apache-2.0', 'LICENSE')]
+    licence = (path / 'LICENSE').read_bytes()
+    assert licence == (ROOT / 'LICENSE').read_bytes()
+
+
+def test_the_maintainers_have_an_address_that_can_exist() -> None:
+    (maintainer,) = described(PACKAGES[0]).maintainers
+    reserved = ('.example', '.invalid', '.localhost', '.test')  # RFC 2606
+    assert not maintainer.email.endswith(reserved)
+
+
+@pytest.mark.filterwarnings('ignore:nodes.Node.traverse:DeprecationWarning')  # of catkin_pkg
+@every_package
+def test_the_change_log_can_be_read_and_is_of_this_version(path: pathlib.Path) -> None:
+    log = get_changelog_from_path(str(path / 'CHANGELOG.rst'), path.name)
+    assert log.package_name == path.name
+    versions = [version for version, _, _ in log.foreach_version()]
+    assert get_forthcoming_label(log.rst) or versions[0] == described(path).version
+
+
+@every_package
+def test_the_readme_begins_with_the_name_and_its_links_lead_somewhere(path: pathlib.Path) -> None:
+    text = (path / 'README.md').read_text(encoding='utf-8')
+    assert text.splitlines()[0] == f'# {path.name}'
+    links = [part.partition(')')[0] for part in text.split('](')[1:]]
+    for link in links:
+        file, _, anchor = link.partition('#')
+        if '://' not in link:
+            page = (path / file).read_text(encoding='utf-8')
+            assert not anchor or anchor in anchors(page), link
+
+
+def anchors(page: str) -> set[str]:
+    """Return the names by which the headings of a Markdown page are linked to."""
+    return {
+        ''.join(
+            letter
+            for letter in line.lstrip('#').strip().lower().replace(' ', '-')
+            if letter.isalnum() or letter in '-_'
+        )
+        for line in page.splitlines()
+        if line.startswith('#')
+    }
+
+
+@every_python_package
+def test_setup_py_says_what_package_xml_says(path: pathlib.Path) -> None:
+    package, given = described(path), set_up(path)
+    (maintainer,) = package.maintainers
+    (url,) = package.urls
+    (author,) = package.authors
+    assert given['version'] == package.version
+    assert given['maintainer'] == maintainer.name
+    assert given['maintainer_email'] == maintainer.email
+    assert given['author'] == author.name
+    assert given['url'] == url.url
+    assert given['license'] == package.licenses[0]
+
+
+@every_python_package
+def test_the_linters_of_ament_are_asked_for_and_asked(path: pathlib.Path) -> None:
+    asked = (path / 'test/test_ament_linters.py').read_text(encoding='utf-8')
+    assert asked == (PYTHON_PACKAGES[0] / 'test/test_ament_linters.py').read_text(encoding='utf-8')
+    wanted = {each.name for each in described(path).test_depends}
+    assert {'ament_copyright', 'ament_flake8', 'ament_pep257', 'ament_xmllint'} <= wanted
+
+
+def test_every_launch_file_is_launched_by_a_test() -> None:
+    text = (ROOT / 'test/test_launch_files.py').read_text(encoding='utf-8')
+    files = [path.name for path in (ROOT / 'src').glob('*/launch/*.py')]
+    assert files
+    assert [name for name in files if f"'{name}'" not in text] == []
+
+
+def load_headers() -> ModuleType:
+    """Return setup/headers.py, which is no module of any package."""
+    spec = importlib.util.spec_from_file_location('headers', ROOT / 'setup/headers.py')
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+headers = load_headers()
+
+
+def test_every_source_file_has_a_header() -> None:
+    done = subprocess.run(
+        [sys.executable, ROOT / 'setup/headers.py'], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout) == (0, '')
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'first_lines'),
+    [
+        ('new.py', '"""New."""\n', ['# Copyright', '#', '# Licensed']),
+        ('new.h', '#pragma once\n', ['// Copyright', '//', '// Licensed']),
+        ('run', '#!/bin/sh\necho\n', ['#!/bin/sh', '# Copyright', '# SPDX', '', 'echo']),
+        ('Makefile', '# All.\n', ['# Copyright', '# SPDX', '#', '# All.']),
+        ('page.html', '<!doctype html>\n<p>\n', ['<!doctype', '<!-- Copy', '<!-- SPDX', '<p>']),
+        ('page.css', 'p {}\n', ['/* Copyright', '/* SPDX', '', 'p {}']),
+    ],
+)
+def test_a_new_file_is_found_until_it_has_a_header(
+    name: str, text: str, first_lines: list[str], tmp_path: pathlib.Path
+) -> None:
+    path = tmp_path / name
+    path.write_text(text, encoding='utf-8')
+    assert [found for found, _ in headers.missing(tmp_path)] == [path]
+    path.write_text(headers.with_header(path, text), encoding='utf-8')
+    assert list(headers.missing(tmp_path)) == []
+    lines = path.read_text(encoding='utf-8').splitlines()
+    for line, beginning in zip(lines, first_lines, strict=False):
+        assert line.startswith(beginning)
+
+
+@pytest.mark.parametrize('name', ['empty.py', 'data.yaml', 'State.msg', 'build/made.py'])
+def test_what_needs_no_header_is_left_alone(name: str, tmp_path: pathlib.Path) -> None:
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_text('' if name == 'empty.py' else 'text\n', encoding='utf-8')
+    assert list(headers.missing(tmp_path)) == []

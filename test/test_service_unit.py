@@ -1,0 +1,106 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Race control as a service of systemd, by the unit that is shipped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import configparser
+import contextlib
+import pathlib
+import shlex
+import shutil
+import subprocess
+
+from evgp_node.process import IN_THE_WAY, WRONG_SETTING
+from evgp_testing.domains import Domain
+from evgp_testing.process import Program
+from evgp_testing.race_control import settings, write_roster
+import pytest
+import yaml
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+UNIT = ROOT / 'src/evgp_rcs/config/evgp-rcs.service'
+
+Start = Callable[[], Program]
+
+
+def unit(folder: pathlib.Path) -> str:
+    """Return the unit, with the folders of this machine in place of those that it names."""
+    text = UNIT.read_text(encoding='utf-8')
+    return text.replace('/opt/evgp', str(ROOT)).replace('/etc/evgp', str(folder))
+
+
+def service(folder: pathlib.Path) -> dict[str, str]:
+    """Return the last value of each setting of the service."""
+    parser = configparser.RawConfigParser(strict=False)
+    parser.optionxform = str  # type: ignore[assignment, method-assign]
+    parser.read_string(unit(folder))
+    return dict(parser['Service'])
+
+
+@pytest.mark.skipif(not shutil.which('systemd-analyze'), reason='there is no systemd here')
+def test_systemd_finds_nothing_wrong_with_the_unit(tmp_path: pathlib.Path) -> None:
+    written = tmp_path / UNIT.name
+    written.write_text(unit(tmp_path), encoding='utf-8')
+    done = subprocess.run(
+        ['systemd-analyze', 'verify', written], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, '')
+
+
+@pytest.fixture
+def start(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Start:
+    """Return a function that runs the service's command, in its folder's place."""
+
+    def run() -> Program:
+        domain = parts.enter_context(Domain())
+        words = shlex.split(service(tmp_path)['ExecStart'])
+        given = {'ROS_HOME': str(tmp_path)}
+        command = ['env', '-C', str(ROOT), *words]
+        return parts.enter_context(Program('service', command, domain.number, given, end='TERM'))
+
+    return run
+
+
+def configure(folder: pathlib.Path) -> None:
+    """Write the files that the unit names."""
+    parameters = settings(folder, write_roster(folder, [1]))
+    roster = pathlib.Path(str(parameters.pop('roster')))
+    roster.rename(folder / 'karts.yaml')
+    given = {'address': parameters['address'], 'port': parameters['port']}
+    text = yaml.safe_dump({'/**': {'ros__parameters': given}})
+    (folder / 'rcs.yaml').write_text(text, encoding='utf-8')
+
+
+def test_the_service_starts_race_control_and_ends_it_in_order(
+    start: Start, tmp_path: pathlib.Path
+) -> None:
+    configure(tmp_path)
+    running = start()
+    running.wait_for_line(r'listens for .* port (\d+)')
+    assert running.close() == 0
+    assert (tmp_path / 'evgp_rcs/record.sqlite3').exists()
+
+
+def test_a_wrong_setting_is_an_end_after_which_systemd_does_not_start_it_again(
+    start: Start, tmp_path: pathlib.Path
+) -> None:
+    configure(tmp_path)
+    (tmp_path / 'karts.yaml').write_text('karts: 3', encoding='utf-8')
+    code = start().wait()
+    assert code == WRONG_SETTING
+    final = {int(each) for each in service(tmp_path)['RestartPreventExitStatus'].split()}
+    assert final == {WRONG_SETTING, IN_THE_WAY}
