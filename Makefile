@@ -67,7 +67,7 @@ setup:
 	$(IN_WORKSPACE) --console true
 
 demo:
-	$(IN_WORKSPACE) python demo/run.py $(ARGS)
+	$(IN_WORKSPACE) install/evgp_rehearsal/lib/evgp_rehearsal/demo $(ARGS)
 
 # Loopback only, and a ROS domain of its own: it cannot reach a real kart.
 rehearsal:
@@ -138,7 +138,7 @@ screenshots:
 lint:
 	@failed=; \
 	for check in 'ruff check' 'ruff format --check' flake8 \
-	    'pydocstyle bench demo fuzz kit setup soak src test' mypy; do \
+	    'pydocstyle bench fuzz kit setup soak src test' mypy; do \
 	  echo "$$check"; \
 	  $(IN_WORKSPACE) $$check || failed=1; \
 	done; \

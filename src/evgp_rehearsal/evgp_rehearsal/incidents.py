@@ -292,4 +292,5 @@ def choose_kart(field: Field, incident: Incident, kart: int = 0) -> int:
         return 0
     if incident.phase is Phase.LAST_LAP:
         return kart or field.leader()
-    return kart or field.dice.choice(sorted(field.karts))
+    there = field.karts if incident.phase is Phase.GRID else [k.number for k in field.racing()]
+    return kart or field.dice.choice(sorted(there))
