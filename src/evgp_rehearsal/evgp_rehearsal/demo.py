@@ -56,7 +56,7 @@ BRIDGED = (4, 5, 6)
 OUTSIDE, LATE = 3, 2
 """The kart that is not in the race, and the one for whose team GREEN_GREEN must wait."""
 
-RACING = tuple(kart for kart in PLAN.numbers if kart != OUTSIDE)
+STARTERS = tuple(kart for kart in PLAN.numbers if kart != OUTSIDE)
 
 FINISH_DELAYS = (2.0, 1.7, 1.4, 1.1, 0.8)
 """From FINISH to RED_FLAG by place, in seconds."""
@@ -123,13 +123,13 @@ class Show:
         with rehearsal.lock:
             rehearsal.field.karts[late].faults.add(Fault.NEVER_READY)
         official.command('grid_active', track_clear=True)
-        self._wait_for(RaceState.GRID_ACTIVE, [kart for kart in RACING if kart != late])
+        self._wait_for(RaceState.GRID_ACTIVE, [kart for kart in STARTERS if kart != late])
         official.call('green_green')  # refused: it waits for one kart
         if not self._mute:
             rehearsal.mend()
         self._green()
         # Where the simulated karts are, the field knows; then those that have no place in it.
-        for place in range(len(RACING) - len(BRIDGED)):
+        for place in range(len(STARTERS) - len(BRIDGED)):
             with rehearsal.lock:
                 crossed = rehearsal.lock.wait_for(
                     lambda place=place: rehearsal.field.crossed[place:], PATIENCE
@@ -140,7 +140,7 @@ class Show:
             official.command('kart/finish', kart=kart)
             time.sleep(GAP)
         official.wait_for_race(lambda race: race.over, 'the race goes over by itself')
-        self._home(RACING)
+        self._home(STARTERS)
 
     def kill(self) -> None:
         """Drive a race in which a kart spins, and the official presses ALL_KILL."""
@@ -254,7 +254,7 @@ class Show:
                 for kart in PLAN.numbers
             }
             race = Race(
-                {kart: kart in RACING for kart in PLAN.numbers},
+                {kart: kart in STARTERS for kart in PLAN.numbers},
                 [each for each in events if began <= each.monotonic <= ended],
                 seen,
                 self.called,
@@ -296,8 +296,8 @@ class Show:
             side.wait_for_state(state)
 
     def _green(self) -> None:
-        self.official.bring_to(RaceState.GREEN_GREEN, *RACING)
-        self._wait_for(RaceState.GREEN_GREEN, RACING)
+        self.official.bring_to(RaceState.GREEN_GREEN, *STARTERS)
+        self._wait_for(RaceState.GREEN_GREEN, STARTERS)
 
     def _home(self, stopped: Sequence[int]) -> None:
         """Wait until these karts have stopped, and send everybody to the garage."""
@@ -335,7 +335,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         '--mute',
         type=int,
-        choices=[kart for kart in RACING if kart not in BRIDGED],
+        choices=[kart for kart in STARTERS if kart not in BRIDGED],
         default=0,
         metavar='KART',
         help='this kart never acknowledges: see that the race does not start, and why',

@@ -176,7 +176,7 @@ class Rehearsal(Part):
 
         def start() -> None:
             if self.window is None or not self.window.runs:
-                words = {'banner': BANNER, 'official': 'trainee'}
+                words = {'official': 'trainee'}
                 self.window = Process('evgp_rcs_console', 'rcs_gui', self.domain, words)
 
         self._starter.submit(start).result()
@@ -426,6 +426,7 @@ class Rehearsal(Part):
             self.plan.numbers,
             parameters={
                 'port': port,
+                'banner': BANNER,
                 **{
                     name: getattr(TIMES, name)
                     for name in ('ready_alert', 'green_alert', 'flag_alert', 'red_alert')
