@@ -37,6 +37,12 @@ def test_a_kart_that_acknowledges_a_red_at_once_gets_a_note() -> None:
     assert [finding.note for finding in findings] == [False, False, False, True]
 
 
+def test_a_kart_that_was_away_has_had_time_to_stop() -> None:
+    away = ((8.0, 'CONNECTED', None), (9.0, 'KART_STATE', 'RED_RED'))
+    findings = conduct(happened(*RACE[:-1], *away, (9.05, 'ACKNOWLEDGED', 'RED_RED')), 7)
+    assert not any(finding.note for finding in findings)
+
+
 def test_a_kart_that_is_late_or_silent_or_garbled_did_badly() -> None:
     for more in (
         ((15.0, 'ACKNOWLEDGED', 'RED_RED'),),
