@@ -144,7 +144,7 @@ class Rehearsal(Part):
             if kart and kart not in self.field.karts:
                 raise RefusedError(f'kart {kart} is not simulated here')
             if not can_begin(row, self.field, state):
-                raise RefusedError(f'{name} begins {_WHEN[row.phase]}')
+                raise RefusedError(f'Not now: {name} begins {WHEN[row.phase]}')
             self._end_incident()
             number = choose_kart(self.field, row, kart)
             self._open = Took(name, number, self.field.tick, self.field.tick)
@@ -453,11 +453,12 @@ class Rehearsal(Part):
 GET_THERE = 120.0
 """Maximum time until an incident can begin, in seconds."""
 
-_WHEN = {
+WHEN = {
     Phase.GRID: 'in GRID_ACTIVE',
     Phase.RACE: 'in GREEN_GREEN, once all karts race',
     Phase.LAST_LAP: 'in GREEN_GREEN, when the leader is near the end of its last lap',
 }
+"""When an incident can begin, for who chooses it."""
 
 
 def _in_ticks(event: RecordedEvent, times: Sequence[float]) -> RecordedEvent:
