@@ -1462,6 +1462,7 @@ def race_of(
         commands=offers(*_TO_THE_RACE, 'CLOSE_TRACK' if reason else 'OPEN_TRACK', reason=reason),
         track=msg.TrackAccess(reason=reason or 'every connected kart is in IN_GARAGE'),
         alerts=list(alerts),
+        banner='REHEARSAL',  # with this line there is the least room
     )
 
 

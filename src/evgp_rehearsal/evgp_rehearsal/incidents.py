@@ -231,8 +231,8 @@ _ROWS = (
         'race control dies in mid-race, and comes back',
         Phase.RACE,
         _crash,
-        'sends ALL_KILL or uses the MSR; or waits until every kart has acknowledged RED_RED, looks '
-        'at the track, and then states IN_GARAGE (When race control itself ends)',
+        'sends ALL_KILL or uses the MSR; or waits until every kart has acknowledged RED_RED, '
+        'looks at the track, and then states IN_GARAGE (When race control itself ends)',
         (KILL | MSR | _all(K.IN_GARAGE),),
         fine=MSR,
         to_kart=False,
