@@ -1251,8 +1251,8 @@ def test_a_heat_is_put_into_the_race_by_clicks_and_by_keys(
     )
     console = open_console(control)
 
-    console.click('set_heat', barred='false')
-    console.wait_for('heat_2', barred='false', text='Final: 2, 3')
+    console.wait_for('set_heat', barred='false')
+    console.press_on('set_heat', see='heat_2', barred='false', text='Final: 2, 3')
     console.press_on('heat_2', see='heats', visible=False)
     for there in ('join_race_1', 'leave_race_2', 'leave_race_3'):
         console.wait_for(there)
