@@ -70,7 +70,7 @@ setup:
 	$(IN_WORKSPACE) --console true
 
 demo:
-	$(IN_WORKSPACE) python demo/run.py $(ARGS)
+	$(IN_WORKSPACE) install/evgp_rehearsal/lib/evgp_rehearsal/demo $(ARGS)
 
 # Loopback only, and a ROS domain of its own: it cannot reach a real kart.
 rehearsal:
@@ -141,7 +141,7 @@ screenshots:
 lint:
 	@failed=; \
 	for check in 'python setup/headers.py' 'ruff check' 'ruff format --check' 'setup/without-ros flake8' \
-	    'pydocstyle bench demo fuzz kit setup soak src test' mypy; do \
+	    'pydocstyle bench fuzz kit setup soak src test' mypy; do \
 	  echo "$$check"; \
 	  $(IN_WORKSPACE) $$check || failed=1; \
 	done; \

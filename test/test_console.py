@@ -481,14 +481,15 @@ def test_the_name_that_a_window_is_given_goes_before_the_one_that_is_kept(
     console.wait_for('log', text=re.escape(f'[{told}]'))
 
 
-def test_a_banner_is_at_the_top_of_the_window_and_only_where_it_is_asked_for(
+def test_the_banner_of_race_control_is_at_the_top_of_every_window(
     start_race_control: StartRaceControl, open_console: OpenConsole
 ) -> None:
-    control = start_race_control()
-    banner = open_console(control, arguments=('--ros-args', '-p', 'banner:=REHEARSAL'))
+    banner = open_console(start_race_control(banner='REHEARSAL'))
     top = banner.wait_for('top_line', text='^REHEARSAL$')
     assert top['y'] < banner.wait_for('state')['y']
-    assert 'top_line' not in open_console(control).widgets()
+    none = open_console(start_race_control())
+    none.wait_for('kart_1')
+    assert 'top_line' not in none.widgets()
 
 
 def test_a_name_that_ros_takes_for_a_number_is_a_name(
@@ -1264,8 +1265,8 @@ def test_a_heat_is_put_into_the_race_by_clicks_and_by_keys(
     )
     console = open_console(control)
 
-    console.click('set_heat', barred='false')
-    console.wait_for('heat_2', barred='false', text='Final: 2, 3')
+    console.wait_for('set_heat', barred='false')
+    console.press_on('set_heat', see='heat_2', barred='false', text='Final: 2, 3')
     console.press_on('heat_2', see='heats', visible=False)
     for there in ('join_race_1', 'leave_race_2', 'leave_race_3'):
         console.wait_for(there)
@@ -1475,6 +1476,7 @@ def race_of(
         commands=offers(*_TO_THE_RACE, 'CLOSE_TRACK' if reason else 'OPEN_TRACK', reason=reason),
         track=msg.TrackAccess(reason=reason or 'every connected kart is in IN_GARAGE'),
         alerts=list(alerts),
+        banner='REHEARSAL',  # with this line there is the least room
     )
 
 

@@ -561,6 +561,17 @@ def test_watch_shows_the_race_and_what_happens(
     assert 'Kart 2' not in events.stdout
 
 
+def test_watch_says_the_banner_of_race_control_first(
+    start_race_control: StartRaceControl,
+) -> None:
+    control = start_race_control(banner='REHEARSAL')
+
+    for more in ((), ('--events',)):
+        shown = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE), *more)
+
+        assert shown.stdout.splitlines()[0] == '=== REHEARSAL ==='
+
+
 def test_a_heat_is_put_into_the_race_by_its_name_and_watch_lists_the_heats(
     start_race_control: StartRaceControl, join_official: JoinOfficial
 ) -> None:

@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import contextlib
 import json
 import pathlib
@@ -35,6 +35,8 @@ from evgp_rehearsal.page import Page
 from evgp_rehearsal.plan import Plan, read_plan
 from evgp_rehearsal.rehearse_kart import main as rehearse_kart
 from evgp_rehearsal.score import STEWARD
+from evgp_testing.domains import Domain
+from evgp_testing.kart import Bridge, ExampleStack
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 
@@ -111,6 +113,19 @@ def test_a_good_official_passes_with_the_real_race_control(
     assert line.passed, line
 
 
+@pytest.mark.long
+def test_karts_with_the_real_bridge_race_beside_the_simulated_ones(
+    tmp_path: pathlib.Path,
+) -> None:
+    with Rehearsal(the_plan(), tmp_path, bridged=2) as rehearsal:
+        line = rehearsal.play('spin', Good())
+        events = rehearsal.events()
+    assert line.passed, line
+    for kart in rehearsal.plan.numbers[-2:]:
+        said = [e.state for e in events if e.kart == kart and e.kind == 'ACKNOWLEDGED']
+        assert said[:3] == ['GRID_ACTIVE', 'GREEN_GREEN', 'RED_FLAG']
+
+
 def free_port() -> int:
     """Return a port that nobody uses at present."""
     with socket.socket() as probe:
@@ -124,23 +139,40 @@ def test_a_kart_of_another_machine_is_refused() -> None:
     assert rehearse_kart(['--address', '192.168.1.101']) == 2
 
 
+Connect = Callable[[str, int], contextlib.AbstractContextManager[object]]
+
+
+def plain(address: str, port: int) -> WireKart:
+    """Connect a kart without ROS; it connects once, and does not come back."""
+    return WireKart(address, port, Acknowledges.EACH_CHANGE)
+
+
+@contextlib.contextmanager
+def bridged(address: str, port: int) -> Iterator[None]:
+    """Connect the real bridge, with the example stack."""
+    with Domain() as own, Bridge(own.number, port, address), ExampleStack(own.number):
+        yield
+
+
 @pytest.mark.parametrize(
-    ('incident', 'acknowledges', 'code'),
+    ('incident', 'kart', 'code'),
     [
-        ('red_red', Acknowledges.EACH_CHANGE, 0),
-        pytest.param('none', Acknowledges.EACH_CHANGE, 0, marks=pytest.mark.long),
-        pytest.param('red_flag', Acknowledges.EACH_CHANGE, 0, marks=pytest.mark.long),
-        pytest.param('all_kill', Acknowledges.EACH_CHANGE, 0, marks=pytest.mark.long),
-        # Such a kart connects once, and does not come back.
-        pytest.param('second_machine', Acknowledges.EACH_CHANGE, 1, marks=pytest.mark.long),
+        ('red_red', plain, 0),
+        ('silence', bridged, 0),
+        pytest.param('none', plain, 0, marks=pytest.mark.long),
+        pytest.param('red_flag', plain, 0, marks=pytest.mark.long),
+        pytest.param('all_kill', plain, 0, marks=pytest.mark.long),
+        pytest.param('second_machine', plain, 1, marks=pytest.mark.long),
+        pytest.param('none', bridged, 0, marks=pytest.mark.long),
+        pytest.param('red_flag', bridged, 0, marks=pytest.mark.long),
+        pytest.param('second_machine', bridged, 0, marks=pytest.mark.long),
+        pytest.param('race_control_crash', bridged, 0, marks=pytest.mark.long),
     ],
 )
-def test_a_race_for_one_kart_says_how_it_did(
-    incident: str, acknowledges: Acknowledges, code: int
-) -> None:
+def test_a_race_for_one_kart_says_how_it_did(incident: str, kart: Connect, code: int) -> None:
     port = free_port()
     command = [sys.executable, '-m', 'evgp_rehearsal.rehearse_kart', '--incident', incident]
-    words = ['--port', str(port), '--address', '127.0.3.7', '--wait', '8']
+    words = ['--port', str(port), '--address', '127.0.3.7', '--wait', '30']
     with subprocess.Popen([*command, *words], stdout=subprocess.PIPE, text=True) as trial:
         assert trial.stdout is not None
         printed = []
@@ -148,5 +180,5 @@ def test_a_race_for_one_kart_says_how_it_did(
             for line in trial.stdout:
                 printed.append(line)
                 if line.startswith('Connect your kart'):
-                    stack.enter_context(WireKart('127.0.3.7', port, acknowledges))
+                    stack.enter_context(kart('127.0.3.7', port))
             assert trial.wait() == code, ''.join(printed)

@@ -42,6 +42,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'demo = evgp_rehearsal.demo:main',
             'rehearse = evgp_rehearsal.rehearse:main',
             'rehearse_kart = evgp_rehearsal.rehearse_kart:main',
         ],

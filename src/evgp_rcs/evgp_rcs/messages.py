@@ -59,6 +59,7 @@ def race_message(
     wall_ns: int,
     addresses: dict[int, str],
     offered: Offers,
+    banner: str = '',
 ) -> msg.Race:
     """
     Return the whole race as one message.
@@ -67,6 +68,7 @@ def race_message(
     :param wall_ns: the wall time of that moment (ns since the epoch).
     :param addresses: the address of each kart of the roster.
     :param offered: the commands that it offers.
+    :param banner: what every screen says at its top.
     """
 
     def wall(monotonic: float) -> Time:
@@ -127,6 +129,7 @@ def race_message(
             for alert in race.alerts(now)
         ],
         heats=[msg.Heat(name=heat.name, karts=heat.karts) for heat in race.heats],
+        banner=banner,
     )
 
 

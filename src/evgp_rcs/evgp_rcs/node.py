@@ -100,6 +100,12 @@ class RcsNode(StrictNode):
             'The ROS graph may be reached from where karts connect, without SROS2: whoever is on '
             'their network can then start them (docs/security.md).',
         )
+        banner = parameters.declare(
+            'banner',
+            '',
+            'What every screen says at its top, such as REHEARSAL; empty: nothing. Screens that '
+            'say it are trusted to be in no race: never set it for one.',
+        )
         begin = read_settings(parameters)
         refuse_open_graph(begin.settings.host, accepted=accept_open_graph)
         self._claim = claim_the_graph(self)
@@ -109,7 +115,7 @@ class RcsNode(StrictNode):
         self._rival = False
         self._closing = threading.Event()
         self._asking = threading.Thread(target=self._ask, name='asking', daemon=True)
-        self._teller = Teller(self, begin.roster, self._teller_failed, self._published)
+        self._teller = Teller(self, begin.roster, self._teller_failed, self._published, banner)
         self._server = KartServerClient(
             begin,
             on_events=self._teller.events,

@@ -83,6 +83,7 @@ class Teller:
     :param on_failure: is called, in the teller's thread, when it cannot go on.
     :param on_published: takes, in the teller's thread, the number of a copy that was published,
         and the digest of the commands that it offered.
+    :param banner: what every screen says at its top.
     """
 
     def __init__(
@@ -91,11 +92,13 @@ class Teller:
         roster: Roster,
         on_failure: Callable[[BaseException], None],
         on_published: Callable[[int, int], None] = lambda number, offered: None,
+        banner: str = '',
     ) -> None:
         """Create the publishers; nothing is published before ``start``."""
         self._node = node
         self._on_failure = on_failure
         self._on_published = on_published
+        self._banner = banner
         self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
         self._events = node.create_publisher(msg.RaceEvent, '~/events', EVENTS_QOS)
@@ -196,7 +199,7 @@ class Teller:
         race, at = copy.race, copy.at
         wall_ns = time.time_ns() - round((clock.now() - at) * 1e9)
         offered = offers(race, at)
-        message = race_message(race, at, wall_ns, self._addresses, offered)
+        message = race_message(race, at, wall_ns, self._addresses, offered, self._banner)
         self._race.publish(message)
         self._on_published(copy.number, digest(offered))
         self._published = message

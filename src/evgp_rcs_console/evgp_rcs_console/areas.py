@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from evgp_rcs_console import style
+from evgp_rcs_console import style, words
 from evgp_rcs_console.alerts import AlertsArea
 from evgp_rcs_console.karts import KartList, Scrolling
 from evgp_rcs_console.panels import EventPanel, KillBox, NowPanel, SidePanel, TOP_HEIGHT
@@ -31,13 +31,12 @@ class Areas(QtCore.QObject):
 
     :param window: the areas fill it.
     :param scrolling: is entered around every scrolling that the official's hand does not do.
-    :param banner: what a line at the top says; empty: there is none.
     """
 
     pressed = Signal(object, object)
     """A button was pressed: its command when it went down, and when it was let go."""
 
-    def __init__(self, window: QtWidgets.QWidget, scrolling: Scrolling, banner: str = '') -> None:
+    def __init__(self, window: QtWidgets.QWidget, scrolling: Scrolling) -> None:
         """Put the areas in their places."""
         super().__init__(window)
         self.window = window
@@ -64,11 +63,12 @@ class Areas(QtCore.QObject):
         middle = QtWidgets.QHBoxLayout()
         middle.addLayout(left, 1)
         middle.addWidget(self.side)
-        if banner:
-            line = QtWidgets.QLabel(banner)
-            line.setObjectName('top_line')
-            line.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
-            self._layout.addWidget(line)
+        self._banner = QtWidgets.QLabel()
+        self._banner.setObjectName('top_line')
+        self._banner.setTextFormat(QtCore.Qt.TextFormat.PlainText)
+        self._banner.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
+        self._banner.hide()
+        self._layout.addWidget(self._banner)
         self._layout.addLayout(top)
         self._layout.addLayout(middle, 1)
         self._layout.addWidget(self.events)
@@ -95,6 +95,13 @@ class Areas(QtCore.QObject):
             for area in (*areas, self.side, self.status, self.question):
                 area.fit(by)
         self.place_sheets()
+
+    def show_banner(self, banner: str) -> None:
+        """Say something in a line at the top and in the window's title; empty: nothing."""
+        if banner != self._banner.text():
+            self._banner.setText(banner)
+            self._banner.setVisible(bool(banner))
+            self.window.setWindowTitle(f'{banner}: {words.TITLE}' if banner else words.TITLE)
 
     def close_sheets(self) -> None:
         """Hide every sheet but the question, which only an answer ends."""

@@ -296,6 +296,7 @@ def _watch(
 
 def _watch_events(desk: Desk, wanted: argparse.Namespace, until: float, report: Report) -> Told:
     shown = 0
+    banner = ''
     kept: list[str] = []
     while True:
         # The past events come one by one: they have all come when no other one follows.
@@ -308,6 +309,7 @@ def _watch_events(desk: Desk, wanted: argparse.Namespace, until: float, report: 
         with desk.news:
             fresh = desk.events[shown:]
             heard = desk.race is not None
+            said, banner = banner, desk.race.banner if desk.race else ''
         shown += len(fresh)
         if not shown and not heard:
             where = f'ROS domain {domain_of()}'
@@ -318,6 +320,8 @@ def _watch_events(desk: Desk, wanted: argparse.Namespace, until: float, report: 
             for event in fresh
             if not wanted.kart or event.kart in (0, wanted.kart)
         ]
+        if banner != said and banner:
+            lines.insert(0, words.BANNER.format(banner=banner))
         if wanted.once:
             kept += lines
             if not fresh or now() >= until:

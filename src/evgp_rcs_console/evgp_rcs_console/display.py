@@ -134,6 +134,7 @@ class Display(QtCore.QObject):
         ages = self._unanswered.ages(now)
         screen = show(race, now - self._heard_at, ages, danger_now, reasons)
         self._see(screen, now)
+        self._areas.show_banner(screen.banner)
         self._areas.danger.setVisible(danger_now is not None)
         self._areas.now.setVisible(danger_now is None)
         if danger_now is not None:

@@ -82,8 +82,7 @@ def main(
         print(f'rcs_gui: {words.NOT_ALLOWED.format(error=error)}', file=sys.stderr)
         return 2
     signature = Signature(_given(client.node, 'official', _OFFICIAL), os.getpid())
-    banner = _given(client.node, 'banner', _BANNER)
-    window = ConsoleWindow(inbox, client.give, signature, looking(client.topic), banner)
+    window = ConsoleWindow(inbox, client.give, signature, looking(client.topic))
     window.showMaximized()
     if on_window is not None:
         on_window(window)
@@ -100,7 +99,6 @@ def main(
 
 
 _OFFICIAL = 'Who commands from this window; empty: the name that is kept, or asked for.'
-_BANNER = 'What the window says at its top and in its title, such as REHEARSAL; empty: nothing.'
 
 
 def _given(node: Node, parameter: str, meaning: str) -> str:

@@ -68,6 +68,7 @@ def read_race(race: msg.Race) -> Race:
             for alert in race.alerts
         ),
         heats=tuple(Heat(heat.name, tuple(heat.karts)) for heat in race.heats),
+        banner=race.banner,
     )
 
 

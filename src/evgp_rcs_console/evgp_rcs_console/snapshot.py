@@ -110,7 +110,11 @@ class Heat:
 
 @dataclass(frozen=True)
 class Race:
-    """One consistent snapshot of the race."""
+    """
+    One consistent snapshot of the race.
+
+    :param banner: what every screen says at its top; empty: nothing.
+    """
 
     state: State
     state_for: float
@@ -120,6 +124,7 @@ class Race:
     track: Track
     alerts: tuple[Alert, ...]
     heats: tuple[Heat, ...] = ()
+    banner: str = ''
 
     def kart(self, number: int) -> Kart | None:
         """Return the kart with this number, if the roster has it."""

@@ -26,6 +26,7 @@ from evgp_rcs_console.view import Button, Screen
 def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
     """Return the race as lines: state, track, alerts, karts, and which commands are possible."""
     lines = [
+        *([words.BANNER.format(banner=screen.banner)] if screen.banner else []),
         f'Race: {screen.state.text}  ({screen.since})',
         f'{screen.humans.text}: {screen.humans_reason}.  {screen.track}.',
         *(f'! {alert.text}' for alert in alerts),

@@ -240,11 +240,13 @@ class Screen:
     """
     All that a screen shows of the race itself.
 
+    :param banner: what it says at its top; empty: nothing.
     :param heat_button: offers the choice of a heat; None if the roster names none.
     :param heats: one button for each heat of the roster.
     :param places: the places of the race, or of the last one; empty if there are none.
     """
 
+    banner: str
     state: Cell
     since: str
     heat_button: Button | None
@@ -402,6 +404,7 @@ def show(
     track = race.track
     humans, reason = _humans(race)
     return Screen(
+        banner=race.banner,
         state=_state_cell(race.state),
         since=f'{since}, {words.OVER}' if race.over else since,
         heat_button=buttons.race(CommandKind.SET_HEAT) if race.heats else None,

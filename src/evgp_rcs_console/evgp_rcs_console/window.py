@@ -52,19 +52,16 @@ class ConsoleWindow(QtWidgets.QWidget):
     :param give: sends a command, and returns at once.
     :param signature: in whose name.
     :param looking: where race control is looked for, as a sentence says it.
-    :param banner: what the top of the window and its title say besides; empty: nothing.
     """
 
-    def __init__(
-        self, inbox: Inbox, give: Give, signature: Signature, looking: str, banner: str = ''
-    ) -> None:
+    def __init__(self, inbox: Inbox, give: Give, signature: Signature, looking: str) -> None:
         """Show that race control is being looked for."""
         super().__init__()
         self.setObjectName('window')
-        self.setWindowTitle(f'{banner}: {words.TITLE}' if banner else words.TITLE)
+        self.setWindowTitle(words.TITLE)
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
         sight = Sight(self)
-        self._areas = areas = Areas(self, sight.scrolling, banner)
+        self._areas = areas = Areas(self, sight.scrolling)
         unanswered = Unanswered()
         self._bottom = bottom = BottomLine(areas.status, unanswered)
         chosen = ChosenKart(areas.side.number_field, areas.karts)

@@ -31,6 +31,8 @@ from evgp_rcs_console.snapshot import Heat, Kart, Race, State
 
 TITLE = 'EVGP race control'
 
+BANNER = '=== {banner} ==='
+
 STATES = {
     State.UNKNOWN: '',
     State.IN_GARAGE: 'IN GARAGE',

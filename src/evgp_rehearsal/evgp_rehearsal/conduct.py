@@ -104,7 +104,9 @@ def _obeyed(own: Sequence[RecordedEvent], index: int) -> list[Finding]:
 
 
 def _raced(before: Sequence[RecordedEvent], order: RecordedEvent) -> bool:
-    last = next((each for each in reversed(before) if each.kind == 'KART_STATE'), None)
+    # One that has just connected was away, and had to stop meanwhile (§3.E).
+    kinds = ('KART_STATE', 'CONNECTED')
+    last = next((each for each in reversed(before) if each.kind in kinds), None)
     return (
         last is not None
         and last.state == 'GREEN_GREEN'

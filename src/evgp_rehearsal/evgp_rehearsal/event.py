@@ -23,7 +23,7 @@ race whose karts are not those of this roster.
 from __future__ import annotations
 
 import bisect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 import contextlib
 import dataclasses
@@ -48,6 +48,7 @@ from evgp_rehearsal.plan import Plan
 from evgp_rehearsal.score import Line, score, STEWARD, Took, Truth
 from evgp_rehearsal.table_top import AFTER, can_begin, LOOKS, TIMES
 from evgp_testing.domains import Domain
+from evgp_testing.judge import Judge
 from evgp_testing.kart import Bridge, ExampleStack
 from evgp_testing.official import Answer, Official
 from evgp_testing.part import Part
@@ -76,12 +77,16 @@ class Rehearsal(Part):
     """
     A field, its race control, and what happens there.
 
-    ``field`` may be read and changed inside ``with rehearsal.lock:`` only.
+    ``field`` may be read and changed inside ``with rehearsal.lock:`` only. ``links`` are the
+    connections of the simulated karts, ``domains`` the ROS domains of those with a bridge, and
+    race control's at number 0.
 
     :param folder: where roster and record are written.
     :param bridged: how many karts, the last ones, have the real bridge and the example stack: they
         are in the race, but no incident happens to them.
     :param window: whether to open the officials' window.
+    :param judge: is told what the simulated karts hear and say, and every command.
+    :param parameters: more parameters of race control.
     """
 
     def __init__(
@@ -90,6 +95,8 @@ class Rehearsal(Part):
         folder: pathlib.Path,
         bridged: int = 0,
         window: bool = False,
+        judge: Judge | None = None,
+        parameters: Mapping[str, object] | None = None,
     ) -> None:
         """Start race control and let the karts connect."""
         # Also of the nodes in this process: nobody else's race is seen or commanded.
@@ -108,23 +115,26 @@ class Rehearsal(Part):
         self._open: Took | None = None
         self._first: dict[bool, int] = {}
         self._ended = False
-        self._links: dict[int, DrivenKart | WireKart] = {}
+        self.links: dict[int, DrivenKart | WireKart] = {}
+        self._judge = judge
+        self._parameters = parameters or {}
         self._tried = dict.fromkeys(self.field.karts, -CONNECT_AGAIN)
         with contextlib.ExitStack() as stack:
             # A process ends with the thread that started it (evgp_testing.process), and this one
             # lives as long as the rehearsal.
             self._starter = stack.enter_context(ThreadPoolExecutor(1, 'starter'))
-            self.domain = stack.enter_context(Domain()).number
+            bridges = plan.numbers[simulated:]
+            self.domains = {each: stack.enter_context(Domain()).number for each in (0, *bridges)}
+            self.domain = self.domains[0]
             self.control = self._race_control(0)
             stack.callback(lambda: self.control.close())
-            self.official = stack.enter_context(Official(self.domain, STEWARD))
+            self.official = stack.enter_context(Official(self.domain, STEWARD, judge))
             race = self.official.wait_for_race(lambda race: True, 'a first look at the race')
             self._check_own(race)
-            for number in plan.numbers[simulated:]:
-                domain = stack.enter_context(Domain()).number
-                address = address_of(number)
-                stack.enter_context(Bridge(domain, self.control.port, address))
-                stack.enter_context(ExampleStack(domain))
+            for number in bridges:
+                bridge = Bridge(self.domains[number], self.control.port, address_of(number))
+                stack.enter_context(bridge)
+                stack.enter_context(ExampleStack(self.domains[number]))
             if window:
                 self.open_window()
             stack.callback(self._close_window)
@@ -148,12 +158,18 @@ class Rehearsal(Part):
             if kart and kart not in self.field.karts:
                 raise RefusedError(f'kart {kart} is not simulated here')
             if not can_begin(row, self.field, state):
-                raise RefusedError(f'{name} begins {_WHEN[row.phase]}')
+                raise RefusedError(f'Not now: {name} begins {WHEN[row.phase]}')
             self._end_incident()
             number = choose_kart(self.field, row, kart)
             self._open = Took(name, number, self.field.tick, self.field.tick)
             row.begin(self.field, number)
             return self._open
+
+    def can_begin(self, name: str) -> bool:
+        """Return whether an incident can begin now."""
+        state = self.state
+        with self.lock:
+            return can_begin(INCIDENTS[name], self.field, state)
 
     def mend(self) -> None:
         """End the incident, and have marshals and teams put everything right."""
@@ -174,7 +190,7 @@ class Rehearsal(Part):
 
         def start() -> None:
             if self.window is None or not self.window.runs:
-                words = {'banner': BANNER, 'official': 'trainee'}
+                words = {'official': 'trainee'}
                 self.window = Process('evgp_rcs_console', 'rcs_gui', self.domain, words)
 
         self._starter.submit(start).result()
@@ -252,7 +268,7 @@ class Rehearsal(Part):
         self.mend()
         grid = row.phase is Phase.GRID
         steward = Steward(RaceState.GRID_ACTIVE if grid else RaceState.GREEN_GREEN)
-        self.attend(steward, STEWARD, lambda: self._can_begin(name), GET_THERE)
+        self.attend(steward, STEWARD, lambda: self.can_begin(name), GET_THERE)
         took = self.inject(name, kart)
         ends = took.began + round(row.limit / TICK_LENGTH) + AFTER
         self.attend(official, 'trainee', lambda: self.field.tick >= ends, None, took.began)
@@ -306,7 +322,7 @@ class Rehearsal(Part):
         """End everything."""
         self._ended = True
         self._thread.join()
-        for link in self._links.values():
+        for link in self.links.values():
             link.close()
         self._stack.close()
 
@@ -327,7 +343,7 @@ class Rehearsal(Part):
                 self._cue()
                 self.lock.notify_all()
             for number, state in said:
-                link = self._links.get(number)
+                link = self.links.get(number)
                 if isinstance(link, DrivenKart):
                     link.acknowledge(state)
             for number, kart in self.field.karts.items():
@@ -336,7 +352,7 @@ class Rehearsal(Part):
                 self._happen(each)
 
     def _connect(self, number: int, wanted: Link) -> None:
-        link = self._links.get(number)
+        link = self.links.get(number)
         there = (
             Link.NOBODY
             if link is None or link.ended
@@ -345,7 +361,7 @@ class Rehearsal(Part):
             else Link.STRANGER
         )
         if link is not None and there is not wanted:
-            del self._links[number]
+            del self.links[number]
             if wanted is Link.STRANGER and there is Link.KART:
                 # The new connection takes the place of the kart's: race control ends that one.
                 self._join(number, wanted)
@@ -360,8 +376,8 @@ class Rehearsal(Part):
     def _join(self, number: int, wanted: Link) -> None:
         self._tried[number] = self.field.tick
         with contextlib.suppress(OSError):  # race control is not there: again later
-            self._links[number] = (
-                DrivenKart(number, self.control.port, self._hear)
+            self.links[number] = (
+                DrivenKart(number, self.control.port, self._hear, self._judge)
                 if wanted is Link.KART
                 else WireKart(address_of(number), self.control.port)
             )
@@ -411,11 +427,6 @@ class Rehearsal(Part):
                 self.cues.remove(cue)
             return
 
-    def _can_begin(self, name: str) -> bool:
-        state = self.state
-        with self.lock:
-            return can_begin(INCIDENTS[name], self.field, state)
-
     def _end_incident(self) -> None:
         if self._open is not None:
             self.took.append(dataclasses.replace(self._open, ended=self.field.tick))
@@ -429,10 +440,12 @@ class Rehearsal(Part):
             self.plan.numbers,
             parameters={
                 'port': port,
+                'banner': BANNER,
                 **{
                     name: getattr(TIMES, name)
                     for name in ('ready_alert', 'green_alert', 'flag_alert', 'red_alert')
                 },
+                **self._parameters,
             },
             teams=self._teams(),
         )
@@ -454,11 +467,12 @@ class Rehearsal(Part):
 GET_THERE = 120.0
 """Maximum time until an incident can begin, in seconds."""
 
-_WHEN = {
+WHEN = {
     Phase.GRID: 'in GRID_ACTIVE',
     Phase.RACE: 'in GREEN_GREEN, once all karts race',
     Phase.LAST_LAP: 'in GREEN_GREEN, when the leader is near the end of its last lap',
 }
+"""When an incident can begin, for who chooses it."""
 
 
 def _in_ticks(event: RecordedEvent, times: Sequence[float]) -> RecordedEvent:

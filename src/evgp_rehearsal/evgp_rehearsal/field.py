@@ -265,6 +265,10 @@ class Field:
                 self.crossed.append((self.tick, number))
         return said
 
+    def racing(self) -> list[SimulatedKart]:
+        """Return the karts that are sent GREEN_GREEN: no incident of a race is about another."""
+        return [kart for kart in self.karts.values() if kart.told is RaceState.GREEN_GREEN]
+
     def leader(self) -> int:
         """Return the kart that is ahead of all others and has not finished; 0: there is none."""
         racing = [kart for kart in self.karts.values() if kart.distance < self.finish]

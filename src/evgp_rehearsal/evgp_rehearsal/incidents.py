@@ -165,8 +165,8 @@ _ROWS = (
         'a kart does not acknowledge RED_RED',
         Phase.RACE,
         _told(Call.STOP_ALL, 'Race director: debris everywhere. Stop every kart now.', Fault.MUTE),
-        'ALL_KILL; then, since one kart does not answer, uses the MSR and records it (Alerts: '
-        'RED_UNACKNOWLEDGED)',
+        'sends ALL_KILL; then, since one kart does not answer, uses the MSR and records it '
+        '(Alerts: RED_UNACKNOWLEDGED)',
         (KILL | MSR | _all(K.RACE_OVER), MSR),
         fine=STOP_THIS | FLAG,
     ),
@@ -175,7 +175,7 @@ _ROWS = (
         'a kart drives on in RED_FLAG',
         Phase.RACE,
         _told(Call.FLAG_ALL, 'Race director: red flag, please.', Fault.IGNORES_FLAG, Fault.MUTE),
-        'RED_FLAG; then, since one kart drives on, uses the MSR and records it (Alerts: '
+        'sends RED_FLAG; then, since one kart drives on, uses the MSR and records it (Alerts: '
         'FLAG_UNACKNOWLEDGED)',
         (STOP_RACE | MSR, MSR),
         fine=STOP_THIS,
@@ -204,7 +204,7 @@ _ROWS = (
         'a person is on the track while karts race',
         Phase.RACE,
         _person,
-        'ALL_KILL and the MSR at once, and records it: humans are in danger (§3.D)',
+        'sends ALL_KILL, uses the MSR at once and records it: humans are in danger (§3.D)',
         (KILL | MSR, MSR),
         fine=KILL,
         wrong=FLAG,
@@ -245,8 +245,8 @@ _ROWS = (
         'race control dies in mid-race, and comes back',
         Phase.RACE,
         _crash,
-        'ALL_KILL or the MSR; or waits until every kart has acknowledged RED_RED, looks at the '
-        'track, and then states IN_GARAGE (When race control itself ends)',
+        'sends ALL_KILL or uses the MSR; or waits until every kart has acknowledged RED_RED, '
+        'looks at the track, and then states IN_GARAGE (When race control itself ends)',
         (KILL | MSR | _all(K.IN_GARAGE),),
         fine=MSR,
         to_kart=False,
@@ -306,4 +306,5 @@ def choose_kart(field: Field, incident: Incident, kart: int = 0) -> int:
         return 0
     if incident.phase is Phase.LAST_LAP:
         return kart or field.leader()
-    return kart or field.dice.choice(sorted(field.karts))
+    there = field.karts if incident.phase is Phase.GRID else [k.number for k in field.racing()]
+    return kart or field.dice.choice(sorted(there))

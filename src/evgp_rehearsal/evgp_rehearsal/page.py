@@ -30,9 +30,10 @@ from typing import Any
 
 from evgp_node.states import state_of
 from evgp_rehearsal import sheet
-from evgp_rehearsal.event import BANNER, RefusedError, Rehearsal
+from evgp_rehearsal.event import BANNER, RefusedError, Rehearsal, WHEN
 from evgp_rehearsal.field import TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
+from evgp_rehearsal.table_top import can_begin
 from evgp_testing.part import Part
 
 HERE = '127.0.0.1'
@@ -80,8 +81,14 @@ def picture(rehearsal: Rehearsal) -> dict[str, Any]:
             'laps': rehearsal.plan.laps,
             'karts': karts,
             'person': field.person,
-            'radio': [each.text for each in field.messages[-RADIO:]],
-            'incident': f'{took.incident} {took.kart or ""}' if took else '',
+            'radio': [
+                f'{each.tick * TICK_LENGTH:.0f} s: {each.text}' for each in field.messages[-RADIO:]
+            ],
+            'incident': took.incident if took else '',
+            'incident_kart': took.kart if took else 0,
+            'possible': [
+                row.name for row in INCIDENTS.values() if can_begin(row, field, rehearsal.state)
+            ],
             'alerts': [alert.text for alert in race.alerts] if race else [],
         }
 
@@ -186,7 +193,7 @@ def _static(rehearsal: Rehearsal) -> dict[str, Any]:
         'banner': BANNER,
         'track': rehearsal.plan.track.corners,
         'incidents': [
-            {'name': row.name, 'meaning': row.meaning, 'good': row.good, 'phase': row.phase.name}
+            {'name': row.name, 'meaning': row.meaning, 'good': row.good, 'when': WHEN[row.phase]}
             for row in INCIDENTS.values()
         ],
     }

@@ -129,11 +129,18 @@ INCIDENTS: Mapping[str, Callable[[Trial], None]] = {
 """What can happen in mid-race to the one kart; ``none``: it finishes."""
 
 
+UNSEEN = {
+    'silence': 'had to stop by itself after 1 s of silence: this program cannot see whether it '
+    'did; make inspect-kart can',
+}
+"""What an incident asks of a kart and the record does not show."""
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """
     Play a race.
 
-    :return: 0; 1 if the kart did anything badly; 2 if a setting is wrong.
+    :return: 0; 1 if the kart did anything badly; 2 if a setting is wrong; 130 after Ctrl-C.
     """
     parser = argparse.ArgumentParser(
         prog='rehearse_kart',
@@ -161,7 +168,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['EVGP_GRAPH_INTERFACE'] = ''
     print(f'REHEARSAL of kart {given.kart}: {given.incident}', flush=True)
-    findings = _play(given)
+    # As Ctrl-C: a CI that ends this ends race control too.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    try:
+        findings = _play(given)
+    except KeyboardInterrupt:
+        return 130
     for finding in findings:
         word = 'note' if finding.note else 'good' if finding.good else 'BAD '
         print(f'{word}  kart {given.kart} {finding.text}')
@@ -201,7 +214,8 @@ def _play(given: argparse.Namespace) -> list[Finding]:
                 for event in events(database, run.number)
                 if event.monotonic <= until
             ]
-    return [*conduct(happened, given.kart), *findings]
+    notes = [Finding(True, UNSEEN[given.incident], note=True)] if given.incident in UNSEEN else []
+    return [*conduct(happened, given.kart), *findings, *notes]
 
 
 def _home(trial: Trial) -> None:

@@ -125,6 +125,7 @@ p, ul, table {{ margin: 1em }}
 table {{ border-collapse: collapse }}
 th, td {{ border: 1px solid #999; padding: .35em .6em; text-align: left; vertical-align: top }}
 th {{ background: #eee }}
+td:first-child {{ white-space: nowrap }}
 .passed td:nth-child(4) {{ background: #c8e6c9 }}
 .failed td:nth-child(4) {{ background: #ffcdd2; font-weight: bold }}
 </style>

@@ -199,8 +199,8 @@ def can_begin(row: Incident, field: Field, state: RaceState) -> bool:
     """Return whether an incident can begin now."""
     if row.phase is Phase.GRID:
         return state is RaceState.GRID_ACTIVE
-    karts = field.karts.values()
-    if state is not RaceState.GREEN_GREEN or not all(kart.moves for kart in karts):
+    karts = field.racing()
+    if state is not RaceState.GREEN_GREEN or not karts or not all(kart.moves for kart in karts):
         return False
     if row.phase is Phase.RACE:
         return all(kart.speed > 0.5 * kart.ability.top for kart in karts)

@@ -18,10 +18,12 @@ from __future__ import annotations
 
 import pathlib
 
-from evgp_rehearsal.incidents import INCIDENTS
+from evgp_protocol.states import RaceState
+from evgp_rehearsal.field import Field
+from evgp_rehearsal.incidents import choose_kart, INCIDENTS
 from evgp_rehearsal.officials import Frantic, Good, Idle
 from evgp_rehearsal.plan import Plan, read_plan
-from evgp_rehearsal.table_top import play
+from evgp_rehearsal.table_top import can_begin, play
 import pytest
 
 FILE = pathlib.Path(__file__).parents[1] / 'config' / 'rehearsal.yaml'
@@ -72,3 +74,15 @@ def test_the_same_seed_and_the_same_commands_give_the_same_score(
 ) -> None:
     plan = the_plan(4, laps_of(name))
     assert play(plan, name, official()) == play(plan, name, official())
+
+
+def test_an_incident_can_begin_in_a_race_that_a_kart_has_left() -> None:
+    field = Field(the_plan(1))
+    racing = sorted(field.karts)[1:]
+    for number in racing:
+        field.hear(number, RaceState.GREEN_GREEN)
+    for _ in range(100):
+        field.step()
+    spin = INCIDENTS['spin']
+    assert can_begin(spin, field, RaceState.GREEN_GREEN)
+    assert {choose_kart(field, spin) for _ in range(100)} == set(racing)

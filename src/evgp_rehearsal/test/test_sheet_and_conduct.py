@@ -51,6 +51,12 @@ def test_a_kart_that_acknowledges_a_red_at_once_gets_a_note() -> None:
     assert [finding.note for finding in findings] == [False, False, False, True]
 
 
+def test_a_kart_that_was_away_has_had_time_to_stop() -> None:
+    away = ((8.0, 'CONNECTED', None), (9.0, 'KART_STATE', 'RED_RED'))
+    findings = conduct(happened(*RACE[:-1], *away, (9.05, 'ACKNOWLEDGED', 'RED_RED')), 7)
+    assert not any(finding.note for finding in findings)
+
+
 def test_a_kart_that_is_late_or_silent_or_garbled_did_badly() -> None:
     for more in (
         ((15.0, 'ACKNOWLEDGED', 'RED_RED'),),
@@ -74,6 +80,6 @@ def test_the_page_says_what_was_wrong_and_what_would_have_been_right() -> None:
     ]
     page = sheet.page(lines)
     assert '1 of 2 incidents passed' in page
-    for words in ('REHEARSAL', 'RED_FLAG, OPEN_TRACK', 'ALL_KILL and the MSR'):
+    for words in ('REHEARSAL', 'RED_FLAG, OPEN_TRACK', 'uses the MSR at once'):
         assert words in page
     assert [cell for cell in sheet.row(lines[1]) if cell == 'never'] == ['never', 'never']

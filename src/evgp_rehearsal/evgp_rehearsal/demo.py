@@ -1,0 +1,428 @@
+"""
+``demo``, or ``make demo``: a rehearsal that runs by itself, and judges itself.
+
+Two races: one from the garage over the finish to the garage, and one that ALL_KILL ends when a
+kart spins. Half of the karts are simulated, with TCP alone; half have the real bridge and the
+example stack.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator, Sequence
+import contextlib
+import itertools
+import os
+import pathlib
+import signal
+import sys
+import tempfile
+import threading
+import time
+
+from evgp_node.states import state_of
+from evgp_protocol import clock
+from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs_msgs import msg
+from evgp_rehearsal import findings, sheet
+from evgp_rehearsal.conduct import Finding
+from evgp_rehearsal.event import BANNER, Rehearsal
+from evgp_rehearsal.field import Fault
+from evgp_rehearsal.findings import Race
+from evgp_rehearsal.officials import Act
+from evgp_rehearsal.plan import Ability, Plan, Track
+from evgp_rehearsal.score import STEWARD
+from evgp_testing.judge import Judge
+from evgp_testing.kart import Team
+from evgp_testing.process import started
+from evgp_testing.usage import family
+from evgp_testing.wire_kart import WireKart
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+PLAN = Plan(
+    Track(((0.0, 0.0), (9.0, 0.0), (9.0, 4.0), (0.0, 4.0))),
+    Ability(acceleration=4.0, flag_braking=3.0),
+    laps=1,
+)
+"""One short lap."""
+
+BRIDGED = (4, 5, 6)
+"""The karts with the real bridge and the example stack; the others are simulated."""
+
+OUTSIDE, LATE = 3, 2
+"""The kart that is not in the race, and the one for whose team GREEN_GREEN must wait."""
+
+STARTERS = tuple(kart for kart in PLAN.numbers if kart != OUTSIDE)
+
+FINISH_DELAYS = (2.0, 1.7, 1.4, 1.1, 0.8)
+"""From FINISH to RED_FLAG by place, in seconds."""
+
+GAP = 0.4
+"""Time between two karts with a bridge that cross the line, in seconds."""
+
+PATIENCE = 60.0
+"""How long anything is awaited, in seconds: far more than it takes on a machine that is busy."""
+
+MUTE_PATIENCE = 15.0
+"""The same where one kart never acknowledges, and whoever looks waits to see it named."""
+
+WIDTH = 100
+"""Maximum width of what is printed."""
+
+COLOURS = {
+    'IN_GARAGE': 'cyan',
+    'GRID_ACTIVE': 'blue',
+    'GREEN_GREEN': 'green',
+    'RED_FLAG': 'yellow',
+    'RED_RED': 'red',
+}
+
+# Who was told what, and acknowledged it, is in the tables; as they come, these are enough.
+_NOT_TOLD_LIVE = (msg.RaceEvent.KART_STATE, msg.RaceEvent.ACKNOWLEDGED, msg.RaceEvent.REPORTED)
+
+
+class Show:
+    """
+    The rehearsal, its official, and what is printed of it.
+
+    :param mute: the kart that never acknowledges; 0: none.
+    """
+
+    def __init__(self, console: Console, rehearsal: Rehearsal, mute: int) -> None:
+        """Show nothing yet."""
+        self.console, self.rehearsal, self.official = console, rehearsal, rehearsal.official
+        self.official.patience = MUTE_PATIENCE if mute else PATIENCE
+        self.teams: dict[int, Team] = {}
+        self.races: list[tuple[str, float, float, str]] = []
+        self.called: float | None = None
+        self._mute = mute
+        self._began = clock.now()
+        self._told = 0
+
+    def gather(self) -> None:
+        """
+        Wait until every kart is connected, has its stack, and sees IN_GARAGE.
+
+        :raises AssertionError: if one does not in time.
+        """
+        self.official.wait_for_connected(*PLAN.numbers)
+        for team in self.teams.values():
+            team.patience = PATIENCE
+            team.wait_for_speed(lambda speed: True)
+        self.official.command('set_in_race', kart=OUTSIDE, in_race=False)
+        self._wait_for(RaceState.IN_GARAGE, PLAN.numbers)
+
+    def race(self) -> None:
+        """Drive a race from the garage over the finish to the garage."""
+        official, rehearsal = self.official, self.rehearsal
+        late = self._mute or LATE
+        with rehearsal.lock:
+            rehearsal.field.karts[late].faults.add(Fault.NEVER_READY)
+        official.command('grid_active', track_clear=True)
+        self._wait_for(RaceState.GRID_ACTIVE, [kart for kart in STARTERS if kart != late])
+        official.call('green_green')  # refused: it waits for one kart
+        if not self._mute:
+            rehearsal.mend()
+        self._green()
+        # Where the simulated karts are, the field knows; then those that have no place in it.
+        for place in range(len(STARTERS) - len(BRIDGED)):
+            with rehearsal.lock:
+                crossed = rehearsal.lock.wait_for(
+                    lambda place=place: rehearsal.field.crossed[place:], PATIENCE
+                )
+            assert crossed, 'no kart crosses the line'
+            official.command('kart/finish', kart=crossed[0][1])
+        for kart in BRIDGED:
+            official.command('kart/finish', kart=kart)
+            time.sleep(GAP)
+        official.wait_for_race(lambda race: race.over, 'the race goes over by itself')
+        self._home(STARTERS)
+
+    def kill(self) -> None:
+        """Drive a race in which a kart spins, and the official presses ALL_KILL."""
+        rehearsal = self.rehearsal
+        self._green()
+        self.official.wait_until_polled(lambda: rehearsal.can_begin('spin'), 'every kart races')
+        rehearsal.inject('spin')
+        self.called = clock.now()
+        rehearsal.give(Act(CommandKind.ALL_KILL), 'demo')
+        self.official.call('green_green')  # refused
+        self._home(PLAN.numbers)
+
+    @contextlib.contextmanager
+    def watching(self, title: str) -> Iterator[None]:
+        """Print the events as they come and, on a terminal, keep a table below them."""
+        self.console.rule(f'{BANNER}: {title}', style='bold')
+        over = threading.Event()
+        teller = threading.Thread(target=self._tell, args=[over], daemon=True)
+        live: contextlib.AbstractContextManager[object] = contextlib.nullcontext()
+        if self.console.is_terminal:
+            live = Live(get_renderable=self.table, console=self.console, transient=True)
+        with live:
+            teller.start()
+            try:
+                yield
+            finally:
+                over.set()
+                with self.official.news:
+                    self.official.news.notify_all()
+                teller.join()
+
+    def play(self, title: str, drive: Callable[[], None]) -> bool:
+        """Show a race, and return whether it went to its end."""
+        began, failure = clock.now(), ''
+        with self.watching(title):
+            try:
+                drive()
+            except AssertionError as error:
+                # What was awaited in vain; behind the first semicolon stands what came instead.
+                failure = str(error).split(';')[0]
+        self.races.append((title, began, clock.now(), failure))
+        return not failure
+
+    def table(self) -> Table:
+        """Return what race control tells each kart, and what each sees."""
+        table = Table(title_justify='left', caption_justify='left')
+        for heading in ('Kart', 'Kind', 'Told', 'Acknowledged', 'Sees', 'Race'):
+            # As wide as the longest state, so that the table keeps its shape.
+            table.add_column(heading, min_width=11 if heading in ('Told', 'Sees') else None)
+        race = self.official.race
+        for kart in race.karts if race is not None else ():
+            told = _name(state_of(kart.sent))
+            word = 'yes' if kart.acknowledged else '' if told == 'IN_GARAGE' else 'not yet'
+            if not kart.connected:
+                word = 'not there'
+            changes = self._changes(kart.number)
+            table.add_row(
+                str(kart.number),
+                'ROS, bridge + stack' if kart.number in BRIDGED else 'TCP',
+                Text(told, COLOURS.get(told, '')),
+                Text(word, 'bold red' if word == 'not there' else ''),
+                Text(changes[-1][1] if changes else ''),
+                f'place {kart.place}' if kart.place else 'in it' if kart.in_race else '',
+            )
+        if race is not None:
+            table.caption = (
+                f'The race is in {_name(state_of(race.state))}{", over" if race.over else ""}; '
+                f'the track is {"open" if race.track.open else "closed"} to humans'
+            )
+        return table
+
+    def orders(self, title: str, race: Race) -> None:
+        """Print who was told what, when each kart saw it, and when it was acknowledged."""
+        self.console.rule(f'{title}: seconds', style='bold')
+        grid = Table.grid(padding=(0, 3))
+        grid.add_row('time', 'kart', 'told', 'seen after', 'acknowledged after', style='bold')
+        for each in race.orders():
+            seen, said = (
+                '' if at is None else f'{max(0.0, at - each.at):.3f}'
+                for at in (each.seen, each.acknowledged)
+            )
+            told = Text(each.state, COLOURS.get(each.state, ''))
+            at = f'{each.at - self._began:.3f}'
+            grid.add_row(at, str(each.kart), told, seen, said if each.answered else 'never')
+        self.console.print(grid)
+
+    def found(self, title: str, found: Sequence[Finding]) -> Sequence[Finding]:
+        """Print what was found, and what is missing."""
+        grid = Table.grid(padding=(0, 2))
+        for each in found:
+            word = Text('ok', style='green') if each.good else Text('MISSING', style='bold red')
+            grid.add_row(word, Text(each.text))
+        self.console.rule(f'{title}: findings', style='bold')
+        self.console.print(grid)
+        return found
+
+    def judge(self) -> Iterator[tuple[str, Race, list[Finding]]]:
+        """Judge each race, by the record as the end of race control has left it."""
+        events = self.rehearsal.events()
+        # The record's clock counts a suspend, that of the karts does not.
+        ahead = clock.now() - time.monotonic()
+        for (title, began, ended, failure), is_whole in zip(
+            self.races[1:], (True, False), strict=False
+        ):
+            seen = {
+                kart: [
+                    (at + ahead, state)
+                    for at, state in self._changes(kart)
+                    if began <= at + ahead <= ended
+                ]
+                for kart in PLAN.numbers
+            }
+            race = Race(
+                {kart: kart in STARTERS for kart in PLAN.numbers},
+                [each for each in events if began <= each.monotonic <= ended],
+                seen,
+                self.called,
+                failure,
+            )
+            judged = (
+                findings.judge_whole(race, FINISH_DELAYS)
+                if is_whole
+                else [*findings.judge_killed(race), self._score()]
+            )
+            yield title, race, judged
+
+    def _score(self) -> Finding:
+        lines = self.rehearsal.sheet()
+        self.console.print(sheet.table(lines))
+        passed = bool(lines) and all(line.passed for line in lines)
+        return Finding(passed, 'the score sheet says that the official passed')
+
+    def _changes(self, kart: int) -> list[tuple[float, str]]:
+        side = self._side(kart)
+        return [] if side is None else [(at, _name(state)) for at, state in list(side.changes)]
+
+    def _side(self, kart: int) -> Team | WireKart | None:
+        return self.teams.get(kart) or self.rehearsal.links.get(kart)
+
+    def _wait_for(self, state: RaceState, karts: Sequence[int]) -> None:
+        """Wait until race control has these karts' acknowledgements, and each sees the state."""
+        for kart in karts:
+            self.official.wait_for_kart(
+                kart,
+                lambda seen: (
+                    state_of(seen.sent) is state
+                    and (seen.acknowledged or state is RaceState.IN_GARAGE)
+                ),
+                f'{state.value} acknowledged',
+            )
+            side = self._side(kart)
+            assert side is not None
+            side.wait_for_state(state)
+
+    def _green(self) -> None:
+        self.official.bring_to(RaceState.GREEN_GREEN, *STARTERS)
+        self._wait_for(RaceState.GREEN_GREEN, STARTERS)
+
+    def _home(self, stopped: Sequence[int]) -> None:
+        """Wait until these karts have stopped, and send everybody to the garage."""
+        self._wait_for(RaceState.RED_RED, stopped)
+        self.console.print(self.table())
+        self.rehearsal.mend()
+        self.official.command('in_garage', track_safe=True)
+        self._wait_for(RaceState.IN_GARAGE, PLAN.numbers)
+
+    def _tell(self, over: threading.Event) -> None:
+        official = self.official
+        while not over.is_set() or self._told < len(official.events):
+            with official.news:
+                official.news.wait_for(lambda: over.is_set() or self._told < len(official.events))
+                events = list(itertools.islice(official.events, self._told, None))
+            self._told += len(events)
+            for event in events:
+                if event.kind not in _NOT_TOLD_LIVE:
+                    at = event.monotonic.sec + event.monotonic.nanosec * 1e-9 - self._began
+                    bad = event.kind == msg.RaceEvent.ALERT_RAISED or not event.success
+                    self.console.print(Text(f'{at:7.3f}  {event.text}', 'bold red' if bad else ''))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """
+    Show two races.
+
+    :return: 0 if all that must happen did, 1 if anything is missing, 130 after Ctrl-C.
+    """
+    parser = argparse.ArgumentParser(
+        prog='demo',
+        description='Show a race from the garage to the garage, and one that ALL_KILL ends. '
+        'Exit code 1 if anything is missing.',
+    )
+    parser.add_argument(
+        '--mute',
+        type=int,
+        choices=[kart for kart in STARTERS if kart not in BRIDGED],
+        default=0,
+        metavar='KART',
+        help='this kart never acknowledges: see that the race does not start, and why',
+    )
+    mute = parser.parse_args(arguments).mute
+    # What ends the demonstration ends its processes too. A shell that puts it into the background
+    # has SIGINT ignored, which Python would leave so.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    console = Console(highlight=False)
+    width = min(WIDTH, console.width) if console.is_terminal else WIDTH
+    console = Console(highlight=False, width=width)
+    began = clock.now()
+    try:
+        found = _show(console, mute)
+    except KeyboardInterrupt:
+        console.print('Interrupted')
+        return 130
+    missing = sum(not each.good for each in found)
+    verdict = f'{missing} of {len(found)} findings MISSING' if missing else 'Nothing is missing'
+    console.rule(f'{verdict}; {clock.now() - began:.1f} s', style='bold')
+    return 1 if missing else 0
+
+
+def _show(console: Console, mute: int) -> list[Finding]:
+    wire = Judge([kart for kart in PLAN.numbers if kart not in BRIDGED], (), time.monotonic())
+    with contextlib.ExitStack() as stack:
+        folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        parameters = {'finish_delays': list(FINISH_DELAYS)}
+        running = contextlib.ExitStack()
+        with running:
+            rehearsal = running.enter_context(
+                Rehearsal(PLAN, folder, len(BRIDGED), judge=wire, parameters=parameters)
+            )
+            show = Show(console, rehearsal, mute)
+            for kart in BRIDGED:
+                team = Team(rehearsal.domains[kart], f'team_{kart}')
+                show.teams[kart] = running.enter_context(team)
+            for title, drive in (
+                ('the karts connect', show.gather),
+                ('race 1, from the garage to the garage', show.race),
+                ('race 2, ALL_KILL in mid-race', show.kill),
+            ):
+                if not show.play(title, drive):
+                    break
+            console.print(show.table())
+            graphs = {0: rehearsal.official, **show.teams}
+            nodes = {kart: set(side.node.get_node_names()) for kart, side in graphs.items()}
+            pids = family(os.getpid())[1:]
+        found = [
+            Finding(False, f'{title}: {failure}')
+            for title, _, _, failure in show.races[:1]
+            if failure
+        ]
+        for title, race, judged in show.judge():
+            show.orders(title, race)
+            found += show.found(title, judged)
+        heard = [event.sequence for event in rehearsal.official.events]
+        own = {kart: {'kart_bridge', 'example_stack', f'team_{kart}'} for kart in BRIDGED}
+        around = [
+            findings.judge_events(heard, rehearsal.events()),
+            judge_wire(wire),
+            findings.judge_domains(nodes, {0: {'rcs', 'rcs_stops', 'rcs_starts', STEWARD}, **own}),
+            findings.judge_end(
+                {f'{each.name} {each.pid}': each.wait() for each in started},
+                [pid for pid in pids if pathlib.Path(f'/proc/{pid}').exists()],
+            ),
+        ]
+        return [*found, *show.found('around the races', around)]
+
+
+def judge_wire(judge: Judge) -> Finding:
+    """Return whether the simulated karts were sent what they had to be, to the last frame."""
+    judge.finish()
+    for each in judge.violations:
+        return Finding(False, f'on the wire, {each.rule}: {each.text}')
+    judged = judge.judged
+    return Finding(
+        True,
+        f'{judged["frame"]} frames to the karts without ROS and {judged["call_ended"]} commands '
+        'judged: none was against the rules',
+    )
+
+
+def _name(state: RaceState | None) -> str:
+    return state.value if state is not None else 'UNKNOWN'
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,47 @@
+"""docs/rehearsal.md says of the incidents what the code does."""
+
+from __future__ import annotations
+
+import pathlib
+import re
+
+from evgp_rehearsal.incidents import INCIDENTS
+from evgp_rehearsal.rehearse_kart import INCIDENTS as OF_ONE_KART
+from evgp_rehearsal.sheet import HEADINGS
+
+TEXT = (pathlib.Path(__file__).parents[1] / 'docs' / 'rehearsal.md').read_text(encoding='utf-8')
+
+
+def rows(heading: str) -> list[list[str]]:
+    """Return the cells of the table below a heading."""
+    _, _, rest = TEXT.partition(f'\n## {heading}\n')
+    lines = [line for line in rest.partition('\n## ')[0].splitlines() if line.startswith('| ')]
+    return [[cell.strip(' `') for cell in line.strip('|').split('|')] for line in lines[1:]]
+
+
+def test_the_table_of_incidents_is_that_of_the_code() -> None:
+    assert rows('Incidents') == [[row.name, row.meaning, row.good] for row in INCIDENTS.values()]
+
+
+def test_the_columns_of_the_score_sheet_are_explained() -> None:
+    first = HEADINGS.index('first right')
+    assert [row[0] for row in rows('The score sheet')] == list(HEADINGS[first:])
+
+
+def test_the_incidents_for_one_kart_are_all_named() -> None:
+    _, _, own = TEXT.partition('\n## For teams: your own kart\n')
+    listed = re.search(r'Incidents: (.*?)\. `--port`', own, re.DOTALL)
+    assert listed is not None
+    assert re.findall(r'`(\w+)`', listed[1]) == list(OF_ONE_KART)
+
+
+def test_what_a_good_official_does_is_in_the_rules_where_the_table_says() -> None:
+    rules = (pathlib.Path(__file__).parents[1] / 'docs' / 'rules.md').read_text(encoding='utf-8')
+    headings = re.findall(r'^#+ (.*?)(?: \(§.*\))?$', rules, re.MULTILINE)
+    for row in INCIDENTS.values():
+        (places,) = re.findall(r'\(([^()]*)\)$', row.good)
+        for place in places.split('; '):
+            section, _, what = place.partition(': ')
+            assert section in headings or section.startswith(('§', 'docs/')), (row.name, place)
+            # A name of an alert or a state is found as it stands.
+            assert not what.isupper() or what in rules, (row.name, place)
