@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Iterator
+import contextlib
 import socket
 import struct
 from typing import TypeAlias
@@ -81,6 +82,18 @@ def nothing() -> Beats:
     """Send nothing."""
     while True:
         yield []
+
+
+def close(transport: asyncio.Transport) -> None:
+    """
+    Close a connection in order (FIN).
+
+    The kernel resets a connection that is closed with unread bytes. So the FIN goes first.
+    """
+    if transport.get_write_buffer_size() == 0:
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            transport.get_extra_info('socket').shutdown(socket.SHUT_WR)
+    transport.close()
 
 
 class KartWire:
@@ -167,7 +180,7 @@ class KartWire:
 
     def close(self) -> None:
         """End every connection in order (FIN)."""
-        self._end('closed', lambda link: link.transport.close())
+        self._end('closed', lambda link: close(link.transport))
 
     def reset(self) -> None:
         """Reset every connection (RST)."""

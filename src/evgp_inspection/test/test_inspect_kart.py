@@ -6,13 +6,17 @@ import asyncio
 from collections.abc import Callable
 import contextlib
 import os
+import socket
 
 from evgp_inspection.clauses import KART, select
 from evgp_inspection.cli import inspect
 from evgp_inspection.inspection import Exit, Inspection
 from evgp_inspection.inspector import Unattended
+from evgp_inspection.kart_steps import START_AGAIN
+from evgp_inspection.kart_wire import KartWire
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import Take
+from evgp_inspection.recording import Recording
 from evgp_inspection.traces import Kind
 from evgp_inspection.verdicts import Verdict
 from inspected_kart import FAULTS, InspectedKart
@@ -43,13 +47,16 @@ INSPECTIONS = int(os.environ.get('EVGP_INSPECTIONS', '80'))
 
 class OneInspection:
     """
-    One inspection of one kart in this process.
+    One inspection of one kart in this process, and its inspector, who answers nothing.
 
     :param fault: of the kart; empty: it is good.
     :param seen: there is odometry.
+    :param starts_again: the inspector starts a kart again that has ended.
     """
 
-    def __init__(self, fault: str = '', seen: bool = True, only: str = '') -> None:
+    def __init__(
+        self, fault: str = '', seen: bool = True, only: str = '', starts_again: bool = False
+    ) -> None:
         self.lines: list[str] = []
         self.kart: InspectedKart | None = None
         self.driving = asyncio.Event()
@@ -57,6 +64,8 @@ class OneInspection:
         self._fault = fault
         self._seen = seen
         self._only = only
+        self._starts_again = starts_again
+        self._port = 0
         self._takes: list[Take] = []
         self._running: asyncio.Task[None] | None = None
 
@@ -64,7 +73,7 @@ class OneInspection:
         """Inspect to the end."""
         try:
             return await inspect(
-                Unattended(self.lines.append),
+                self,
                 SHORT,
                 select(KART, self._only),
                 self.stopping,
@@ -72,11 +81,28 @@ class OneInspection:
                 listening=self._start_kart,
             )
         finally:
-            if self._running is not None:
-                self._running.cancel()
-                await asyncio.gather(self._running, return_exceptions=True)
+            await self._end_kart()
+
+    def tell(self, line: str) -> None:
+        self.lines.append(line)
+
+    async def confirm(self) -> bool:
+        return True
+
+    async def ask(self, question: str, seconds: float) -> bool | None:
+        if question != START_AGAIN or not self._starts_again:
+            return None
+        await self._end_kart()
+        self._start_kart(self._port)
+        return True
+
+    async def _end_kart(self) -> None:
+        if self._running is not None:
+            self._running.cancel()
+            await asyncio.gather(self._running, return_exceptions=True)
 
     def _start_kart(self, port: int) -> None:
+        self._port = port
         self.kart = InspectedKart(port, self._take, self._fault, SHORT.silence)
         self._running = asyncio.create_task(self.kart.run())
 
@@ -193,6 +219,30 @@ def test_an_inspection_that_fails_while_the_kart_drives_stops_the_kart(
     assert ones[0].driving.is_set()
     assert kart.speed == 0.0
     assert kart.last_heard == b'$RED_RED;'
+
+
+def test_a_kart_that_ends_is_started_again_by_the_inspector_and_inspected_to_the_end() -> None:
+    inspection = asyncio.run(OneInspection('FIN ends it', only='K-4D', starts_again=True).run())
+    assert set(those(inspection, Verdict.FAIL)) == {'K-4D-01'}
+    assert inspection.finished
+    # What only follows from it, and what a program that was just started cannot show.
+    unseen = {'K-4D-03', 'K-4D-05', 'K-4D-06'}
+    assert set(those(inspection, Verdict.NOT_JUDGED)) == unseen
+
+
+def test_a_connection_is_closed_in_order_whatever_the_kart_has_just_said() -> None:
+    async def closed() -> bytes:
+        recording = Recording()
+        wire = KartWire(recording, lambda line: None)
+        await wire.listen('127.0.0.1', 0)
+        with socket.create_connection(('127.0.0.1', wire.port)) as kart:
+            assert await recording.until(lambda: wire.connected, 10.0)
+            kart.send(b'$RED_RED;')  # nobody reads it any more: a mere close would be a reset
+            wire.close()
+            await wire.shut_down()
+            return kart.recv(1)
+
+    assert asyncio.run(closed()) == b''
 
 
 def test_a_kart_that_never_comes_is_not_judged() -> None:
