@@ -235,16 +235,17 @@ class KartWire:
         due = loop.time()
         while True:
             self._changed.clear()
-            late = loop.time() - due
-            if late > LATE_BEAT:
-                self._recording.note(Kind.HELD_UP, value=late)
+            self._notice_delay(loop.time() - due)
             if self._beats is not None:
                 links = list(self._links.values())
+                piece_due = loop.time()
                 for pause, data in next(self._beats):
                     if pause:
+                        piece_due += pause
                         await asyncio.sleep(pause)
                     for link in links:
                         link.write(data)
+                self._notice_delay(loop.time() - piece_due)
             # A beat that is late is not made up for; a new order does not wait for the next one.
             due = max(due + self._period, loop.time())
             # No asyncio.wait_for: before Python 3.12 it may swallow the end of this task.
@@ -252,6 +253,10 @@ class KartWire:
             await self._changed.wait()
             timer.cancel()
             due = min(due, loop.time())
+
+    def _notice_delay(self, late: float) -> None:
+        if late > LATE_BEAT:
+            self._recording.note(Kind.HELD_UP, value=late)
 
     # What the connections call.
 

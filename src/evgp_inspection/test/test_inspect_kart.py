@@ -5,15 +5,17 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 import contextlib
+import itertools
 import os
 import socket
+import time
 
 from evgp_inspection.clauses import KART, select
 from evgp_inspection.cli import inspect
 from evgp_inspection.inspection import Exit, Inspection
 from evgp_inspection.inspector import Unattended
 from evgp_inspection.kart_steps import START_AGAIN
-from evgp_inspection.kart_wire import KartWire
+from evgp_inspection.kart_wire import KartWire, LATE_BEAT
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import Take
 from evgp_inspection.recording import Recording
@@ -243,6 +245,21 @@ def test_a_connection_is_closed_in_order_whatever_the_kart_has_just_said() -> No
             return kart.recv(1)
 
     assert asyncio.run(closed()) == b''
+
+
+def test_a_frame_that_takes_too_long_to_send_is_a_hold_up_of_the_inspecting_computer() -> None:
+    async def slow() -> list[float]:
+        recording = Recording()
+        wire = KartWire(recording, lambda line: None)
+
+        await wire.listen('127.0.0.1', 0)
+        wire.send(itertools.repeat([(0.05, b'$'), (0.05, b'RED_RED;')]))
+        asyncio.get_running_loop().call_later(0.02, time.sleep, 2 * LATE_BEAT)
+        await recording.until(lambda: recording.trace.now.of(Kind.HELD_UP), 10.0)
+        await wire.shut_down()
+        return [event.value for event in recording.trace.now.of(Kind.HELD_UP)]
+
+    assert asyncio.run(slow())
 
 
 def test_a_kart_that_never_comes_is_not_judged() -> None:
