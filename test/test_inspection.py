@@ -24,6 +24,7 @@ import os
 import pathlib
 import pty
 import re
+import shutil
 import socket
 import subprocess
 import sys
@@ -32,14 +33,18 @@ import time
 from typing import Any
 from xml.etree import ElementTree
 
+from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
+from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.kart import Bridge, ExampleStack
 from evgp_testing.patience import PATIENCE
 from evgp_testing.process import Program
 from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.wire_kart import Acknowledges
 import pytest
 
 ROOT = pathlib.Path(__file__).parents[1]
+IN_GARAGE, GREEN_GREEN, RED_RED = RaceState.IN_GARAGE, RaceState.GREEN_GREEN, RaceState.RED_RED
 INSPECT = [sys.executable, str(ROOT / 'src/evgp_inspection'), 'kart']
 
 SHORT = ['--listen', '127.0.0.1', '--port', '0', '--watch', '0.7', '--drive', '0.5']
@@ -144,6 +149,56 @@ def test_the_client_of_the_document_passes_every_clause(
     assert suite.attrib['failures'] == '0'
 
 
+def example_of_the_c_kit(folder: pathlib.Path, udp: int) -> pathlib.Path:
+    """Compile kit/c's example for POSIX, with its speed sent as odometry."""
+    compiler = next(filter(None, map(shutil.which, ('gcc', 'clang'))), None)
+    if compiler is None:
+        why = 'this machine has neither gcc nor clang'
+        (pytest.fail if os.environ.get('EVGP_ALL_TESTS') else pytest.skip)(why)
+    text = (ROOT / 'kit/c/examples/posix.c').read_text(encoding='utf-8')
+    before, turn, after = text.partition('static void wait_for_turn(void)\n{\n')
+    assert turn, 'the example has another loop'
+    tell = f"""static void tell_speed(void)
+{{
+    static int told = -1;
+    struct sockaddr_in to;
+    char line[32];
+    if (told < 0) {{
+        told = socket(AF_INET, SOCK_DGRAM, 0);
+    }}
+    memset(&to, 0, sizeof to);
+    to.sin_family = AF_INET;
+    to.sin_port = htons({udp});
+    to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    (void)snprintf(line, sizeof line, "%f\\n", speed);
+    (void)sendto(told, line, strlen(line), 0, (struct sockaddr *)&to, sizeof to);
+}}
+
+"""
+    source = folder / 'posix.c'
+    source.write_text(f'{before}{tell}{turn}    tell_speed();\n{after}', encoding='utf-8')
+    program = folder / 'posix'
+    command = [compiler, '-std=c99', '-Wall', '-Werror', f'-I{ROOT / "kit/c"}', str(source)]
+    subprocess.run([*command, '-o', str(program)], check=True)
+    return program
+
+
+def test_the_example_of_the_c_kit_passes_every_clause(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    udp = free_udp_port()
+    kart = example_of_the_c_kit(tmp_path, udp)
+    folder = tmp_path / 'report'
+    program = parts.enter_context(inspection(folder, '--odometry', f'udp:{udp}', *UNATTENDED))
+    port = str(port_of(program))
+    parts.enter_context(Program('posix', [str(kart), '127.0.0.1', port, address_of(1)]))
+    code = wait_to_end(program)
+    report = report_in(folder)
+    assert those(report, 'fail') == {}
+    assert those(report, 'not judged') == {}
+    assert code == 0
+
+
 class Terminal:
     """An inspector at a terminal, who answers what is asked by what the wheels do."""
 
@@ -245,6 +300,44 @@ def test_our_race_control_passes_every_clause(
     assert those(report, 'fail') == {}
     assert those(report, 'not judged') == {}
     assert code == 0
+
+
+def test_a_kart_without_an_inspection_stays_out_of_the_race_and_is_stopped_all_the_same(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    connect_kart: ConnectKart,
+    tmp_path: pathlib.Path,
+) -> None:
+    roster = tmp_path / 'inspected.yaml'
+    inspected = {1: '', 2: '2026-05-01', 3: ''}
+    lines = [
+        f'- {{number: {number}, team: T, address: {address_of(number)}, in_race: {number < 3}'
+        + (f', inspected: {day}}}' if day else '}')
+        for number, day in inspected.items()
+    ]
+    roster.write_text('\n'.join(['karts:', *lines]), encoding='utf-8')
+    control = start_race_control(in_race=(), others=(1,), roster=roster, require_inspection=True)
+    official = join_official(control)
+    one, two, _ = (connect_kart(control, number, Acknowledges.EACH_CHANGE) for number in inspected)
+    official.wait_for_connected(1, 2, 3)
+    race = official.wait_for_race(lambda race: True, 'a first look at the race')
+    assert {kart.number: kart.inspected for kart in race.karts} == inspected
+
+    assert not official.call('grid_active', track_clear=True).success
+    assert not official.call('set_in_race', kart=3, in_race=True).success
+
+    official.command('kart/red_red', kart=1)
+    official.wait_for_acks(RED_RED, 1)
+    official.command('all_kill')
+    official.wait_for_acks(RED_RED, 1, 2, 3)
+    official.bring_to(IN_GARAGE)
+    official.command('set_in_race', kart=1, in_race=False)
+    official.bring_to(GREEN_GREEN, 2)
+    official.command('kart/red_red', kart=1)
+    official.wait_for_acks(RED_RED, 1)
+
+    assert {state for _, state in one.changes} == {IN_GARAGE, RED_RED}
+    assert GREEN_GREEN in {state for _, state in two.changes}
 
 
 def test_the_space_bar_stops_the_kart_and_ends_the_inspection(

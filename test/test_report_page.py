@@ -16,14 +16,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 import contextlib
+import dataclasses
 import os
 import pathlib
 import random
 import re
 from typing import Any
 
+from evgp_inspection.clauses import Clause, KART
+from evgp_inspection.limits import Limits, RcsLimits
+from evgp_inspection.rcs_clauses import RCS
+from evgp_inspection.report import as_html, Header
+from evgp_inspection.verdicts import Finding, Result, Verdict
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.rcs_record import main as rcs_record
@@ -312,12 +318,17 @@ def test_an_hour_with_twenty_karts_can_be_used(
     assert browser.complaints == []
 
 
-def test_a_report_is_printed_on_a4(browser: Browser, make_report: MakeReport) -> None:
-    browser.visit(make_report(incident()))
-    sheets = [
+def sheets_of(browser: Browser) -> list[tuple[int, ...]]:
+    """Return the sizes of the sheets on which the page is printed, in points."""
+    return [
         tuple(sorted(round(float(each)) for each in box))
         for box in re.findall(rb'/MediaBox\s*\[\s*0\s+0\s+([\d.]+)\s+([\d.]+)\s*\]', browser.pdf())
     ]
+
+
+def test_a_report_is_printed_on_a4(browser: Browser, make_report: MakeReport) -> None:
+    browser.visit(make_report(incident()))
+    sheets = sheets_of(browser)
     assert len(sheets) >= 3
     assert set(sheets) == {A4}
 
@@ -380,3 +391,56 @@ def test_the_screenshots_of_the_report(
     browser.picture(folder / 'report.png', '.timeline')
     assert not browser.evaluate('document.getElementById("tip").hidden')
     assert browser.complaints == []
+
+
+# ----- the report of an inspection -----------------------------------------------------------
+
+
+def results_of(clauses: Sequence[Clause], unseen: Collection[str] = ()) -> list[Result]:
+    """Return a pass of these clauses, with some that nobody saw."""
+    why = 'It did not say $GREEN_GREEN;, but nobody saw the wheels.'
+    judged = Finding(Verdict.PASS, 'It took 100.00 s.', 100.0)
+    return [
+        Result(
+            clause,
+            Finding(Verdict.NOT_JUDGED, why) if clause.name in unseen else judged,
+            120.0 if clause.limit else None,
+        )
+        for clause in clauses
+    ]
+
+
+def clauses_for_eyes() -> set[str]:
+    """Return the clauses that the document marks as those which only eyes can see."""
+    document = pathlib.Path(__file__).parents[1] / 'docs/inspection.md'
+    return set(re.findall(r'^\| (K-\w+-\d+)\* \|', document.read_text('utf-8'), re.MULTILINE))
+
+
+@pytest.mark.parametrize(
+    ('clauses', 'limits', 'unseen'),
+    [
+        (KART, Limits(), frozenset()),
+        (KART, Limits(), frozenset(clauses_for_eyes())),
+        (RCS, RcsLimits(), frozenset()),
+    ],
+    ids=['a kart that was seen', 'a kart that nobody saw', 'a race control'],
+)
+def test_the_report_of_an_inspection_that_was_passed_is_one_sheet(
+    browser: Browser,
+    tmp_path: pathlib.Path,
+    clauses: Sequence[Clause],
+    limits: Limits | RcsLimits,
+    unseen: Collection[str],
+) -> None:
+    header = Header(
+        'race control' if clauses is RCS else 'kart 123',
+        'University of Illinois Urbana-Champaign, Autonomous Karting',
+        'Augusta Ada King, Countess of Lovelace',
+        '2026-05-01T10:00:00+02:00',
+        170.0,
+        dataclasses.asdict(limits),
+    )
+    page = tmp_path / 'inspection.html'
+    page.write_text(as_html(header, results_of(clauses, unseen)), encoding='utf-8')
+    browser.visit(page)
+    assert sheets_of(browser) == [A4]

@@ -525,6 +525,7 @@ KART: tuple[Clause, ...] = (
         'Time to the next connection.',
         ('half',),
         'reconnect',
+        ('K-4D-01',),
     ),
     Clause(
         'K-4D-04',

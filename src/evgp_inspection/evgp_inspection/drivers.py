@@ -66,6 +66,9 @@ class Driver(Protocol):
         :param given: is called in the moment in which the command is given.
         """
 
+    async def start_again(self) -> bool:
+        """Start a race control again that cannot be brought to IN_GARAGE; return whether it is."""
+
     def close(self) -> None:
         """End it."""
 
@@ -118,6 +121,16 @@ class Human:
             self._seconds,
         )
         return Reply(bool(done), '' if done else 'not possible, says the person at the screen')
+
+    async def start_again(self) -> bool:
+        """Ask for it; whatever was in the race has to be put there again."""
+        self._prepared = False
+        done = await self._inspector.ask(
+            'Not every kart is connected and in IN_GARAGE. End race control and start it again. '
+            'Done?',
+            self._seconds,
+        )
+        return bool(done)
 
     def close(self) -> None:
         """Do nothing."""

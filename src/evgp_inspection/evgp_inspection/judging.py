@@ -60,10 +60,33 @@ def judge_by(
     """
     finding = judges[clause.name](trace, limits)
     if finding.verdict is Verdict.FAIL:
+        late = _late_before(finding, trace)
+        if late:
+            finding = dataclasses.replace(finding, evidence=(*late, *finding.evidence))
         why = _doubt(judges, clause, finding, trace, limits)
         if why:
             finding = dataclasses.replace(finding, verdict=Verdict.NOT_JUDGED, why=why)
     return Result(clause, finding, getattr(limits, clause.limit) if clause.limit else None)
+
+
+AFTERMATH = 2.0
+"""Time for which a hold-up of the inspecting computer still shows in what others do: to them it was
+a silence, s."""
+
+
+def _late_before(finding: Finding, trace: Trace) -> tuple[Event, ...]:
+    """Return the hold-ups shortly before the evidence of a finding begins."""
+    if not finding.evidence:
+        return ()
+    began = finding.evidence[0].at
+    known = {id(event) for event in finding.evidence}
+    return tuple(
+        event
+        for event in trace.events
+        if event.kind is Kind.HELD_UP
+        and began - AFTERMATH <= event.at <= began
+        and id(event) not in known
+    )
 
 
 def _doubt(

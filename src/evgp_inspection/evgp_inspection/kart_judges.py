@@ -366,6 +366,14 @@ def _says_nothing_old(trace: Trace, limits: Limits) -> Finding:
     return passed('It said nothing before it was sent anything.', *sections)
 
 
+def _acknowledges_again(trace: Trace, limits: Limits) -> Finding:
+    if trace.called('fin/red') is None:
+        return NOT_DONE
+    if _connects_again('fin')(trace, limits).verdict is not Verdict.PASS:
+        return not_judged('It did not connect again by itself.')
+    return _acknowledges(RED_RED, 'red_red', 'fin/red')(trace, limits)
+
+
 OWN_CLAUSE = ('ready/red', 'backlog/red', 'fin/red', 'end/red')
 """The phases with a RED_RED that another clause is about."""
 
@@ -520,6 +528,6 @@ JUDGES: dict[str, Judge] = {
     'K-4D-03': _connects_again('half'),
     'K-4D-04': _connects_again('half_open'),
     'K-4D-05': _connects_again('restart', phase='back', since='back'),
-    'K-4D-06': _acknowledges(RED_RED, 'red_red', 'fin/red'),
+    'K-4D-06': _acknowledges_again,
 }
 """The judge of each clause."""

@@ -85,6 +85,9 @@ MOMENT = 0.2
 SHORT_SILENCE = 0.4
 """Part of `silence` for which a new connection is sent nothing: not a silence yet."""
 
+START_AGAIN = "Then end the kart's program and start it again. Is it started?"
+"""What the inspector is asked about a kart that does not connect again."""
+
 
 class KartNeverCameError(Exception):
     """The kart did not connect."""
@@ -193,25 +196,35 @@ class KartSteps:
         """Return whether the kart acknowledges a state, which it is being sent, in time."""
         return await self._until(lambda: self._trace.acknowledged(state), seconds)
 
-    async def _connected(self) -> None:
-        """
-        Wait for a connection.
+    async def _connected(self) -> bool:
+        """Return whether the kart is connected, or connects in time."""
+        return await self._until(lambda: self._wire.connected, self._limits.reconnect)
 
-        :raises NotStoppedError: there is none.
+    async def _start_it_again(self) -> None:
         """
-        limit = self._limits.reconnect
-        if not await self._until(lambda: self._wire.connected, limit):
-            raise NotStoppedError(f'The kart has not connected again for {limit:g} s.')
+        Have the inspector start the program of a kart that does not connect any more.
+
+        One fault that ends a kart would hide all others otherwise.
+
+        :raises NotStoppedError: it is not connected after that either.
+        """
+        limits = self._limits
+        why = f'The kart has not connected again for {limits.reconnect:g} s.'
+        self._inspector.tell(f'\a  !  {why} If its wheels turn, USE THE MSR.')
+        again = await self._inspector.ask(START_AGAIN, limits.connect)
+        if not (again and await self._until(lambda: self._wire.connected, limits.connect)):
+            raise NotStoppedError(why)
 
     async def _stop(self, name: str) -> None:
         """
         Bring the kart to a standstill.
 
-        :raises NotStoppedError: it does not acknowledge RED_RED in time.
+        :raises NotStoppedError: it does not connect, or acknowledge RED_RED, in time.
         """
         self._phase(name)
         self._wire.order(RED_RED)
-        await self._connected()
+        if not await self._connected():
+            await self._start_it_again()
         if not await self._acknowledged(RED_RED, self._limits.red_red):
             raise NotStoppedError(
                 f'The kart has not acknowledged RED_RED within {self._limits.red_red:g} s.'
@@ -416,12 +429,12 @@ class KartSteps:
                 due = section.began + limits.silence + limits.slack
                 await self._until(lambda: None, max(due - self._recording.now, 0.0))
             else:
-                await self._until(lambda: self._wire.newest > newest, limits.reconnect)
+                back = await self._until(lambda: self._wire.newest > newest, limits.reconnect)
                 if step == 'fin':
                     self._phase('fin/quiet')
                     await self._until(lambda: None, limits.silence * SHORT_SILENCE)
-            if back and stands:  # GREEN_GREEN is for no kart that still moves
-                await self._connected()
+            # GREEN_GREEN is for no kart that still moves.
+            if back and stands and await self._connected():
                 await self._must_stand(
                     f'{step}/back', lambda: self._wire.order(GREEN_GREEN), limits.watch
                 )
@@ -437,9 +450,9 @@ class KartSteps:
             self._phase('restart/back')
             self._wire.order(GREEN_GREEN if stands else RED_RED)
             await self._wire.come_back()
-            await self._connected()
-            await self._watch(limits.watch)
-            await self._ask(STANDS)
+            if await self._connected():
+                await self._watch(limits.watch)
+                await self._ask(STANDS)
         await self._stop('restart/red')
 
     async def _half_open(self) -> None:

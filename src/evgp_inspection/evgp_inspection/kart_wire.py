@@ -24,7 +24,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterator
 import contextlib
-import os
 import socket
 import struct
 from typing import TypeAlias
@@ -97,6 +96,18 @@ def nothing() -> Beats:
     """Send nothing."""
     while True:
         yield []
+
+
+def close(transport: asyncio.Transport) -> None:
+    """
+    Close a connection in order (FIN).
+
+    The kernel resets a connection that is closed with unread bytes. So the FIN goes first.
+    """
+    if transport.get_write_buffer_size() == 0:
+        with contextlib.suppress(OSError):  # it has ended meanwhile
+            transport.get_extra_info('socket').shutdown(socket.SHUT_WR)
+    transport.close()
 
 
 class KartWire:
@@ -183,7 +194,7 @@ class KartWire:
 
     def close(self) -> None:
         """End every connection in order (FIN)."""
-        self._end('closed', _finish)
+        self._end('closed', lambda link: close(link.transport))
 
     def reset(self) -> None:
         """Reset every connection (RST)."""
@@ -238,18 +249,17 @@ class KartWire:
         due = loop.time()
         while True:
             self._changed.clear()
-            sent = due
+            self._notice_delay(loop.time() - due)
             if self._beats is not None:
                 links = list(self._links.values())
+                piece_due = loop.time()
                 for pause, data in next(self._beats):
                     if pause:
+                        piece_due += pause
                         await asyncio.sleep(pause)
-                        sent += pause
                     for link in links:
                         link.write(data)
-            late = loop.time() - sent
-            if late > LATE_BEAT:
-                self._recording.note(Kind.HELD_UP, value=late)
+                self._notice_delay(loop.time() - piece_due)
             # A beat that is late is not made up for; a new order does not wait for the next one.
             due = max(due + self._period, loop.time())
             # No asyncio.wait_for: before Python 3.12 it may swallow the end of this task.
@@ -257,6 +267,10 @@ class KartWire:
             await self._changed.wait()
             timer.cancel()
             due = min(due, loop.time())
+
+    def _notice_delay(self, late: float) -> None:
+        if late > LATE_BEAT:
+            self._recording.note(Kind.HELD_UP, value=late)
 
     # What the connections call.
 
@@ -321,16 +335,6 @@ class _Connection(asyncio.Protocol):
     def connection_lost(self, error: Exception | None) -> None:
         self.takes = False
         self._wire.lost(self, 'closed' if error is None else 'reset')
-
-
-def _finish(link: _Connection) -> None:
-    # A socket that is closed while something in it is unread says RST in place of FIN.
-    same = os.dup(link.transport.get_extra_info('socket').fileno())
-    with socket.socket(fileno=same) as unread, contextlib.suppress(OSError):
-        link.transport.write_eof()
-        while unread.recv(4096, socket.MSG_DONTWAIT):
-            pass
-    link.transport.close()
 
 
 def _reset(link: _Connection) -> None:

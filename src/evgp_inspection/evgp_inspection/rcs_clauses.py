@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from evgp_inspection.clauses import Clause, PROPOSAL, WIRE
 
-RCS_STEPS = ('connect', 'grid', 'race', 'again', 'flag', 'stop', 'vanish')
+RCS_STEPS = ('connect', 'grid', 'lost', 'race', 'again', 'flag', 'stop', 'vanish', 'absent')
 """The steps of `inspect_rcs`, in their order."""
 
 RULES_DOCUMENT = 'docs/rules.md'
@@ -89,8 +89,8 @@ RCS: tuple[Clause, ...] = (
         'all of them connected, none held, and each has acknowledged this `GRID_ACTIVE`',
         'Both acknowledge, one closes its connection, then GREEN_GREEN is commanded.',
         _GREEN,
-        ('grid',),
-        unless=('R-3B-01', 'R-3B-02'),
+        ('lost',),
+        unless=('R-3B-01',),
     ),
     Clause(
         'R-3B-04',
@@ -100,7 +100,7 @@ RCS: tuple[Clause, ...] = (
         'A kart that comes back after a loss has to acknowledge again.',
         'The kart is back and says nothing; GREEN_GREEN is commanded.',
         _GREEN,
-        ('grid',),
+        ('lost',),
         unless=('R-3B-01', 'R-3B-02', 'R-3B-03'),
     ),
     Clause(
@@ -219,7 +219,7 @@ RCS: tuple[Clause, ...] = (
         'A kart of a race under way is sent what the rules say',
         'A kart closes its connection in GRID_ACTIVE and connects again.',
         'Fail: the first frame is GREEN_GREEN.',
-        ('grid',),
+        ('lost',),
         unless=('R-3B-03',),
     ),
     Clause(
@@ -264,6 +264,17 @@ RCS: tuple[Clause, ...] = (
         _BACK_RED,
         ('vanish',),
         unless=('R-3E-03', 'R-4D-01'),
+    ),
+    Clause(
+        'R-3E-07',
+        'a kart that was away during a command comes back: RED_RED',
+        RULES_DOCUMENT,
+        '§3.E',
+        'every kart of the roster, in `RED_RED`, also those that are not connected',
+        'ALL_KILL is commanded while a kart of the race is away; it connects again.',
+        'Fail: it is not let in (connect), or is sent anything but RED_RED.',
+        ('absent',),
+        unless=('R-3E-05',),
     ),
     Clause(
         'R-3F-01',
@@ -353,6 +364,17 @@ RCS: tuple[Clause, ...] = (
         'Fail: a kart is sent another state than before.',
         ('connect', 'race', 'stop'),
         unless=('R-3A-02', 'R-4B-01'),
+    ),
+    Clause(
+        'R-4B-05',
+        'ALL_KILL is for karts that are away, too',
+        RULES_DOCUMENT,
+        '§4.B',
+        'every kart of the roster, in `RED_RED`, also those that are not connected',
+        'ALL_KILL is commanded while a kart that is not in the race is away; it connects again.',
+        _BACK_RED,
+        ('absent',),
+        unless=('R-3E-05', 'R-4B-01'),
     ),
     Clause(
         'R-4C-01',

@@ -27,7 +27,7 @@ import ctypes
 import socket
 import struct
 
-from evgp_inspection.kart_wire import LATE_BEAT, RESET
+from evgp_inspection.kart_wire import close, LATE_BEAT, RESET
 from evgp_inspection.recording import Recording
 from evgp_inspection.traces import Kind, STRANGER
 from evgp_protocol.frames import encode, FrameDecoder, StateFrame
@@ -95,7 +95,7 @@ class Link(asyncio.Protocol):
             self._option(socket.SO_LINGER, RESET)
             self._transport.abort()
         else:
-            self._transport.close()
+            close(self._transport)
 
     def vanish(self) -> None:
         """Answer nothing any more, not even in TCP, as a kart that has left the network."""

@@ -79,11 +79,13 @@ class RcsSteps:
         self._doing = {
             'connect': self._connect,
             'grid': self._grid,
+            'lost': self._lost,
             'race': self._drive,
             'again': self._again,
             'flag': self._flag,
             'stop': self._stop,
             'vanish': self._vanish,
+            'absent': self._absent,
         }
 
     async def run(self) -> None:
@@ -142,12 +144,15 @@ class RcsSteps:
         self._two.answers = ALL
         await asyncio.sleep(self._limits.watch / 2)
         await self._refused('early', Act.GREEN_GREEN)
-        self._one.answers = ALL
+
+    async def _lost(self) -> None:
+        self._one.answers = self._two.answers = ALL
+        await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._race)
         await asyncio.sleep(self._limits.watch / 2)
         self._one.answers = NOTHING
         self._one.end()
         await asyncio.sleep(self._limits.away)
-        await self._refused('lost', Act.GREEN_GREEN)
+        await self._refused('green', Act.GREEN_GREEN)
         await self._back('returned', self._one)
         await self._refused('back', Act.GREEN_GREEN)
 
@@ -221,6 +226,18 @@ class RcsSteps:
             raise LeftError
         await self._back('back', self._one)
 
+    async def _absent(self) -> None:
+        absent = (self._one, self._out)
+        for kart in absent:
+            kart.end()
+        await asyncio.sleep(self._limits.away)
+        await self._reach('all_kill', Act.ALL_KILL, RED_RED, self._two)
+        self._phase('back')
+        for kart in absent:
+            await kart.connect()
+        await self._wait(lambda: all(kart.sent for kart in absent), self._limits.connect)
+        await asyncio.sleep(self._limits.watch)
+
     # ----- what they consist of -----------------------------------------------------------
 
     async def _start(self) -> None:
@@ -237,21 +254,27 @@ class RcsSteps:
     async def _to_the_garage(self) -> None:
         """Bring race control to IN_GARAGE with every kart connected."""
         self._phase('garage')
+        while not await self._all_in_the_garage():
+            if not await self._driver.start_again():
+                raise NotInGarageError('Race control cannot be brought to IN_GARAGE.')
+        why = await self._driver.prepare(self._numbers[:2], self._numbers[2:])
+        if why:
+            raise NotInGarageError(why)
+
+    async def _all_in_the_garage(self) -> bool:
+        """Connect every kart, and have it sent IN_GARAGE; return whether it is."""
         for kart in self._all:
             kart.answers = ALL
             if kart.sent is None:
                 await asyncio.sleep(self._limits.away)
                 await kart.connect()
         await self._wait(lambda: all(kart.sent for kart in self._all), self._limits.connect)
-        if any(kart.sent is not IN_GARAGE for kart in self._all):
-            await self._give(Act.ALL_KILL)
-            await self._wait(self._all_are(RED_RED, self._all), self._limits.reach)
-            await asyncio.sleep(self._limits.settle)
-            if not await self._insist(Act.IN_GARAGE, IN_GARAGE, self._all):
-                raise NotInGarageError('Race control cannot be brought to IN_GARAGE.')
-        why = await self._driver.prepare(self._numbers[:2], self._numbers[2:])
-        if why:
-            raise NotInGarageError(why)
+        if self._all_are(IN_GARAGE, self._all)():
+            return True
+        await self._give(Act.ALL_KILL)
+        await self._wait(self._all_are(RED_RED, self._all), self._limits.reach)
+        await asyncio.sleep(self._limits.settle)
+        return await self._insist(Act.IN_GARAGE, IN_GARAGE, self._all)
 
     async def _reach(
         self,

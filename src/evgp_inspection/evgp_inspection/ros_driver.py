@@ -99,6 +99,10 @@ class RosDriver:
         """Call the service, with the statement and the karts that an official would name."""
         return await self._call(act.value, kart, given)
 
+    async def start_again(self) -> bool:
+        """Return False: nobody is there to do it."""
+        return False
+
     def close(self) -> None:
         """Leave the graph."""
         self._executor.shutdown()

@@ -19,20 +19,22 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 import contextlib
+import itertools
 import os
+import socket
 import time
 
 from evgp_inspection.clauses import KART, select
 from evgp_inspection.cli import inspect
 from evgp_inspection.inspection import Exit, Inspection
 from evgp_inspection.inspector import Unattended
-from evgp_inspection.kart_wire import KartWire, single_bytes
+from evgp_inspection.kart_steps import START_AGAIN
+from evgp_inspection.kart_wire import KartWire, LATE_BEAT
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import Take
 from evgp_inspection.recording import Recording
 from evgp_inspection.traces import Kind
 from evgp_inspection.verdicts import Verdict
-from evgp_protocol.states import RaceState
 from inspected_kart import FAULTS, InspectedKart
 import pytest
 
@@ -61,13 +63,16 @@ INSPECTIONS = int(os.environ.get('EVGP_INSPECTIONS', '80'))
 
 class OneInspection:
     """
-    One inspection of one kart in this process.
+    One inspection of one kart in this process, and its inspector, who answers nothing.
 
     :param fault: of the kart; empty: it is good.
     :param seen: there is odometry.
+    :param starts_again: the inspector starts a kart again that has ended.
     """
 
-    def __init__(self, fault: str = '', seen: bool = True, only: str = '') -> None:
+    def __init__(
+        self, fault: str = '', seen: bool = True, only: str = '', starts_again: bool = False
+    ) -> None:
         self.lines: list[str] = []
         self.kart: InspectedKart | None = None
         self.driving = asyncio.Event()
@@ -75,6 +80,8 @@ class OneInspection:
         self._fault = fault
         self._seen = seen
         self._only = only
+        self._starts_again = starts_again
+        self._port = 0
         self._takes: list[Take] = []
         self._running: asyncio.Task[None] | None = None
 
@@ -82,7 +89,7 @@ class OneInspection:
         """Inspect to the end."""
         try:
             return await inspect(
-                Unattended(self.lines.append),
+                self,
                 SHORT,
                 select(KART, self._only),
                 self.stopping,
@@ -90,11 +97,28 @@ class OneInspection:
                 listening=self._start_kart,
             )
         finally:
-            if self._running is not None:
-                self._running.cancel()
-                await asyncio.gather(self._running, return_exceptions=True)
+            await self._end_kart()
+
+    def tell(self, line: str) -> None:
+        self.lines.append(line)
+
+    async def confirm(self) -> bool:
+        return True
+
+    async def ask(self, question: str, seconds: float) -> bool | None:
+        if question != START_AGAIN or not self._starts_again:
+            return None
+        await self._end_kart()
+        self._start_kart(self._port)
+        return True
+
+    async def _end_kart(self) -> None:
+        if self._running is not None:
+            self._running.cancel()
+            await asyncio.gather(self._running, return_exceptions=True)
 
     def _start_kart(self, port: int) -> None:
+        self._port = port
         self.kart = InspectedKart(port, self._take, self._fault, SHORT.silence)
         self._running = asyncio.create_task(self.kart.run())
 
@@ -212,29 +236,43 @@ def test_an_inspection_that_fails_while_the_kart_drives_stops_the_kart(
     assert kart.last_heard == b'$RED_RED;'
 
 
-def test_that_this_computer_was_late_with_the_pieces_of_a_frame_is_noted() -> None:
-    async def late() -> bool:
+def test_a_kart_that_ends_is_started_again_by_the_inspector_and_inspected_to_the_end() -> None:
+    inspection = asyncio.run(OneInspection('FIN ends it', only='K-4D', starts_again=True).run())
+    assert set(those(inspection, Verdict.FAIL)) == {'K-4D-01'}
+    assert inspection.finished
+    # What only follows from it, and what a program that was just started cannot show.
+    unseen = {'K-4D-03', 'K-4D-05', 'K-4D-06'}
+    assert set(those(inspection, Verdict.NOT_JUDGED)) == unseen
+
+
+def test_a_connection_is_closed_in_order_whatever_the_kart_has_just_said() -> None:
+    async def closed() -> bytes:
         recording = Recording()
         wire = KartWire(recording, lambda line: None)
         await wire.listen('127.0.0.1', 0)
-        wire.order(RaceState.RED_RED, single_bytes)
+        with socket.create_connection(('127.0.0.1', wire.port)) as kart:
+            assert await recording.until(lambda: wire.connected, 10.0)
+            kart.send(b'$RED_RED;')  # nobody reads it any more: a mere close would be a reset
+            wire.close()
+            await wire.shut_down()
+            return kart.recv(1)
 
-        loop = asyncio.get_running_loop()
+    assert asyncio.run(closed()) == b''
 
-        def hold_up() -> None:
-            time.sleep(0.05)  # shorter than what would be noted between two beats
-            if wire.port:
-                loop.call_soon(hold_up)
 
-        hold_up()
-        recording.note(Kind.STEP, text='pieces/bytes')
-        section = recording.trace.now
-        noted = await recording.until(lambda: section.of(Kind.HELD_UP), 20.0)
-        wire.port = 0
+def test_a_frame_that_takes_too_long_to_send_is_a_hold_up_of_the_inspecting_computer() -> None:
+    async def slow() -> list[float]:
+        recording = Recording()
+        wire = KartWire(recording, lambda line: None)
+
+        await wire.listen('127.0.0.1', 0)
+        wire.send(itertools.repeat([(0.05, b'$'), (0.05, b'RED_RED;')]))
+        asyncio.get_running_loop().call_later(0.02, time.sleep, 2 * LATE_BEAT)
+        await recording.until(lambda: recording.trace.now.of(Kind.HELD_UP), 10.0)
         await wire.shut_down()
-        return noted
+        return [event.value for event in recording.trace.now.of(Kind.HELD_UP)]
 
-    assert asyncio.run(late())
+    assert asyncio.run(slow())
 
 
 def test_a_kart_that_never_comes_is_not_judged() -> None:

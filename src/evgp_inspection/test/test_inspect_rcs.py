@@ -27,7 +27,7 @@ from evgp_inspection.drivers import Act, Reply
 from evgp_inspection.inspection import Exit, Inspection
 from evgp_inspection.inspector import Unattended
 from evgp_inspection.limits import RcsLimits
-from evgp_inspection.rcs_clauses import RCS
+from evgp_inspection.rcs_clauses import RCS, RCS_BY_NAME
 from evgp_inspection.rcs_inspection import inspect_race_control
 from evgp_inspection.traces import Kind
 from evgp_inspection.verdicts import Verdict
@@ -78,7 +78,27 @@ HOLD_OF_THE_LOST = (
     '        elif kart.may_be_moving:\n'
 )
 
+TO_THE_RACE = '        for kart in self.racing():\n            self._redirect(kart, now)\n'
+
+
+def for_the_first_kart_only(state: str) -> str:
+    return (
+        '        for kart in self.racing():\n'
+        f'            if state is not {state} or kart is next(self.racing()):\n'
+        '                self._redirect(kart, now)\n'
+    )
+
+
+COMES_BACK = '        self._redirect(kart, now, anew=True)\n'
+
 FLAWS = {
+    'a kart of the race is stopped when it connects': Flaw(
+        'R-3A-01',
+        race,
+        COMES_BACK,
+        '        if kart.in_race and not kart.serial:\n'
+        "            self._hold(kart, RED_RED, '', now)\n" + COMES_BACK,
+    ),
     'GREEN_GREEN does not wait': Flaw(
         'R-3B-01',
         race,
@@ -102,9 +122,8 @@ FLAWS = {
     'a kart that comes back counts as ready': Flaw(
         'R-3B-04',
         race,
-        '        self._redirect(kart, now, anew=True)\n',
-        '        self._redirect(kart, now, anew=True)\n'
-        '        kart.acknowledged = kart.sent is GRID_ACTIVE\n',
+        COMES_BACK,
+        COMES_BACK + '        kart.acknowledged = kart.sent is GRID_ACTIVE\n',
     ),
     'an acknowledgement survives the race': Flaw(
         'R-3B-05',
@@ -118,6 +137,12 @@ FLAWS = {
         '        self._go(GRID_ACTIVE, now)\n'
         '        for each in raced:\n'
         '            each.acknowledged = True\n',
+    ),
+    'GRID_ACTIVE is for one kart only': Flaw(
+        'R-3B-06', race, TO_THE_RACE, for_the_first_kart_only('GRID_ACTIVE')
+    ),
+    'GREEN_GREEN is for one kart only': Flaw(
+        'R-3B-07', race, TO_THE_RACE, for_the_first_kart_only('GREEN_GREEN')
     ),
     'RED_FLAG loosens ALL_KILL': Flaw(
         'R-3A-02',
@@ -135,6 +160,67 @@ FLAWS = {
         '                    self._hold(each, RED_FLAG, MARKED_AS_FINISHED, now)\n',
     ),
     'every place has the same delay': Flaw('R-3C-02', times={'finish_delays': (0.5,)}),
+    'RACE_OVER leaves out who has finished': Flaw(
+        'R-3C-03',
+        race,
+        '        self.over = True\n        self._go(RED_RED, now)\n        self._tell_results()\n',
+        '        self.over = True\n'
+        '        self.state = RED_RED\n'
+        '        for each in self.racing():\n'
+        '            if not each.place:\n'
+        '                self._redirect(each, now)\n',
+    ),
+    'IN_GARAGE leaves out who has finished': Flaw(
+        'R-3C-05',
+        race,
+        '            if each.sent is not IN_GARAGE\n',
+        '            if each.sent is not IN_GARAGE and each.hold_reason != MARKED_AS_FINISHED\n',
+    ),
+    'a kart lost in IN_GARAGE is held': Flaw(
+        'R-3E-01',
+        race,
+        HOLD_OF_THE_LOST,
+        HOLD_OF_THE_LOST.replace('if under_way', 'if kart.in_race'),
+    ),
+    'a kart that comes back starts the race': Flaw(
+        'R-3E-02',
+        race,
+        COMES_BACK,
+        COMES_BACK + '        if kart.in_race and self.state is GRID_ACTIVE:\n'
+        '            self._go(GREEN_GREEN, now)\n',
+    ),
+    'a new connection ends ALL_KILL': Flaw(
+        'R-3E-05',
+        race,
+        COMES_BACK,
+        '        if self.state is RED_RED:\n'
+        '            self._unhold(kart)\n'
+        '            kart.in_race = False\n' + COMES_BACK,
+    ),
+    'a kart that vanished is not held': Flaw(
+        'R-3E-06',
+        race,
+        HOLD_OF_THE_LOST,
+        "        if reason == 'its network link stopped answering':\n            return\n"
+        + HOLD_OF_THE_LOST,
+    ),
+    'a kart that was away during ALL_KILL is refused': Flaw(
+        'R-3E-07',
+        kart_server,
+        '        old = self._links.pop(number, None)\n',
+        '        kart = self._race.karts[number]\n'
+        "        if kart.hold_reason == 'ALL_KILL' and kart.lost_since is None:\n"
+        "            link.drop('it was away')\n"
+        '            return\n'
+        '        old = self._links.pop(number, None)\n',
+    ),
+    'ALL_KILL forgets who is away': Flaw(
+        'R-4B-05',
+        race,
+        "            self._hold(each, RED_RED, 'ALL_KILL', now)\n",
+        '            if each.connected:\n'
+        "                self._hold(each, RED_RED, 'ALL_KILL', now)\n",
+    ),
     'IN_GARAGE does not wait': Flaw(
         'R-3C-04',
         race,
@@ -167,6 +253,24 @@ FLAWS = {
         '        for each in self.karts.values():\n'
         "            self._hold(each, RED_FLAG, '', now)\n",
     ),
+    'two karts are enough': Flaw(
+        'R-4A-01',
+        kart_server,
+        '        old = self._links.pop(number, None)\n',
+        '        old = self._links.pop(number, None)\n'
+        '        if len(self._links) > 1:\n'
+        "            link.drop('there is no room')\n"
+        '            return\n',
+    ),
+    'a second connection is refused': Flaw(
+        'R-4A-03',
+        kart_server,
+        '        old = self._links.pop(number, None)\n',
+        '        if number in self._links:\n'
+        "            link.drop('it is connected')\n"
+        '            return\n'
+        '        old = None\n',
+    ),
     'an unknown address is let in': Flaw(
         'R-4A-02',
         kart_server,
@@ -178,6 +282,9 @@ FLAWS = {
         race,
         "for each in self.karts.values():\n            self._hold(each, RED_RED, 'ALL_KILL', now)",
         "for each in self.racing():\n            self._hold(each, RED_RED, 'ALL_KILL', now)",
+    ),
+    'RED_FLAG is for one kart only': Flaw(
+        'R-4B-02', race, TO_THE_RACE, for_the_first_kart_only('RED_FLAG')
     ),
     'RED_RED to one kart is for all': Flaw(
         'R-4B-03',
@@ -192,6 +299,14 @@ FLAWS = {
         '        if self.state not in (RED_RED, GREEN_GREEN):\n            return f',
     ),
     '5 frames a second': Flaw('R-4C-01', settings={'beat_rate': 5.0}),
+    'now and then it pauses': Flaw(
+        'R-4C-02',
+        kart_link,
+        '        if not self._transport.get_write_buffer_size():\n            self._write()\n',
+        '        if not self._transport.get_write_buffer_size() and now % 4 > 0.6:\n'
+        '            self._write()\n',
+        settings={'beat_rate': 50.0},
+    ),
     'bytes between the frames': Flaw(
         'R-4C-03',
         kart_link,
@@ -271,6 +386,9 @@ class OurRaceControl:
         answer = await answered
         return Reply(answer.success, answer.message)
 
+    async def start_again(self) -> bool:
+        return False
+
     def close(self) -> None:
         pass
 
@@ -323,19 +441,25 @@ def those(inspection: Inspection, verdict: Verdict) -> dict[str, str]:
 async def all_at_once(names: list[str]) -> dict[str, Inspection]:
     """Inspect race controls with these faults at the same time; again if this was held up."""
 
-    async def later(number: int, name: str) -> Inspection:
+    async def later(number: int, control: OurRaceControl) -> Inspection:
         await asyncio.sleep(number * 0.07)
-        return await OurRaceControl(FLAWS.get(name)).inspect()
+        return await control.inspect()
 
     found: dict[str, Inspection] = {}
     left = names
     for _ in range(ATTEMPTS):
-        done = await asyncio.gather(*(later(number, name) for number, name in enumerate(left)))
+        # First all of them: to compile one holds up those that are inspected already.
+        controls = [OurRaceControl(FLAWS.get(name)) for name in left]
+        done = await asyncio.gather(*map(later, range(len(left)), controls))
         found.update(zip(left, done, strict=True))
         left = [name for name in left if held_up(found[name])]
         if not left:
             break
     return found
+
+
+def test_every_clause_of_a_race_control_has_a_fault_that_it_finds() -> None:
+    assert sorted(flaw.clause for flaw in FLAWS.values()) == sorted(RCS_BY_NAME)
 
 
 @pytest.mark.timeout(300)

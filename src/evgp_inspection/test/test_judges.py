@@ -33,7 +33,7 @@ from evgp_inspection.traces import describe, Event, Kind, Trace
 from evgp_inspection.verdicts import Finding, Result, Verdict
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
@@ -71,6 +71,7 @@ def traces(draw: st.DrawFn) -> list[Event]:
     return events
 
 
+@settings(deadline=None)  # the machine may be busy
 @given(traces())
 def test_every_trace_has_a_verdict_for_every_clause_and_its_evidence_is_in_the_trace(
     events: list[Event],
@@ -123,6 +124,24 @@ def test_a_computer_that_was_held_up_fails_nobody() -> None:
     assert result.verdict is Verdict.NOT_JUDGED
 
 
+@pytest.mark.parametrize(('before', 'verdict'), [(0.1, 'not judged'), (3.0, 'fail')])
+def test_a_connection_that_is_dropped_right_after_a_hold_up_fails_nobody(
+    before: float, verdict: str
+) -> None:
+    # The kart took it for silence, as it must.
+    events = [
+        Event(0.0, Kind.OPENED, 1, text='kart'),
+        Event(5.0 - before, Kind.HELD_UP, value=1.2),
+        Event(5.0, Kind.STEP, text='pieces/many'),
+        Event(5.0, Kind.SENT, 1, encode(RED_RED)),
+        Event(5.1, Kind.CLOSED, 1, text='closed'),
+    ]
+    result = judge(BY_NAME['K-4C-03'], Trace.of(events), LIMITS)
+    assert result.verdict.value == verdict
+    assert any(event.kind is Kind.HELD_UP for event in result.finding.evidence) == (before < 1.0)
+
+
+@settings(deadline=None)  # the machine may be busy
 @given(st.lists(st.binary(max_size=20), max_size=20))
 def test_it_does_not_matter_how_the_words_of_a_kart_are_cut(pieces: list[bytes]) -> None:
     def words(parts: list[bytes]) -> list[tuple[RaceState | None, str]]:
@@ -189,6 +208,7 @@ def test_every_clause_of_a_race_control_has_one_judge_and_its_sentence_is_in_its
             assert clause.sentence in ' '.join(text.split())
 
 
+@settings(deadline=None)  # the machine may be busy
 @given(traces())
 def test_every_trace_has_a_verdict_for_every_clause_of_a_race_control(events: list[Event]) -> None:
     trace = Trace.of(events)
@@ -221,6 +241,7 @@ def results(verdict: Verdict, why: str = 'so it was') -> list[Result]:
     return [Result(clause, Finding(verdict, why, 1.0, ()), 5.0) for clause in KART]
 
 
+@settings(deadline=None)  # the machine may be busy
 @given(st.text(max_size=60), st.text(max_size=60))
 def test_a_report_is_well_formed_whatever_people_and_karts_are_called(team: str, why: str) -> None:
     header = dataclasses.replace(HEADER, team=team)
