@@ -41,7 +41,8 @@ FLOOD = 2.0
 """Maximum duration of a flood, in seconds; then the kart is dropped."""
 
 DEAF = 1.0
-"""Time after a flood during which nothing a kart says counts as an answer, in seconds."""
+"""Time after a flood during which nothing a kart says counts as an answer, in seconds. What floods
+again before it is over goes on flooding: a flood that comes in pieces is one."""
 
 NO_ORDER = 0
 """Serial of what cannot answer any order; orders count from 1."""
@@ -116,11 +117,12 @@ class Hearing:
         Begin the next beat.
 
         :param now: the time, s.
-        :return: whether the kart has flooded for `FLOOD` without a pause.
+        :return: whether the kart has flooded for `FLOOD`, with no pause of `DEAF`.
         """
         if not self.is_full:
-            self._floods_since = None
             self._deaf_beats = max(self._deaf_beats - 1, 0)
+            if self._deaf_beats == 0:
+                self._floods_since = None
             self._read_this_beat = 0
             return False
         if self._floods_since is None:
