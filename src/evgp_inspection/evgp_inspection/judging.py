@@ -70,8 +70,8 @@ def judge_by(
 
 
 AFTERMATH = 2.0
-"""Time for which a hold-up of the inspecting computer still shows in what others do: to them it was
-a silence, s."""
+"""Time for which a hold-up of the inspecting computer still shows in what others do, s: to them it
+was a silence."""
 
 
 def _late_before(finding: Finding, trace: Trace) -> tuple[Event, ...]:
