@@ -88,6 +88,17 @@ def test_a_race_of_other_karts_gets_no_command(rehearsal: Rehearsal) -> None:
         rehearsal._check_own(rehearsal.official.race)
 
 
+def test_race_control_that_ends_unasked_comes_back(rehearsal: Rehearsal) -> None:
+    rehearsal.official.wait_for_connected(*rehearsal.plan.numbers)
+    ended = rehearsal.control
+    ended.close()
+    rehearsal.official.wait_for_race(
+        lambda race: not any(kart.connected for kart in race.karts), 'its last word'
+    )
+    rehearsal.official.wait_for_connected(*rehearsal.plan.numbers)
+    assert rehearsal.control is not ended
+
+
 @pytest.mark.long
 @pytest.mark.parametrize('name', INCIDENTS)
 def test_a_good_official_passes_with_the_real_race_control(
