@@ -63,7 +63,6 @@ def pytest_configure(config: pytest.Config) -> None:
     In a worker of pytest-xdist, the seed is that of all workers.
     """
     config.addinivalue_line('markers', 'own_process: runs in another pytest (evgp_testing.plugin)')
-    config.addinivalue_line('markers', 'long: takes long, and is for `make test-long`')
     if IN_OWN_PROCESS not in os.environ:
         nursery.keep()
     if config.option.seed is None:
