@@ -32,6 +32,9 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 PACKAGES = sorted(path.parent for path in (ROOT / 'src').glob('*/package.xml'))
 PYTHON_PACKAGES = [path for path in PACKAGES if (path / 'setup.py').exists()]
 
+OPTIONAL = {'evgp_testing': ['evgp_rcs_console']}
+"""What a package imports where it is there, by the package; its package.xml says why."""
+
 every_package = pytest.mark.parametrize('path', PACKAGES, ids=lambda path: path.name)
 every_python_package = pytest.mark.parametrize('path', PYTHON_PACKAGES, ids=lambda path: path.name)
 
@@ -133,6 +136,31 @@ def test_the_linters_of_ament_are_asked_for_and_asked(path: pathlib.Path) -> Non
     assert asked == (PYTHON_PACKAGES[0] / 'test/test_ament_linters.py').read_text(encoding='utf-8')
     wanted = {each.name for each in described(path).test_depends}
     assert {'ament_copyright', 'ament_flake8', 'ament_pep257', 'ament_xmllint'} <= wanted
+
+
+@every_python_package
+def test_a_package_asks_for_what_its_code_and_its_tests_import(path: pathlib.Path) -> None:
+    package, names = described(path), {each.name for each in PACKAGES}
+    asked = {each.name for each in [*package.exec_depends, *package.test_depends]}
+    # Tests find evgp_testing by the path in pyproject.toml, since it needs most of the others.
+    known = {path.name, 'evgp_testing', *asked, *OPTIONAL.get(path.name, ())}
+    missing = {
+        f'{file.relative_to(path)}: {name}'
+        for file in path.glob('*/**/*.py')
+        for name in imported(file) & names - known
+    }
+    assert missing == set()
+
+
+def imported(file: pathlib.Path) -> set[str]:
+    """Return the packages that a Python file imports."""
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text(encoding='utf-8'))):
+        if isinstance(node, ast.Import):
+            found |= {each.name.partition('.')[0] for each in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.level == 0:
+            found.add(str(node.module).partition('.')[0])
+    return found
 
 
 def test_every_launch_file_is_launched_by_a_test() -> None:

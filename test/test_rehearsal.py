@@ -19,10 +19,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 import contextlib
 import json
+import os
 import pathlib
+import re
+import shlex
+import signal
 import socket
 import subprocess
 import sys
+import time
 from typing import Any
 import urllib.error
 import urllib.request
@@ -37,6 +42,8 @@ from evgp_rehearsal.rehearse_kart import main as rehearse_kart
 from evgp_rehearsal.score import STEWARD
 from evgp_testing.domains import Domain
 from evgp_testing.kart import Bridge, ExampleStack
+from evgp_testing.patience import PATIENCE
+from evgp_testing.process import executable
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 
@@ -100,6 +107,47 @@ def test_a_race_of_other_karts_gets_no_command(rehearsal: Rehearsal) -> None:
     rehearsal.official.race.karts[0].address = '192.168.1.101'
     with pytest.raises(RefusedError):
         rehearsal._check_own(rehearsal.official.race)
+
+
+def test_race_control_that_ends_unasked_comes_back(rehearsal: Rehearsal) -> None:
+    official, ended = rehearsal.official, rehearsal.control
+    official.wait_for_connected(*rehearsal.plan.numbers)
+    ended.close()
+    official.wait_until_polled(lambda: rehearsal.control is not ended, 'another race control')
+    official.race = None
+    official.wait_for_connected(*rehearsal.plan.numbers)
+
+
+def test_the_lines_that_a_rehearsal_prints_bring_its_race_to_green_green() -> None:
+    command = [sys.executable, '-m', 'evgp_rehearsal.rehearse', '--no-window']
+    with (
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as rehearsal,
+        contextlib.ExitStack() as stack,
+    ):
+        stack.callback(rehearsal.terminate)  # also where it fails before its Ctrl-C
+        assert rehearsal.stdout is not None
+        printed = []
+        for line in rehearsal.stdout:
+            printed.append(line)
+            if line.startswith('Ctrl-C'):
+                break
+        lines = re.findall(r'ROS_DOMAIN_ID=(\d+) make ctl ARGS=(.+)', ''.join(printed))
+        assert len(lines) == 3
+        until = time.monotonic() + PATIENCE
+        for domain, arguments in lines:
+            words = shlex.split(arguments)[0].split()
+            once = ['--once'] if words == ['watch'] else []
+            ctl = [executable('evgp_rcs_console', 'rcs_ctl'), *words, *once]
+            environment = {**os.environ, 'ROS_DOMAIN_ID': domain}
+            while subprocess.run(ctl, env=environment).returncode:  # karts connect, or get ready
+                assert time.monotonic() < until, words
+        shown = subprocess.run(
+            [*ctl[:1], 'watch', '--once'], env=environment, stdout=subprocess.PIPE, text=True
+        )
+        assert 'GREEN GREEN' in shown.stdout
+        rehearsal.send_signal(signal.SIGINT)
+        assert 'score sheet' in rehearsal.stdout.read()
+        assert rehearsal.wait() == 0
 
 
 @pytest.mark.long

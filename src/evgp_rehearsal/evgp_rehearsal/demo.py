@@ -84,6 +84,9 @@ PATIENCE = 60.0
 MUTE_PATIENCE = 15.0
 """The same where one kart never acknowledges, and whoever looks waits to see it named."""
 
+LAST = 8
+"""How many of its last lines are printed of a process that failed."""
+
 WIDTH = 100
 """Maximum width of what is printed."""
 
@@ -306,7 +309,7 @@ class Show:
                 f'{state.value} acknowledged',
             )
             side = self._side(kart)
-            assert side is not None
+            assert side is not None, f'kart {kart} has lost its connection'
             side.wait_for_state(state)
 
     def _green(self) -> None:
@@ -418,6 +421,9 @@ def _show(console: Console, mute: int) -> list[Finding]:
                 [pid for pid in pids if pathlib.Path(f'/proc/{pid}').exists()],
             ),
         ]
+        for each in started:
+            if each.wait():
+                console.print(Text('\n'.join([f'{each.name} said last:', *each.lines[-LAST:]])))
         return [*found, *show.found('around the races', around)]
 
 

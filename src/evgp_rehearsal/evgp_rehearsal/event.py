@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import bisect
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 import contextlib
 import dataclasses
 import os
@@ -115,6 +115,7 @@ class Rehearsal(Part):
         self._open: Took | None = None
         self._first: dict[bool, int] = {}
         self._ended = False
+        self._again: Future[None] | None = None
         self.links: dict[int, DrivenKart | WireKart] = {}
         self._judge = judge
         self._parameters = parameters or {}
@@ -322,6 +323,8 @@ class Rehearsal(Part):
         """End everything."""
         self._ended = True
         self._thread.join()
+        if self._again is not None:
+            self._again.exception()  # wait until it is there, to be ended too
         for link in self.links.values():
             link.close()
         self._stack.close()
@@ -350,6 +353,7 @@ class Rehearsal(Part):
                 self._connect(number, kart.link(self.field.tick))
             for each in house:
                 self._happen(each)
+            self._keep_race_control()
 
     def _connect(self, number: int, wanted: Link) -> None:
         link = self.links.get(number)
@@ -392,15 +396,19 @@ class Rehearsal(Part):
                 self.window.kill()
                 self.window = None
             return
-        port = self.control.port
         os.kill(self.control.kart_server_pid, signal.SIGKILL)
         self.control.kill()
+
+    def _keep_race_control(self) -> None:
+        """Start race control again, whatever has ended it, as ``make run`` does."""
+        port = self.control.port
 
         def again() -> None:
             time.sleep(AWAY)
             self.control = self._race_control(port)
 
-        self._starter.submit(again)
+        if not self.control.runs and (self._again is None or self._again.done()):
+            self._again = self._starter.submit(again)
 
     def _time_is_up(self) -> None:
         if self._open is not None:

@@ -66,7 +66,6 @@ def pytest_configure(config: pytest.Config) -> None:
         # and would leave next to nothing to workers that share one.
         os.setsid()
     config.addinivalue_line('markers', 'own_process: runs in another pytest (evgp_testing.plugin)')
-    config.addinivalue_line('markers', 'long: takes long, and is for `make test-long`')
     if IN_OWN_PROCESS not in os.environ:
         nursery.keep()
     if config.option.seed is None:
