@@ -19,10 +19,12 @@ from __future__ import annotations
 from collections.abc import Callable
 import dataclasses
 import os
+import pathlib
 import signal
 import subprocess
 import sys
 
+from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record import RecordedEvent
 from evgp_rehearsal.demo import judge_wire
 from evgp_rehearsal.findings import (
@@ -53,10 +55,13 @@ def run_demo(*arguments: str) -> subprocess.CompletedProcess[str]:
 # ----- the whole demonstration ------------------------------------------------------------
 
 
-def test_both_races_are_driven_and_nothing_is_missing() -> None:
-    done = run_demo()
+def test_both_races_are_driven_and_nothing_is_missing(tmp_path: pathlib.Path) -> None:
+    record = tmp_path / 'demo.sqlite3'
+
+    done = run_demo('--record', str(record))
 
     assert done.returncode == 0, done.stdout
+    assert rcs_record(['replay', str(record)]) == 0
     assert 'MISSING' not in done.stdout
     for line in (
         'GREEN_GREEN refused: waiting for kart 2 (REHEARSAL 2): no GRID_ACTIVE yet.',

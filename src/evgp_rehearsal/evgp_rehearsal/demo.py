@@ -28,6 +28,7 @@ import contextlib
 import itertools
 import os
 import pathlib
+import shutil
 import signal
 import sys
 import tempfile
@@ -357,7 +358,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         metavar='KART',
         help='this kart never acknowledges: see that the race does not start, and why',
     )
-    mute = parser.parse_args(arguments).mute
+    parser.add_argument(
+        '--record', type=pathlib.Path, metavar='FILE', help='keep the record of the races here'
+    )
+    given = parser.parse_args(arguments)
     # What ends the demonstration ends its processes too. A shell that puts it into the background
     # has SIGINT ignored, which Python would leave so.
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -367,7 +371,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     console = Console(highlight=False, width=width)
     began = clock.now()
     try:
-        found = _show(console, mute)
+        found = _show(console, given.mute, given.record)
     except KeyboardInterrupt:
         console.print('Interrupted')
         return 130
@@ -377,7 +381,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 1 if missing else 0
 
 
-def _show(console: Console, mute: int) -> list[Finding]:
+def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Finding]:
     wire = Judge([kart for kart in PLAN.numbers if kart not in BRIDGED], (), time.monotonic())
     with contextlib.ExitStack() as stack:
         folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -402,6 +406,8 @@ def _show(console: Console, mute: int) -> list[Finding]:
             graphs = {0: rehearsal.official, **show.teams}
             nodes = {kart: set(side.node.get_node_names()) for kart, side in graphs.items()}
             pids = family(os.getpid())[1:]
+        if record is not None:
+            shutil.copy(folder / 'record.sqlite3', record)
         found = [
             Finding(False, f'{title}: {failure}')
             for title, _, _, failure in show.races[:1]
