@@ -662,7 +662,8 @@ def searches() -> dict[str, tuple[Settings, list[tuple[str, Any]]]]:
 def test_fault_is_found(name: str) -> None:
     module = module_with(arbiter_module, *FAULTS[name])
     worlds = searches()
-    own, every = list(worlds.values())[: len(WORLDS)], list(worlds.values())[len(WORLDS) :]
+    own = [worlds[name] for name in WORLDS]
+    every = [world for name, world in worlds.items() if name not in WORLDS]
     with pytest.raises(AssertionError, match='after'):
         if name in FAR:
             explore(module, *worlds[FAR[name]], limit=15_000)
