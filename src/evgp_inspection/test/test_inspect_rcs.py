@@ -36,9 +36,15 @@ SHORT = RcsLimits(
 )
 
 TIMES: dict[str, Any] = {'finish_delays': (0.8, 0.4), 'pause': 0.1}
-SETTINGS: dict[str, Any] = {'host': '127.0.0.1', 'port': 0, 'send_timeout': 0.5}
+# So many at once: at 20 Hz they would hold each other up.
+SETTINGS: dict[str, Any] = {
+    'host': '127.0.0.1',
+    'port': 0,
+    'beat_rate': 12.0,
+    'send_timeout': 0.5,
+}
 
-ATTEMPTS = 5
+ATTEMPTS = 8
 
 
 @dataclasses.dataclass
@@ -424,6 +430,10 @@ def those(inspection: Inspection, verdict: Verdict) -> dict[str, str]:
     }
 
 
+def is_found(name: str, inspection: Inspection) -> bool:
+    return name in FLAWS and set(those(inspection, Verdict.FAIL)) == {FLAWS[name].clause}
+
+
 async def all_at_once(names: list[str]) -> dict[str, Inspection]:
     """Inspect race controls with these faults at the same time; again if this was held up."""
 
@@ -438,7 +448,7 @@ async def all_at_once(names: list[str]) -> dict[str, Inspection]:
         controls = [OurRaceControl(FLAWS.get(name)) for name in left]
         done = await asyncio.gather(*map(later, range(len(left)), controls))
         found.update(zip(left, done, strict=True))
-        left = [name for name in left if held_up(found[name])]
+        left = [name for name in left if held_up(found[name]) and not is_found(name, found[name])]
         if not left:
             break
     return found
@@ -448,15 +458,15 @@ def test_every_clause_of_a_race_control_has_a_fault_that_it_finds() -> None:
     assert sorted(flaw.clause for flaw in FLAWS.values()) == sorted(RCS_BY_NAME)
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_our_race_control_passes_and_each_fault_is_found_by_its_own_clause_and_no_other() -> None:
     inspections = asyncio.run(all_at_once(['', *FLAWS]))
-    expected = {'': '', **{name: flaw.clause for name, flaw in FLAWS.items()}}
     wrong = {
-        name: failed
+        name: those(inspection, Verdict.FAIL)
         for name, inspection in inspections.items()
-        if set(failed := those(inspection, Verdict.FAIL)) != {expected[name]} - {''}
+        if name and not is_found(name, inspection)
     }
     assert not wrong
+    assert not those(inspections[''], Verdict.FAIL)
     assert not those(inspections[''], Verdict.NOT_JUDGED)
     assert inspections[''].exit_code is Exit.PASSED
