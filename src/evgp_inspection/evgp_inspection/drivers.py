@@ -73,7 +73,7 @@ class Driver(Protocol):
         """End it."""
 
 
-_ASKED = {
+ASKED = {
     Act.ALL_KILL: 'Press ALL KILL (RED_RED to every kart)',
     Act.RED_FLAG: 'Press RED FLAG for the race',
     Act.GRID_ACTIVE: 'Press GRID ACTIVE',
@@ -83,6 +83,12 @@ _ASKED = {
     Act.KART_RED_RED: 'Press RED RED for kart {kart} alone',
     Act.KART_FINISH: 'Press FINISH for kart {kart}',
 }
+"""What a person is asked to press."""
+
+START_AGAIN = (
+    'Not every kart is connected and in IN_GARAGE. End race control and start it again. Done?'
+)
+"""What a person is asked when a race control cannot be brought to IN_GARAGE."""
 
 
 class Human:
@@ -117,7 +123,7 @@ class Human:
         """Ask for it; the key says that it was done, or that race control does not let it."""
         given()
         done = await self._inspector.ask(
-            _ASKED[act].format(kart=kart) + '. y: pressed, n: refused or not offered.',
+            ASKED[act].format(kart=kart) + '. y: pressed, n: refused or not offered.',
             self._seconds,
         )
         return Reply(bool(done), '' if done else 'not possible, says the person at the screen')
@@ -125,12 +131,7 @@ class Human:
     async def start_again(self) -> bool:
         """Ask for it; whatever was in the race has to be put there again."""
         self._prepared = False
-        done = await self._inspector.ask(
-            'Not every kart is connected and in IN_GARAGE. End race control and start it again. '
-            'Done?',
-            self._seconds,
-        )
-        return bool(done)
+        return bool(await self._inspector.ask(START_AGAIN, self._seconds))
 
     def close(self) -> None:
         """Do nothing."""

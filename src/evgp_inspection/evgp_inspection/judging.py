@@ -60,7 +60,7 @@ def judge_by(
     """
     finding = judges[clause.name](trace, limits)
     if finding.verdict is Verdict.FAIL:
-        late = _late_before(finding, trace)
+        late = _late_around(finding, trace)
         if late:
             finding = dataclasses.replace(finding, evidence=(*late, *finding.evidence))
         why = _doubt(judges, clause, finding, trace, limits)
@@ -73,18 +73,22 @@ AFTERMATH = 2.0
 """Time for which a hold-up of the inspecting computer still shows in what others do, s: to them it
 was a silence."""
 
+NOTICED = 1.0
+"""Maximum time after a hold-up until the inspecting computer notices it itself, s: what has come
+meanwhile may be read first."""
 
-def _late_before(finding: Finding, trace: Trace) -> tuple[Event, ...]:
-    """Return the hold-ups shortly before the evidence of a finding begins."""
+
+def _late_around(finding: Finding, trace: Trace) -> tuple[Event, ...]:
+    """Return the hold-ups shortly before or after the evidence of a finding."""
     if not finding.evidence:
         return ()
-    began = finding.evidence[0].at
+    began, ended = finding.evidence[0].at, finding.evidence[-1].at
     known = {id(event) for event in finding.evidence}
     return tuple(
         event
         for event in trace.events
         if event.kind is Kind.HELD_UP
-        and began - AFTERMATH <= event.at <= began
+        and began - AFTERMATH <= event.at <= ended + NOTICED
         and id(event) not in known
     )
 

@@ -205,7 +205,8 @@ class KartWire:
         for link in self._links.values():
             if link.takes:
                 link.takes = False
-                link.transport.write_eof()
+                with contextlib.suppress(OSError):  # the kart has ended it in this very moment
+                    link.transport.write_eof()
                 self._recording.note(Kind.ENDED, link.number, text='half-closed')
 
     def go_away(self) -> None:

@@ -55,7 +55,7 @@ class RosDriver:
         self._context = rclpy.Context()
         rclpy.init(context=self._context, signal_handler_options=signals.SignalHandlerOptions.NO)
         self._node = rclpy.create_node('inspect_rcs', context=self._context)
-        self._clients: dict[str, Any] = {}
+        self._clients: dict[str, tuple[Any, Any]] = {}
         self._race: Any = None
         latched = qos.QoSProfile(
             depth=1,
@@ -63,6 +63,9 @@ class RosDriver:
             durability=qos.DurabilityPolicy.TRANSIENT_LOCAL,
         )
         self._node.create_subscription(messages.Race, 'rcs/race', self._hear, latched)
+        # All of them now: to load a service later would hold up the karts that are played.
+        for kind in (*(act.value for act in Act), 'JOIN_RACE', 'LEAVE_RACE'):
+            self._connect(catalogue.CATALOGUE[catalogue.CommandKind[kind]])
         self._executor = executors.SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         ended = executors.ExternalShutdownException
@@ -124,12 +127,7 @@ class RosDriver:
     async def _call(self, kind: str, kart: int, given: Callable[[], None]) -> Reply:
         command = self._catalogue.CommandKind[kind]
         entry = self._catalogue.CATALOGUE[command]
-        package, _, name = entry.service_type.split('/')
-        service = getattr(importlib.import_module(f'{package}.srv'), name)
-        client = self._clients.get(entry.service)
-        if client is None:
-            client = self._node.create_client(service, f'rcs/{entry.service}')
-            self._clients[entry.service] = client
+        service, client = self._clients[entry.service]
         if not await self._until(client.service_is_ready):
             return Reply(False, f'Race control does not offer rcs/{entry.service}.')
         request = service.Request(official=OFFICIAL, **entry.fixed)
@@ -158,6 +156,14 @@ class RosDriver:
         except (TimeoutError, asyncio.TimeoutError):
             return Reply(False, f'No answer in {ANSWER:g} s.')
         return Reply(response.success, response.message)
+
+    def _connect(self, entry: Any) -> None:
+        """Become a client of the service of a command of the catalogue."""
+        package, _, name = entry.service_type.split('/')
+        service = getattr(importlib.import_module(f'{package}.srv'), name)
+        if entry.service not in self._clients:
+            client = self._node.create_client(service, f'rcs/{entry.service}')
+            self._clients[entry.service] = (service, client)
 
     def _seen(self, command: int) -> list[int]:
         """Return the karts that race control offers a command for; where it does not, the race."""

@@ -124,21 +124,27 @@ def test_a_computer_that_was_held_up_fails_nobody() -> None:
     assert result.verdict is Verdict.NOT_JUDGED
 
 
-@pytest.mark.parametrize(('before', 'verdict'), [(0.1, 'not judged'), (3.0, 'fail')])
+@pytest.mark.parametrize(
+    ('noticed', 'verdict'),
+    [(2.0, 'fail'), (4.9, 'not judged'), (5.2, 'not judged'), (9.0, 'fail')],
+)
 def test_a_connection_that_is_dropped_right_after_a_hold_up_fails_nobody(
-    before: float, verdict: str
+    noticed: float, verdict: str
 ) -> None:
-    # The kart took it for silence, as it must.
+    # The kart took it for silence, as it must. That may be read before the hold-up is noticed.
     events = [
         Event(0.0, Kind.OPENED, 1, text='kart'),
-        Event(5.0 - before, Kind.HELD_UP, value=1.2),
         Event(5.0, Kind.STEP, text='pieces/many'),
         Event(5.0, Kind.SENT, 1, encode(RED_RED)),
         Event(5.1, Kind.CLOSED, 1, text='closed'),
+        Event(5.15, Kind.STEP, text='pieces/many_after'),
+        Event(noticed, Kind.HELD_UP, value=1.2),
     ]
-    result = judge(BY_NAME['K-4C-03'], Trace.of(events), LIMITS)
+    trace = Trace.of(sorted(events, key=lambda event: event.at))
+    result = judge(BY_NAME['K-4C-03'], trace, LIMITS)
     assert result.verdict.value == verdict
-    assert any(event.kind is Kind.HELD_UP for event in result.finding.evidence) == (before < 1.0)
+    shown = any(event.kind is Kind.HELD_UP for event in result.finding.evidence)
+    assert shown == (verdict != 'fail')
 
 
 @settings(deadline=None)  # the machine may be busy
