@@ -85,7 +85,7 @@ ASKED = {
 }
 """What a person is asked to press."""
 
-START_AGAIN = (
+START_RACE_CONTROL_AGAIN = (
     'Not every kart is connected and in IN_GARAGE. End race control and start it again. Done?'
 )
 """What a person is asked when a race control cannot be brought to IN_GARAGE."""
@@ -131,7 +131,7 @@ class Human:
     async def start_again(self) -> bool:
         """Ask for it; whatever was in the race has to be put there again."""
         self._prepared = False
-        return bool(await self._inspector.ask(START_AGAIN, self._seconds))
+        return bool(await self._inspector.ask(START_RACE_CONTROL_AGAIN, self._seconds))
 
     def close(self) -> None:
         """Do nothing."""

@@ -88,7 +88,8 @@ def _late_around(finding: Finding, trace: Trace) -> tuple[Event, ...]:
         event
         for event in trace.events
         if event.kind is Kind.HELD_UP
-        and began - AFTERMATH <= event.at <= ended + NOTICED
+        and began - AFTERMATH <= event.at
+        and event.at - event.value <= ended + NOTICED
         and id(event) not in known
     )
 

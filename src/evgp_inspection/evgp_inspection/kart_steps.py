@@ -85,7 +85,7 @@ MOMENT = 0.2
 SHORT_SILENCE = 0.4
 """Part of `silence` for which a new connection is sent nothing: not a silence yet."""
 
-START_AGAIN = "Then end the kart's program and start it again. Is it started?"
+START_KART_AGAIN = "Then end the kart's program and start it again. Is it started?"
 """What the inspector is asked about a kart that does not connect again."""
 
 
@@ -211,7 +211,7 @@ class KartSteps:
         limits = self._limits
         why = f'The kart has not connected again for {limits.reconnect:g} s.'
         self._inspector.tell(f'\a  !  {why} If its wheels turn, USE THE MSR.')
-        again = await self._inspector.ask(START_AGAIN, limits.connect)
+        again = await self._inspector.ask(START_KART_AGAIN, limits.connect)
         if not (again and await self._until(lambda: self._wire.connected, limits.connect)):
             raise NotStoppedError(why)
 

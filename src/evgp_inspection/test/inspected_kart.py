@@ -107,7 +107,8 @@ class InspectedKart:
         self._links = 0
         self._commanded: RaceState | None = None
         self._before: RaceState | None = None
-        self._ordered_at = self._heard_at = self._ticked_at = 0.0
+        self._ordered_at = self._heard_at = 0.0
+        self._ticked_at = self._loop.time()
         self._armed = self._grid_said = False
         self._reached_at: float | None = None
         self._moving_since: float | None = None
@@ -352,7 +353,9 @@ class InspectedKart:
         if self._is['rolls off after RED_FLAG'] and obeyed is RED_FLAG and rolls:
             target = 0.5
         change = target - self.speed
-        self.speed += max(-BRAKING * STEP, min(ACCELERATION * STEP, change))
+        # Where this computer is busy, a step is longer.
+        step, self._ticked_at = now - self._ticked_at, now
+        self.speed += max(-BRAKING * step, min(ACCELERATION * step, change))
         self._drove = self._drove or self.speed > 1.0
         self._take(self.speed)
         if self._commanded is not None:

@@ -28,7 +28,7 @@ from evgp_inspection.clauses import KART, select
 from evgp_inspection.cli import inspect
 from evgp_inspection.inspection import Exit, Inspection
 from evgp_inspection.inspector import Unattended
-from evgp_inspection.kart_steps import START_AGAIN
+from evgp_inspection.kart_steps import START_KART_AGAIN
 from evgp_inspection.kart_wire import KartWire, LATE_BEAT, RESET
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import Take
@@ -106,7 +106,7 @@ class OneInspection:
         return True
 
     async def ask(self, question: str, seconds: float) -> bool | None:
-        if question != START_AGAIN or not self._starts_again:
+        if question != START_KART_AGAIN or not self._starts_again:
             return None
         await self._end_kart()
         self._start_kart(self._port)

@@ -24,7 +24,7 @@ from types import ModuleType
 from typing import Any
 
 from evgp_inspection.clauses import select
-from evgp_inspection.drivers import Act, ASKED, Driver, Human, Reply, START_AGAIN
+from evgp_inspection.drivers import Act, ASKED, Driver, Human, Reply, START_RACE_CONTROL_AGAIN
 from evgp_inspection.inspection import Exit, Inspection
 from evgp_inspection.inspector import Inspector, Unattended
 from evgp_inspection.limits import RcsLimits
@@ -466,7 +466,7 @@ class AtTheScreen:
         return True
 
     async def ask(self, question: str, seconds: float) -> bool | None:
-        if question == START_AGAIN:
+        if question == START_RACE_CONTROL_AGAIN:
             self.restarts += 1
             await self._control.end()
             self._control = OurRaceControl(self._flaw, self._where[1])
