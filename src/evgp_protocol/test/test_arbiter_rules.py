@@ -57,6 +57,7 @@ class Oracle:
     def __init__(self, history: History, settings: Settings) -> None:
         self.history = history
         self.settings = settings
+        self._stops: dict[int, bool] = {}
         self.now = history[-1].at if history else 0.0
         self.since = self._connection()
         self.connection = self._from(self.since)
@@ -84,7 +85,10 @@ class Oracle:
 
     def stop_at(self, index: int) -> bool:
         """Whether the team stop is on right after the input at `index`."""
-        return self._stopped(self.history[: index + 1], self.history[index].at)
+        if index not in self._stops:
+            past, now = self.history[: index + 1], self.history[index].at
+            self._stops[index] = self._stopped(past, now)
+        return self._stops[index]
 
     def _stopped(self, past: History, now: float) -> bool:
         """Whether the team stop is on after these inputs, at this time."""
