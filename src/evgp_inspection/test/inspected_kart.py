@@ -334,9 +334,7 @@ class InspectedKart:
 
     async def _tick_for_ever(self) -> None:
         while True:
-            now = self._loop.time()
-            self._tick(now)
-            self._ticked_at = now
+            self._tick(self._loop.time())
             await asyncio.sleep(STEP)
 
     def _tick(self, now: float) -> None:
@@ -359,12 +357,11 @@ class InspectedKart:
         self._drove = self._drove or self.speed > 1.0
         self._take(self.speed)
         if self._commanded is not None:
-            self._acknowledge(obeyed, now, since)
+            self._acknowledge(obeyed, now, since, step)
 
-    def _acknowledge(self, obeyed: RaceState, now: float, since: float) -> None:
+    def _acknowledge(self, obeyed: RaceState, now: float, since: float, step: float) -> None:
         if self._is['floods'] and self._links == 1 and obeyed is IN_GARAGE:
-            # However late this tick is.
-            self._say(encode(IN_GARAGE) * int(12_500 * (now - self._ticked_at)))
+            self._say(encode(IN_GARAGE) * int(12_500 * step))
         late = self._before is GRID_ACTIVE and obeyed is RED_RED and since < 0.9
         if self._is['echoes an earlier order'] and late:
             self._say(encode(GRID_ACTIVE))

@@ -71,6 +71,7 @@ class Oracle:
     def __init__(self, history: History, settings: Settings) -> None:
         self.history = history
         self.settings = settings
+        self._stops: dict[int, bool] = {}
         self.now = history[-1].at if history else 0.0
         self.since = self._connection()
         self.connection = self._from(self.since)
@@ -98,7 +99,10 @@ class Oracle:
 
     def stop_at(self, index: int) -> bool:
         """Whether the team stop is on right after the input at `index`."""
-        return self._stopped(self.history[: index + 1], self.history[index].at)
+        if index not in self._stops:
+            past, now = self.history[: index + 1], self.history[index].at
+            self._stops[index] = self._stopped(past, now)
+        return self._stops[index]
 
     def _stopped(self, past: History, now: float) -> bool:
         """Whether the team stop is on after these inputs, at this time."""
@@ -648,29 +652,27 @@ FAR = {
 }
 
 
-def searches() -> dict[str, tuple[Settings, list[tuple[str, Any]]]]:
-    """Return every world with its own inputs, and then with every input."""
-    every = LINK + STOPS[:4] + SPEEDS
-    found = {world: (WORLDS[world], inputs) for world, inputs in INPUTS.items()}
-    for world, settings in WORLDS.items():
-        team = TEAM if settings.team_timeout > 0 else []
-        found[f'{world}, every input'] = settings, every + team
-    return found
+OWN = {world: (WORLDS[world], inputs) for world, inputs in INPUTS.items()}
+EVERY = {
+    f'{world}, every input': (
+        settings,
+        LINK + (TEAM if settings.team_timeout > 0 else []) + STOPS[:4] + SPEEDS,
+    )
+    for world, settings in WORLDS.items()
+}
+"""Every world, with its own inputs and with every input."""
 
 
 @pytest.mark.parametrize('name', FAULTS)
 def test_fault_is_found(name: str) -> None:
     module = module_with(arbiter_module, *FAULTS[name])
-    worlds = searches()
-    own = [worlds[name] for name in WORLDS]
-    every = [world for name, world in worlds.items() if name not in WORLDS]
     with pytest.raises(AssertionError, match='after'):
         if name in FAR:
-            explore(module, *worlds[FAR[name]], limit=15_000)
+            explore(module, *(OWN | EVERY)[FAR[name]], limit=15_000)
         # Most show near the beginning of a world, and the others as it is searched to the end.
-        for limit, world in itertools.product((100, 1_000, 10**9), own):
+        for limit, world in itertools.product((100, 1_000, 10**9), OWN.values()):
             explore(module, *world, limit)
-        for limit, world in itertools.product((6_000, 60_000), every):
+        for limit, world in itertools.product((6_000, 60_000), EVERY.values()):
             explore(module, *world, limit)
 
 
