@@ -118,7 +118,7 @@ def test_race_control_that_ends_unasked_comes_back(rehearsal: Rehearsal) -> None
     official.wait_for_connected(*rehearsal.plan.numbers)
 
 
-def test_the_lines_that_a_rehearsal_prints_bring_its_race_to_green_green() -> None:
+def test_the_lines_that_a_rehearsal_prints_start_its_race_and_stop_it() -> None:
     command = [sys.executable, '-m', 'evgp_rehearsal.rehearse', '--no-window']
     with (
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as rehearsal,
@@ -132,8 +132,8 @@ def test_the_lines_that_a_rehearsal_prints_bring_its_race_to_green_green() -> No
             if line.startswith('Ctrl-C'):
                 break
         lines = re.findall(r'ROS_DOMAIN_ID=(\d+) make ctl ARGS=(.+)', ''.join(printed))
-        assert len(lines) == 3
         until = time.monotonic() + PATIENCE
+        states = []
         for domain, arguments in lines:
             words = shlex.split(arguments)[0].split()
             once = ['--once'] if words == ['watch'] else []
@@ -141,10 +141,12 @@ def test_the_lines_that_a_rehearsal_prints_bring_its_race_to_green_green() -> No
             environment = {**os.environ, 'ROS_DOMAIN_ID': domain}
             while subprocess.run(ctl, env=environment).returncode:  # karts connect, or get ready
                 assert time.monotonic() < until, words
-        shown = subprocess.run(
-            [*ctl[:1], 'watch', '--once'], env=environment, stdout=subprocess.PIPE, text=True
-        )
-        assert 'GREEN GREEN' in shown.stdout
+            watch = [*ctl[:1], 'watch', '--once']
+            shown = subprocess.run(watch, env=environment, stdout=subprocess.PIPE, text=True)
+            race = re.search(r'IN GARAGE|GRID ACTIVE|GREEN GREEN|RED RED', shown.stdout)
+            assert race is not None, shown.stdout
+            states.append(race.group())
+        assert states == ['IN GARAGE', 'GRID ACTIVE', 'GREEN GREEN', 'RED RED']
         rehearsal.send_signal(signal.SIGINT)
         assert 'score sheet' in rehearsal.stdout.read()
         assert rehearsal.wait() == 0

@@ -113,9 +113,10 @@ def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.N
             webbrowser.open(page.url)
             console.print("Official: the officials' window has opened.")
         ctl = f'ROS_DOMAIN_ID={rehearsal.domain} make ctl'
-        console.print('Official, in a terminal, to see the race and to start it:')
+        console.print('Official, in a terminal, to see the race, start it and stop it:')
         karts = ' '.join(map(str, plan.numbers))
-        for words in ('watch', f'grid-active {karts} --track-is-clear', f'green-green {karts}'):
+        start = f'grid-active {karts} --track-is-clear', f'green-green {karts}'
+        for words in ('watch', *start, 'all-kill'):
             console.print(f'  {ctl} ARGS="{words}"', soft_wrap=True)  # one line, to be copied
         console.print('Ctrl-C ends the rehearsal and shows the score sheet.')
         with contextlib.suppress(KeyboardInterrupt):

@@ -54,8 +54,8 @@ def row(line: Line) -> tuple[str, ...]:
         line.incident,
         str(line.kart or ''),
         'PASSED' if line.passed else 'FAILED',
-        _seconds(line.first_right),
-        _seconds(line.solved),
+        _seconds(line.first_right, 'never'),
+        _seconds(line.solved, f'not within {INCIDENTS[line.incident].limit:.0f} s'),
         _listed(line.wrong),
         _listed(line.needless),
         _listed(line.stopped),
@@ -106,8 +106,8 @@ def failed(lines: Sequence[Line]) -> list[Line]:
     return list({line.incident: line for line in lines if not line.passed}.values())
 
 
-def _seconds(value: float | None) -> str:
-    return 'never' if value is None else f'{value:.1f} s'
+def _seconds(value: float | None, otherwise: str) -> str:
+    return otherwise if value is None else f'{value:.1f} s'
 
 
 def _listed(values: Sequence[object]) -> str:

@@ -19,6 +19,7 @@ from __future__ import annotations
 from evgp_rcs.record import RecordedEvent
 from evgp_rehearsal import sheet
 from evgp_rehearsal.conduct import conduct
+from evgp_rehearsal.incidents import INCIDENTS
 from evgp_rehearsal.score import Line
 
 
@@ -82,4 +83,6 @@ def test_the_page_says_what_was_wrong_and_what_would_have_been_right() -> None:
     assert '1 of 2 incidents passed' in page
     for words in ('REHEARSAL', 'RED_FLAG, OPEN_TRACK', 'uses the MSR at once'):
         assert words in page
-    assert [cell for cell in sheet.row(lines[1]) if cell == 'never'] == ['never', 'never']
+    cells = dict(zip(sheet.HEADINGS, sheet.row(lines[1]), strict=True))
+    assert cells['first right'] == 'never'
+    assert f'{INCIDENTS["person_on_track"].limit:.0f} s' in cells['solved']
