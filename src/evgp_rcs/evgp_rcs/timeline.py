@@ -107,7 +107,8 @@ def _print_timeline(happened: Sequence[RecordedEvent], kart: int | None) -> None
 
 
 def _time(wall_ns: int) -> datetime.datetime:
-    return datetime.datetime.fromtimestamp(wall_ns / 1e9).astimezone()
+    # To the nearest millisecond, as everywhere.
+    return datetime.datetime.fromtimestamp((wall_ns + 500_000) // 1_000_000 / 1e3).astimezone()
 
 
 def _day(wall_ns: int) -> str:

@@ -780,3 +780,13 @@ def test_an_hour_with_twenty_karts_is_read(dice: random.Random) -> None:
     assert len(account.lanes) == 20
     assert len(account.races) > 10
     assert GRID_ACTIVE in sent(account, 1)
+
+
+def test_an_event_has_one_time_of_day_wherever_it_stands_unless_the_clock_was_set() -> None:
+    began = 1_795_348_011_109_400_000
+    clock = Clock(began)
+    for apart in (-1_400_000, 0, 1_400_000):
+        wall_ns = began + 1_000_000_000 + apart
+        assert clock.time(clock.of(wall_ns, 1.0), 3) == clock.at(1.0, 3)
+    set_back = began - 59_000_000_000
+    assert clock.of(set_back, 1.0) == set_back

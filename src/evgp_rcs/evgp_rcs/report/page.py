@@ -200,10 +200,10 @@ class _Page:
         clock, length = self._clock, self._whole.length
         began = clock.began_ns
         ended = began + round(length * 1e9)
-        when = f'{clock.day(began)}, {clock.time(began)} to '
+        when = f'{clock.day(began)}, {clock.time(began, 1)} to '
         if clock.day(began) != clock.day(ended):
             when += f'{clock.day(ended)}, '
-        when += f'{clock.time(ended)} ({words.duration(length)})'
+        when += f'{clock.time(ended, 1)} ({words.duration(length)})'
         return (
             f'<header><h1>Race report</h1><p class="when">{when}</p>{self._part_note()}</header>'
         )
@@ -331,7 +331,10 @@ acknowledgement is what the kart said, not what it did.</p></section>"""
         )
 
     def _time_ns(self, wall_ns: int) -> str:
-        return self._clock.time(wall_ns)
+        return self._clock.time(wall_ns, 1)
+
+    def _wall_ns(self, event: RecordedEvent) -> int:
+        return self._clock.of(event.wall_ns, self._account.at(event))
 
     def _kart(self, number: int) -> str:
         if not number:
@@ -569,9 +572,9 @@ acknowledgement is what the kart said, not what it did.</p></section>"""
         return f"""<section class="timeline"><h2>Timeline</h2>
 {self._part_note()}
 <p>Each kart has a line. It shows what race control sent to the kart. Above are the officials'
-commands, with their names; those that race control refused are marked ✗. A kart that is
-<b>held</b> is stopped on its own account, whatever the race does. A hold is shown where it is
-certain.</p>
+commands, with their names; those that race control refused are marked ✗. Where there is no room
+for all, some have only a stroke: zoom in to read them. A kart that is <b>held</b> is stopped on its
+own account, whatever the race does. A hold is shown where it is certain.</p>
 <ul class="legend">{legend}<li>no link: not connected, where there is little
 room</li><li>✓ acknowledged</li><li>✗ connection lost</li>
 <li>↺ acknowledgement withdrawn</li><li><span class="swatch hold">held</span></li></ul>
@@ -610,7 +613,7 @@ aria-label="Timeline; the arrow keys go from event to event"></canvas>
         rows = (
             (
                 str(event.sequence),
-                self._clock.time(event.wall_ns, 3),
+                self._clock.time(self._wall_ns(event), 3),
                 words.elapsed(self._account.at(event), 3),
                 f'{event.kart}' if event.kart else '',
                 escape(words.KINDS.get(event.kind, plain(event.kind)))
@@ -743,7 +746,7 @@ aria-label="Timeline; the arrow keys go from event to event"></canvas>
             'events': [
                 [
                     event.sequence,
-                    (event.wall_ns + 500_000) // 1_000_000,
+                    (self._wall_ns(event) + 500_000) // 1_000_000,
                     short(account.at(event)),
                     event.kart,
                     event.kind,
