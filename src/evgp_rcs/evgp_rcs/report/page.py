@@ -573,8 +573,8 @@ acknowledgement is what the kart said, not what it did.</p></section>"""
 {self._part_note()}
 <p>Each kart has a line. It shows what race control sent to the kart. Above are the officials'
 commands, with their names; those that race control refused are marked ✗. Where there is no room
-for all, some have only a stroke: zoom in to read them. A kart that is <b>held</b> is stopped on its
-own account, whatever the race does. A hold is shown where it is certain.</p>
+for all, some have only a stroke: zoom in to read them. A kart that is <b>held</b> is stopped on
+its own account, whatever the race does. A hold is shown where it is certain.</p>
 <ul class="legend">{legend}<li>no link: not connected, where there is little
 room</li><li>✓ acknowledged</li><li>✗ connection lost</li>
 <li>↺ acknowledgement withdrawn</li><li><span class="swatch hold">held</span></li></ul>
