@@ -178,7 +178,8 @@ def test_a_whole_race_by_clicks(
 
     console.wait_for('join_race_2', barred='false')
     console.press_on('join_race_2', see='leave_race_2')
-    console.click('grid_active', barred='false')
+    console.wait_for('grid_active', barred='false')
+    console.press_on('grid_active', see='yes', text='track is clear of humans')
     console.click('yes', barred='false', text='track is clear of humans')
     console.click('green_green', barred='false')
     console.click('yes', barred='false')

@@ -550,8 +550,11 @@ def test_a_person_at_its_screen_can_give_our_race_control_every_command() -> Non
 
 
 def test_a_race_control_that_lets_a_kart_in_no_more_is_started_again_by_the_person() -> None:
-    person = AtTheScreen(FLAWS['a kart that was away during ALL_KILL is refused'])
-    inspection = asyncio.run(person.inspect('R-3E-07'))
+    for _ in range(ATTEMPTS):
+        person = AtTheScreen(FLAWS['a kart that was away during ALL_KILL is refused'])
+        inspection = asyncio.run(person.inspect('R-3E-07'))
+        if not held_up(inspection):
+            break
     assert set(those(inspection, Verdict.FAIL)) == {'R-3E-07'}
     assert inspection.finished
     assert person.restarts == 1
