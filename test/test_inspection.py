@@ -33,6 +33,7 @@ import time
 from typing import Any
 from xml.etree import ElementTree
 
+from evgp_inspection.traces import Kind
 from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
@@ -50,6 +51,9 @@ INSPECT = [sys.executable, str(ROOT / 'src/evgp_inspection'), 'kart']
 SHORT = ['--listen', '127.0.0.1', '--port', '0', '--watch', '0.7', '--drive', '0.5']
 SHORT += ['--warning', '0', '--fast', '0.5', '--hold', '1.0']
 UNATTENDED = ['--unattended', '--word', 'ready']
+
+ATTEMPTS = 5
+"""Maximum number of inspections of the same, while other programs hold this computer up."""
 
 
 def inspection(report: pathlib.Path, *words: str, domain: int | None = None) -> Program:
@@ -72,24 +76,43 @@ def those(report: dict[str, Any], verdict: str) -> dict[str, str]:
     return {each['clause']: each['why'] for each in report['checks'] if each['verdict'] == verdict}
 
 
+def undisturbed(
+    folder: pathlib.Path, inspect: Callable[[pathlib.Path, contextlib.ExitStack], int]
+) -> tuple[dict[str, Any], int]:
+    """
+    Inspect, again where the report says that this computer was held up, and return the report.
+
+    :param inspect: inspects, with its reports in this folder, and returns the exit code.
+    """
+    for attempt in range(ATTEMPTS):
+        again = folder / f'{attempt}'
+        with contextlib.ExitStack() as parts:
+            code = inspect(again, parts)
+        report = report_in(again)
+        seen = [event for each in report['checks'] for event in each['evidence']]
+        if not any(event['what'] == Kind.HELD_UP.value for event in seen):
+            return report, code
+    pytest.fail(f'This computer was busy with something else {ATTEMPTS} times.')
+
+
 def wait_to_end(program: Program) -> int:
     """Return the exit code; an inspection takes longer than other programs' ends."""
     program.process.wait(110)
     return program.wait()
 
 
-def test_our_bridge_with_the_example_stack_passes_every_clause(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path
-) -> None:
-    domain = parts.enter_context(Domain())
-    words = ['--odometry', 'ros:/kart_bridge/odom', *UNATTENDED]
-    program = parts.enter_context(inspection(tmp_path, *words, domain=domain.number))
-    parts.enter_context(
-        Bridge(domain.number, port_of(program), address_of(1), {'odometry_required': True})
-    )
-    parts.enter_context(ExampleStack(domain.number))
-    code = wait_to_end(program)
-    report = report_in(tmp_path)
+def test_our_bridge_with_the_example_stack_passes_every_clause(tmp_path: pathlib.Path) -> None:
+    def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
+        domain = parts.enter_context(Domain()).number
+        words = ['--odometry', 'ros:/kart_bridge/odom', *UNATTENDED]
+        program = parts.enter_context(inspection(folder, *words, domain=domain))
+        parts.enter_context(
+            Bridge(domain, port_of(program), address_of(1), {'odometry_required': True})
+        )
+        parts.enter_context(ExampleStack(domain))
+        return wait_to_end(program)
+
+    report, code = undisturbed(tmp_path, inspect)
     assert those(report, 'fail') == {}
     assert those(report, 'not judged') == {}
     assert code == 0
@@ -130,20 +153,20 @@ def free_udp_port() -> int:
         return int(found.getsockname()[1])
 
 
-def test_the_client_of_the_document_passes_every_clause(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path
-) -> None:
-    udp = free_udp_port()
-    program = parts.enter_context(inspection(tmp_path, '--odometry', f'udp:{udp}', *UNATTENDED))
-    client = client_of_the_document(port_of(program), udp)
-    kart = Program('client', [sys.executable, '-c', client])
-    parts.callback(kart.kill)
-    code = wait_to_end(program)
-    report = report_in(tmp_path)
+def test_the_client_of_the_document_passes_every_clause(tmp_path: pathlib.Path) -> None:
+    def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
+        udp = free_udp_port()
+        program = parts.enter_context(inspection(folder, '--odometry', f'udp:{udp}', *UNATTENDED))
+        client = client_of_the_document(port_of(program), udp)
+        kart = Program('client', [sys.executable, '-c', client])
+        parts.callback(kart.kill)
+        return wait_to_end(program)
+
+    report, code = undisturbed(tmp_path, inspect)
     assert those(report, 'fail') == {}
     assert those(report, 'not judged') == {}
     assert code == 0
-    (junit,) = tmp_path.glob('*.xml')
+    *_, junit = sorted(tmp_path.glob('*/*.xml'))
     suite = ElementTree.parse(junit).getroot()  # noqa: S314 - our own file
     assert int(suite.attrib['tests']) == len(report['checks'])
     assert suite.attrib['failures'] == '0'
@@ -183,17 +206,17 @@ def example_of_the_c_kit(folder: pathlib.Path, udp: int) -> pathlib.Path:
     return program
 
 
-def test_the_example_of_the_c_kit_passes_every_clause(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path
-) -> None:
+def test_the_example_of_the_c_kit_passes_every_clause(tmp_path: pathlib.Path) -> None:
     udp = free_udp_port()
     kart = example_of_the_c_kit(tmp_path, udp)
-    folder = tmp_path / 'report'
-    program = parts.enter_context(inspection(folder, '--odometry', f'udp:{udp}', *UNATTENDED))
-    port = str(port_of(program))
-    parts.enter_context(Program('posix', [str(kart), '127.0.0.1', port, address_of(1)]))
-    code = wait_to_end(program)
-    report = report_in(folder)
+
+    def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
+        program = parts.enter_context(inspection(folder, '--odometry', f'udp:{udp}', *UNATTENDED))
+        port = str(port_of(program))
+        parts.enter_context(Program('posix', [str(kart), '127.0.0.1', port, address_of(1)]))
+        return wait_to_end(program)
+
+    report, code = undisturbed(tmp_path, inspect)
     assert those(report, 'fail') == {}
     assert those(report, 'not judged') == {}
     assert code == 0
@@ -284,19 +307,21 @@ def test_an_inspector_who_sees_the_wheels_turn_after_a_stop_fails_the_kart(
     assert 'Ada &lt;&amp;&gt;' in page.read_text(encoding='utf-8')
 
 
-def test_our_race_control_passes_every_clause(
-    parts: contextlib.ExitStack, tmp_path: pathlib.Path
-) -> None:
-    domain = parts.enter_context(Domain())
+def test_our_race_control_passes_every_clause(tmp_path: pathlib.Path) -> None:
     times = {'pause': 0.5, 'finish_delays': [1.0, 0.5]}
-    control = parts.enter_context(
-        RaceControl(tmp_path, domain.number, in_race=[2, 3], others=[1], parameters=times)
-    )
-    words = ['rcs', '--driver', 'ros', '--word', 'ready', '--port', str(control.port)]
-    words += ['--watch', '0.6', '--settle', '0.7', '--half-open', '2', '--report', str(tmp_path)]
-    program = parts.enter_context(Program('inspect_rcs', [*INSPECT[:2], *words], domain.number))
-    code = wait_to_end(program)
-    report = report_in(tmp_path)
+
+    def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
+        domain = parts.enter_context(Domain()).number
+        folder.mkdir()
+        control = parts.enter_context(
+            RaceControl(folder, domain, in_race=[2, 3], others=[1], parameters=times)
+        )
+        words = ['rcs', '--driver', 'ros', '--word', 'ready', '--port', str(control.port)]
+        words += ['--watch', '0.6', '--settle', '0.7', '--half-open', '2', '--report', str(folder)]
+        program = parts.enter_context(Program('inspect_rcs', [*INSPECT[:2], *words], domain))
+        return wait_to_end(program)
+
+    report, code = undisturbed(tmp_path, inspect)
     assert those(report, 'fail') == {}
     assert those(report, 'not judged') == {}
     assert code == 0

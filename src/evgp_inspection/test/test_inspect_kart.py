@@ -36,6 +36,7 @@ from evgp_inspection.recording import Recording
 from evgp_inspection.traces import Kind
 from evgp_inspection.verdicts import Verdict
 from inspected_kart import FAULTS, InspectedKart
+from inspecting import inspect_all, those
 import pytest
 
 SHORT = Limits(
@@ -54,9 +55,6 @@ SHORT = Limits(
     warning=0.0,
     hold=0.8,
 )
-
-ATTEMPTS = 10
-"""How often a kart is inspected while other programs hold this computer up."""
 
 INSPECTIONS = int(os.environ.get('EVGP_INSPECTIONS', '80'))
 
@@ -133,53 +131,25 @@ class OneInspection:
         return self._takes.clear
 
 
-def held_up(inspection: Inspection) -> bool:
-    """Return whether this computer was busy with something else, so that one has to try again."""
-    return any(
-        event.kind is Kind.HELD_UP
-        for result in inspection.results
-        for event in result.finding.evidence
-    )
-
-
-def those(inspection: Inspection, verdict: Verdict) -> dict[str, str]:
-    """Return the clauses with this verdict, and why."""
-    return {
-        each.clause.name: each.finding.why
-        for each in inspection.results
-        if each.verdict is verdict
-    }
-
-
 def is_found(fault: str, inspection: Inspection) -> bool:
     """Return whether a fault is found by its own clause and by no other."""
     return bool(fault) and set(those(inspection, Verdict.FAIL)) == {FAULTS[fault]}
 
 
-async def all_at_once(karts: list[tuple[str, bool]]) -> list[Inspection]:
-    """Inspect karts of these faults, seen or not, at the same time; again if it was held up."""
-    found: dict[int, Inspection] = {}
-    left = list(range(len(karts)))
-
-    async def later(order: int, kart: int) -> None:
-        await asyncio.sleep(order * 0.1)  # they do not all judge in the same moment
-        found[kart] = await OneInspection(*karts[kart]).run()
-        if not held_up(found[kart]) or is_found(karts[kart][0], found[kart]):
-            left.remove(kart)
-
-    for _ in range(ATTEMPTS):
-        await asyncio.gather(*(later(order, kart) for order, kart in enumerate(left)))
-        if not left:
-            break
-    assert not left, f'This computer was busy with something else {ATTEMPTS} times.'
-    return [found[kart] for kart in range(len(karts))]
+def inspect_karts(karts: list[tuple[str, bool]]) -> list[Inspection]:
+    """Inspect karts of these faults, seen or not, at the same time."""
+    return inspect_all(
+        karts,
+        lambda kart: OneInspection(*kart).run,
+        lambda kart, inspection: is_found(kart[0], inspection),
+    )
 
 
 @pytest.mark.timeout(600)
 def test_a_good_kart_passes_and_each_fault_is_found_by_its_own_clause_and_no_other() -> None:
     karts = [('', True), ('', False), ('echoes RED_RED', False)]
     karts += [(fault, True) for fault in FAULTS]
-    inspections = asyncio.run(all_at_once(karts))
+    inspections = inspect_karts(karts)
     wrong = {
         kart: failed
         for kart, inspection in zip(karts, inspections, strict=True)
@@ -243,7 +213,9 @@ def test_an_inspection_that_fails_while_the_kart_drives_stops_the_kart(
 
 
 def test_a_kart_that_ends_is_started_again_by_the_inspector_and_inspected_to_the_end() -> None:
-    inspection = asyncio.run(OneInspection('FIN ends it', only='K-4D', starts_again=True).run())
+    (inspection,) = inspect_all(
+        ['FIN ends it'], lambda fault: OneInspection(fault, only='K-4D', starts_again=True).run
+    )
     assert set(those(inspection, Verdict.FAIL)) == {'K-4D-01'}
     assert inspection.finished
     # What only follows from it, and what a program that was just started cannot show.
@@ -312,7 +284,7 @@ def test_of_many_inspections_of_good_karts_none_fails() -> None:
     left = INSPECTIONS
     while left > 0:
         many = min(left, 40)
-        for inspection in asyncio.run(all_at_once([('', left % 80 < 40)] * many)):
+        for inspection in inspect_karts([('', left % 80 < 40)] * many):
             assert not those(inspection, Verdict.FAIL)
             assert inspection.finished
         left -= many

@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 import dataclasses
 import itertools
 from types import ModuleType
@@ -30,11 +30,11 @@ from evgp_inspection.inspector import Inspector, Unattended
 from evgp_inspection.limits import RcsLimits
 from evgp_inspection.rcs_clauses import RCS, RCS_BY_NAME
 from evgp_inspection.rcs_inspection import inspect_race_control
-from evgp_inspection.traces import Kind
 from evgp_inspection.verdicts import Verdict
 from evgp_rcs import kart_link, kart_server, race
 from evgp_rcs.catalogue import CommandKind
 from evgp_testing.faults import module_with
+from inspecting import inspect_all, those
 import pytest
 
 SHORT = RcsLimits(
@@ -58,8 +58,6 @@ SETTINGS: dict[str, Any] = {
     'beat_rate': 12.0,
     'send_timeout': 0.5,
 }
-
-ATTEMPTS = 8
 
 
 @dataclasses.dataclass
@@ -481,44 +479,8 @@ class AtTheScreen:
         return True  # karts 1 and 2 are in the race from the beginning
 
 
-def held_up(inspection: Inspection) -> bool:
-    return any(
-        event.kind is Kind.HELD_UP
-        for result in inspection.results
-        for event in result.finding.evidence
-    )
-
-
-def those(inspection: Inspection, verdict: Verdict) -> dict[str, str]:
-    return {
-        each.clause.name: each.finding.why
-        for each in inspection.results
-        if each.verdict is verdict
-    }
-
-
 def is_found(name: str, inspection: Inspection) -> bool:
     return name in FLAWS and set(those(inspection, Verdict.FAIL)) == {FLAWS[name].clause}
-
-
-async def all_at_once(names: list[str]) -> dict[str, Inspection]:
-    """Inspect race controls with these faults at the same time; again if this was held up."""
-
-    async def later(number: int, control: OurRaceControl) -> Inspection:
-        await asyncio.sleep(number * 0.07)
-        return await control.inspect()
-
-    found: dict[str, Inspection] = {}
-    left = names
-    for _ in range(ATTEMPTS):
-        # First all of them: to compile one holds up those that are inspected already.
-        controls = [OurRaceControl(FLAWS.get(name)) for name in left]
-        done = await asyncio.gather(*map(later, range(len(left)), controls))
-        found.update(zip(left, done, strict=True))
-        left = [name for name in left if held_up(found[name]) and not is_found(name, found[name])]
-        if not left:
-            break
-    return found
 
 
 def test_every_clause_of_a_race_control_has_a_fault_that_it_finds() -> None:
@@ -527,7 +489,10 @@ def test_every_clause_of_a_race_control_has_a_fault_that_it_finds() -> None:
 
 @pytest.mark.timeout(600)
 def test_our_race_control_passes_and_each_fault_is_found_by_its_own_clause_and_no_other() -> None:
-    inspections = asyncio.run(all_at_once(['', *FLAWS]))
+    names = ['', *FLAWS]
+    # All are made first: to compile one holds up those that are inspected already.
+    begun = inspect_all(names, lambda name: OurRaceControl(FLAWS.get(name)).inspect, is_found)
+    inspections = dict(zip(names, begun, strict=True))
     wrong = {
         name: those(inspection, Verdict.FAIL)
         for name, inspection in inspections.items()
@@ -550,11 +515,13 @@ def test_a_person_at_its_screen_can_give_our_race_control_every_command() -> Non
 
 
 def test_a_race_control_that_lets_a_kart_in_no_more_is_started_again_by_the_person() -> None:
-    for _ in range(ATTEMPTS):
-        person = AtTheScreen(FLAWS['a kart that was away during ALL_KILL is refused'])
-        inspection = asyncio.run(person.inspect('R-3E-07'))
-        if not held_up(inspection):
-            break
+    people: list[AtTheScreen] = []
+
+    def begin(name: str) -> Callable[[], Awaitable[Inspection]]:
+        people.append(AtTheScreen(FLAWS[name]))
+        return lambda: people[-1].inspect('R-3E-07')
+
+    (inspection,) = inspect_all(['a kart that was away during ALL_KILL is refused'], begin)
     assert set(those(inspection, Verdict.FAIL)) == {'R-3E-07'}
     assert inspection.finished
-    assert person.restarts == 1
+    assert people[-1].restarts == 1

@@ -1,0 +1,87 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Inspections in this process, and what they came to."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Sequence
+from typing import TypeVar
+
+from evgp_inspection.inspection import Inspection
+from evgp_inspection.traces import Kind
+from evgp_inspection.verdicts import Verdict
+
+ATTEMPTS = 10
+"""Maximum number of inspections of the same, while other programs hold this computer up."""
+
+APART = 0.1
+"""Time between the beginnings of two inspections, in seconds: so they do not all judge at once."""
+
+T = TypeVar('T')
+
+
+def those(inspection: Inspection, verdict: Verdict) -> dict[str, str]:
+    """Return the clauses with this verdict, and why."""
+    return {
+        each.clause.name: each.finding.why
+        for each in inspection.results
+        if each.verdict is verdict
+    }
+
+
+def held_up(inspection: Inspection) -> bool:
+    """Return whether this computer was busy with something else, so that one has to try again."""
+    return any(
+        event.kind is Kind.HELD_UP
+        for result in inspection.results
+        for event in result.finding.evidence
+    )
+
+
+def inspect_all(
+    inspected: Sequence[T],
+    begin: Callable[[T], Callable[[], Awaitable[Inspection]]],
+    is_found: Callable[[T, Inspection], bool] = lambda one, inspection: False,
+) -> list[Inspection]:
+    """
+    Inspect all at the same time, and those again for which this computer was held up.
+
+    :param begin: makes the next inspection of one; all are made before any of them runs.
+    :param is_found: whether an inspection was good enough although this computer was held up.
+    """
+
+    async def after(order: int, inspection: Callable[[], Awaitable[Inspection]]) -> Inspection:
+        await asyncio.sleep(order * APART)
+        return await inspection()
+
+    async def run() -> list[Inspection]:
+        found: dict[int, Inspection] = {}
+        left = list(range(len(inspected)))
+        for _ in range(ATTEMPTS):
+            begun = [begin(inspected[each]) for each in left]
+            done = await asyncio.gather(*(after(*each) for each in enumerate(begun)))
+            found.update(zip(left, done, strict=True))
+            left = [
+                each
+                for each in left
+                if held_up(found[each]) and not is_found(inspected[each], found[each])
+            ]
+            if not left:
+                break
+        assert not left, f'This computer was busy with something else {ATTEMPTS} times.'
+        return [found[each] for each in range(len(inspected))]
+
+    return asyncio.run(run())
