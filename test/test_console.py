@@ -110,8 +110,7 @@ def confirm(console: Console, key: str, button: str, condition: str, accepted: s
     """
     console.wait_for(button, barred='false')
     console.ask(key, text=condition)
-    console.key('y')
-    console.wait_for('status', text=accepted)
+    console.press('y', see='status', text=accepted)
 
 
 @pytest.fixture
@@ -214,10 +213,8 @@ def test_a_whole_race_by_keys_only(
     console.ask('F2', text='track is clear of humans')
     console.press('y', see='green_green', barred='false')
     console.press('F3', see='no', focus=True)
-    console.key('Tab')
-    console.wait_for('yes', focus=True)
-    console.key('Return')
-    console.wait_for('kart_finish_2', barred='false')
+    console.press('Tab', see='yes', focus=True)
+    console.press('Return', see='kart_finish_2', barred='false')
     console.press('b', see='kart_2', text='P1')
     console.press('a', see='state', text='RED RED')
     console.wait_for('in_garage', barred='false')
@@ -243,14 +240,12 @@ def test_one_kart_is_stopped_and_released_by_keys(
     kart = connect_kart(control, 12, EACH_CHANGE)
     see_karts(console, 12)
 
-    console.key('1', '2')
-    console.wait_for('kart_12', chosen='true')
+    console.press('Escape', '1', '2', see='kart_12', chosen='true')
     console.key('ctrl+f')
     kart.wait_for_state(RED_FLAG)
     console.key('1', '2', 'ctrl+r')
     kart.wait_for_state(RED_RED)
-    console.click('kart_12')
-    console.wait_for('kart_12', text='held: RED_RED by an offi(.|\n)*✓ yes')
+    console.press_on('kart_12', see='kart_12', text='held: RED_RED by an offi(.|\n)*✓ yes')
     confirm(
         console, 'ctrl+g', 'kart_in_garage_12', r'kart 12 \(Team 12\) stands still', 'released'
     )
@@ -565,9 +560,8 @@ def test_a_race_control_that_was_killed_and_started_again_is_shown_as_it_is_now(
     kart = connect_kart(control, 1, EACH_CHANGE)
     see_karts(console, 1)
     console.ask('F2')
-    console.key('y')
+    console.press('y', see='state', text='GRID ACTIVE')
     kart.wait_for_state(GRID_ACTIVE)
-    console.wait_for('state', text='GRID ACTIVE')
     control.kill()
     console.wait_for('danger_title', text='RACE CONTROL IS GONE')
 
@@ -673,7 +667,7 @@ def test_a_command_that_is_not_allowed_says_why_on_hover_on_focus_and_when_tappe
     kart = connect_kart(control, 1)
     see_karts(console, 1)
     console.ask('F2')
-    console.key('y')
+    console.press('y', see='state', text='GRID ACTIVE')
     kart.wait_for_state(GRID_ACTIVE)
     why = r'GREEN GREEN: waiting for kart 1 \(Team 1\): no GRID_ACTIVE yet \(for \d+ s\)'
 
@@ -847,8 +841,7 @@ def test_forty_karts_on_a_small_and_on_a_large_screen(
     console.wait_for('kart_finish_30', barred='false')
     console.press('shift+f', see='kart_30', text='P1')
     # A kart further down is scrolled to by its number, and there its buttons can be clicked.
-    console.key('4', '0')
-    console.wait_for('kart_40', chosen='true')
+    console.press('Escape', '4', '0', see='kart_40', chosen='true')
     # Just after the list has moved, a click is for what stood there before: that time must pass.
     time.sleep(0.6)
     console.click('kart_red_red_40')
@@ -932,8 +925,7 @@ def test_screenshots_of_every_state(
     karts[3].close()
     console.wait_for('kart_3', text='NO LINK')
     console.wait_for('banner', text='lost its connection')
-    console.key('3')
-    console.wait_for('number', text='KART 3')
+    console.press('Escape', '3', see='number', text='KART 3')
     shoot('alert')
     console.key('space')
     console.wait_for('state', text='RED RED')
@@ -1107,9 +1099,8 @@ def test_the_letters_that_answer_a_question_finish_no_kart(
 
     console.ask('F9')
     console.press('n', 'n', 'n', 'y', see='question', visible=False)
-    console.key('a')
+    console.press('a', see='kart_1', text='P1')
 
-    console.wait_for('kart_1', text='P1')
     finished = {name for name, widget in console.widgets().items() if 'P1' in widget['text']}
     assert {name for name in finished if name.startswith('kart_')} <= {'kart_1'}
     assert karts[13].state is GREEN_GREEN
@@ -1141,7 +1132,7 @@ def test_a_question_says_which_karts_and_is_off_when_another_one_joins(
     console.key('y')
     assert {kart.state for kart in karts} == {IN_GARAGE}
     console.press('n', 'F2', see='question_consequence', text='to 2 karts: 1, 2')
-    console.key('y')
+    console.press('y', see='state', text='GRID ACTIVE')
     karts[0].wait_for_state(GRID_ACTIVE)
 
 
@@ -1274,12 +1265,11 @@ def test_a_heat_is_put_into_the_race_by_clicks_and_by_keys(
         console.wait_for(there)
     console.press('ctrl+h', see='heat_2', text='in the race')
     console.wait_for('heat_1', focus=True)
-    console.key('Return')
-    for there in ('leave_race_1', 'leave_race_2', 'join_race_3'):
+    console.press('Return', see='join_race_3')
+    for there in ('leave_race_1', 'leave_race_2'):
         console.wait_for(there)
     console.press('ctrl+h', see='heats')
-    console.key('Escape')
-    console.wait_for('heats', visible=False)
+    console.press('Escape', see='heats', visible=False)
 
 
 def test_a_heat_is_not_offered_outside_the_garage_and_the_window_says_why(
@@ -1589,15 +1579,12 @@ def test_no_control_moves_whatever_is_shown(
     console.press('n', see='question', visible=False)
     console.press('F1', see='help')
     compare('the keys')
-    console.key('Escape', '5', '8', '7')
-    console.wait_for('number', text='NO KART 587')
+    console.press('Escape', '5', '8', '7', see='number', text='NO KART 587')
     compare('a number typed')
     # The official scrolls, and what comes after that leaves the list where it is.
-    console.key('Escape', *str(count))
-    console.wait_for(f'kart_{count}', chosen='true')
+    console.press('Escape', *str(count), see=f'kart_{count}', chosen='true')
     first = places(console)
-    console.key('Escape')
-    console.wait_for('number', text='KART -')
+    console.press('Escape', see='number', text='KART -')
     control.tell(race_of(numbers, alerts=[lost(count)]))
     console.wait_for('banner', text=f'KART {count}\n')
     compare('an alert while the list is scrolled')
@@ -1639,8 +1626,7 @@ def test_a_number_that_is_not_in_the_roster_stops_no_other_kart_and_says_so(
     console = open_console(control)
     karts = {number: connect_kart(control, number, EACH_CHANGE) for number in (2, 7)}
     see_karts(console, 2, 7)
-    console.click('kart_7')  # chosen in the list before
-    console.wait_for('number', text='KART 7')
+    console.press_on('kart_7', see='number', text='KART 7')  # chosen in the list before
 
     console.key('7', '2')
     console.wait_for('number', text='NO KART 72', tone='bad')
@@ -1649,12 +1635,9 @@ def test_a_number_that_is_not_in_the_roster_stops_no_other_kart_and_says_so(
     console.wait_for('status', text='RED RED WAS NOT SENT.* 72', tone='bad')
     console.wait_for('number', text='NO KART 72', tone='bad')
     # Backspace and Escape edit.
-    console.key('7', '2', 'BackSpace')
-    console.wait_for('number', text='^KART 7$')
-    console.key('Escape')
-    console.wait_for('number', text='KART -')
-    console.key('2')
-    console.wait_for('number', text='^KART 2$')
+    console.press('Escape', '7', '2', 'BackSpace', see='number', text='^KART 7$')
+    console.press('Escape', see='number', text='KART -')
+    console.press('2', see='number', text='^KART 2$')
     console.key('ctrl+r')
     karts[2].wait_for_state(RED_RED)
     assert karts[7].state is IN_GARAGE
@@ -1675,8 +1658,7 @@ def test_every_command_clears_the_number_that_was_typed(
         lambda: console.click('kart_red_red_7'),
         lambda: console.click('all_kill'),
     ):
-        console.key('2')
-        console.wait_for('number', text='^KART 2$')
+        console.press('2', see='number', text='^KART 2$')
         press()
         console.wait_for('number', text='KART -')
 
@@ -1687,9 +1669,8 @@ def test_a_number_that_nobody_uses_is_cleared_in_sight(
     console = open_console(speak(race=race_of((2, 7))))
     console.wait_for('kart_2')
 
-    console.key('7')
+    console.press('7', see='number', text='^KART 7$')
 
-    console.wait_for('number', text='^KART 7$')
     console.wait_for('number', text='KART -')
     console.wait_for('kart_7', chosen='false')
 

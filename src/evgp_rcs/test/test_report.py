@@ -203,6 +203,7 @@ def test_a_race_has_its_finishing_order_and_who_did_not_finish(paper: PaperRace)
     assert not race.out.keys() & {7, 8}
     by = next(event for event in paper.events if event.sequence == race.red_by)
     assert (by.command, by.official) == ('RACE_OVER', 'Grace')
+    assert not race.over_by_itself
     assert race.results
 
 
@@ -214,6 +215,7 @@ def test_a_race_that_goes_over_by_itself_was_ended_by_no_command(paper: PaperRac
     (race,) = read(paper.events).races
     assert race.red is not None
     assert race.red_by == 0
+    assert race.over_by_itself
 
 
 def test_who_was_lost_or_stopped_alone_did_not_finish_for_that_reason(paper: PaperRace) -> None:

@@ -83,6 +83,8 @@ def main(
         return 2
     signature = Signature(_given(client.node, 'official', _OFFICIAL), os.getpid())
     window = ConsoleWindow(inbox, client.give, signature, looking(client.topic))
+    # Where no window manager runs, as on a screen for the window alone, nobody maximises it.
+    window.setGeometry(application.primaryScreen().availableGeometry())
     window.showMaximized()
     if on_window is not None:
         on_window(window)

@@ -302,8 +302,6 @@ def probe(window: Any, address: str) -> None:
             for line in lines:
                 asked.question.emit(json.loads(line))
 
-    # There is no window manager on the screen: what it would do is done here.
-    window.setGeometry(QtGui.QGuiApplication.primaryScreen().geometry())
     window.activateWindow()
     threading.Thread(target=listen, daemon=True).start()
 

@@ -263,6 +263,7 @@ class Race:
     :param stopped_by: the number of the command's event that stopped it as a whole, to RED_FLAG or
         RED_RED; 0: none did.
     :param red_by: the number of the command's event that brought it to RED_RED; 0: none did.
+    :param over_by_itself: it went to RED_RED because every kart in it had finished.
     :param starters: who was sent GREEN_GREEN.
     :param finished: in the order of their places.
     :param out: why each starter that dropped out did so, before it finished.
@@ -284,6 +285,7 @@ class Race:
     garage: float | None = None
     stopped_by: int = 0
     red_by: int = 0
+    over_by_itself: bool = False
     starters: list[int] = field(default_factory=list)
     finished: list[Finish] = field(default_factory=list)
     out: dict[int, Out] = field(default_factory=dict)
@@ -658,6 +660,10 @@ class _Reading:
                 else:
                     race.red = at
                     race.red_by = self._cause(at)
+                    # With no command, and no restart, there is no other reason.
+                    race.over_by_itself = (
+                        not race.red_by and not restarted and before in (GREEN_GREEN, RED_FLAG)
+                    )
             elif state == IN_GARAGE:
                 race.garage = at
                 self._race = None

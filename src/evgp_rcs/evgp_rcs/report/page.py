@@ -450,6 +450,8 @@ acknowledgement is what the kart said, not what it did.</p></section>"""
         when = f'{self._clock.at(red, 3)}'
         if race.green is not None:
             when += f', {words.exact(race.green, red)} after the start'
+        if race.over_by_itself:
+            return f'The race was over at {when}: every kart in it had finished.'
         if not race.red_by:
             return f'Race control itself went to RED RED at {when}.'
         command = self._events[race.red_by]
