@@ -186,6 +186,15 @@ def test_a_page_complains_of_nothing_and_asks_the_network_for_nothing(
     assert browser.requested == [page.as_uri()]
 
 
+def test_on_a_telephone_only_wide_tables_scroll_sideways(
+    browser: Browser, make_report: MakeReport
+) -> None:
+    size = {'width': 400, 'height': 800, 'deviceScaleFactor': 1, 'mobile': True}
+    browser.call('Emulation.setDeviceMetricsOverride', **size)
+    browser.visit(make_report(incident()))
+    assert browser.evaluate('document.documentElement.scrollWidth') == 400
+
+
 def test_a_hostile_name_is_seen_and_does_nothing(
     browser: Browser, make_report: MakeReport
 ) -> None:
