@@ -1003,8 +1003,8 @@ def test_what_was_pressed_while_the_window_hung_starts_no_race(
 ) -> None:
     console, kart = ready_to_start
     start = console.place('green_green')
-    console.click('green_green')
-    yes = console.place('yes', barred='false')
+    console.press_on('green_green', see='yes', barred='false')
+    yes = console.place('yes')
     console.press('n', see='question', visible=False)
 
     with held_up(console, whole):
@@ -1018,10 +1018,8 @@ def test_what_was_pressed_while_the_window_hung_starts_no_race(
     assert kart.state is GRID_ACTIVE
     console.wait_for('question', visible=False)
     # It was said to press it again, and that does.
-    ends = time.monotonic() + PATIENCE
-    while 'question' not in console.widgets() and time.monotonic() < ends:
-        console.key('F3')
-    console.key('y')
+    console.ask('F3')
+    console.press('y', see='state', text='GREEN GREEN')
     kart.wait_for_state(GREEN_GREEN)
 
 
