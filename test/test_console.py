@@ -972,14 +972,14 @@ def held_up(console: Console, whole: bool = False) -> Iterator[None]:
     """
     ends = time.monotonic() + HELD_UP
     if whole:
-        console.process.send_signal(signal.SIGSTOP)
+        console.signal(signal.SIGSTOP)
     else:
         console.block(HELD_UP)
     try:
         yield
         time.sleep(max(0.0, ends - time.monotonic()))  # what was typed becomes old
     finally:
-        console.process.send_signal(signal.SIGCONT)
+        console.signal(signal.SIGCONT)
 
 
 @pytest.fixture

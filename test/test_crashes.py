@@ -32,6 +32,7 @@ from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Answer, Official
+from evgp_testing.process import freeze
 from evgp_testing.race_control import address_of, RaceControl
 from evgp_testing.replaying import replay_without_difference
 from evgp_testing.wire_kart import Acknowledges, WireKart
@@ -229,7 +230,7 @@ def crashed_in_green(meeting: Event) -> None:
     """Have race control die while karts race."""
     meeting.grid()
     meeting.green()
-    os.kill(meeting.control.kart_server_pid, signal.SIGSTOP)
+    freeze(meeting.control.kart_server_pid)
     meeting.control.kill()
     # What it would still write is lost with it, as when a machine loses its power.
     os.kill(meeting.control.kart_server_pid, signal.SIGKILL)

@@ -30,7 +30,7 @@ from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from evgp_testing.process import wait_until_ended
+from evgp_testing.process import freeze, wait_until_ended
 from evgp_testing.replaying import replay_without_difference
 from evgp_testing.wire_kart import Acknowledges
 from evgp_testing.wire_race import WireRace
@@ -123,7 +123,7 @@ def test_a_kart_server_that_hangs_is_ended_and_officials_are_told_to_use_the_msr
     scene: WireRace,
 ) -> None:
     scene.bring_to(GREEN_GREEN)
-    os.kill(scene.control.kart_server_pid, signal.SIGSTOP)
+    freeze(scene.control.kart_server_pid)
     answer = scene.official.call('all_kill')
     assert not answer.success
     assert 'use the MSR' in answer.message

@@ -31,7 +31,7 @@ import time
 from evgp_node.restarting import delay_before, DELAYS, Ends, FIRST_TRIES
 from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
-from evgp_testing.process import PATIENCE, Process, wait_until_ended
+from evgp_testing.process import freeze, PATIENCE, Process, wait_until_ended
 from evgp_testing.race_control import address_of, settings, write_roster
 from evgp_testing.usage import family
 from evgp_testing.wire_kart import Acknowledges, WireKart
@@ -151,7 +151,7 @@ def test_a_kart_server_that_hangs_does_not_keep_race_control_from_coming_back(
     kept = start_kept()
     kept.wait_for_line('listens for')
     ros_half, kart_server = kept.halves
-    os.kill(kart_server, signal.SIGSTOP)
+    freeze(kart_server)
 
     os.kill(ros_half, signal.SIGKILL)
 
@@ -380,7 +380,7 @@ def test_a_ros_half_that_is_frozen_is_killed_and_race_control_comes_back(
     kept.connect().close()
     ros_half, kart_server = kept.halves
 
-    os.kill(ros_half, signal.SIGSTOP)
+    freeze(ros_half)
 
     kept.wait_for_line('rcs_node hangs: it is killed')
     wait_until_ended(ros_half)

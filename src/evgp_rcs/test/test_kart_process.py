@@ -54,6 +54,7 @@ from evgp_rcs.kart_server import KartServerError, ROS_HALF_SILENCE, ServerSettin
 from evgp_rcs.race import Command, EventKind, RaceTimes
 from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs.roster import Roster, RosterEntry
+from evgp_testing.process import freeze
 from evgp_testing.replaying import replay_without_difference
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
 import pytest
@@ -383,7 +384,7 @@ def test_a_kart_server_that_is_killed_is_told_of_and_every_command_refused(begin
     client = KartServerClient(begin, lambda events: None, lambda copy: None, ended.put)
     client.start()
     try:
-        client._process.send_signal(signal.SIGSTOP)
+        freeze(client._process.pid)
         _, waiting = client.submit(ALL_KILL, clock.now())
         client._process.kill()
         with pytest.raises(KartServerError, match='use the MSR'):
@@ -404,7 +405,7 @@ def test_a_kart_server_that_hangs_and_takes_nothing_is_given_up_and_no_thread_wa
     )
     client.start()
     try:
-        client._process.send_signal(signal.SIGSTOP)
+        freeze(client._process.pid)
         with pytest.raises(KartServerError, match='use the MSR'):
             while True:  # until its end takes no more
                 client.submit(ALL_KILL, clock.now())

@@ -25,6 +25,7 @@ import select
 import signal
 import subprocess
 import threading
+import time
 
 from ament_index_python.packages import get_package_prefix
 from evgp_testing import nursery
@@ -38,6 +39,25 @@ started: list[Program] = []
 def executable(package: str, name: str) -> str:
     """Return the path of an executable of a package."""
     return str(pathlib.Path(get_package_prefix(package), 'lib', package, name))
+
+
+def freeze(pid: int) -> None:
+    """
+    Stop a process with SIGSTOP; return once none of its threads runs any more.
+
+    On a busy computer the others go on until the thread that takes the signal has its turn.
+    """
+    os.kill(pid, signal.SIGSTOP)
+    while any(_runs(stat) for stat in pathlib.Path(f'/proc/{pid}/task').glob('*/stat')):
+        time.sleep(0.001)
+
+
+def _runs(stat: pathlib.Path) -> bool:
+    try:
+        said = stat.read_text()
+    except (FileNotFoundError, ProcessLookupError):
+        return False  # that thread has ended
+    return said.rpartition(')')[2].split()[0] not in 'TtZX'
 
 
 class Program(Part):
@@ -141,8 +161,11 @@ class Program(Part):
             self._take_output.set()
 
     def signal(self, number: signal.Signals) -> None:
-        """Send it a signal."""
-        self.process.send_signal(number)
+        """Send it a signal; it is stopped on return from a SIGSTOP."""
+        if number is signal.SIGSTOP and self.process.poll() is None:
+            freeze(self.process.pid)
+        else:
+            self.process.send_signal(number)
 
     def kill(self) -> None:
         """End it as a crash does."""

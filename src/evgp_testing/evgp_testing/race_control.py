@@ -21,7 +21,7 @@ import os
 import pathlib
 import signal
 
-from evgp_testing.process import Process
+from evgp_testing.process import freeze, Process
 from evgp_testing.usage import family
 import yaml
 
@@ -117,7 +117,7 @@ class RaceControl(Process):
     def freeze(self) -> None:
         """Stop both processes of race control, as a machine that hangs."""
         for pid in (self.pid, self.kart_server_pid):
-            os.kill(pid, signal.SIGSTOP)
+            freeze(pid)
 
     def thaw(self) -> None:
         """Let both go on."""
