@@ -164,7 +164,7 @@ def event_message(stamped: StampedEvent) -> msg.RaceEvent:
         kart=event.kart,
         command=_COMMAND[event.command] if event.command is not None else 0,
         success=event.success,
-        state=state_message(event.state),
+        state=_STATE[event.state],
         text=event.text,
         official=event.official,
         alert=_ALERT[event.alert] if event.alert is not None else 0,
