@@ -78,8 +78,8 @@ GATHER = 0.002
 acknowledge, each by itself would keep both processes and the record's thread busy."""
 
 MOST_GATHERED = 100
-"""Number of gathered events to which no more are added. To hand them on takes some 0.4 ms, in which
-a stop waits."""
+"""Number of gathered events to which no more are added. To hand them on takes some 0.4 ms, for
+which a stop waits."""
 
 KARTS_BETWEEN_LOOKS = 8
 """Number of karts that a beat writes to before it looks again whether a command has come."""
