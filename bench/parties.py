@@ -67,9 +67,6 @@ def rules(count: int) -> None:
         def tell(self, events: object, log: object) -> None:
             """Nobody listens."""
 
-        def keep(self, log: object) -> None:
-            """Nothing is kept."""
-
         def show(self, race: object, at: float, number: int) -> None:
             """Nobody looks."""
 

@@ -402,9 +402,6 @@ class OurRaceControl:
     def tell(self, events: list[Any], log: Any) -> None:
         pass
 
-    def keep(self, log: Any) -> None:
-        pass
-
     def show(self, race: Any, at: float, number: int) -> None:
         pass
 

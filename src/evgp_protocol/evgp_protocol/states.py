@@ -37,10 +37,9 @@ class RaceState(enum.Enum):
     RED_FLAG = 'RED_FLAG'
     RED_RED = 'RED_RED'
 
-    @property
-    def strictness(self) -> int:
-        """Return the rank of this state, from 0 (GREEN_GREEN) to 4 (RED_RED)."""
-        return _STRICTNESS[self]
+    def __init__(self, name: str) -> None:
+        self.strictness = len(type(self).__members__)
+        """The rank of this state, from 0 (GREEN_GREEN) to 4 (RED_RED)."""
 
     @property
     def is_red(self) -> bool:
@@ -48,9 +47,6 @@ class RaceState(enum.Enum):
         return self is RaceState.RED_FLAG or self is RaceState.RED_RED
 
 
-_STRICTNESS = {state: rank for rank, state in enumerate(RaceState)}
-
-
 def stricter(one: RaceState, other: RaceState) -> RaceState:
     """Return the stricter of two states (§2.C)."""
-    return one if _STRICTNESS[one] >= _STRICTNESS[other] else other
+    return one if one.strictness >= other.strictness else other

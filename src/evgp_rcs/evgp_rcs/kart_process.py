@@ -77,10 +77,6 @@ _SESSION = pathlib.Path('/proc/self/autogroup')
 FIRST_SIGN = 2.0
 """Additional time for the first sign of life of the ROS half, in seconds: it still starts."""
 
-GATHER = 0.002
-"""Time for which events are gathered for one message to the ROS half, in seconds. Of a thousand
-karts that acknowledge, each as a message of its own would keep both processes busy."""
-
 LAST_WORDS_TIMEOUT = 2.0
 """Maximum time at the end for the record to be finished, and for the ROS half to take the last
 messages, each, in seconds."""
@@ -104,7 +100,6 @@ class RosHalf:
         self._end = end
         self._unpacker = Unpacker()
         self._unsent = bytearray()
-        self._gathered: list[StampedEvent] = []
         self._gone = ''
         self._heard_at: float | None = None
         self._waiting: dict[int, Waiting] = {}
@@ -172,21 +167,11 @@ class RosHalf:
         if not self._unsent:
             self.send(Copy(race, at, number))
 
-    def tell(self, events: list[StampedEvent]) -> None:
-        """Send events, in order; those of a few milliseconds are one message."""
-        if not self._gathered:
-            self._loop.call_later(GATHER, self._send_gathered)
-        self._gathered += events
-
-    def _send_gathered(self) -> None:
-        gathered, self._gathered = self._gathered, []
-        self.send(Happened(gathered))
-
     def send_the_rest(self, *messages: object, timeout: float) -> None:
         """Send all that waits and the last messages, as long as the other end takes it."""
         if self._gone:
             return  # half a message may be out: what follows could not be read
-        self._unsent += b''.join(map(pack, (Happened(self._gathered), *messages)))
+        self._unsent += b''.join(map(pack, messages))
         with contextlib.suppress(OSError):  # it is gone, or does not take it: the end either way
             self._end.settimeout(timeout)
             self._end.sendall(self._unsent)
@@ -234,7 +219,6 @@ class RosHalf:
         assert self._server is not None
         self._gone = why
         self._unsent.clear()
-        self._gathered.clear()
         self._loop.remove_reader(self._end)
         self._loop.remove_writer(self._end)
         self._server.end(RosHalfGoneError(f'the ROS half is gone: {why}'))
@@ -262,11 +246,8 @@ class World:
     def tell(self, events: list[StampedEvent], log: Block) -> None:
         """Send the events on, and have them recorded."""
         self._record.put(events, log)
-        self._ros_half.tell(events)
-
-    def keep(self, log: Block) -> None:
-        """Have recorded what went into the rules."""
-        self._record.put((), log)
+        if events:
+            self._ros_half.send(Happened(events))
 
     def make_sure(self, memory: RaceMemory, at: float, done: Callable[[bool], None]) -> None:
         """Have this on the disk, then call ``done`` in the loop."""

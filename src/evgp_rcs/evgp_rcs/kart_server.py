@@ -73,6 +73,14 @@ COPY_PER_KART = 0.0002
 """Minimum time between two copies of the race, for each of its karts, in seconds. The ROS half
 needs 40 ms to publish a race with a thousand karts."""
 
+GATHER = 0.002
+"""Time for which events are gathered until they are handed on, in seconds. When a thousand karts
+acknowledge, each by itself would keep both processes and the record's thread busy."""
+
+MOST_GATHERED = 100
+"""Number of gathered events to which no more are added. To hand them on takes some 0.4 ms, for
+which a stop waits."""
+
 KARTS_BETWEEN_LOOKS = 8
 """Number of karts that a beat writes to before it looks again whether a command has come."""
 
@@ -135,10 +143,7 @@ class Outside(Protocol):
         """Take in what has come, and hand commands over with ``submit``."""
 
     def tell(self, events: list[StampedEvent], log: inputs.Block) -> None:
-        """Take the events, in order, and what went into the rules up to them."""
-
-    def keep(self, log: inputs.Block) -> None:
-        """Take what went into the rules since the last time."""
+        """Take the events, in order, perhaps none; and what went into the rules up to now."""
 
     def show(self, race: Race, at: float, number: int) -> None:
         """
@@ -222,6 +227,7 @@ class KartServer:
         # Whose answer is still to come: a start that waits for the record.
         self._starting: Waiting | None = None
         self._sequence = itertools.count(1)
+        self._gathered: list[StampedEvent] = []
         self._refusals = _Allowance(5)
         self._connections = {number: _Allowance(*CONNECTIONS) for number in race.karts}
         self._too_often = {number: _Allowance(1) for number in race.karts}
@@ -283,11 +289,11 @@ class KartServer:
             self._tell(_ended(self._failure))
             self._refuse_the_rest()
             # What changed since the last copy must be found by the next run too.
-            self._outside.remember(self._race.memory(), self.now())
+            self._remember(self.now())
         # One turn of the loop, so that closed transports let go of their sockets, and the
         # disconnections are told after the end that they come from.
         await asyncio.sleep(0)
-        self._outside.keep(self._log.take())
+        self._hand_on()
         if self._failure is not None:
             raise self._failure
 
@@ -462,6 +468,7 @@ class KartServer:
         if outcome.write_first is not None:
             memory = outcome.write_first
             self._starting = waiting
+            self._hand_on()
             self._outside.make_sure(
                 memory, self.now(), lambda written: self._journal(memory, written)
             )
@@ -491,20 +498,32 @@ class KartServer:
         )
         if stamped:
             self._log.mark(inputs.Told(stamped[0].sequence, stamped[-1].sequence))
-            self._hand_on(stamped)
+            self._gather(stamped)
 
     def _tell(self, event: Event) -> None:
         """Tell what no input of the rules has made happen."""
-        self._hand_on(self._stamped((event,)))
+        self._gather(self._stamped((event,)))
 
     def _stamped(self, events: Iterable[Event]) -> list[StampedEvent]:
         now = self.now()
         wall = time.time_ns()
         return [StampedEvent(next(self._sequence), wall, now, event) for event in events]
 
-    def _hand_on(self, stamped: list[StampedEvent]) -> None:
-        self._outside.tell(stamped, self._log.take())
+    def _gather(self, stamped: list[StampedEvent]) -> None:
+        if len(self._gathered) >= MOST_GATHERED:
+            self._hand_on()
+        if not self._gathered:
+            assert self._loop is not None
+            self._loop.call_later(GATHER, self._hand_on)
+        self._gathered += stamped
         self._ask_for_copy()
+
+    def _hand_on(self) -> None:
+        """Hand on what was gathered, and what went into the rules, up to now."""
+        gathered, self._gathered = self._gathered, []
+        log = self._log.take()
+        if log.length or gathered:
+            self._outside.tell(gathered, log)
 
     def _ask_for_copy(self) -> None:
         if not self._copy_asked:
@@ -518,11 +537,10 @@ class KartServer:
         self._copy_asked = False
         now = self._copied_at = self.now()
         self._take_note_of(self._outside.trouble(), now)
-        self._remember(now)
         self._copies += 1
         self._log.mark(inputs.Shown(now, self._copies))
         self._outside.show(self._race, now, self._copies)
-        self._outside.keep(self._log.take())
+        self._remember(now)
         if self._race.paused_until > max(now, self._copied_pause):
             # Then more commands are available, though nothing happens.
             self._copied_pause = self._race.paused_until
@@ -533,6 +551,7 @@ class KartServer:
             self._take(inputs.RecordTrouble(now, trouble))
 
     def _remember(self, now: float) -> None:
+        self._hand_on()
         self._outside.remember(self._race.memory(), now)
 
     # ----- what the links tell ------------------------------------------------------------

@@ -22,12 +22,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 import enum
+import functools
 from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_node.stamps import stamp_of
 from evgp_node.states import state_message
+from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.inputs import Offers
 from evgp_rcs.race import AlertKind, Availability, EventKind, Kart, Race, StampedEvent
@@ -38,6 +40,10 @@ NS = 1_000_000_000
 ERRORS = (AlertKind.RECORD_FAILING, AlertKind.TWO_RACE_CONTROLS)
 """Alerts without the MSR that are errors in the diagnostics."""
 
+MOST_KEPT = 8192
+"""Maximum number of messages about one command that are kept and used again. Of the thousands in
+the race of a thousand karts, hardly any changes from one copy to the next."""
+
 
 def _constants(kinds: Iterable[enum.Enum], message: Any) -> dict[enum.Enum, int]:
     return {kind: int(getattr(message, kind.name)) for kind in kinds}
@@ -46,11 +52,27 @@ def _constants(kinds: Iterable[enum.Enum], message: Any) -> dict[enum.Enum, int]
 _COMMAND = _constants(CommandKind, msg.CommandAvailability)
 _EVENT = _constants(EventKind, msg.RaceEvent)
 _ALERT = _constants(AlertKind, msg.Alert)
+_STATE = {state: state_message(state) for state in (None, *RaceState)}
 
 
 def failure_alert(text: str, since_ns: int) -> msg.Alert:
     """Return the alert that a part of race control failed, at a wall time (ns since the epoch)."""
     return msg.Alert(kind=msg.Alert.PART_FAILED, use_msr=True, text=text, since=stamp_of(since_ns))
+
+
+def _availability(
+    kind: CommandKind, reason: str, statement: str, karts: tuple[int, ...]
+) -> msg.CommandAvailability:
+    return msg.CommandAvailability(
+        command=_COMMAND[kind],
+        available=not reason,
+        reason=reason,
+        statement=statement,
+        karts=karts,
+    )
+
+
+_same_availability = functools.lru_cache(MOST_KEPT)(_availability)
 
 
 def race_message(
@@ -75,15 +97,12 @@ def race_message(
         return stamp_of(wall_ns + round((monotonic - now) * NS))
 
     def availability(available: Availability) -> msg.CommandAvailability:
-        paused_until = available.available_from
-        return msg.CommandAvailability(
-            command=_COMMAND[available.kind],
-            available=available.available,
-            reason=available.reason,
-            statement=available.statement,
-            karts=available.karts,
-            available_from=Time() if paused_until is None else wall(paused_until),
-        )
+        what = available.kind, available.reason, available.statement, available.karts
+        if available.available_from is None:
+            return _same_availability(*what)
+        message = _availability(*what)
+        message.available_from = wall(available.available_from)
+        return message
 
     def status(kart: Kart) -> msg.KartStatus:
         return msg.KartStatus(
@@ -92,11 +111,11 @@ def race_message(
             address=addresses.get(kart.number, ''),
             in_race=kart.in_race,
             connected=kart.connected,
-            sent=state_message(kart.sent),
+            sent=_STATE[kart.sent],
             sent_since=wall(kart.sent_since),
             acknowledged=kart.acknowledged,
-            reported=state_message(kart.reported),
-            hold=state_message(kart.hold),
+            reported=_STATE[kart.reported],
+            hold=_STATE[kart.hold],
             hold_reason=kart.hold_reason,
             may_be_moving=kart.may_be_moving,
             place=kart.place,
@@ -145,7 +164,7 @@ def event_message(stamped: StampedEvent) -> msg.RaceEvent:
         kart=event.kart,
         command=_COMMAND[event.command] if event.command is not None else 0,
         success=event.success,
-        state=state_message(event.state),
+        state=_STATE[event.state],
         text=event.text,
         official=event.official,
         alert=_ALERT[event.alert] if event.alert is not None else 0,

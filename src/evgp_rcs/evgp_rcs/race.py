@@ -57,6 +57,7 @@ from dataclasses import dataclass
 import enum
 import math
 import operator
+from typing import NamedTuple
 
 from evgp_protocol.states import RaceState, stricter
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
@@ -153,8 +154,7 @@ class Answer:
     message: str
 
 
-@dataclass(frozen=True)
-class Order:
+class Order(NamedTuple):
     """
     A state to send to a kart, at once and then again with every beat (§4.C).
 
@@ -167,8 +167,7 @@ class Order:
     serial: int
 
 
-@dataclass(frozen=True)
-class Event:
+class Event(NamedTuple):
     """
     Something that happened: to whom (``kart`` 0 is no single kart), and in one sentence.
 
@@ -189,8 +188,7 @@ class Event:
     alert: AlertKind | None = None
 
 
-@dataclass(frozen=True)
-class StampedEvent:
+class StampedEvent(NamedTuple):
     """
     An event with its place in time, which whoever feeds the rules gives it.
 
@@ -205,8 +203,7 @@ class StampedEvent:
     event: Event
 
 
-@dataclass(frozen=True)
-class Outcome:
+class Outcome(NamedTuple):
     """
     What one input changed, and what must now be sent to whom.
 
@@ -238,8 +235,7 @@ class Alert:
         return self.kind in MSR_ALERTS
 
 
-@dataclass(frozen=True)
-class Availability:
+class Availability(NamedTuple):
     """
     Whether a command would be accepted now.
 

@@ -166,15 +166,12 @@ class Running:
             self._given.get()()
 
     def tell(self, stamped: list[StampedEvent], log: Block) -> None:
-        self.keep(log)
+        self.log.append(log)
         with self._news:
             self.events += [each.event for each in stamped]
             self._news.notify_all()
         for each in stamped:
             self.on_event(each.event)
-
-    def keep(self, log: Block) -> None:
-        self.log.append(log)
 
     def show(self, race: Race, at: float, number: int) -> None:
         with self._news:

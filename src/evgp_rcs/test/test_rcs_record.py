@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
-import dataclasses
 import io
 import multiprocessing
 import os
@@ -478,7 +477,7 @@ def test_a_hostile_text_in_a_difference_does_nothing_to_the_terminal(
     paper = PaperRace({7: 'Purdue'})
     paper.connect(7)
     (first, *_) = paper.stamped
-    told = dataclasses.replace(first, event=dataclasses.replace(first.event, text=HOSTILE))
+    told = first._replace(event=first.event._replace(text=HOSTILE))
     record = Record(path)
     record.begin(HOSTILE, Setup((), paper.race.times, (), 0.0))
     record.start(lambda error: pytest.fail(repr(error)))

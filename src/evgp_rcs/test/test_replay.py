@@ -228,7 +228,7 @@ def test_an_order_that_was_changed_is_named() -> None:
     entries = entries_of(running)
     place, number = number_of_the_last(entries, inputs.Ordered)
     first, *rest = entries[place].orders
-    entries[place] = inputs.Ordered((dataclasses.replace(first, serial=first.serial + 1), *rest))
+    entries[place] = inputs.Ordered((first._replace(serial=first.serial + 1), *rest))
     difference = replay_of(entries, running.recorded()).difference
     assert difference is not None
     assert (difference.number, difference.what) == (number, 'an order')
