@@ -29,6 +29,7 @@ import threading
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
+from evgp_testing import nursery
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.process import freeze, wait_until_ended
 from evgp_testing.replaying import replay_without_difference
@@ -157,10 +158,12 @@ def mapped(pid: int) -> str:
     return pathlib.Path(f'/proc/{pid}/maps').read_text(encoding='utf-8')
 
 
-def test_the_process_that_stops_karts_has_no_ros(scene: WireRace) -> None:
-    assert 'rclpy' in mapped(scene.control.pid)  # or this would not be how it is seen
+def test_the_process_that_stops_karts_has_no_ros(start_race_control: StartRaceControl) -> None:
+    with nursery.unused():
+        control = start_race_control()
+    assert 'rclpy' in mapped(control.pid)  # or this would not be how it is seen
     for what in ('rclpy', 'librcl', 'librmw', 'fastrtps', 'fastdds', 'cyclone'):
-        assert what not in mapped(scene.control.kart_server_pid)
+        assert what not in mapped(control.kart_server_pid)
 
 
 def test_race_control_shares_no_memory_with_other_programs_of_ros(scene: WireRace) -> None:

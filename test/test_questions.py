@@ -16,7 +16,7 @@
 What the console's questions say a command does, held against what the rules then do.
 
 The race goes at random through the real rules; before each command that asks, the console reads
-the race as it is published.
+the race as it is published. All tests look at the same races.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 import copy
 import random
+from typing import NamedTuple
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
@@ -44,6 +45,7 @@ from evgp_rcs_console.snapshot import Available, State
 from evgp_rcs_console.snapshot import Kart as ShownKart
 from evgp_rcs_console.snapshot import Race as ShownRace
 from evgp_rcs_console.view import Button, show
+import pytest
 
 WALKS = 60
 STEPS = 40
@@ -83,6 +85,20 @@ def given(button: Button) -> Command:
         frozenset(order.karts),
         None if order.hold is State.UNKNOWN else RaceState(order.hold.value),
     )
+
+
+class Question(NamedTuple):
+    """
+    A command that asks and can be given: what the window says that it does, and the race it is in.
+
+    ``shown`` is that race as the console reads it.
+    """
+
+    button: Button
+    said: Effects
+    shown: ShownRace
+    race: Race
+    now: float
 
 
 class Walk:
@@ -153,9 +169,10 @@ class Walk:
         if outcome.write_first is not None:
             self.race.journal(outcome.write_first, True, self.now)
 
-    def questions(self) -> Iterator[tuple[Button, Effects, ShownRace]]:
-        """Yield every command that asks and can be given now, with what it says that it does."""
-        shown = published(self.race, self.now)
+    def questions(self) -> Iterator[Question]:
+        """Yield every command that asks and can be given now."""
+        race = copy.deepcopy(self.race)
+        shown = published(race, self.now)
         screen = show(shown, 0.0, {})
         for command in ASKING:
             karts: tuple[ShownKart | None, ...] = (
@@ -167,7 +184,8 @@ class Walk:
                     continue
                 commands = kart.commands if kart else shown.commands
                 offered = commands.get(command, Available(False))
-                yield button, effects(command, shown, offered, kart), shown
+                said = effects(command, shown, offered, kart)
+                yield Question(button, said, shown, race, self.now)
 
 
 def numbers(karts: tuple[ShownKart, ...]) -> set[int]:
@@ -175,87 +193,90 @@ def numbers(karts: tuple[ShownKart, ...]) -> set[int]:
     return {kart.number for kart in karts}
 
 
-def walks(dice: random.Random) -> Iterator[Walk]:
-    """Yield races, each at every step of its way."""
+@pytest.fixture(scope='module')
+def dice(request: pytest.FixtureRequest) -> random.Random:
+    """Return the dice of these tests, as evgp_testing has them for one."""
+    return random.Random(f'{request.config.getoption("seed")} {request.node.name}')
+
+
+@pytest.fixture(scope='module')
+def questions(dice: random.Random) -> list[Question]:
+    """Return every question on the way of some races."""
+    asked: list[Question] = []
     for _ in range(WALKS):
         walk = Walk(dice)
         for _ in range(STEPS):
             walk.step()
-            yield walk
+            asked += walk.questions()
+    return asked
 
 
-def check(button: Button, said: Effects, walk: Walk) -> None:
+def check(question: Question) -> None:
     """Give the command and compare what it does to each kart with what the question said."""
-    race = copy.deepcopy(walk.race)
+    button, said, _, race, now = question
+    race = copy.deepcopy(race)
     before = {kart.number: (kart.sent, kart.hold) for kart in race.karts.values()}
 
-    outcome = race.command(given(button), walk.now)
+    outcome = race.command(given(button), now)
     if outcome.write_first is not None:
-        outcome = race.journal(outcome.write_first, True, walk.now)
+        outcome = race.journal(outcome.write_first, True, now)
 
     assert outcome.answer is not None
     assert outcome.answer.success, outcome.answer.message
     after = {kart.number: (kart.sent, kart.hold) for kart in race.karts.values()}
-    now, later, held, rest = map(numbers, (said.now, said.later, said.held, said.rest))
-    assert sorted([*now, *later, *held, *rest]) == sorted(NUMBERS), 'each is named once'
+    at_once, later, held, rest = map(numbers, (said.now, said.later, said.held, said.rest))
+    assert sorted([*at_once, *later, *held, *rest]) == sorted(NUMBERS), 'each is named once'
     changed = {number for number in NUMBERS if before[number] != after[number]}
     sent = {order.kart for order in outcome.orders}
     if button.command is CommandKind.RECORD_MSR:
-        assert changed <= now | later  # who was stopped already is sent the same again
-        assert sent <= now
+        assert changed <= at_once | later  # who was stopped already is sent the same again
+        assert sent <= at_once
     else:
-        assert changed == now | later
-        assert sent == now
-    for number in now | later:
+        assert changed == at_once | later
+        assert sent == at_once
+    for number in at_once | later:
         assert after[number][0].value == said.state.value
-    assert all(race.karts[number].connected for number in now)
+    assert all(race.karts[number].connected for number in at_once)
     assert not any(race.karts[number].connected for number in later)
     assert all(after[number][1] is not None for number in held)
     assert all(after[number][1] is None for number in rest - changed)
     for number in NUMBERS:
-        assert f'{number}' in button.consequence or button.kart or not now | later
+        assert f'{number}' in button.consequence or button.kart or not at_once | later
 
 
 def test_a_question_says_which_karts_are_sent_what_and_which_stay_as_they_are(
-    dice: random.Random,
+    questions: list[Question],
 ) -> None:
     asked: dict[CommandKind, int] = dict.fromkeys(ASKING, 0)
-    for walk in walks(dice):
-        for button, said, _ in walk.questions():
-            asked[button.command] += 1
-            check(button, said, walk)
+    for question in questions:
+        asked[question.button.command] += 1
+        check(question)
     print(asked)
     assert all(asked.values()), asked
 
 
 def test_a_question_that_lets_humans_near_says_what_the_screen_says_against_it(
-    dice: random.Random,
+    questions: list[Question],
 ) -> None:
     against = 0
-    for walk in walks(dice):
-        for button, _, shown in walk.questions():
-            if button.command not in (
-                CommandKind.IN_GARAGE,
-                CommandKind.KART_IN_GARAGE,
-                CommandKind.OPEN_TRACK,
-            ):
-                continue
-            if not shown.track.allowed:
-                against += 1
-                assert shown.track.reason in button.warning
-                assert shown.track.reason not in button.condition
-            elif any(kart.connected for kart in shown.karts) or shown.track.msr_used:
-                assert not button.warning
-            else:
-                assert button.warning
+    for button, _, shown, _, _ in questions:
+        if button.command not in LETS_HUMANS_NEAR:
+            continue
+        if not shown.track.allowed:
+            against += 1
+            assert shown.track.reason in button.warning
+            assert shown.track.reason not in button.condition
+        elif any(kart.connected for kart in shown.karts) or shown.track.msr_used:
+            assert not button.warning
+        else:
+            assert button.warning
     assert against
 
 
-def test_a_start_under_an_open_track_says_so(dice: random.Random) -> None:
+def test_a_start_under_an_open_track_says_so(questions: list[Question]) -> None:
     opened = 0
-    for walk in walks(dice):
-        for button, _, shown in walk.questions():
-            if button.command in (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN):
-                opened += shown.track.is_open
-                assert bool(button.warning) is shown.track.is_open
+    for button, _, shown, _, _ in questions:
+        if button.command in (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN):
+            opened += shown.track.is_open
+            assert bool(button.warning) is shown.track.is_open
     assert opened

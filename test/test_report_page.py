@@ -16,8 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-import contextlib
+from collections.abc import Callable, Collection, Iterator, Sequence
 import dataclasses
 import os
 import pathlib
@@ -46,15 +45,23 @@ A4 = (595, 842)
 """Width and height of a sheet, in points."""
 
 
-@pytest.fixture
-def browser(parts: contextlib.ExitStack) -> Browser:
+@pytest.fixture(scope='module')
+def the_browser() -> Iterator[Browser]:
     """Return a browser. Skip where there is none, and fail where no test may be skipped."""
     why_not = missing()
     if why_not and os.environ.get('EVGP_ALL_TESTS'):
         pytest.fail(why_not)
     if why_not:
         pytest.skip(why_not)
-    return parts.enter_context(Browser())
+    with Browser() as browser:
+        yield browser
+
+
+@pytest.fixture
+def browser(the_browser: Browser) -> Browser:
+    """Return the browser with an empty page."""
+    the_browser.open_page()
+    return the_browser
 
 
 MakeReport = Callable[..., pathlib.Path]

@@ -46,14 +46,17 @@ def test_the_plugin_loads_neither_ros_nor_qt_nor_the_officials_window() -> None:
 
 
 FAILING = """
-def test_that_fails(start_race_control, dice):
+def test_beside_race_control(start_race_control):
     start_race_control(in_race=[7])
+    assert not 'found out'
+
+def test_with_dice(dice):
     assert not dice.randrange(10**9), 'the dice fell'
 """
 
 
 def run_failing(folder: pathlib.Path, *arguments: str) -> str:
-    """Run a test that fails beside a race control, with dice; return what pytest printed."""
+    """Run tests that fail, beside a race control and with dice; return what pytest printed."""
     (folder / 'test_failing.py').write_text(FAILING, encoding='utf-8')
     done = subprocess.run(
         [sys.executable, '-m', 'pytest', '-p', 'no:cacheprovider', *arguments, 'test_failing.py'],
@@ -75,7 +78,7 @@ def test_a_failure_shows_what_its_processes_printed_and_the_seed_that_gives_it_a
     assert re.search(r'listens for .* port \d+', printed)
     (seed,) = {*re.findall(r'--seed (\d+)', printed)}
     fell = re.findall(r'assert not (\d+)', printed)
-    again = run_failing(tmp_path, *workers, '--seed', seed)
+    again = run_failing(tmp_path, *workers, '--seed', seed, '-k', 'dice')
     assert re.findall(r'assert not (\d+)', again) == fell
 
 

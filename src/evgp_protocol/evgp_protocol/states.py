@@ -37,6 +37,9 @@ class RaceState(enum.Enum):
     RED_FLAG = 'RED_FLAG'
     RED_RED = 'RED_RED'
 
+    # Each member is there once. By default Python hashes its name, by a function in Python.
+    __hash__ = object.__hash__
+
     def __init__(self, name: str) -> None:
         self.strictness = len(type(self).__members__)
         """The rank of this state, from 0 (GREEN_GREEN) to 4 (RED_RED)."""

@@ -53,6 +53,8 @@ class CommandKind(enum.Enum):
     JOIN_RACE = 'JOIN_RACE'
     LEAVE_RACE = 'LEAVE_RACE'
 
+    __hash__ = object.__hash__  # as RaceState has it
+
 
 @dataclass(frozen=True)
 class Result:

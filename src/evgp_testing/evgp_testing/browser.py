@@ -62,13 +62,13 @@ def _program() -> str | None:
 
 class Browser(Part):
     """
-    A browser that shows one page.
+    A browser that shows one page at a time.
 
     :param width, height: the size of the page on its screen, in pixels.
     """
 
     def __init__(self, width: int = 1366, height: int = 768) -> None:
-        """Start it, with an empty page."""
+        """Start it, without a page."""
         program = _program()
         assert program is not None, missing()
         self._stack = contextlib.ExitStack()
@@ -87,7 +87,7 @@ class Browser(Part):
             '--hide-scrollbars',
             # It shows pages of ours only; root has no other choice.
             '--no-sandbox',
-            'about:blank',
+            '--no-startup-window',
         ]
         # The browser reads at 3 and writes at 4, where the shell puts what is elsewhere here.
         low_in, self._write = os.pipe()
@@ -116,27 +116,27 @@ class Browser(Part):
         self.requested: list[str] = []
         """The addresses that the page asked for, the page itself first."""
         self._session = ''
-        try:
-            (target,) = [
-                each
-                for each in self.call('Target.getTargets')['targetInfos']
-                if each['type'] == 'page'
-            ]
-            self._session = self.call(
-                'Target.attachToTarget', targetId=target['targetId'], flatten=True
-            )['sessionId']
-            for domain in ('Page', 'Runtime', 'Log', 'Network'):
-                self.call(f'{domain}.enable')
-            self.call(
-                'Emulation.setDeviceMetricsOverride',
-                width=width,
-                height=height,
-                deviceScaleFactor=1,
-                mobile=False,
-            )
-        except BaseException:
-            self.close()
-            raise
+        self._context = ''
+        self._width, self._height = width, height
+
+    def open_page(self) -> None:
+        """Show an empty page in place of what is shown, and forget all that was before."""
+        self._session = ''
+        if self._context:
+            self.call('Target.disposeBrowserContext', browserContextId=self._context)
+        size = {'width': self._width, 'height': self._height}
+        self._context = self.call('Target.createBrowserContext')['browserContextId']
+        target = self.call(
+            'Target.createTarget', url='about:blank', browserContextId=self._context, **size
+        )['targetId']
+        self._session = self.call('Target.attachToTarget', targetId=target, flatten=True)[
+            'sessionId'
+        ]
+        for domain in ('Page', 'Runtime', 'Log', 'Network'):
+            self.call(f'{domain}.enable')
+        self.call('Emulation.setDeviceMetricsOverride', deviceScaleFactor=1, mobile=False, **size)
+        self.complaints.clear()
+        self.requested.clear()
 
     def close(self) -> None:
         """End the browser."""

@@ -22,17 +22,22 @@ forks; the child runs the program's file from its first line, with its own argum
 network namespace, output and exit code. Some settings, such as LD_PRELOAD, are read before Python
 runs. A program with such a setting is started in the usual way (`Nursery.fits`).
 
+Race control starts its kart server as a process of its own, and most of that start is imports,
+too. So a race control that grew here has a *seed* (`_Seed`): a child that was forked before the
+program's first line, and becomes the kart server once race control starts it.
+
 Only tests do this. The demonstration, the soak and the benchmarks start programs in the usual way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 import contextlib
 import ctypes
 import functools
 import gc
 import importlib
+import inspect
 import io
 import json
 import os
@@ -46,11 +51,15 @@ import subprocess
 import sys
 import threading
 import time
-from types import TracebackType
+import types
 from typing import Any, IO
+
+RACE_CONTROL = 'rcs_node'
+"""The program that starts a kart server."""
 
 NODES = (
     *('evgp_rcs.node', 'evgp_kart_bridge.node', 'evgp_kart_bridge.example_stack'),
+    'evgp_rcs.kart_process',
     *('evgp_rcs_console.ctl', 'evgp_rcs_console.desk', 'evgp_rcs_msgs.msg', 'evgp_rcs_msgs.srv'),
 )
 """What the programs without a window import."""
@@ -163,7 +172,7 @@ class Grown:
         self,
         kind: type[BaseException] | None,
         error: BaseException | None,
-        trace: TracebackType | None,
+        trace: types.TracebackType | None,
     ) -> None:
         """Wait until it ends."""
         for stream in (self.stdout, self.stderr):
@@ -266,6 +275,17 @@ def let_go() -> None:
     kept, _kept = _kept or {}, None
     for nursery in kept.values():
         nursery.close()
+
+
+@contextlib.contextmanager
+def unused() -> Iterator[None]:
+    """Have programs start in the usual way, meanwhile."""
+    global _kept
+    kept, _kept = _kept, None
+    try:
+        yield
+    finally:
+        _kept = kept
 
 
 def start(
@@ -396,7 +416,73 @@ def _become(request: dict[str, Any]) -> None:
     sys.stdin = open(0, closefd=False)  # noqa: SIM115
     sys.stdout = _stream(1, unbuffered=unbuffered)
     sys.stderr = _stream(2, unbuffered=unbuffered, errors='backslashreplace')
+    if pathlib.Path(sys.argv[0]).name == RACE_CONTROL:
+        code = _sow()
+        if code is not None:
+            exec(code, {'__name__': '__main__'})  # noqa: S102 - as python -c
+            return
     runpy.run_path(sys.argv[0], run_name='__main__')
+
+
+def _sow() -> str | None:
+    """Fork race control's seed; return, in the seed, what it is to run once that is known."""
+    end, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    pid = os.fork()
+    if pid:
+        other.close()
+        kart_client = importlib.import_module('evgp_rcs.kart_client')
+        start = functools.partial(_Seed, pid, end)
+        kart_client.subprocess = types.SimpleNamespace(**{**vars(subprocess), 'Popen': start})
+        return None
+    end.close()
+    with other:
+        data, descriptors, _, _ = socket.recv_fds(other, _MOST_BYTES, 1)
+    if not data:
+        os._exit(0)  # race control has ended without starting its kart server
+    os.setsid()
+    code, *path, ignored = json.loads(data)
+    for number in ignored:  # as a program that is started; it inherits no other handler
+        signal.signal(number, signal.SIG_IGN)
+    sys.argv = ['-c', str(descriptors[0]), *path]
+    return str(code)
+
+
+class _Seed:
+    """The process of the kart server, to be used as ``subprocess.Popen`` is."""
+
+    def __init__(
+        self, pid: int, end: socket.socket, args: Sequence[str], pass_fds: Sequence[int], **_: Any
+    ) -> None:
+        """Have the seed run `args`, which are ``python -c code descriptor path...``."""
+        self.pid = pid
+        self.returncode: int | None = None
+        self._descriptor = os.pidfd_open(pid)
+        _, _, code, _, *path = args
+        ignored = [
+            int(each)
+            for each in signal.valid_signals()
+            if signal.getsignal(each) is signal.SIG_IGN
+        ]
+        with end:
+            socket.send_fds(end, [json.dumps([code, *path, ignored]).encode()], pass_fds)
+
+    def kill(self) -> None:
+        """End it as a crash does."""
+        if self.returncode is None:
+            signal.pidfd_send_signal(self._descriptor, signal.SIGKILL)
+
+    def wait(self, timeout: float | None = None) -> int:
+        """
+        Return its exit code once it has ended.
+
+        :raises subprocess.TimeoutExpired: if it has not ended by then.
+        """
+        if self.returncode is None:
+            if not select.select([self._descriptor], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired('kart server', timeout or 0.0)
+            self.returncode = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+            os.close(self._descriptor)
+        return self.returncode
 
 
 def _stream(descriptor: int, *, unbuffered: bool, errors: str = 'strict') -> io.TextIOWrapper:
@@ -416,6 +502,7 @@ def _main() -> None:
     for module in modules:
         importlib.import_module(module)
     _load_messages()
+    inspect.getmodule(inspect.currentframe())  # rclpy asks with the first line of a log
     _tell_tracer_of_forks()
     gc.collect()
     gc.freeze()  # what is here is shared with the children for as long as nobody touches it

@@ -65,6 +65,9 @@ def pytest_configure(config: pytest.Config) -> None:
         # Linux divides the processor among sessions: most of what tests start has one of its own,
         # and would leave next to nothing to workers that share one.
         os.setsid()
+    # ROS's messages bring numpy. Nobody computes with it here, and each process that imports it
+    # would start a thread for each further core.
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     config.addinivalue_line('markers', 'own_process: runs in another pytest (evgp_testing.plugin)')
     if IN_OWN_PROCESS not in os.environ:
         nursery.keep()
