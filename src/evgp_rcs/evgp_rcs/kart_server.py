@@ -70,8 +70,8 @@ CONNECTIONS_AT_ONCE = 16
 """Maximum number of connections taken before a stop or a beat has its turn."""
 
 COPY_PER_KART = 0.0005
-"""Minimum time between two copies of the race, for each of its karts, in seconds. For a thousand karts,
-the ROS half needs 35 ms of a core to publish one, and each official more to read it: stops wait."""
+"""Minimum time between two copies of the race, for each of its karts, in seconds. With a thousand
+karts, one costs the ROS half 35 ms of a core, and each official more: time that a stop lacks."""
 
 GATHER = 0.002
 """Time for which events are gathered until they are handed on, in seconds. When a thousand karts
