@@ -300,8 +300,10 @@ def make_venv(python: Interpreter, *, sourced: bool) -> None:
     pip = [VENV / 'bin/python', '-m', 'pip', '--disable-pip-version-check', 'install']
     pip += ['--no-input', '--require-hashes', '--only-binary', ':all:']
     if sourced:
-        # Not its dependencies: those that are not in the lock are the sourced ROS's own.
-        run_quietly('Installing the test tools', [*pip, '--no-deps', '-r', setup / 'tools.txt'])
+        # Not its dependencies: those that are not in the lock are the sourced ROS's own. And each
+        # of the lock, also where the system has it: without-ros sees .venv alone.
+        pip += ['--no-deps', '--ignore-installed']
+        run_quietly('Installing the test tools', [*pip, '-r', setup / 'tools.txt'])
         return
     run_quietly('Installing the build tools', [*pip, '-r', setup / 'build.txt'])
     run_quietly(

@@ -88,6 +88,19 @@ setup(
 """Its node is README's, as it stands."""
 
 
+PATHS = {'PATH'}
+if 'ROS_DISTRO' in os.environ:
+    PATHS |= {
+        'AMENT_PREFIX_PATH',
+        'CMAKE_PREFIX_PATH',
+        'LD_LIBRARY_PATH',
+        'PKG_CONFIG_PATH',
+        'PYTHONPATH',
+        'ROS_DISTRO',
+    }
+"""What a shell knows that has sourced an installed ROS, where there is one."""
+
+
 def write(folder: pathlib.Path, files: dict[str, str]) -> None:
     for name, content in files.items():
         path = folder / name
@@ -103,14 +116,19 @@ def blocks(document: str, language: str) -> list[str]:
 
 def run(script: str, folder: pathlib.Path) -> str:
     """
-    Run lines of a document in a shell that has sourced nothing; return what they print.
+    Run lines of a document in a shell that has sourced nothing of this workspace.
 
+    An installed ROS that is sourced here is sourced there too. Without it, the set-up would put
+    ROS's wheels in its place, under every other test.
+
+    :return: what they print.
     :raises AssertionError: if they fail.
     """
-    environment = {name: os.environ[name] for name in ('HOME', 'PATH') if name in os.environ}
-    environment['PATH'] = os.pathsep.join(
-        each for each in environment['PATH'].split(os.pathsep) if not each.startswith(str(ROOT))
-    )
+    environment = {name: os.environ[name] for name in ('HOME', *PATHS) if name in os.environ}
+    for name in PATHS & {*environment}:
+        environment[name] = os.pathsep.join(
+            each for each in environment[name].split(os.pathsep) if not each.startswith(str(ROOT))
+        )
     environment['PYTHON'] = f'python{sys.version_info.major}.{sys.version_info.minor}'
     done = subprocess.run(
         ['bash', '-ec', script],

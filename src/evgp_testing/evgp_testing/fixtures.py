@@ -24,7 +24,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 import contextlib
 import pathlib
-import random
 from typing import TYPE_CHECKING, TypeAlias
 
 import pytest
@@ -42,12 +41,6 @@ ConnectKart: TypeAlias = 'Callable[..., WireKart]'
 StartBridge: TypeAlias = 'Callable[..., Bridge]'
 JoinTeam: TypeAlias = 'Callable[[Bridge], Team]'
 StartBase: TypeAlias = 'Callable[..., SimulatedBase]'
-
-
-@pytest.fixture
-def dice(request: pytest.FixtureRequest) -> random.Random:
-    """Return the test's own dice: they fall the same again with the same ``--seed``."""
-    return random.Random(f'{request.config.getoption("seed")} {request.node.name}')
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The pytest plugin: the fixtures of a race, seeds, and what processes printed where a test fails.
+The pytest plugin: the fixtures of a race, and what processes printed where a test fails.
 
 pytest loads it by itself wherever the workspace is sourced, so it imports neither ROS nor Qt.
 """
@@ -23,7 +23,6 @@ from __future__ import annotations
 from collections.abc import Generator
 import os
 import pathlib
-import secrets
 import subprocess
 import sys
 from typing import Any
@@ -31,7 +30,6 @@ from typing import Any
 from evgp_testing import nursery
 from evgp_testing.fixtures import (  # noqa: F401 - pytest finds fixtures by name
     connect_kart,
-    dice,
     join_official,
     join_team,
     parts,
@@ -42,6 +40,8 @@ from evgp_testing.fixtures import (  # noqa: F401 - pytest finds fixtures by nam
 from evgp_testing.process import started
 import pytest
 
+pytest_plugins = ('evgp_testing.dice',)
+
 IN_OWN_PROCESS = 'EVGP_TEST_IN_OWN_PROCESS'
 
 _PYTEST = pathlib.Path(pytest.__file__).with_name('__main__.py')
@@ -50,17 +50,8 @@ MOST_LINES = 200
 """Lines of each process that are shown where a test fails: its last."""
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    """Let a run's random numbers be given again."""
-    parser.addoption('--seed', type=int, help='of the tests that throw dice (another each time)')
-
-
 def pytest_configure(config: pytest.Config) -> None:
-    """
-    Name the plugin's markers, choose the seed, and have programs begin with everything imported.
-
-    In a worker of pytest-xdist, the seed is that of all workers.
-    """
+    """Name the plugin's markers, and have programs begin with everything imported."""
     if hasattr(config, 'workerinput'):
         # Linux divides the processor among sessions: most of what tests start has one of its own,
         # and would leave next to nothing to workers that share one.
@@ -71,9 +62,6 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line('markers', 'own_process: runs in another pytest (evgp_testing.plugin)')
     if IN_OWN_PROCESS not in os.environ:
         nursery.keep()
-    if config.option.seed is None:
-        shared: dict[str, Any] = getattr(config, 'workerinput', {})
-        config.option.seed = shared.get('seed', secrets.randbelow(2**32))
 
 
 def pytest_unconfigure() -> None:
@@ -81,26 +69,13 @@ def pytest_unconfigure() -> None:
     nursery.let_go()
 
 
-@pytest.hookimpl(optionalhook=True)
-def pytest_configure_node(node: Any) -> None:
-    """Hand the seed to a worker of pytest-xdist."""
-    node.workerinput['seed'] = node.config.option.seed
-
-
-def pytest_report_header(config: pytest.Config) -> str:
-    """Say the seed."""
-    return f'dice: --seed {config.option.seed}'
-
-
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, None]:
-    """Have a failure show the seed, and what every process of the test has printed."""
+    """Have a failure show what every process of the test has printed."""
     outcome = yield
     report: pytest.TestReport = outcome.get_result()
     if not report.failed:
         return
-    if 'dice' in getattr(item, 'fixturenames', ()):
-        report.sections.append(('dice', f'--seed {item.config.option.seed}'))
     for each in started:
         state = 'runs' if each.runs else 'has ended'
         lines = each.output.splitlines()[-MOST_LINES:]

@@ -1,0 +1,67 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A pytest plugin of its own: the dice that tests throw, and the seed by which they fall again.
+
+The tests of every package can use it, also in a `colcon test` without this package: it needs
+nothing of the workspace.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+import random
+import secrets
+from typing import Any
+
+import pytest
+
+
+@pytest.fixture
+def dice(request: pytest.FixtureRequest) -> random.Random:
+    """Return the test's own dice: they fall the same again with the same ``--seed``."""
+    return random.Random(f'{request.config.getoption("seed")} {request.node.name}')
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let a run's random numbers be given again."""
+    parser.addoption('--seed', type=int, help='of the tests that throw dice (another each time)')
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Choose the seed; in a worker of pytest-xdist, it is that of all workers."""
+    if config.option.seed is None:
+        shared: dict[str, Any] = getattr(config, 'workerinput', {})
+        config.option.seed = shared.get('seed', secrets.randbelow(2**32))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """Hand the seed to a worker of pytest-xdist."""
+    node.workerinput['seed'] = node.config.option.seed
+
+
+def pytest_report_header(config: pytest.Config) -> str:
+    """Say the seed."""
+    return f'dice: --seed {config.option.seed}'
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, None]:
+    """Have a failure show the seed."""
+    outcome = yield
+    report: pytest.TestReport = outcome.get_result()
+    if report.failed and 'dice' in getattr(item, 'fixturenames', ()):
+        report.sections.append(('dice', f'--seed {item.config.option.seed}'))
