@@ -21,7 +21,6 @@ import contextlib
 import os
 import pathlib
 import random
-import signal
 import threading
 import time
 from typing import Any
@@ -32,7 +31,6 @@ from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Answer, Official
-from evgp_testing.process import freeze
 from evgp_testing.race_control import address_of, RaceControl
 from evgp_testing.replaying import replay_without_difference
 from evgp_testing.wire_kart import Acknowledges, WireKart
@@ -230,10 +228,7 @@ def crashed_in_green(meeting: Event) -> None:
     """Have race control die while karts race."""
     meeting.grid()
     meeting.green()
-    freeze(meeting.control.kart_server_pid)
-    meeting.control.kill()
-    # What it would still write is lost with it, as when a machine loses its power.
-    os.kill(meeting.control.kart_server_pid, signal.SIGKILL)
+    meeting.control.lose_power()
     meeting.run.close()
 
 

@@ -562,9 +562,10 @@ def test_watch_shows_the_race_and_what_happens(
 
 
 def test_watch_says_the_banner_of_race_control_first(
-    start_race_control: StartRaceControl,
+    start_race_control: StartRaceControl, join_official: JoinOfficial
 ) -> None:
     control = start_race_control(banner='REHEARSAL')
+    join_official(control).command('all_kill')  # an event, for which one of them waits
 
     for more in ((), ('--events',)):
         shown = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE), *more)

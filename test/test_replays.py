@@ -16,9 +16,7 @@
 
 from __future__ import annotations
 
-import os
 import pathlib
-import signal
 import subprocess
 
 from evgp_protocol.states import RaceState
@@ -51,9 +49,7 @@ def test_a_race_is_replayed_without_a_difference_while_it_is_on_and_after_it(
         race.official.command('all_kill')
         race.official.wait_for_acks(RaceState.RED_RED, 1, 2, 3)
         if crashes:
-            race.control.freeze()
-            race.control.kill()
-            os.kill(race.control.kart_server_pid, signal.SIGKILL)
+            race.control.lose_power()
     done = replay(record)
     assert done.returncode == 0, done.stdout
     (replayed,) = replay_without_difference(record)

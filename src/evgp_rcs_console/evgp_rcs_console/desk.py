@@ -298,6 +298,7 @@ def _watch_events(desk: Desk, wanted: argparse.Namespace, until: float, report: 
     shown = 0
     banner = ''
     kept: list[str] = []
+    desk.wait_for(lambda: desk.race is not None, until)  # it has the banner, which comes first
     while True:
         # The past events come one by one: they have all come when no other one follows.
         pause = now() + SETTLED
