@@ -17,10 +17,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Iterator, Sequence
-import contextlib
-import os
-import pathlib
+from collections.abc import Awaitable, Callable, Sequence
 from typing import TypeVar
 
 from evgp_inspection.inspection import Inspection
@@ -32,11 +29,6 @@ ATTEMPTS = 10
 
 APART = 0.1
 """Time between the beginnings of two inspections, in seconds: so they do not all judge at once."""
-
-NICENESS = -5
-"""Whoever inspects comes before other programs, but leaves them a quarter of the processor."""
-
-SESSION = pathlib.Path('/proc/self/autogroup')
 
 T = TypeVar('T')
 
@@ -57,27 +49,6 @@ def held_up(inspection: Inspection) -> bool:
         for result in inspection.results
         for event in result.finding.evidence
     )
-
-
-@contextlib.contextmanager
-def coming_first() -> Iterator[None]:
-    """Have this process come before others, where that is allowed; tests try again anyway."""
-    before = os.getpriority(os.PRIO_PROCESS, 0)
-    try:
-        os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
-    except PermissionError:
-        yield
-        return
-    # Linux first shares the processor between sessions; a worker of the tests has its own.
-    own_session = os.getsid(0) == os.getpid() and SESSION.exists()
-    if own_session:
-        SESSION.write_text(str(NICENESS), encoding='ascii')
-    try:
-        yield
-    finally:
-        if own_session:
-            SESSION.write_text('0', encoding='ascii')
-        os.setpriority(os.PRIO_PROCESS, 0, before)
 
 
 def inspect_all(
@@ -101,8 +72,7 @@ def inspect_all(
         left = list(range(len(inspected)))
         for _ in range(ATTEMPTS):
             begun = [begin(inspected[each]) for each in left]
-            with coming_first():
-                done = await asyncio.gather(*(after(*each) for each in enumerate(begun)))
+            done = await asyncio.gather(*(after(*each) for each in enumerate(begun)))
             found.update(zip(left, done, strict=True))
             left = [
                 each
