@@ -45,6 +45,7 @@ from evgp_rcs_console.snapshot import Available, State
 from evgp_rcs_console.snapshot import Kart as ShownKart
 from evgp_rcs_console.snapshot import Race as ShownRace
 from evgp_rcs_console.view import Button, show
+from evgp_testing.dice import dice_of
 import pytest
 
 WALKS = 60
@@ -195,8 +196,8 @@ def numbers(karts: tuple[ShownKart, ...]) -> set[int]:
 
 @pytest.fixture(scope='module')
 def dice(request: pytest.FixtureRequest) -> random.Random:
-    """Return the dice of these tests, as evgp_testing has them for one."""
-    return random.Random(f'{request.config.getoption("seed")} {request.node.name}')
+    """Return the dice of all these tests."""
+    return dice_of(request)
 
 
 @pytest.fixture(scope='module')

@@ -29,10 +29,15 @@ from typing import Any
 import pytest
 
 
+def dice_of(request: pytest.FixtureRequest) -> random.Random:
+    """Return dice for a test, or a module of them: with the same ``--seed`` they fall the same."""
+    return random.Random(f'{request.config.getoption("seed")} {request.node.name}')
+
+
 @pytest.fixture
 def dice(request: pytest.FixtureRequest) -> random.Random:
-    """Return the test's own dice: they fall the same again with the same ``--seed``."""
-    return random.Random(f'{request.config.getoption("seed")} {request.node.name}')
+    """Return the test's own dice."""
+    return dice_of(request)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
