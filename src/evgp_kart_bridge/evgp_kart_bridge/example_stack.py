@@ -31,6 +31,7 @@ import time
 from typing import Any
 
 from evgp_kart_bridge.watch import Order, RaceStateWatch
+from evgp_node.last_words import wait_until_heard
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.stamps import stamp
@@ -38,10 +39,8 @@ from evgp_protocol.states import RaceState
 from nav_msgs.msg import Odometry
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
 
 STEP = 0.02  # s
-LAST_WORD = 0.5  # s, at most, until its last odometry has arrived
 
 # To which speed (m/s), and how fast (m/s²), in each state.
 DRIVING = {
@@ -76,9 +75,8 @@ class ExampleStack(StrictNode):
             while self._speed > 0.0:
                 self._move(RaceState.RED_RED)
                 time.sleep(STEP)
-            # A publisher that is gone sends nothing again that got lost: here, that it stands.
             if self._published:
-                self._odometry.wait_for_all_acked(Duration(seconds=LAST_WORD))
+                wait_until_heard(self._odometry)  # that it stands
 
     def _drive(self) -> None:
         with self._driving:

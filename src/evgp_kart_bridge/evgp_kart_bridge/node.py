@@ -40,6 +40,7 @@ from evgp_kart_bridge.link import (
 )
 from evgp_kart_bridge.watch import LEASE, LOG_AGAIN, race_state_qos
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
+from evgp_node.last_words import wait_until_heard
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.stamps import stamp
@@ -53,7 +54,6 @@ from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
-from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
@@ -62,9 +62,6 @@ try:
     from rclpy.event_handler import SubscriptionEventCallbacks
 except ImportError:  # ROS 2 Humble has it there
     from rclpy.qos_event import SubscriptionEventCallbacks
-
-LAST_WORD = 0.5
-"""How long the bridge waits at its end for its last word to be heard, seconds."""
 
 LINK_ANSWER_TIMEOUT = 1.0
 """How long a call of the team waits for the link before it says so, seconds."""
@@ -221,9 +218,7 @@ class KartBridge(StrictNode):
             self._publish(_ENDED)
         except PublishError as error:  # then its silence stops the kart
             self.get_logger().error(str(error))
-        # A publisher that is gone sends nothing again that got lost.
-        for publisher in (self._race_state, self._stop):
-            publisher.wait_for_all_acked(Duration(seconds=LAST_WORD))
+        wait_until_heard(self._race_state, self._stop)
 
     # ----- what the team says; in the executor's thread -----------------------------------
 

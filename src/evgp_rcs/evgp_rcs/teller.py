@@ -30,6 +30,7 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
+from evgp_node.last_words import wait_until_heard
 from evgp_protocol import clock
 from evgp_rcs.channel import Copy
 from evgp_rcs.inputs import digest, offers
@@ -43,7 +44,6 @@ from evgp_rcs.official import said_by
 from evgp_rcs.race import Event, EventKind, StampedEvent
 from evgp_rcs.roster import Roster
 from evgp_rcs_msgs import msg
-from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
@@ -66,14 +66,18 @@ EVENTS_QOS = QoSProfile(
 TURN = 0.05
 """Maximum time spent publishing events before a newer race is published, in seconds."""
 
+PAUSE = 0.001
+"""Time after each event in which no further one is published, in seconds. Without it a stop waits
+for the interpreter and the processors while a hundred karts acknowledge."""
+
+MOST_PAUSED = 1000
+"""Maximum backlog of events with such pauses; a longer one is published without."""
+
 MOST_UNTOLD = 5000
 """Maximum backlog of events to publish; beyond it, `LESSER` events go to the record only."""
 
 LESSER = (EventKind.ACKNOWLEDGED, EventKind.KART_STATE, EventKind.REPORTED)
 """What karts do by the hundred, and what ``~/race`` shows as well."""
-
-LAST_WORD = 0.5
-"""Maximum time the last words may take to be heard, in seconds."""
 
 
 class Teller:
@@ -141,8 +145,7 @@ class Teller:
         event = Event(EventKind.ALERT_RAISED, text, success=False)
         stamped = StampedEvent(self._sequence + 1, wall_ns, clock.now(), event)
         self._events.publish(event_message(stamped))
-        for publisher in (self._race, self._events):
-            publisher.wait_for_all_acked(Duration(seconds=LAST_WORD))
+        wait_until_heard(self._race, self._events)
 
     def _run(self) -> None:
         try:
@@ -170,6 +173,8 @@ class Teller:
             until = time.monotonic() + TURN
             while waiting and time.monotonic() < until:
                 self._tell(waiting.popleft())
+                if not ended and len(waiting) <= MOST_PAUSED:
+                    time.sleep(PAUSE)
             if newest is not None:
                 self._tell_race(newest)
 
