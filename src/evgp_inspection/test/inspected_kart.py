@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
-import contextlib
 import socket
 
 from evgp_protocol.frames import encode, FrameDecoder, MalformedFrame
@@ -114,6 +113,7 @@ class InspectedKart:
         self._moving_since: float | None = None
         self._grids = 0
         self._lost_how = ''
+        self._reset = False  # the connection, as a frame was to be sent
         self._closed = False  # race control has once closed a connection
         self._drove = False
         self._goes_on = False  # faulty: drives on although race control is gone
@@ -163,6 +163,7 @@ class InspectedKart:
         self._links += 1
         self._decoder = FrameDecoder()
         self._pending.clear()
+        self._reset = False
         self._heard_at = self._loop.time()
         self._frame_times.clear()
         self._silent_kept = False
@@ -214,6 +215,9 @@ class InspectedKart:
             try:
                 data = link.recv(size)
             except ConnectionError:
+                self._lost('reset')
+                return
+            if not data and self._reset:
                 self._lost('reset')
                 return
             if not data:
@@ -318,8 +322,12 @@ class InspectedKart:
 
     def _say(self, data: bytes) -> None:
         if self._link is not None:
-            with contextlib.suppress(OSError):
+            try:
                 self._link.send(data)
+            except ConnectionResetError:
+                self._reset = True  # which the next read would take for an orderly close
+            except OSError:
+                pass  # as `_read` finds
 
     # ----- the wheels ----------------------------------------------------------------------
 
