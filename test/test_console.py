@@ -1953,3 +1953,47 @@ def test_the_locked_qt_loses_no_reference_to_none() -> None:
 
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) < 100
+
+
+@pytest.mark.parametrize('size', [(1366, 768), (1920, 1080)], ids=str)
+def test_no_state_link_or_place_of_a_row_is_cut(size: tuple[int, int]) -> None:
+    if not any(map(importlib.util.find_spec, ('PySide6', 'PyQt6'))):
+        pytest.skip('there is no Qt for Python')
+    code = (
+        'from evgp_rcs_console import style, words\n'
+        'from evgp_rcs_console.karts import KartRow, ROW_HEIGHT\n'
+        'from evgp_rcs_console.qt import QtWidgets\n'
+        'from evgp_rcs_console.view import Cell, Row, Tone\n'
+        'from evgp_rcs_console.widgets import Fitted, Label\n'
+        'application = QtWidgets.QApplication([])\n'
+        f'by = style.scale{size}\n'
+        'window = QtWidgets.QWidget()\n'
+        'window.setStyleSheet(style.sheet(by))\n'
+        'row = KartRow(lambda *_: None)\n'
+        'QtWidgets.QVBoxLayout(window).addWidget(row)\n'
+        f'window.resize({size[0]} - 300, 100)\n'
+        'row.fit(by, round(ROW_HEIGHT * by))\n'
+        'row._buttons = []\n'
+        'window.show()\n'
+        'for name in words.STATES.values():\n'
+        '    for tone in Tone:\n'
+        '        cell, link = Cell(name, tone), Cell(words.NOT_LINKED, tone)\n'
+        '        race, waits = Cell(words.NOT_RACING, tone), Cell(words.WAITING, tone)\n'
+        "        row.show_row(Row(8, '', True, race, link, cell, '59 min', waits, cell, 'P30', '',"
+        ' (), None), False, False)\n'
+        '        application.processEvents()\n'
+        '        for label in row.findChildren(Label):\n'
+        '            cut = label.sizeHint().width() > label.width()\n'
+        '            if cut and not isinstance(label, Fitted):\n'
+        '                print(tone.value, label.text())\n'
+    )
+
+    done = subprocess.run(
+        [sys.executable, '-c', code],
+        env={**os.environ, 'QT_QPA_PLATFORM': 'offscreen'},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+    )
+
+    assert (done.returncode, done.stdout) == (0, ''), done.stderr

@@ -23,6 +23,7 @@ import os
 import pathlib
 import random
 import re
+import sys
 import time
 
 from evgp_kart_bridge import shortest_stack
@@ -31,8 +32,9 @@ from evgp_testing.bare_race_control import BareRaceControl
 from evgp_testing.base import SimulatedBase
 from evgp_testing.domains import Domain
 from evgp_testing.faulty_nodes import program_of, StackThatAnswersTheLatest
+from evgp_testing.fixtures import JoinOfficial, StartBridge, StartRaceControl
 from evgp_testing.kart import Bridge
-from evgp_testing.process import Process
+from evgp_testing.process import Process, Program
 from evgp_testing.race_control import address_of
 import pytest
 
@@ -159,3 +161,21 @@ def test_readme_shows_the_stack_as_it_is() -> None:
     licence, quotes, rest = program.partition('"""')
     assert quotes + rest in shown
     assert licence.startswith('# Copyright')
+
+
+def test_the_stack_races_at_a_desk_with_the_base_as_a_program(
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    start_bridge: StartBridge,
+    parts: contextlib.ExitStack,
+) -> None:
+    control = start_race_control(in_race=[1])
+    official = join_official(control)
+    bridge = start_bridge(control.port, 1, arguments=TO_THE_BRIDGE)
+    base = [sys.executable, '-m', 'evgp_testing.base']
+    parts.enter_context(Program('base', base, bridge.domain))
+    parts.enter_context(Process('evgp_kart_bridge', 'shortest_stack', bridge.domain))
+
+    official.wait_for_connected(1)
+    official.bring_to(RaceState.GREEN_GREEN)
+    official.bring_to(RaceState.RED_RED)

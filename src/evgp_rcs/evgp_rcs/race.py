@@ -1009,7 +1009,8 @@ class Race:
         return f'Race over: RED_RED is sent to {_receivers(self.racing())}'
 
     def _race_in_garage(self, kart: Kart | None, command: Command, now: float) -> str:
-        for each in list(self._released_by_garage(None)):
+        released = list(self._released_by_garage(None))
+        for each in released:
             self._unhold(each)
         kept = [each for each in self.karts.values() if each.hold is not None]
         for each in self.karts.values():
@@ -1021,7 +1022,7 @@ class Race:
         self._go(IN_GARAGE, now)
         for each in self.karts.values():
             self._redirect(each, now)
-        message = 'IN_GARAGE is sent to the karts of the race'
+        message = f'IN_GARAGE is sent to {_receivers(released)}'
         if kept:
             message += f'; still held until released alone: {_listed(kept)}'
         return message

@@ -20,6 +20,7 @@ This is the test of the oracle. A property that no fault can break proves nothin
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -896,3 +897,9 @@ def test_the_search_finds(name: str) -> None:
 
 def test_every_fault_that_is_far_is_a_fault() -> None:
     assert FAR.keys() <= FAULTS.keys()
+
+
+def test_the_documents_say_how_many_properties_and_faults_there_are() -> None:
+    text = (Path(__file__).parents[3] / 'docs' / 'testing.md').read_text(encoding='utf-8')
+    assert f'It holds {len(oracle.PROPERTIES)} properties' in text
+    assert f'{len(FAULTS)} faults put into `race.py`' in text

@@ -40,10 +40,10 @@ OVERVIEW_FROM = 9
 
 WIDTHS = {
     'number': 58,
-    'race': 98,
+    'race': 104,
     'sent': 138,
-    'acknowledged': 132,
-    'place': 40,
+    'acknowledged': 148,
+    'place': 46,
     'button': 80,
 }
 ROW_HEIGHT = 46

@@ -137,7 +137,7 @@ QFrame[row="true"][chosen="true"] {{
   border: {px(3)} solid #0047C2; border-radius: {px(3)};
 }}
 QFrame[row="true"] QLabel {{ padding: 0 {px(4)}; }}
-QFrame[row="true"] QLabel[cell="number"] {{ padding: 0; }}
+QFrame[row="true"] QLabel[cell="number"], QFrame[row="true"] QLabel[cell="place"] {{ padding: 0; }}
 QLabel[cell="number"] {{ font-size: {px(28)}; font-weight: 900; }}
 QLabel[cell="team"] {{ font-size: {px(15)}; font-weight: bold; }}
 QLabel[cell="note"] {{ font-size: {px(12)}; color: #333; }}

@@ -12,12 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""A kart's base with inertia: obeys velocity commands, says its speed, brakes when left alone."""
+"""
+A kart's base with inertia: obeys velocity commands, says its speed, brakes when left alone.
+
+``setup/in-workspace python -m evgp_testing.base`` is one on this shell's ROS domain, until Ctrl-C.
+"""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+import contextlib
+import os
+import signal
 import threading
 import time
 
@@ -117,3 +124,15 @@ class SimulatedBase(RosSide):
         self._odometry.publish(odometry)
         with self.news:
             self.news.notify_all()
+
+
+def main() -> None:
+    """Be a base on this shell's ROS domain until Ctrl-C."""
+    with SimulatedBase(int(os.environ.get('ROS_DOMAIN_ID', '0'))):
+        print('A base: it obeys /cmd_vel and publishes /odom. Ctrl-C ends it.', flush=True)
+        with contextlib.suppress(KeyboardInterrupt):
+            signal.pause()
+
+
+if __name__ == '__main__':
+    main()

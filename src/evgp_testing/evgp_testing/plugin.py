@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Generator
 import os
 import pathlib
+import signal
 import subprocess
 import sys
 from typing import Any
@@ -56,6 +57,10 @@ def pytest_configure(config: pytest.Config) -> None:
         # Linux divides the processor among sessions: most of what tests start has one of its own,
         # and would leave next to nothing to workers that share one.
         os.setsid()
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        # A shell starts what runs in the background so. Programs would inherit it, and some of
+        # them would not end by Ctrl-C.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     # ROS's messages bring numpy. Nobody computes with it here, and each process that imports it
     # would start a thread for each further core.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
