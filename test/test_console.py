@@ -1897,10 +1897,21 @@ def test_without_a_screen_the_window_says_so(monkeypatch: pytest.MonkeyPatch) ->
     assert (code, 'no screen' in window.output) == (2, True)
 
 
-def test_the_process_of_a_closed_window_ends_in_time_when_ros_hangs() -> None:
-    """DDS may hang with the interpreter's lock held; that cannot be brought about at will."""
+def run_with_qt(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run a program that uses Qt without a screen; skip the test where there is no Qt."""
     if not any(map(importlib.util.find_spec, ('PySide6', 'PyQt6'))):
         pytest.skip('there is no Qt for Python')
+    return subprocess.run(
+        [sys.executable, '-c', code],
+        env={**os.environ, 'QT_QPA_PLATFORM': 'offscreen', **environment},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+    )
+
+
+def test_the_process_of_a_closed_window_ends_in_time_when_ros_hangs() -> None:
+    """DDS may hang with the interpreter's lock held; that cannot be brought about at will."""
     code = (
         'import ctypes, os, signal, sys\n'
         'import rclpy\n'
@@ -1910,17 +1921,7 @@ def test_the_process_of_a_closed_window_ends_in_time_when_ros_hangs() -> None:
     )
 
     with Domain() as domain:
-        done = subprocess.run(
-            [sys.executable, '-c', code],
-            env={
-                **os.environ,
-                'QT_QPA_PLATFORM': 'offscreen',
-                'ROS_DOMAIN_ID': str(domain.number),
-            },
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE,
-        )
+        done = run_with_qt(code, ROS_DOMAIN_ID=str(domain.number))
 
     assert done.returncode == 1
     assert 'Timeout' in done.stderr  # and where it hung
@@ -1928,8 +1929,6 @@ def test_the_process_of_a_closed_window_ends_in_time_when_ros_hangs() -> None:
 
 def test_the_locked_qt_loses_no_reference_to_none() -> None:
     """Else Python ends the window after some thousand calls, in the middle of a race."""
-    if not any(map(importlib.util.find_spec, ('PySide6', 'PyQt6'))):
-        pytest.skip('there is no Qt for Python')
     code = (
         'import sys\n'
         'from evgp_rcs_console.qt import QtCore, QtWidgets\n'
@@ -1943,13 +1942,7 @@ def test_the_locked_qt_loses_no_reference_to_none() -> None:
         'print(before - sys.getrefcount(None))\n'
     )
 
-    done = subprocess.run(
-        [sys.executable, '-c', code],
-        env={**os.environ, 'QT_QPA_PLATFORM': 'offscreen'},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-    )
+    done = run_with_qt(code)
 
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) < 100
@@ -1957,8 +1950,6 @@ def test_the_locked_qt_loses_no_reference_to_none() -> None:
 
 @pytest.mark.parametrize('size', [(1366, 768), (1920, 1080)], ids=str)
 def test_no_state_link_or_place_of_a_row_is_cut(size: tuple[int, int]) -> None:
-    if not any(map(importlib.util.find_spec, ('PySide6', 'PyQt6'))):
-        pytest.skip('there is no Qt for Python')
     code = (
         'from evgp_rcs_console import style, words\n'
         'from evgp_rcs_console.karts import KartRow, ROW_HEIGHT\n'
@@ -1988,12 +1979,6 @@ def test_no_state_link_or_place_of_a_row_is_cut(size: tuple[int, int]) -> None:
         '                print(tone.value, label.text())\n'
     )
 
-    done = subprocess.run(
-        [sys.executable, '-c', code],
-        env={**os.environ, 'QT_QPA_PLATFORM': 'offscreen'},
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-    )
+    done = run_with_qt(code)
 
     assert (done.returncode, done.stdout) == (0, ''), done.stderr
