@@ -64,6 +64,7 @@ class Console(Program):
     ) -> None:
         """Open the window; it need not find race control."""
         self.screen = screen
+        self._asking: Callable[[], None] = lambda: None
         address = folder / f'probe{screen.display[1:]}'
         address.unlink(missing_ok=True)
         listening = socket.socket(socket.AF_UNIX)
@@ -107,10 +108,19 @@ class Console(Program):
         # Less than this end's own patience, so that it learns what there is instead.
         answer = self._ask(do='wait', name=name, wanted=wanted, seconds=PATIENCE - 5)
         assert answer['found'], (
-            f'{name} did not become {wanted}; it is {answer["widget"]}\n{self.output}'
+            f'{name} did not become {wanted}; it is {answer["widget"]}\n{self._seen()}'
         )
         widget: dict[str, Any] = answer['widget']
         return widget
+
+    def _seen(self) -> str:
+        """Return every text that the window shows, and what it has printed."""
+        shown = (
+            f'{name}: {widget["text"]!r} (barred: {widget["barred"]})'
+            for name, widget in self.widgets().items()
+            if widget['text']
+        )
+        return '\n'.join((*shown, self.output))
 
     def click(self, name: str, **wanted: object) -> None:
         """Click a widget, once it is visible and as wanted."""
@@ -145,17 +155,32 @@ class Console(Program):
         return self.until(lambda: self.click(button), see, **wanted)
 
     def until(self, act: Callable[[], None], name: str, **wanted: object) -> dict[str, Any]:
-        """Press or click by a function, again if the window drops that, as ``press`` does."""
+        """
+        Press or click by a function, again if the window drops that, as ``press`` does.
+
+        A question that is not true any more, since race control was not heard for a moment, is
+        asked again first, also as an official would.
+        """
         ends = time.monotonic() + PATIENCE
+        again = False
         while time.monotonic() < ends:
             before = self.wait_for('status')['text']
+            if again and self._is_spoilt():
+                self.key('n')
+                self._asking()
+                self.wait_for('yes', barred='false')
             act()
+            again = True
             slow = time.monotonic() + SLOW
             while time.monotonic() < ends:
                 answer = self._ask(do='wait', name=name, wanted=wanted, seconds=0.1)
                 if answer['found']:
                     widget: dict[str, Any] = answer['widget']
+                    if name in ('question', 'yes', 'no'):
+                        self._asking = act
                     return widget
+                if self._is_spoilt():
+                    break
                 said = self.wait_for('status')['text']
                 if (DROPPED in said or CHANGED in said) and (
                     said != before or time.monotonic() > slow
@@ -164,6 +189,10 @@ class Console(Program):
                 if name == 'question' and time.monotonic() > slow:
                     break  # the same key again so soon is taken for a slip, without a word
         return self.wait_for(name, **wanted)
+
+    def _is_spoilt(self) -> bool:
+        problem = self._ask(do='wait', name='question_problem', wanted={'text': '.'}, seconds=0.0)
+        return bool(problem['found'])
 
     def ask(self, *names: str, **wanted: object) -> None:
         """Press keys until the last one has the window ask a question, as wanted."""
