@@ -31,6 +31,8 @@ from evgp_rcs import race
 import pytest
 import race_oracle as oracle
 
+pytestmark = [pytest.mark.usefixtures('others_first'), pytest.mark.timeout(900)]
+
 
 def search(record: Callable[[str, object], None], most: int, **options: object) -> oracle.Report:
     """Search to the end and record the figures."""

@@ -29,6 +29,8 @@ from evgp_testing.faults import Fault, module_with
 import pytest
 import race_oracle as oracle
 
+pytestmark = [pytest.mark.usefixtures('others_first'), pytest.mark.timeout(900)]
+
 REQUIRED = {'require_inspection': True}
 
 # Each small world with the number of its states that are searched. Each fault is found in one of

@@ -33,6 +33,8 @@ from hypothesis.stateful import (
 import pytest
 import race_oracle as oracle
 
+pytestmark = [pytest.mark.usefixtures('others_first'), pytest.mark.timeout(900)]
+
 MOST_KARTS = 8
 MOST_HEATS = 3
 
