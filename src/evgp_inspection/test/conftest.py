@@ -18,13 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import os
-import pathlib
 
+from evgp_testing.session import session_at
 import pytest
 
 NICENESS = -10
-
-SESSION = pathlib.Path('/proc/self/autogroup')
 
 
 @pytest.fixture(autouse=True, scope='module')
@@ -36,11 +34,6 @@ def not_held_up() -> Iterator[None]:
     except PermissionError:
         yield
         return
-    # Linux first shares the processor between sessions; a worker of the tests has its own.
-    own_session = os.getsid(0) == os.getpid() and SESSION.exists()
-    if own_session:
-        SESSION.write_text(str(NICENESS), encoding='ascii')
-    yield
-    if own_session:
-        SESSION.write_text('0', encoding='ascii')
+    with session_at(NICENESS):
+        yield
     os.setpriority(os.PRIO_PROCESS, 0, before)

@@ -17,28 +17,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-import os
-import pathlib
-import time
 
+from evgp_testing.session import session_at
 import pytest
-
-LATER = 10  # a tenth of what others get, where there is not enough
-SESSION = pathlib.Path('/proc/self/autogroup')
 
 
 @pytest.fixture(scope='module')
 def others_first() -> Iterator[None]:
-    """Have this worker of the tests come after all other programs, where it has a session."""
-    # Linux first shares the processor between sessions. Three searches would leave all processes
-    # of a race a quarter of it, and race control ends itself if it gets none for a second.
-    own_session = os.getsid(0) == os.getpid() and SESSION.exists()
-    if own_session:
-        SESSION.write_text(str(LATER), encoding='ascii')
-    yield
-    if own_session:
-        try:
-            SESSION.write_text('0', encoding='ascii')
-        except BlockingIOError:  # so soon again, only root may
-            time.sleep(0.2)
-            SESSION.write_text('0', encoding='ascii')
+    """Have this worker of the tests get a tenth of what others get, where there is not enough."""
+    # Three searches would leave all processes of a race a quarter of the processor, and race
+    # control ends itself if it gets none for a second.
+    with session_at(10):
+        yield

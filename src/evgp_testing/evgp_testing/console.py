@@ -162,15 +162,9 @@ class Console(Program):
         asked again first, also as an official would.
         """
         ends = time.monotonic() + PATIENCE
-        again = False
         while time.monotonic() < ends:
             before = self.wait_for('status')['text']
-            if again and self._is_spoilt():
-                self.key('n')
-                self._asking()
-                self.wait_for('yes', barred='false')
             act()
-            again = True
             slow = time.monotonic() + SLOW
             while time.monotonic() < ends:
                 answer = self._ask(do='wait', name=name, wanted=wanted, seconds=0.1)
@@ -179,12 +173,15 @@ class Console(Program):
                     if name in ('question', 'yes', 'no'):
                         self._asking = act
                     return widget
-                if self._is_spoilt():
-                    break
                 said = self.wait_for('status')['text']
                 if (DROPPED in said or CHANGED in said) and (
                     said != before or time.monotonic() > slow
                 ):
+                    break
+                if time.monotonic() > slow and self._is_spoilt():
+                    self.key('n')
+                    self._asking()
+                    self.wait_for('yes', barred='false')
                     break
                 if name == 'question' and time.monotonic() > slow:
                     break  # the same key again so soon is taken for a slip, without a word
