@@ -17,11 +17,13 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
 import selectors
 import sys
 import time
 
+from arrivals import Arrivals
 from evgp_protocol.states import RaceState
 from evgp_testing.race_control import address_of
 from evgp_testing.wire_kart import KartLink
@@ -31,9 +33,10 @@ def main() -> None:
     """
     Connect karts 1 to N to a port and obey the commands on stdin, one line of JSON each.
 
-    ``watch STATE`` answers with the monotonic time (s) at which the last kart saw the state for
-    the first time, once all have; ``gaps SECONDS`` with the frames of each kart in that time and
-    its longest gap (s).
+    ``watch STATE`` answers, once all karts have seen the state, with two monotonic times (s): when
+    the last of them had read the first frame of it, and when that had come to its computer; null
+    for others than root, and at the first time. ``gaps SECONDS`` answers with the frames of each
+    kart in that time and its longest gap (s).
 
     The third argument says what karts say: ``mute`` nothing, ``acknowledge`` each change, ``echo``
     every frame.
@@ -54,9 +57,19 @@ def main() -> None:
     unsaid: list[KartLink] = []
     wanted: RaceState | None = None
     gaps_since = gaps_until = 0.0
+    arrivals: Arrivals | None = None
 
     def answer(value: object) -> None:
         print(json.dumps(value), flush=True)
+
+    def answer_seen(read: float) -> None:
+        nonlocal arrivals
+        came = None
+        if arrivals is not None and wanted is not None:
+            came = arrivals.last(wanted, count)
+            arrivals.close()
+        arrivals = Arrivals(port) if os.geteuid() == 0 else None
+        answer((read, came))
 
     answer('ready')
     while True:
@@ -73,7 +86,7 @@ def main() -> None:
                     wanted = RaceState[words[1]]
                     waiting = {each for each in karts if each.state is not wanted}
                     if not waiting:
-                        answer(now)
+                        answer((now, None))
                 else:
                     gaps_since, gaps_until = now, now + float(words[1])
                     for each in karts:
@@ -91,7 +104,7 @@ def main() -> None:
                 if state is wanted and kart in waiting:
                     waiting.discard(kart)
                     if not waiting:
-                        answer(max(each.changes[-1][0] for each in karts))
+                        answer_seen(max(each.changes[-1][0] for each in karts))
         if unsaid and not waiting:
             for each in unsaid:
                 assert each.state is not None

@@ -168,7 +168,8 @@ def stop_latency(folder: pathlib.Path, counts: Sequence[int], times: int) -> Non
             'whole path',
             '÷ (call + floor)',
             'call → answer',
-            'whole path, as all acknowledge IN_GARAGE',
+            'as all acknowledge IN_GARAGE',
+            'at the computer of the last kart',
         ),
         (stop_latency_of(folder, count, times, call) for count in counts),
     )
@@ -180,8 +181,8 @@ def stop_latency_of(
     """Return the row of one number of karts."""
     bare = floor_latency(count, times)
     server = rules_latency(count, times)
-    whole, answered = whole_latency(folder, count, times)
-    behind, _ = whole_latency(folder, count, times, at_rest=False)
+    whole, _, answered = whole_latency(folder, count, times)
+    behind, came, _ = whole_latency(folder, count, times, at_rest=False)
     median = statistics.median
     return (
         count,
@@ -193,6 +194,7 @@ def stop_latency_of(
         f'{median(whole) / (median(call) + median(bare)):.2f}',
         spread(answered),
         spread(behind),
+        spread(came) if came else '',
     )
 
 
@@ -205,7 +207,7 @@ def floor_latency(count: int, times: int) -> list[float]:
         assert crowd.hear() == 'ready'
         assert writer.hear() == 'ready'
         return [
-            timed(crowd, state, lambda state=state: (writer.tell(state.name), writer.hear())[1])
+            timed(crowd, state, lambda state=state: (writer.tell(state.name), writer.hear())[1])[0]
             for state in (IN_GARAGE, RED_RED) * times
         ][1::2]
 
@@ -233,7 +235,7 @@ def rules_latency(count: int, times: int) -> list[float]:
         assert crowd.hear() == 'ready'
         result = []
         for _ in range(times):
-            result.append(timed(crowd, RED_RED, lambda: give('ALL_KILL')))
+            result.append(timed(crowd, RED_RED, lambda: give('ALL_KILL'))[0])
             go_home()
             crowd.tell('watch', IN_GARAGE.name)
             crowd.hear()
@@ -247,23 +249,28 @@ def rest() -> None:
 
 def timed(
     crowd: Party, state: RaceState, send: Callable[[], float], at_rest: bool = True
-) -> float:
-    """Return how long after it was sent the last kart saw a state, s."""
+) -> tuple[float, float | None]:
+    """
+    Return how long after it was sent the last kart saw a state, s.
+
+    Then how long after it was sent that had come to the kart's computer, for root; the process of
+    the karts may get no processor for a while.
+    """
     crowd.tell('watch', state.name)
     if at_rest:
         rest()
     else:
         time.sleep(0.01)  # the crowd has the line before the frames come
     began = send()
-    last: float = crowd.hear()
-    return last - began
+    read, came = crowd.hear()
+    return read - began, came and came - began
 
 
 def whole_latency(
     folder: pathlib.Path, count: int, times: int, at_rest: bool = True
-) -> tuple[list[float], list[float]]:
+) -> tuple[list[float], list[float], list[float]]:
     """
-    Return the times from a client's call to the last kart, and to its answer, s.
+    Return the times from a client's call to the last kart, to its computer, and to its answer, s.
 
     :param at_rest: otherwise the stop comes while race control tells what all karts have just
         acknowledged.
@@ -281,7 +288,9 @@ def whole_latency(
         for _ in range(times + 1):
             seen.append(timed(crowd, RED_RED, kill, at_rest))
             bring_home(official, crowd, at_rest)
-        return seen[1:], answered[1:]  # the first call of a client is DDS meeting
+        # The first call of a client is DDS meeting.
+        reads, came = zip(*seen[1:], strict=True)
+        return [*reads], [each for each in came if each is not None], answered[1:]
 
 
 def bring_home(official: Official, crowd: Party, acknowledged: bool) -> None:
