@@ -17,23 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-import os
 
-from evgp_testing.session import session_at
+from evgp_testing.niceness import at_niceness
 import pytest
-
-NICENESS = -5  # more, and race controls of other tests get nothing for a second
 
 
 @pytest.fixture(autouse=True, scope='module')
 def not_held_up() -> Iterator[None]:
     """Have this process come before others, where that is allowed; tests try again anyway."""
-    before = os.getpriority(os.PRIO_PROCESS, 0)
-    try:
-        os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
-    except PermissionError:
+    with at_niceness(-5):
         yield
-        return
-    with session_at(NICENESS):
-        yield
-    os.setpriority(os.PRIO_PROCESS, 0, before)

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from evgp_testing.session import session_at
+from evgp_testing.niceness import at_niceness
 import pytest
 
 
@@ -27,5 +27,5 @@ def others_first() -> Iterator[None]:
     """Have this worker of the tests get a tenth of what others get, where there is not enough."""
     # Three searches would leave all processes of a race a quarter of the processor, and race
     # control ends itself if it gets none for a second.
-    with session_at(10):
+    with at_niceness(10):
         yield

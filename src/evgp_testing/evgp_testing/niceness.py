@@ -19,31 +19,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 import contextlib
 import os
-import pathlib
-import time
-
-_SESSION = pathlib.Path('/proc/self/autogroup')
 
 
 @contextlib.contextmanager
-def session_at(niceness: int) -> Iterator[None]:
+def at_niceness(niceness: int) -> Iterator[None]:
     """
-    Have the session of this process get more of the processor (below 0) or less (above) meanwhile.
+    Have this thread, and what it starts, get more of the processor (below 0) or less (above).
 
-    Linux first shares the processor between sessions. Nothing happens where it does not, or where
-    this process is in somebody else's session; a worker of the tests has its own.
+    Nothing happens for a user who may not take it back, as only root may.
 
-    :param niceness: from -20 to 19; below 0 for root only.
+    :param niceness: from -20 to 19.
     """
-    if os.getsid(0) != os.getpid() or not _SESSION.exists():
+    before = os.getpriority(os.PRIO_PROCESS, 0)
+    try:
+        os.setpriority(os.PRIO_PROCESS, 0, before - 1)
+    except PermissionError:
         yield
         return
-    _SESSION.write_text(str(niceness), encoding='ascii')
     try:
+        os.setpriority(os.PRIO_PROCESS, 0, niceness)
         yield
     finally:
-        try:
-            _SESSION.write_text('0', encoding='ascii')
-        except BlockingIOError:  # so soon again, only root may
-            time.sleep(0.2)
-            _SESSION.write_text('0', encoding='ascii')
+        os.setpriority(os.PRIO_PROCESS, 0, before)

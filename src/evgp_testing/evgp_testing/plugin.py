@@ -53,10 +53,6 @@ MOST_LINES = 200
 
 def pytest_configure(config: pytest.Config) -> None:
     """Name the plugin's markers, and have programs begin with everything imported."""
-    if hasattr(config, 'workerinput'):
-        # Linux divides the processor among sessions: most of what tests start has one of its own,
-        # and would leave next to nothing to workers that share one.
-        os.setsid()
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         # A shell starts what runs in the background so. Programs would inherit it, and some of
         # them would not end by Ctrl-C.
