@@ -25,6 +25,7 @@ import shutil
 import subprocess
 
 from evgp_node.process import IN_THE_WAY, WRONG_SETTING
+from evgp_rcs.kart_process import NICENESS
 from evgp_testing.domains import Domain
 from evgp_testing.process import Program
 from evgp_testing.race_control import settings, write_roster
@@ -60,6 +61,13 @@ def test_systemd_finds_nothing_wrong_with_the_unit(tmp_path: pathlib.Path) -> No
     )
     assert done.returncode == 0, done.stderr
     assert UNIT.name not in done.stderr  # it may find fault with others
+
+
+def test_race_control_comes_before_other_programs_and_its_kart_server_may_say_so_itself(
+    tmp_path: pathlib.Path,
+) -> None:
+    given = service(tmp_path)
+    assert int(given['Nice']) == int(given['LimitNICE']) == NICENESS
 
 
 @pytest.fixture
