@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import contextlib
+import ipaddress
 import socket
 import struct
 import time
@@ -41,19 +42,24 @@ _TIMESPEC = struct.Struct('@qq')
 
 class Arrivals:
     """
-    The packets of race control on the loopback since this was made, each with the kernel's time.
+    The frames on the loopback since ``last`` was called, each with the kernel's time of it.
 
-    :param port: race control's.
-    :raises PermissionError: for others than root.
+    :param port: race control's, at 127.0.0.1.
+    :raises PermissionError: for others than root, and in some containers.
     """
 
     def __init__(self, port: int) -> None:
         """Begin to listen."""
-        self._port = port.to_bytes(2, 'big')
+        self._sender = ipaddress.IPv4Address('127.0.0.1').packed, port.to_bytes(2, 'big')
         self._socket = socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, socket.htons(ETH_P_IP))
-        self._socket.setblocking(False)
-        self._socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, MOST_UNREAD_BYTES)
-        self._socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        try:
+            self._socket.bind(('lo', ETH_P_IP))
+            self._socket.setblocking(False)
+            self._socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, MOST_UNREAD_BYTES)
+            self._socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        except PermissionError:
+            self._socket.close()
+            raise
 
     def last(self, state: RaceState, karts: int) -> float:
         """
@@ -62,21 +68,19 @@ class Arrivals:
         :raises AssertionError: if there is no such frame for one of so many karts.
         """
         frame = encode(state)
-        # The kernel gives the wall time.
-        wall = time.time() - time.monotonic()
+        # The kernel gives the wall time. Between two looks at a clock another process may run.
+        wall = max(time.time() - time.monotonic() for _ in range(10))
         first: dict[bytes, float] = {}
         with contextlib.suppress(BlockingIOError):
             while True:
                 packet, stamps, _, where = self._socket.recvmsg(HEADERS_AND_FRAMES_BYTES, 64)
                 header = (packet[0] & 0xF) * 4
-                tcp = packet[header:]
-                if where[2] == socket.PACKET_HOST and tcp[:2] == self._port and frame in tcp:
-                    to = packet[16:20]
+                sender = packet[12:16], packet[header:][:2]
+                kind = where[2], packet[9]
+                if kind != (socket.PACKET_HOST, socket.IPPROTO_TCP) or sender != self._sender:
+                    continue
+                if frame in packet:
                     seconds, nanoseconds = _TIMESPEC.unpack(stamps[0][2])
-                    first.setdefault(to, seconds + nanoseconds / 1e9 - wall)
+                    first.setdefault(packet[16:20], seconds + nanoseconds / 1e9 - wall)
         assert len(first) == karts, f'{state.value} came to {len(first)} of {karts} karts'
         return max(first.values())
-
-    def close(self) -> None:
-        """Stop listening."""
-        self._socket.close()

@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-import os
 import resource
 import selectors
 import sys
@@ -35,8 +35,9 @@ def main() -> None:
 
     ``watch STATE`` answers, once all karts have seen the state, with two monotonic times (s): when
     the last of them had read the first frame of it, and when that had come to its computer; null
-    for others than root, and at the first time. ``gaps SECONDS`` answers with the frames of each
-    kart in that time and its longest gap (s).
+    unless ``arrivals`` was told before (the answer is ``ready``), and where the kernel does not
+    allow it. ``gaps SECONDS``
+    answers with the frames of each kart in that time and its longest gap (s).
 
     The third argument says what karts say: ``mute`` nothing, ``acknowledge`` each change, ``echo``
     every frame.
@@ -62,14 +63,9 @@ def main() -> None:
     def answer(value: object) -> None:
         print(json.dumps(value), flush=True)
 
-    def answer_seen(read: float) -> None:
-        nonlocal arrivals
-        came = None
-        if arrivals is not None and wanted is not None:
-            came = arrivals.last(wanted, count)
-            arrivals.close()
-        arrivals = Arrivals(port) if os.geteuid() == 0 else None
-        answer((read, came))
+    def answer_seen(state: RaceState) -> None:
+        read = max(each.changes[-1][0] for each in karts)
+        answer((read, arrivals.last(state, count) if arrivals else None))
 
     answer('ready')
     while True:
@@ -86,7 +82,11 @@ def main() -> None:
                     wanted = RaceState[words[1]]
                     waiting = {each for each in karts if each.state is not wanted}
                     if not waiting:
-                        answer((now, None))
+                        answer_seen(wanted)
+                elif words[0] == 'arrivals':
+                    with contextlib.suppress(PermissionError):
+                        arrivals = Arrivals(port)
+                    answer('ready')
                 else:
                     gaps_since, gaps_until = now, now + float(words[1])
                     for each in karts:
@@ -104,7 +104,7 @@ def main() -> None:
                 if state is wanted and kart in waiting:
                     waiting.discard(kart)
                     if not waiting:
-                        answer_seen(max(each.changes[-1][0] for each in karts))
+                        answer_seen(state)
         if unsaid and not waiting:
             for each in unsaid:
                 assert each.state is not None

@@ -253,8 +253,8 @@ def timed(
     """
     Return how long after it was sent the last kart saw a state, s.
 
-    Then how long after it was sent that had come to the kart's computer, for root; the process of
-    the karts may get no processor for a while.
+    Then how long after it was sent that had come to the kart's computer, if the crowd was told
+    ``arrivals``: the process of the karts may get no processor for a while.
     """
     crowd.tell('watch', state.name)
     if at_rest:
@@ -272,6 +272,8 @@ def whole_latency(
     """
     Return the times from a client's call to the last kart, to its computer, and to its answer, s.
 
+    Those to the computer are known to root only, and amid acknowledgements.
+
     :param at_rest: otherwise the stop comes while race control tells what all karts have just
         acknowledged.
     """
@@ -284,6 +286,9 @@ def whole_latency(
         return began
 
     with racing(folder, count) as (_, official, crowd):
+        if not at_rest:
+            crowd.tell('arrivals')
+            assert crowd.hear() == 'ready'
         seen = []
         for _ in range(times + 1):
             seen.append(timed(crowd, RED_RED, kill, at_rest))

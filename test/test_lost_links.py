@@ -178,7 +178,13 @@ def test_a_stolen_address_stops_the_kart_and_gets_the_thief_nothing_but_red_red(
     noticed = steal_address(race)
     check_the_other_kart_raced_on(race)
     lost, *_ = race.events(Event.DISCONNECTED, FAULTY)
-    assert lost.text.endswith('a new connection from its address took its place')
+    assert lost.text.endswith(
+        (
+            'a new connection from its address took its place',
+            # The bridge has heard nothing for 1 s: the thief was slow.
+            'the kart closed the connection',
+        )
+    )
     print(f'address stolen: {noticed}')
     record_property('address stolen', noticed)
 

@@ -25,7 +25,6 @@ import shutil
 import subprocess
 
 from evgp_node.process import IN_THE_WAY, WRONG_SETTING
-from evgp_rcs.kart_process import NICENESS
 from evgp_testing.domains import Domain
 from evgp_testing.process import Program
 from evgp_testing.race_control import settings, write_roster
@@ -61,12 +60,6 @@ def test_systemd_finds_nothing_wrong_with_the_unit(tmp_path: pathlib.Path) -> No
     )
     assert done.returncode == 0, done.stderr
     assert UNIT.name not in done.stderr  # it may find fault with others
-
-
-def test_all_of_race_control_has_the_priority_that_its_kart_server_asks_for(
-    tmp_path: pathlib.Path,
-) -> None:
-    assert int(service(tmp_path)['Nice']) == NICENESS
 
 
 @pytest.fixture

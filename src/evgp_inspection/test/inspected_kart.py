@@ -28,6 +28,10 @@ GREEN_GREEN = RaceState.GREEN_GREEN
 RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
 
 STEP = 0.02  # s
+
+LATE_TURN = 0.05
+"""A turn of a kart that takes longer says that it got no processor, s. Of two halves of a frame,
+0.07 s apart, it may then have seen one frame."""
 ACCELERATION, BRAKING, TOP = 20.0, 12.0, 6.0  # m/s², m/s²: it stops in 0.5 s, m/s
 RETRY = 0.1  # s
 
@@ -124,6 +128,7 @@ class InspectedKart:
         self._frame_times: list[float] = []
         self._errors_only = False
         self._silent_kept = False
+        self.held_up = False
 
     async def run(self) -> None:
         """Drive until it is cancelled."""
@@ -189,8 +194,11 @@ class InspectedKart:
 
     async def _read(self, link: socket.socket) -> None:
         gone = False
+        turn_at = self._loop.time()
         while True:
             now = self._loop.time()
+            self.held_up = self.held_up or now - turn_at > LATE_TURN
+            turn_at = now
             if now - self._heard_at >= self._silence:
                 if not self._is['keeps a silent connection']:
                     self._lost('silent')

@@ -55,12 +55,14 @@ def inspect_all(
     inspected: Sequence[T],
     begin: Callable[[T], Callable[[], Awaitable[Inspection]]],
     is_found: Callable[[T, Inspection], bool] = lambda one, inspection: False,
+    was_held_up: Callable[[T], bool] = lambda one: False,
 ) -> list[Inspection]:
     """
     Inspect all at the same time, and those again for which this computer was held up.
 
     :param begin: makes the next inspection of one; all are made before any of them runs.
     :param is_found: whether an inspection was good enough although this computer was held up.
+    :param was_held_up: whether what was inspected was itself held up in its last inspection.
     """
 
     async def after(order: int, inspection: Callable[[], Awaitable[Inspection]]) -> Inspection:
@@ -77,7 +79,8 @@ def inspect_all(
             left = [
                 each
                 for each in left
-                if held_up(found[each]) and not is_found(inspected[each], found[each])
+                if held_up(found[each]) or was_held_up(inspected[each])
+                if not is_found(inspected[each], found[each])
             ]
             if not left:
                 break

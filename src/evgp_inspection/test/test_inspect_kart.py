@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 import contextlib
 import itertools
 import os
@@ -138,10 +138,18 @@ def is_found(fault: str, inspection: Inspection) -> bool:
 
 def inspect_karts(karts: list[tuple[str, bool]]) -> list[Inspection]:
     """Inspect karts of these faults, seen or not, at the same time."""
+    last: dict[tuple[str, bool], OneInspection] = {}
+
+    def begin(kart: tuple[str, bool]) -> Callable[[], Awaitable[Inspection]]:
+        last[kart] = OneInspection(*kart)
+        return last[kart].run
+
     return inspect_all(
         karts,
-        lambda kart: OneInspection(*kart).run,
+        begin,
         lambda kart, inspection: is_found(kart[0], inspection),
+        # Good karts are to pass, held up or not.
+        lambda kart: bool(kart[0] and (inspected := last[kart].kart) and inspected.held_up),
     )
 
 

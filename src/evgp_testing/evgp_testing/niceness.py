@@ -26,18 +26,19 @@ def at_niceness(niceness: int) -> Iterator[None]:
     """
     Have this thread, and what it starts, get more of the processor (below 0) or less (above).
 
-    Nothing happens for a user who may not take it back, as only root may.
+    Nothing happens for a user who may not set it, or not take it back.
 
     :param niceness: from -20 to 19.
     """
     before = os.getpriority(os.PRIO_PROCESS, 0)
     try:
         os.setpriority(os.PRIO_PROCESS, 0, before - 1)
+        os.setpriority(os.PRIO_PROCESS, 0, niceness)
     except PermissionError:
+        os.setpriority(os.PRIO_PROCESS, 0, before)
         yield
         return
     try:
-        os.setpriority(os.PRIO_PROCESS, 0, niceness)
         yield
     finally:
         os.setpriority(os.PRIO_PROCESS, 0, before)
