@@ -26,6 +26,7 @@ import pathlib
 import re
 import shutil
 import sqlite3
+import struct
 import subprocess
 import sys
 
@@ -315,9 +316,15 @@ def a_text_that_was_cut_off(path: pathlib.Path) -> None:
 
 
 def pages_overwritten(path: pathlib.Path) -> None:
+    """Overwrite two pages with events of the second run, neither of them its last."""
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        query = 'SELECT monotonic FROM event WHERE session = 2 ORDER BY sequence'
+        times = [at for (at,) in database.execute(query)]
+    content = path.read_bytes()
     with path.open('r+b') as file:
         for share in (0.3, 0.6):
-            file.seek(int(path.stat().st_size * share) // PAGE * PAGE)
+            written = content.index(struct.pack('>d', times[int(len(times) * share)]))
+            file.seek(written // PAGE * PAGE)
             file.write(b'\xff' * PAGE)
 
 

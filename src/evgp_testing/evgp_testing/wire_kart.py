@@ -86,7 +86,8 @@ def read_until(kart: socket.socket, state: RaceState) -> bytes:
         data = kart.recv(4096)
         assert data, f'the connection ended; heard {heard!r}'
         heard += data
-    return heard
+    before, *_ = heard.partition(wanted)
+    return before + wanted
 
 
 def read_to_end(kart: socket.socket) -> bytes:
