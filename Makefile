@@ -84,7 +84,7 @@ test:
 # What takes long, and why, stands in docs/testing.md. Each worker takes the next when it is free.
 # Searches use all of a core: with more of them at once, race control gets too little to keep time.
 test-long:
-	$(PYTEST) -n 4 --maxschedchunk 1 -m long $(ARGS)
+	$(PYTEST) -n 6 --maxschedchunk 1 -m long $(ARGS)
 
 soak:
 	$(IN_WORKSPACE) python soak/run.py $(ARGS)

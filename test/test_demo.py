@@ -101,9 +101,9 @@ def test_a_kart_that_never_acknowledges_holds_the_race_and_is_named() -> None:
 def test_a_signal_in_mid_race_ends_every_process(
     number: signal.Signals, send: Callable[[int, int], None], code: int
 ) -> None:
-    # In a session of its own: its group has all of its processes, and nothing else.
+    # Its group has all of its processes, and nothing else.
     with subprocess.Popen(
-        DEMO, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+        DEMO, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, process_group=0
     ) as demo:
         assert demo.stdout is not None
         printed = []

@@ -286,7 +286,7 @@ def make(domain: int, *words: str) -> subprocess.Popen[str]:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        start_new_session=True,
+        process_group=0,
         env={**environment, 'ROS_DOMAIN_ID': str(domain)},
     )
 
