@@ -6,8 +6,8 @@
 #   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
 #   ARGS='...'          passed on by bench, bridge, console, ctl, demo, fuzz, inspect-kart, inspect-rcs,
 #                       record, rehearsal, soak, test and test-long
-#   WORKERS=9           number of tests that run at the same time; most of the time, most of them wait
-WORKERS := 9
+#   WORKERS=8           number of tests that run at the same time; most of the time, most of them wait
+WORKERS := 8
 
 IN_WORKSPACE := setup/in-workspace
 
