@@ -287,7 +287,9 @@ def run_soak(
 @pytest.mark.parametrize('seconds', [6, pytest.param(12, marks=pytest.mark.long)])
 def test_race_control_breaks_no_rule_in_a_short_soak(seconds: int, dice: random.Random) -> None:
     seed = dice.randrange(1_000_000)
-    done = run_soak('--seconds', str(seconds), '--karts', '20', '--seed', str(seed))
+    # Of the faults that come while a race is planned, one in twenty is let through.
+    often = '--fault-every', '0.5'
+    done = run_soak('--seconds', str(seconds), '--karts', '20', '--seed', str(seed), *often)
 
     assert done.returncode == 0, done.stdout
     assert f'seed {seed}, 20 karts' in done.stdout
