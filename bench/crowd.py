@@ -36,8 +36,8 @@ def main() -> None:
     ``watch STATE`` answers, once all karts have seen the state, with two monotonic times (s): when
     the last of them had read the first frame of it, and when that had come to its computer; null
     unless ``arrivals`` was told before (the answer is ``ready``), and where the kernel does not
-    allow it. ``gaps SECONDS``
-    answers with the frames of each kart in that time and its longest gap (s).
+    allow it. ``gaps SECONDS`` answers with the frames of each kart in that time and its longest
+    gap (s).
 
     The third argument says what karts say: ``mute`` nothing, ``acknowledge`` each change, ``echo``
     every frame.
