@@ -16,8 +16,8 @@
 What the two processes of race control say to each other, over one local socket pair.
 
 The *ROS half* (``node``) and the *kart server* (``kart_process``) are the two. Each message is one
-of the dataclasses below, pickled, behind its length. Both ends are this package and nobody else
-can reach the pair, so pickle is safe here.
+of the classes below, pickled, behind its length; a `Request` in plain values, for speed. Both ends
+are this package and nobody else can reach the pair, so pickle is safe here.
 
 No ROS, no thread, no clock.
 """
@@ -29,13 +29,20 @@ from dataclasses import dataclass
 import pathlib
 import pickle
 import struct
-from typing import Any
+from typing import Any, NamedTuple
 
+from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.kart_server import ServerSettings
 from evgp_rcs.race import Answer, Command, Race, RaceTimes, StampedEvent
 from evgp_rcs.roster import Roster
 
 _LENGTH = struct.Struct('!I')
+
+# Both ends are of one version.
+_KINDS = tuple(CommandKind)
+_NUMBER = {kind: number for number, kind in enumerate(_KINDS)}
+_STATES = tuple(RaceState)
 
 
 # ----- from the ROS half to the kart server ---------------------------------------------------
@@ -51,10 +58,12 @@ class Begin:
     record: pathlib.Path
 
 
-@dataclass(frozen=True)
-class Request:
+class Request(NamedTuple):
     """
     An official's command.
+
+    A stop waits until it is packed and unpacked. So it is a named tuple, and for pickle a tuple of
+    plain values, which takes half the time.
 
     :param number: counts the requests, so that the answer finds its way back.
     :param came: when the command came, on the clock of the rules (s).
@@ -63,6 +72,20 @@ class Request:
     number: int
     command: Command
     came: float
+
+    def plain(self) -> tuple[object, ...]:
+        """Return it in plain values."""
+        kind, kart, statement, karts, hold, *rest = self.command
+        of_hold = None if hold is None else hold.strictness
+        return self.number, self.came, _NUMBER[kind], kart, statement, tuple(karts), of_hold, *rest
+
+    @staticmethod
+    def of(plain: tuple[Any, ...]) -> Request:
+        """Return the request of these plain values."""
+        number, came, kind, kart, statement, karts, hold, *rest = plain
+        of_hold = None if hold is None else _STATES[hold]
+        command = Command(_KINDS[kind], kart, statement, frozenset(karts), of_hold, *rest)
+        return Request(number, command, came)
 
 
 @dataclass(frozen=True)
@@ -153,7 +176,8 @@ class Failed:
 
 def pack(message: object) -> bytes:
     """Return a message as bytes."""
-    data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
+    given = message.plain() if isinstance(message, Request) else message
+    data = pickle.dumps(given, pickle.HIGHEST_PROTOCOL)
     return _LENGTH.pack(len(data)) + data
 
 
@@ -172,6 +196,6 @@ class Unpacker:
             end = head + _LENGTH.unpack_from(self._data)[0]
             if len(self._data) < end:
                 return
-            message = bytes(self._data[head:end])
+            message = pickle.loads(bytes(self._data[head:end]))  # noqa: S301 - see above
             del self._data[:end]
-            yield pickle.loads(message)  # noqa: S301 - see above
+            yield Request.of(message) if isinstance(message, tuple) else message

@@ -414,7 +414,10 @@ def encode(entry: Entry) -> bytes:
     if isinstance(entry, Ordered):
         orders = [_ORDER.pack(each.kart, each.state.strictness, each.serial) for each in entry[0]]
         return _ORDERED.pack(_ORDERED_CODE, len(orders)) + b''.join(orders)
-    at, *fields = entry
+    at, *rest = entry
+    fields: list[object] = [*rest]
+    if isinstance(entry, Commanded):
+        fields[0] = entry.command._asdict()  # JSON would make a list of it
     data = json.dumps(fields, default=_in_json).encode()
     return _WRITTEN.pack(_JSON[type(entry)], at, len(data)) + data
 
@@ -467,7 +470,7 @@ def _in_json(value: object) -> object:
         return value.name
     if isinstance(value, frozenset):
         return sorted(value)
-    assert isinstance(value, Command | RaceMemory | KartMemory)
+    assert isinstance(value, RaceMemory | KartMemory)
     return {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
 
 

@@ -25,6 +25,7 @@ from collections.abc import Callable
 import concurrent.futures
 import contextlib
 import itertools
+import queue
 import select
 import socket
 import struct
@@ -79,6 +80,41 @@ _CHILD = (
 """What the kart server's process runs: it finds its modules where this process finds them."""
 
 
+class Submitted:
+    """
+    A command that was handed over to the kart server.
+
+    Not a future: to make one takes longer than to send a stop.
+
+    :param number: counts the commands.
+    """
+
+    def __init__(self, number: int) -> None:
+        """Begin without an answer."""
+        self.number = number
+        self._answers: queue.SimpleQueue[Answer | KartServerError] = queue.SimpleQueue()
+
+    def put(self, answer: Answer | KartServerError) -> None:
+        """Take the answer, or why there will be none."""
+        self._answers.put(answer)
+
+    def answer(self, timeout: float) -> Answer | None:
+        """
+        Wait for the answer, which comes once every frame has been written.
+
+        :param timeout: maximum time to wait, in seconds.
+        :return: the answer, once; None if it has not come.
+        :raises KartServerError: if the kart server is gone: then only the MSR is left.
+        """
+        try:
+            answer = self._answers.get(timeout=timeout)
+        except queue.Empty:
+            return None
+        if isinstance(answer, KartServerError):
+            raise answer
+        return answer
+
+
 class KartServerClient:
     """
     The kart server in its process, as the ROS half sees it.
@@ -103,7 +139,7 @@ class KartServerClient:
         self._on_copy = on_copy
         self._on_end = on_end
         self._numbers = itertools.count(1)
-        self._waiting: dict[int, concurrent.futures.Future[Answer]] = {}
+        self._waiting: dict[int, Submitted] = {}
         self._listening: concurrent.futures.Future[tuple[str, int]] = concurrent.futures.Future()
         self._sending = threading.Lock()
         self._ended = ''
@@ -147,29 +183,24 @@ class KartServerClient:
                 f'record hang ({self._begin.record})?'
             ) from None
 
-    def submit(
-        self, command: Command, came: float
-    ) -> tuple[int, concurrent.futures.Future[Answer]]:
+    def submit(self, command: Command, came: float) -> Submitted:
         """
         Hand over an official's command.
 
         :param came: when it came, on the clock of the rules (s).
-        :return: its number, for ``withdraw``, and a future with the answer, done once every frame
-            has been written.
         :raises KartServerError: if the kart server is gone: then only the MSR is left.
         """
-        number = next(self._numbers)
-        answer: concurrent.futures.Future[Answer] = concurrent.futures.Future()
-        self._waiting[number] = answer
-        self._send(Request(number, command, came))
+        submitted = Submitted(next(self._numbers))
+        self._waiting[submitted.number] = submitted
+        self._send(Request(submitted.number, command, came))
         if self._ended:
             self._refuse_the_rest()
-        return number, answer
+        return submitted
 
-    def withdraw(self, number: int) -> None:
+    def withdraw(self, submitted: Submitted) -> None:
         """Have a command that was not judged yet not judged at all."""
-        if self._waiting.pop(number, None) is not None:
-            self._send(Withdraw(number))
+        if self._waiting.pop(submitted.number, None) is not None:
+            self._send(Withdraw(submitted.number))
 
     def alive(self, rival: bool) -> None:
         """
@@ -275,9 +306,9 @@ class KartServerClient:
         elif isinstance(message, Copy):
             self._on_copy(message)
         elif isinstance(message, Answered):
-            answer = self._waiting.pop(message.number, None)
-            if answer is not None:
-                answer.set_result(message.answer)
+            submitted = self._waiting.pop(message.number, None)
+            if submitted is not None:
+                submitted.put(message.answer)
         elif isinstance(message, Listening):
             self._listening.set_result(message.address)
         else:
@@ -287,7 +318,7 @@ class KartServerClient:
     def _refuse_the_rest(self) -> None:
         while self._waiting:
             try:
-                _, answer = self._waiting.popitem()
+                _, submitted = self._waiting.popitem()
             except KeyError:
                 return  # the other thread that refuses was quicker
-            answer.set_exception(KartServerError('the kart server is gone: use the MSR'))
+            submitted.put(KartServerError('the kart server is gone: use the MSR'))

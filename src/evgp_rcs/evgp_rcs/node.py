@@ -29,7 +29,6 @@ one starts it, and neither outlives the other. Each thread here has its own work
 
 from __future__ import annotations
 
-import concurrent.futures
 import sys
 import threading
 from typing import Any
@@ -224,13 +223,13 @@ class RcsNode(StrictNode):
 
     def _command(self, command: Command) -> Answer:
         try:
-            number, answer = self._server.submit(command, clock.now())
-            try:
-                return answer.result(ANSWER_TIMEOUT)
-            except concurrent.futures.TimeoutError:
-                if command.kind not in URGENT:
-                    # What is not in force by now does not come into force later, unseen.
-                    self._server.withdraw(number)
+            submitted = self._server.submit(command, clock.now())
+            answer = submitted.answer(ANSWER_TIMEOUT)
+            if answer is not None:
+                return answer
+            if command.kind not in URGENT:
+                # What is not in force by now does not come into force later, unseen.
+                self._server.withdraw(submitted)
         except KartServerError as error:
             return Answer(False, f'{command.kind.value} was not sent: {error}.')
         return Answer(
@@ -246,11 +245,13 @@ class RcsNode(StrictNode):
 
 def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
     """Return the command of a request to the service that these commands share."""
-    kind = next(
-        each
-        for each in kinds
-        if all(getattr(request, name) == value for name, value in CATALOGUE[each].fixed.items())
-    )
+    kind, *others = kinds
+    if others:
+        kind = next(
+            each
+            for each in kinds
+            if all(getattr(request, name) == it for name, it in CATALOGUE[each].fixed.items())
+        )
     entry = CATALOGUE[kind]
     return Command(
         kind,

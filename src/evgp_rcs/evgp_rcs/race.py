@@ -114,8 +114,7 @@ MSR_ALERTS = frozenset(
 """The alerts whose answer is the Master Safety Remote (§2.B)."""
 
 
-@dataclass(frozen=True)
-class Command:
+class Command(NamedTuple):
     """
     An official's command (§4.B).
 

@@ -385,13 +385,13 @@ def test_a_kart_server_that_is_killed_is_told_of_and_every_command_refused(begin
     client.start()
     try:
         freeze(client._process.pid)
-        _, waiting = client.submit(ALL_KILL, clock.now())
+        submitted = client.submit(ALL_KILL, clock.now())
         client._process.kill()
         with pytest.raises(KartServerError, match='use the MSR'):
-            waiting.result(PATIENCE)
+            submitted.answer(PATIENCE)
         assert ended.get(timeout=PATIENCE)
         with pytest.raises(KartServerError, match='use the MSR'):
-            client.submit(ALL_KILL, clock.now())[1].result(PATIENCE)
+            client.submit(ALL_KILL, clock.now()).answer(PATIENCE)
     finally:
         client.stop(in_order=False)
 

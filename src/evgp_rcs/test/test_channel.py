@@ -1,0 +1,65 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The messages between the two processes of race control, as bytes."""
+
+from __future__ import annotations
+
+import io
+
+from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.channel import Alive, pack, Request, Unpacker, Withdraw
+from evgp_rcs.race import Command
+from hypothesis import given, strategies
+
+commands = strategies.builds(
+    Command,
+    kind=strategies.sampled_from(CommandKind),
+    kart=strategies.none() | strategies.integers(),
+    statement=strategies.booleans(),
+    karts=strategies.frozensets(strategies.integers()),
+    hold=strategies.none() | strategies.sampled_from(RaceState),
+    heat=strategies.text(),
+    official=strategies.text(),
+)
+requests = strategies.builds(
+    Request,
+    number=strategies.integers(min_value=1),
+    command=commands,
+    came=strategies.floats(allow_nan=False),
+)
+
+
+@given(
+    strategies.lists(requests | strategies.sampled_from([Alive(True), Withdraw(7)])),
+    strategies.integers(1, 100),
+)
+def test_what_is_packed_comes_out_however_it_is_cut(messages: list[object], size: int) -> None:
+    data = b''.join(map(pack, messages))
+    unpacker = Unpacker()
+    stream = io.BytesIO(data)
+    parts = iter(lambda: stream.read(size), b'')
+    come = [message for part in parts for message in unpacker.feed(part)]
+    assert come == messages
+    assert list(map(type, come)) == list(map(type, messages))
+
+
+@given(requests)
+def test_a_request_keeps_the_types_of_its_command(request: Request) -> None:
+    ((_, command, _),) = Unpacker().feed(pack(request))
+    assert isinstance(command, Command)
+    assert type(command.karts) is frozenset
+    assert command.kind is request.command.kind
+    assert command.hold is request.command.hold
