@@ -49,6 +49,9 @@ pytestmark = pytest.mark.own_process
 RED_RED = RaceState.RED_RED
 Event = msg.RaceEvent
 
+ATTEMPTS = 5
+"""Maximum number of thefts, while other programs hold up the thief."""
+
 
 @pytest.fixture
 def networks() -> None:
@@ -175,16 +178,15 @@ def test_a_machine_that_reboots_takes_the_place_of_its_own_lost_connection(
 def test_a_stolen_address_stops_the_kart_and_gets_the_thief_nothing_but_red_red(
     race: NetworkRace, record_property: Callable[[str, object], None]
 ) -> None:
-    noticed = steal_address(race)
-    check_the_other_kart_raced_on(race)
-    lost, *_ = race.events(Event.DISCONNECTED, FAULTY)
-    assert lost.text.endswith(
-        (
-            'a new connection from its address took its place',
-            # The bridge has heard nothing for 1 s: the thief was slow.
-            'the kart closed the connection',
-        )
-    )
+    for _ in range(ATTEMPTS):
+        began = time.monotonic()
+        noticed = steal_address(race)
+        check_the_other_kart_raced_on(race)
+        lost, *_ = race.events(Event.DISCONNECTED, FAULTY, began)
+        # On a busy computer the thief takes 1 s to connect, and the bridge has given up by then.
+        if not lost.text.endswith('the kart closed the connection'):
+            break
+    assert lost.text.endswith('a new connection from its address took its place')
     print(f'address stolen: {noticed}')
     record_property('address stolen', noticed)
 
