@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 import contextlib
-import dataclasses
 import itertools
 import pathlib
 import random
@@ -125,10 +124,8 @@ class PaperRace:
         if not CATALOGUE[kind].to_one_kart or number:
             seen = self.race.availability(kind, number or 0, self.now).karts
         hold = self.race.karts[number].hold if number else None
-        command = Command(kind, kart, True, frozenset(seen), hold, heat)
-        return self.take(
-            self.race.command(dataclasses.replace(command, official=official), self.now)
-        )
+        command = Command(kind, kart, True, frozenset(seen), hold, heat, official)
+        return self.take(self.race.command(command, self.now))
 
     def drive(self) -> None:
         """Go from the garage to GREEN_GREEN; every kart is connected and acknowledges."""
