@@ -143,8 +143,8 @@ class Attack:
         try:
             if receive_buffer:
                 peer.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, receive_buffer)
-            # The port is chosen in `connect`: in `bind`, it may be none that a connection just had,
-            # and with thousands of those, the search takes 3 ms each time.
+            # So that the port is chosen in `connect`. For `bind`, none will do that another
+            # connection just had, and with thousands of those, its search takes 3 ms each time.
             peer.setsockopt(socket.IPPROTO_IP, IP_BIND_ADDRESS_NO_PORT, 1)
             peer.bind((self._source, 0))
             peer.settimeout(1.0 if wait else 0.0)
