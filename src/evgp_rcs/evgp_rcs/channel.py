@@ -16,8 +16,8 @@
 What the two processes of race control say to each other, over one local socket pair.
 
 The *ROS half* (``node``) and the *kart server* (``kart_process``) are the two. Each message is one
-of the classes below, pickled, behind its length; a `Request` in plain values, for speed. Both ends
-are this package and nobody else can reach the pair, so pickle is safe here.
+of the classes below, pickled, behind its length; a `Request` as a plain tuple, for speed. Both
+ends are this package and nobody else can reach the pair, so pickle is safe here.
 
 No ROS, no thread, no clock.
 """
@@ -31,7 +31,6 @@ import pickle
 import struct
 from typing import Any, NamedTuple
 
-from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.kart_server import ServerSettings
 from evgp_rcs.race import Answer, Command, Race, RaceTimes, StampedEvent
@@ -42,7 +41,6 @@ _LENGTH = struct.Struct('!I')
 # Both ends are of one version.
 _KINDS = tuple(CommandKind)
 _NUMBER = {kind: number for number, kind in enumerate(_KINDS)}
-_STATES = tuple(RaceState)
 
 
 # ----- from the ROS half to the kart server ---------------------------------------------------
@@ -62,8 +60,8 @@ class Request(NamedTuple):
     """
     An official's command.
 
-    A stop waits until it is packed and unpacked. So it is a named tuple, and for pickle a tuple of
-    plain values, which takes half the time.
+    A stop waits until it is packed and unpacked. So it is a named tuple, and for pickle a plain
+    one, which takes half the time.
 
     :param number: counts the requests, so that the answer finds its way back.
     :param came: when the command came, on the clock of the rules (s).
@@ -74,18 +72,15 @@ class Request(NamedTuple):
     came: float
 
     def plain(self) -> tuple[object, ...]:
-        """Return it in plain values."""
-        kind, kart, statement, karts, hold, *rest = self.command
-        of_hold = None if hold is None else hold.strictness
-        return self.number, self.came, _NUMBER[kind], kart, statement, tuple(karts), of_hold, *rest
+        """Return it as a tuple of which pickle need not name the class."""
+        kind, *rest = self.command
+        return self.number, self.came, _NUMBER[kind], *rest
 
     @staticmethod
     def of(plain: tuple[Any, ...]) -> Request:
-        """Return the request of these plain values."""
-        number, came, kind, kart, statement, karts, hold, *rest = plain
-        of_hold = None if hold is None else _STATES[hold]
-        command = Command(_KINDS[kind], kart, statement, frozenset(karts), of_hold, *rest)
-        return Request(number, command, came)
+        """Return the request that ``plain`` made this of."""
+        number, came, kind, *rest = plain
+        return Request(number, Command(_KINDS[kind], *rest), came)
 
 
 @dataclass(frozen=True)

@@ -415,9 +415,8 @@ def encode(entry: Entry) -> bytes:
         orders = [_ORDER.pack(each.kart, each.state.strictness, each.serial) for each in entry[0]]
         return _ORDERED.pack(_ORDERED_CODE, len(orders)) + b''.join(orders)
     at, *rest = entry
-    fields: list[object] = [*rest]
-    if isinstance(entry, Commanded):
-        fields[0] = entry.command._asdict()  # JSON would make a list of it
+    # JSON would make a list of a command.
+    fields = [each._asdict() if isinstance(each, Command) else each for each in rest]
     data = json.dumps(fields, default=_in_json).encode()
     return _WRITTEN.pack(_JSON[type(entry)], at, len(data)) + data
 

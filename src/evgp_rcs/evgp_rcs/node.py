@@ -245,13 +245,11 @@ class RcsNode(StrictNode):
 
 def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
     """Return the command of a request to the service that these commands share."""
-    kind, *others = kinds
-    if others:
-        kind = next(
-            each
-            for each in kinds
-            if all(getattr(request, name) == it for name, it in CATALOGUE[each].fixed.items())
-        )
+    kind = next(
+        each
+        for each in kinds
+        if all(getattr(request, name) == value for name, value in CATALOGUE[each].fixed.items())
+    )
     entry = CATALOGUE[kind]
     return Command(
         kind,
