@@ -1910,6 +1910,48 @@ def run_with_qt(code: str, **environment: str) -> subprocess.CompletedProcess[st
     )
 
 
+HELD_UP = """
+from evgp_protocol import clock
+from evgp_rcs_console.inbox import Inbox
+from evgp_rcs_console.qt import QtCore, QtWidgets
+from evgp_rcs_console.signature import Signature
+from evgp_rcs_console.reading import read_race
+from evgp_rcs_console.window import ConsoleWindow
+from evgp_rcs_msgs import msg
+
+shown = []
+
+
+class Eye(QtCore.QObject):
+    def eventFilter(self, watched, event):
+        if event.type() == QtCore.QEvent.Type.Show:
+            shown.append(watched.objectName())
+        return False
+
+
+application = QtWidgets.QApplication(['rcs_gui'])
+inbox, eye = Inbox(), Eye()
+window = ConsoleWindow(inbox, lambda order: None, Signature('', 1), '')
+window.show()
+danger = window.findChild(QtWidgets.QWidget, 'danger')
+inbox.on_race(read_race(msg.Race()), clock.now(), False)
+application.processEvents()
+danger.installEventFilter(eye)
+alert = msg.Alert(kind=msg.Alert.LOST_IN_MOTION, kart=7)
+for age in range(30, -1, -1):
+    race = read_race(msg.Race(alerts=[alert] if age == 15 else []))
+    inbox.on_race(race, clock.now() - age / 10, False)
+application.processEvents()
+print(shown, window.findChild(QtWidgets.QWidget, 'alert_0').isVisible())
+"""
+
+
+def test_a_window_that_was_held_up_shows_no_snapshot_but_the_newest_and_every_alert() -> None:
+    done = run_with_qt(HELD_UP)
+
+    assert done.stdout.split('\n')[0] == '[] True', done.stderr
+
+
 def test_the_process_of_a_closed_window_ends_in_time_when_ros_hangs() -> None:
     """DDS may hang with the interpreter's lock held; that cannot be brought about at will."""
     code = (

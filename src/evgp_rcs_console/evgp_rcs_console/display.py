@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 from evgp_protocol import clock
 from evgp_rcs_console import words
 from evgp_rcs_console.alarm import Alarm
@@ -23,6 +25,7 @@ from evgp_rcs_console.areas import Areas
 from evgp_rcs_console.bottom_line import BottomLine
 from evgp_rcs_console.chosen import ChosenKart
 from evgp_rcs_console.commands import Order
+from evgp_rcs_console.inbox import Heard
 from evgp_rcs_console.qt import QtCore
 from evgp_rcs_console.sight import Sight
 from evgp_rcs_console.snapshot import Answer, Event, Race
@@ -81,13 +84,14 @@ class Display(QtCore.QObject):
 
     # ----- what is heard ------------------------------------------------------------------
 
-    def take_race(self, race: Race, at: float, two: bool) -> None:
-        """Show a snapshot; the parameters are those of ``Listener.on_race``."""
-        self._race = race
-        self._heard_at = at
-        self._two = two
-        self._alarm.take_race(race, two)
-        self._bottom.take_race(race, at)
+    def take_races(self, waiting: deque[Heard]) -> None:
+        """Take the snapshots that wait, none of their alerts left out, and show the newest."""
+        if not waiting:
+            return
+        while waiting:
+            self._race, self._heard_at, self._two = waiting.popleft()
+            self._alarm.take_race(self._race, self._two)
+            self._bottom.take_race(self._race, self._heard_at)
         self.refresh()
 
     def take_event(self, event: Event) -> None:

@@ -16,23 +16,48 @@
 
 from __future__ import annotations
 
+from collections import deque
+from typing import NamedTuple
+
 from evgp_rcs_console.commands import Order
 from evgp_rcs_console.qt import QtCore, Signal
 from evgp_rcs_console.snapshot import Answer, Event, Race
 from evgp_rcs_console.standing import Standing
 
 
-class Inbox(QtCore.QObject):
-    """A ``Listener`` of the client whose news arrive in the Qt thread."""
+class Heard(NamedTuple):
+    """A snapshot; the fields are the parameters of ``Listener.on_race``."""
 
-    race = Signal(object, float, bool)
+    race: Race
+    at: float
+    two: bool
+
+
+class Inbox(QtCore.QObject):
+    """
+    A ``Listener`` of the client whose news arrive in the Qt thread.
+
+    A window that was held up must not show one old snapshot after the other, each of which says
+    that race control has been silent for long. So snapshots wait together, for one look at all.
+
+    :ivar waiting: the snapshots that came and were not taken yet, the newest last.
+    """
+
+    came = Signal()
+    """A snapshot; it may have been taken already, together with an earlier one."""
     event = Signal(object)
     answer = Signal(object, object)
     pressing = Signal(object)
 
+    def __init__(self) -> None:
+        """Have heard nothing."""
+        super().__init__()
+        self.waiting: deque[Heard] = deque()
+
     def on_race(self, race: Race, at: float, two: bool) -> None:
         """Hand over a snapshot."""
-        self.race.emit(race, at, two)
+        self.waiting.append(Heard(race, at, two))
+        self.came.emit()
 
     def on_event(self, event: Event) -> None:
         """Hand over an event."""

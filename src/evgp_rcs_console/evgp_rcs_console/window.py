@@ -60,6 +60,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         self.setObjectName('window')
         self.setWindowTitle(words.TITLE)
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
+        self._waiting = inbox.waiting
         sight = Sight(self)
         self._areas = areas = Areas(self, sight.scrolling)
         unanswered = Unanswered()
@@ -88,7 +89,7 @@ class ConsoleWindow(QtWidgets.QWidget):
         areas.alerts.changed.connect(lambda: bottom.say(words.ALERTS_CHANGED, Tone.WAIT))
         # Queued in any case: the signals come from other threads.
         queued = QtCore.Qt.ConnectionType.QueuedConnection
-        inbox.race.connect(display.take_race, queued)
+        inbox.came.connect(self._take_races, queued)
         inbox.event.connect(display.take_event, queued)
         inbox.answer.connect(display.take_answer, queued)
         inbox.pressing.connect(display.take_pressing, queued)
@@ -103,7 +104,11 @@ class ConsoleWindow(QtWidgets.QWidget):
         self.setFocus()
         self._look()
 
+    def _take_races(self) -> None:
+        self._display.take_races(self._waiting)
+
     def _look(self) -> None:
+        self._take_races()
         now = clock.now()
         self._display.look(now)
         self._late.beat(now)
