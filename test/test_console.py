@@ -1910,7 +1910,7 @@ def run_with_qt(code: str, **environment: str) -> subprocess.CompletedProcess[st
     )
 
 
-HELD_UP = """
+HELD_UP_PROGRAM = """
 from evgp_protocol import clock
 from evgp_rcs_console.inbox import Inbox
 from evgp_rcs_console.qt import QtCore, QtWidgets
@@ -1947,7 +1947,7 @@ print(shown, window.findChild(QtWidgets.QWidget, 'alert_0').isVisible())
 
 
 def test_a_window_that_was_held_up_shows_no_snapshot_but_the_newest_and_every_alert() -> None:
-    done = run_with_qt(HELD_UP)
+    done = run_with_qt(HELD_UP_PROGRAM)
 
     assert done.stdout.split('\n')[0] == '[] True', done.stderr
 
