@@ -18,6 +18,9 @@ Freeze programs around race control, in traffic, and see whether a kart or a sto
 ``setup/in-workspace python bench/freezes.py --times 1000``. What is frozen (SIGSTOP) in turn: a
 client that calls services without a pause, an official's ``rcs_ctl watch``, and race control's own
 ROS half, for less than its limit and for more. Meanwhile another official sends stops.
+
+Below the table it says, of each gap and stop that took too long, for how long the computer itself
+stood still (`witness`; root only). They count all the same.
 """
 
 from __future__ import annotations
@@ -36,8 +39,15 @@ import time
 from evgp_protocol.states import RaceState
 from evgp_testing.process import executable, Program
 from evgp_testing.wire_race import WireRace
+from witness import Witness
 
 KARTS = range(1, 6)
+
+GAP = 0.1
+"""Maximum time between two frames, in seconds."""
+
+STOP = 0.05
+"""Maximum time from an official's call of a stop to the answer, in seconds."""
 
 CALLER = """
 import sys
@@ -56,12 +66,34 @@ def worst(values: list[float]) -> str:
     return f'{statistics.median(values) * 1e3:.1f} / {max(values) * 1e3:.1f}'
 
 
+class TooLate:
+    """What took too long, and for how long the computer itself stood still then."""
+
+    def __init__(self) -> None:
+        """Begin to watch the computer."""
+        self._witness = Witness()
+        self._seen: list[str] = []
+
+    def look(self, what: str, took: float, limit: float, since: float) -> None:
+        """Take note if this took longer (s) than it may, in the time since then."""
+        if took > limit:
+            still = self._witness.stood_still(since, time.monotonic())
+            self._seen.append(
+                f'{what}: {took * 1e3:.0f} ms; the computer stood still for {still * 1e3:.0f} ms.'
+            )
+
+    def tell(self) -> None:
+        """Print it, and end."""
+        self._witness.close()
+        print(*self._seen, sep='\n')
+
+
 def race(stack: contextlib.ExitStack, folder: pathlib.Path) -> WireRace:
     """Have race control, an official, and every kart connected."""
     return stack.enter_context(WireRace(folder, KARTS, parameters={'pause': 0.5}))
 
 
-def freeze_others(folder: pathlib.Path, times: int, what: str) -> None:
+def freeze_others(folder: pathlib.Path, times: int, what: str, late_ones: TooLate) -> None:
     """Freeze a program that race control's ROS half talks to."""
     gaps, stops = [], []
     with contextlib.ExitStack() as stack:
@@ -84,19 +116,21 @@ def freeze_others(folder: pathlib.Path, times: int, what: str) -> None:
                 began = time.monotonic()
                 assert official.call('all_kill').success
                 stops.append(time.monotonic() - began)
+                late_ones.look(f'a stop beside {what}', stops[-1], STOP, began)
             program.signal(signal.SIGCONT)
             gaps.append(max(kart.worst_gap(since) for kart in karts))
+            late_ones.look(f'a gap beside {what}', gaps[-1], GAP, since)
             for kart in karts:
                 kart.times.clear()
-    late = sum(gap > 0.1 for gap in gaps)
-    slow = sum(stop > 0.05 for stop in stops)
+    late = sum(gap > GAP for gap in gaps)
+    slow = sum(stop > STOP for stop in stops)
     print(
         f'| {what} | {times} | {worst(gaps)} | {late} | {worst(stops)} | {slow} of {len(stops)} |',
         flush=True,
     )
 
 
-def freeze_ros_half(folder: pathlib.Path, times: int) -> None:
+def freeze_ros_half(folder: pathlib.Path, times: int, late_ones: TooLate) -> None:
     """Freeze the ROS half, for less than its limit: no kart may notice."""
     gaps = []
     with contextlib.ExitStack() as stack:
@@ -110,11 +144,12 @@ def freeze_ros_half(folder: pathlib.Path, times: int) -> None:
             control.signal(signal.SIGCONT)
             time.sleep(0.05)
             gaps.append(max(kart.worst_gap(since) for kart in karts))
+            late_ones.look('a gap beside the ROS half', gaps[-1], GAP, since)
             for kart in karts:
                 kart.times.clear()
         ended = [kart for kart in karts if kart.ended]
         assert not ended, f'{len(ended)} karts were dropped'
-    late = sum(gap > 0.1 for gap in gaps)
+    late = sum(gap > GAP for gap in gaps)
     print(f'| ROS half, up to 0.5 s | {times} | {worst(gaps)} | {late} | - | - |', flush=True)
 
 
@@ -142,7 +177,7 @@ def freeze_ros_half_for_good(folder: pathlib.Path, times: int) -> None:
                     )
                 )
     print(
-        f'| ROS half, for good | {times} | {worst(gaps)} | {sum(g > 0.1 for g in gaps)} '
+        f'| ROS half, for good | {times} | {worst(gaps)} | {sum(gap > GAP for gap in gaps)} '
         f'| RED_RED after {min(took):.2f}-{max(took):.2f} s | - |',
         flush=True,
     )
@@ -158,13 +193,15 @@ def main() -> None:
         "| another official's stop, call to answer, ms | over 50 ms |"
     )
     print('|---|---|---|---|---|---|', flush=True)
+    late_ones = TooLate()
     for what in ('client', 'watch'):
         with tempfile.TemporaryDirectory() as folder:
-            freeze_others(pathlib.Path(folder), times, what)
+            freeze_others(pathlib.Path(folder), times, what, late_ones)
     with tempfile.TemporaryDirectory() as folder:
-        freeze_ros_half(pathlib.Path(folder), times)
+        freeze_ros_half(pathlib.Path(folder), times, late_ones)
     with tempfile.TemporaryDirectory() as folder:
         freeze_ros_half_for_good(pathlib.Path(folder), max(1, times // 50))
+    late_ones.tell()
 
 
 if __name__ == '__main__':
