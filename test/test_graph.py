@@ -62,12 +62,15 @@ def ways_in(addresses: tuple[str, ...]) -> dict[str, dict[str, str]]:
     """Return what a stranger may have in its environment, by what it is."""
     peers = {'ROS_STATIC_PEERS': ';'.join(addresses)}
     range_ = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
-    return {
+    ways = {
         'SUBNET and static peers': {range_: 'SUBNET', **peers},
         'LOCALHOST and static peers': {range_: 'LOCALHOST', **peers},
         'SUBNET': {range_: 'SUBNET'},
         'nothing': {},
     }
+    # Strangers come by the network. A network namespace keeps no shared memory apart; over it,
+    # some strangers among themselves hung (in `publish`, with the interpreter's lock).
+    return {way: {**each, 'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'} for way, each in ways.items()}
 
 
 HOSTILE = {

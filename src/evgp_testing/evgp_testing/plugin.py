@@ -38,6 +38,7 @@ from evgp_testing.fixtures import (  # noqa: F401 - pytest finds fixtures by nam
     start_bridge,
     start_race_control,
 )
+from evgp_testing.patience import PATIENCE
 from evgp_testing.process import started
 import pytest
 
@@ -113,6 +114,10 @@ class _InOwnProcess(pytest.Item):
         self._item = item
         self.own_markers = item.own_markers
         self.keywords.update(item.keywords)
+        own = item.get_closest_marker('timeout')
+        limit = own.args[0] if own is not None else float(self.config.getini('timeout'))
+        # The other pytest's limit comes first: it can say where the test hangs.
+        self.add_marker(pytest.mark.timeout(limit + PATIENCE), append=False)
 
     def runtest(self) -> None:
         words = ['-rs', '-p', 'no:cacheprovider', '-p', 'no:xdist']

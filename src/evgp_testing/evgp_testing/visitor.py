@@ -25,12 +25,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 import contextlib
 import dataclasses
+import faulthandler
 import json
 import os
 import subprocess
 import sys
 import time
 from typing import Any
+
+from evgp_testing.patience import PATIENCE
 
 LOOKS_FOR = 8.0
 """How long a visitor looks around who must find nothing, seconds: far more than it ever takes."""
@@ -74,6 +77,7 @@ class Visitor:
         self, domain: int, environment: Mapping[str, str], seconds: float = LOOKS_FOR
     ) -> None:
         """Start it."""
+        self._seconds = seconds
         own = ('ROS_', 'RMW_', 'FASTRTPS_', 'FASTDDS_', 'CYCLONEDDS_', 'EVGP_')
         self._process = subprocess.Popen(
             [sys.executable, '-m', 'evgp_testing.visitor', str(seconds)],
@@ -88,8 +92,13 @@ class Visitor:
         )
 
     def findings(self) -> Findings:
-        """Return what it found, once it has looked."""
-        printed, _ = self._process.communicate(timeout=120)
+        """
+        Return what it found, once it has looked.
+
+        :raises AssertionError: if it hung; where, stands on its stderr.
+        """
+        printed, _ = self._process.communicate(timeout=self._seconds + 2 * PATIENCE)
+        assert printed, 'the visitor has not looked around to its end'
         return Findings(**json.loads(printed.splitlines()[-1]))
 
 
@@ -181,5 +190,7 @@ def most_dangerous(kind: Any) -> Any:
 
 
 if __name__ == '__main__':
+    # Ends a visitor that hangs in DDS, and says where.
+    faulthandler.dump_traceback_later(float(sys.argv[1]) + PATIENCE, exit=True)
     print(json.dumps(dataclasses.asdict(look_around(float(sys.argv[1])))), flush=True)
     os._exit(0)
