@@ -20,7 +20,7 @@ client that calls services without a pause, an official's ``rcs_ctl watch``, and
 ROS half, for less than its limit and for more. Meanwhile another official sends stops.
 
 Below the table it says, of each gap and stop that took too long, for how long the computer itself
-stood still (`witness`; root only). They count all the same.
+stood still (`witness`; only root learns it). They count all the same.
 """
 
 from __future__ import annotations
@@ -71,21 +71,26 @@ class TooLate:
 
     def __init__(self) -> None:
         """Begin to watch the computer."""
-        self._witness = Witness()
+        self._witness: Witness | None = None
+        with contextlib.suppress(PermissionError):
+            self._witness = Witness()
         self._seen: list[str] = []
 
     def look(self, what: str, took: float, limit: float, since: float) -> None:
         """Take note if this took longer (s) than it may, in the time since then."""
         if took > limit:
-            still = self._witness.stood_still(since, time.monotonic())
-            self._seen.append(
-                f'{what}: {took * 1e3:.0f} ms; the computer stood still for {still * 1e3:.0f} ms.'
-            )
+            still = 'for an unknown time'
+            if self._witness is not None:
+                seconds = self._witness.stood_still(since, time.monotonic())
+                still = f'for {seconds * 1e3:.0f} ms'
+            self._seen.append(f'{what}: {took * 1e3:.0f} ms; the computer stood still {still}')
 
     def tell(self) -> None:
         """Print it, and end."""
-        self._witness.close()
-        print(*self._seen, sep='\n')
+        if self._witness is not None:
+            self._witness.close()
+        for each in self._seen:
+            print(each)
 
 
 def race(stack: contextlib.ExitStack, folder: pathlib.Path) -> WireRace:

@@ -30,11 +30,12 @@ LATE = 0.02
 
 _SLEEPER = f"""
 import os, sys, time
+parent = os.getppid()
 os.sched_setaffinity(0, [int(sys.argv[1])])
 os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(90))
 print(end='.', flush=True)
 due = time.monotonic()
-while True:
+while os.getppid() == parent:
     due += 0.002
     time.sleep(max(0.0, due - time.monotonic()))
     now = time.monotonic()
@@ -48,7 +49,7 @@ class Witness:
     """
     Notes when a processor of this computer stood still.
 
-    :raises RuntimeError: for a user who may not come before other programs.
+    :raises PermissionError: for a user who may not come before other programs.
     """
 
     def __init__(self) -> None:
@@ -64,7 +65,7 @@ class Witness:
             assert sleeper.stdout is not None
             if not sleeper.stdout.read(1):
                 self.close()
-                raise RuntimeError('only root can tell whether the computer stood still')
+                raise PermissionError('only root can tell whether the computer stood still')
             os.set_blocking(sleeper.stdout.fileno(), False)
 
     def close(self) -> None:

@@ -1942,7 +1942,8 @@ for age in range(30, -1, -1):
     race = read_race(msg.Race(alerts=[alert] if age == 15 else []))
     inbox.on_race(race, clock.now() - age / 10, False)
 application.processEvents()
-print(shown, window.findChild(QtWidgets.QWidget, 'alert_0').isVisible())
+labels = window.findChild(QtWidgets.QWidget, 'alert_0').findChildren(QtWidgets.QLabel)
+print(shown, 'KART 7' in [label.text() for label in labels])
 """
 
 

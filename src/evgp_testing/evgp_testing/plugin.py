@@ -112,12 +112,14 @@ class _InOwnProcess(pytest.Item):
     def __init__(self, *, item: pytest.Item, **names: Any) -> None:
         super().__init__(**names)
         self._item = item
-        self.own_markers = item.own_markers
+        self.own_markers = [*item.own_markers]
         self.keywords.update(item.keywords)
-        own = item.get_closest_marker('timeout')
-        limit = own.args[0] if own is not None else float(self.config.getini('timeout'))
-        # The other pytest's limit comes first: it can say where the test hangs.
-        self.add_marker(pytest.mark.timeout(limit + PATIENCE), append=False)
+        if self.config.pluginmanager.hasplugin('timeout'):
+            own = item.get_closest_marker('timeout')
+            limit = own.args[0] if own is not None else self.config.getini('timeout')
+            if limit:
+                # The other pytest's limit comes first: it can say where the test hangs.
+                self.add_marker(pytest.mark.timeout(float(limit) + PATIENCE), append=False)
 
     def runtest(self) -> None:
         words = ['-rs', '-p', 'no:cacheprovider', '-p', 'no:xdist']
