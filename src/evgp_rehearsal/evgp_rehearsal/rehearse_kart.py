@@ -46,6 +46,9 @@ from evgp_testing.wire_kart import WireKart
 RACING = 3.0
 """Time that the kart races before anything happens, in seconds."""
 
+BACK = 20.0
+"""Time that a kart has to come back after its connection was lost, in seconds."""
+
 SILENCE = 2.0
 """Time that race control says nothing, in seconds; a kart must stop by itself after 1 s."""
 
@@ -221,13 +224,17 @@ def _play(given: argparse.Namespace) -> list[Finding]:
 def _home(trial: Trial) -> None:
     """Stop the race, wait until the kart has acknowledged, and send it to the garage."""
     official = trial.official
-    official.wait_for_connected(trial.kart)
-    official.patience = LIMITS['RED_FLAG'] + 5.0
+    official.patience = BACK + LIMITS['RED_FLAG']
     official.wait_for_kart(
         trial.kart,
-        lambda kart: (state_of(kart.sent) or RaceState.IN_GARAGE).is_red and kart.acknowledged,
-        'a red, and acknowledged',
+        lambda kart: (
+            kart.connected
+            and (state_of(kart.sent) or RaceState.IN_GARAGE).is_red
+            and kart.acknowledged
+        ),
+        'connected, and a red acknowledged',
     )
+    official.patience = LIMITS['RED_FLAG'] + 5.0
     official.bring_to(RaceState.RED_RED)
     official.bring_to(RaceState.IN_GARAGE)
 
