@@ -16,11 +16,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+import contextlib
+import os
 import threading
 import time
 from typing import TypeVar
 
+from evgp_node.graph import bind_graph, fence_graph
 from evgp_node.spinning import Spinning
 from evgp_testing.part import Part
 from evgp_testing.process import PATIENCE
@@ -47,8 +50,13 @@ class RosSide(Part):
         self.news = threading.Condition()
         self.failures: list[BaseException] = []
         self.context = Context()
-        rclpy.init(context=self.context, domain_id=domain)
-        self.node = Node(name, context=self.context, use_global_arguments=False)
+        with _environment_kept():
+            # As our programs do: without DDS's shared memory. Tests freeze and kill processes, and
+            # one that holds a lock in that memory holds up every other one, for seconds.
+            bind_graph()
+            rclpy.init(context=self.context, domain_id=domain)
+            self.node = Node(name, context=self.context, use_global_arguments=False)
+            fence_graph()
         self._spinning: Spinning | None = None
 
     def spin(self) -> None:
@@ -103,3 +111,17 @@ class RosSide(Part):
         self.node.destroy_node()
         rclpy.try_shutdown(context=self.context)
         assert not self.failures, self.failures
+
+
+@contextlib.contextmanager
+def _environment_kept() -> Iterator[None]:
+    """Take back what is changed meanwhile in the environment of this process."""
+    before = dict(os.environ)
+    try:
+        yield
+    finally:
+        for name in os.environ.keys() - before.keys():
+            del os.environ[name]
+        for name, value in before.items():
+            if os.environ.get(name) != value:
+                os.environ[name] = value
