@@ -24,6 +24,8 @@ from collections.abc import Iterator
 import os
 import pathlib
 import signal
+import subprocess
+import sys
 import threading
 
 from evgp_node.states import state_of
@@ -169,6 +171,18 @@ def test_the_process_that_stops_karts_has_no_ros(start_race_control: StartRaceCo
 def test_race_control_shares_no_memory_with_other_programs_of_ros(scene: WireRace) -> None:
     for pid in (scene.control.pid, scene.control.kart_server_pid):
         assert 'shm/fast' not in mapped(pid)  # where Fast DDS has its shared memory
+
+
+def test_an_official_of_the_tests_shares_none_either(scene: WireRace) -> None:
+    program = (
+        'import pathlib, sys; from evgp_testing.official import Official; '
+        "official = Official(int(sys.argv[1]), 'sharer'); "
+        "print(pathlib.Path('/proc/self/maps').read_text()); official.close()"
+    )
+    shown = subprocess.run(
+        [sys.executable, '-c', program, str(scene.domain)], stdout=subprocess.PIPE, check=True
+    )
+    assert b'shm/fast' not in shown.stdout
 
 
 def test_a_start_without_a_record_needs_a_statement_and_is_not_forgotten_by_a_crash(
