@@ -400,9 +400,12 @@ def test_a_grid_active_of_a_second_bridge_starts_no_kart(
 
 
 def wait_for_order(stack: Stack, number: int) -> watch.Order:
+    """Return the order of this number once the stack has been told of its state too."""
+
     def found() -> watch.Order | None:
         order = stack.watch.order
-        return order if order.number == number else None
+        told = stack.told[-1:] == [order.state]
+        return order if order.number == number and told else None
 
     return stack.wait_until(found, lambda: f'order {number}; it is {stack.watch.order}')
 
