@@ -69,7 +69,8 @@ def ways_in(addresses: tuple[str, ...]) -> dict[str, dict[str, str]]:
         'nothing': {},
     }
     # Strangers come by the network. A network namespace keeps no shared memory apart; over it,
-    # some strangers among themselves hung (in `publish`, with the interpreter's lock).
+    # some strangers among themselves hung (in `publish`, with the interpreter's lock). One whose
+    # range is LOCALHOST still uses it: ROS adds it there, whatever this says.
     return {way: {**each, 'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'} for way, each in ways.items()}
 
 

@@ -443,7 +443,7 @@ def may_come_first() -> bool:
     """Return whether a program may take a real-time priority here; a thread of ours tries it."""
 
     def take_it() -> None:
-        with contextlib.suppress(PermissionError):
+        with contextlib.suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOOP_PRIORITY))
             took.append(True)
 
