@@ -33,13 +33,15 @@ import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
 
 ENDS = 100
 """With `executor.shutdown()` beside the spinning thread, 12 of 1,000 ends raised."""
 
 
+@pytest.mark.parametrize('only_serves', [False, True])
 def test_a_spinning_thread_that_is_stopped_amid_callbacks_ends_without_an_error(
-    parts: contextlib.ExitStack,
+    parts: contextlib.ExitStack, only_serves: bool
 ) -> None:
     context = Context()
     rclpy.init(context=context, domain_id=parts.enter_context(Domain()).number)
@@ -47,11 +49,13 @@ def test_a_spinning_thread_that_is_stopped_amid_callbacks_ends_without_an_error(
     busy = Node('busy', context=context, use_global_arguments=False)
     parts.callback(busy.destroy_node)
     publisher = busy.create_publisher(Bool, '/busy', 10)
+    client = busy.create_client(Trigger, '/called')
     over = threading.Event()
 
     def flood() -> None:
         while not over.wait(0.0003):
             publisher.publish(Bool())
+            client.remove_pending_request(client.call_async(Trigger.Request()))
 
     flooding = threading.Thread(target=flood)
     flooding.start()
@@ -61,9 +65,11 @@ def test_a_spinning_thread_that_is_stopped_amid_callbacks_ends_without_an_error(
 
     for at in range(ENDS):
         node = Node('ending', context=context, use_global_arguments=False)
-        node.create_subscription(Bool, '/busy', lambda _: None, 10)
-        node.create_timer(0.0005, lambda: None)
-        spinning = Spinning(node, failures.append, context)
+        node.create_service(Trigger, '/called', lambda _, response: response)
+        if not only_serves:
+            node.create_subscription(Bool, '/busy', lambda _: None, 10)
+            node.create_timer(0.0005, lambda: None)
+        spinning = Spinning(node, failures.append, context, only_serves)
         time.sleep(0.002 * (at % 7))  # the moment of the end differs
         assert spinning.stop(PATIENCE)
         node.destroy_node()

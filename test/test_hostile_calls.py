@@ -42,6 +42,7 @@ from rcl_interfaces.srv import (
     SetParameters,
     SetParametersAtomically,
 )
+import rclpy
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool, Trigger
 from type_description_interfaces.srv import GetTypeDescription
@@ -324,27 +325,32 @@ def test_a_stop_acts_whatever_its_official_is_called(
 class Broken(RosSide):
     """A node whose callbacks raise."""
 
-    def __init__(self, domain: int) -> None:
-        """Offer a service that raises, and listen to a topic so."""
+    def __init__(self, domain: int, only_serves: bool = False) -> None:
+        """Offer a service that raises; listen to a topic so, unless it only serves."""
         super().__init__('broken', domain)
         self.node.create_service(Trigger, '~/call', self._raise)
-        self.node.create_subscription(Bool, '~/topic', self._raise, 10)
+        self.node.create_service(Trigger, '~/unsendable', lambda *_: 'no response')
+        self.guard = self.node.create_guard_condition(self._raise)
+        if not only_serves:
+            self.node.create_subscription(Bool, '~/topic', self._raise, 10)
         # Whoever takes a request of it gets into trouble, as with one that cannot be read.
         unreadable = self.node.create_service(Trigger, '~/unreadable', self._raise)
         unreadable.srv_type = type('Unreadable', (), {'Request': int, 'Response': int})
-        self.spin()
+        self.spin(only_serves)
 
     def _raise(self, *_: object) -> None:
         raise ArithmeticError('broken')
 
 
+@pytest.mark.parametrize('only_serves', [False, True])
 def test_a_service_of_ours_that_raises_answers_no_and_says_what_to_do(
     parts: contextlib.ExitStack,
     join_hostile: Callable[[int], Hostile],
     capfd: pytest.CaptureFixture[str],
+    only_serves: bool,
 ) -> None:
     domain = parts.enter_context(Domain()).number
-    broken = parts.enter_context(Broken(domain))
+    broken = parts.enter_context(Broken(domain, only_serves))
     hostile = join_hostile(domain)
 
     for _ in range(2):
@@ -355,25 +361,57 @@ def test_a_service_of_ours_that_raises_answers_no_and_says_what_to_do(
     assert 'ArithmeticError: broken' in capfd.readouterr().err
 
 
-def test_a_request_that_cannot_be_read_is_dropped_and_locks_no_other_callback(
+@pytest.mark.parametrize('only_serves', [False, True])
+@pytest.mark.parametrize(
+    ('name', 'said'),
+    [
+        ('unreadable', 'A call of ~/unreadable could not be read'),
+        ('unsendable', 'The answer of ~/unsendable could not be sent'),
+    ],
+)
+def test_a_call_that_cannot_be_read_or_answered_is_dropped_and_locks_no_other_callback(
     parts: contextlib.ExitStack,
     join_hostile: Callable[[int], Hostile],
     capfd: pytest.CaptureFixture[str],
+    only_serves: bool,
+    name: str,
+    said: str,
 ) -> None:
     domain = parts.enter_context(Domain()).number
-    broken = parts.enter_context(Broken(domain))
+    broken = parts.enter_context(Broken(domain, only_serves))
     hostile = join_hostile(domain)
+    dropped = hostile.client(f'/broken/{name}', Trigger)
+    assert dropped.wait_for_service(hostile.patience)
 
     for _ in range(2):
-        hostile.client('/broken/unreadable', Trigger).call_async(Trigger.Request())
+        dropped.call_async(Trigger.Request())
         hostile.request(hostile.client('/broken/call', Trigger), Trigger.Request())
 
-    hostile.wait_until_polled(
-        lambda: 'A call of ~/unreadable could not be read' in capfd.readouterr().err,
-        'the line that says so',
-    )
+    hostile.wait_until_polled(lambda: said in capfd.readouterr().err, 'the line that says so')
     hostile.request(hostile.client('/broken/call', Trigger), Trigger.Request())
     assert not broken.failures
+
+
+@pytest.mark.parametrize('only_serves', [False, True])
+def test_a_guard_condition_that_fails_is_told_and_ends_the_spinning(only_serves: bool) -> None:
+    with Domain() as domain:
+        broken = Broken(domain.number, only_serves)
+        broken.guard.trigger()
+        broken.wait_until_polled(lambda: broken.failures, 'the failure is told')
+
+        with pytest.raises(AssertionError, match='broken'):
+            broken.close()
+
+
+@pytest.mark.parametrize('only_serves', [False, True])
+def test_a_context_that_is_shut_down_under_the_spinning_is_a_failure(only_serves: bool) -> None:
+    with Domain() as domain:
+        broken = Broken(domain.number, only_serves)
+        rclpy.shutdown(context=broken.context)
+        broken.wait_until_polled(lambda: broken.failures, 'the failure is told')
+
+        with pytest.raises(AssertionError, match='ExternalShutdownException'):
+            broken.close()
 
 
 def test_a_failure_that_no_call_made_is_told_and_ends_the_spinning(

@@ -51,7 +51,7 @@ class ClosableNode(Protocol):
     """
     A node with threads of its own.
 
-    :ivar beside: nodes of the same process, each with an executor of its own.
+    :ivar beside: nodes of the same process that only serve, each in a thread of its own.
     """
 
     beside: tuple[Node, ...]
@@ -150,7 +150,10 @@ def _run(
     except BaseException:
         end_within(CLOSE_TIMEOUT, 1)
         raise
-    spinning = [Spinning(each, fail) for each in (node, *node.beside)]
+    spinning = [
+        Spinning(node, fail),
+        *(Spinning(each, fail, only_serves=True) for each in node.beside),
+    ]
     # The node and ROS stay. To search them for garbage takes 20 ms, in which nothing else can run.
     gc.collect()
     gc.freeze()

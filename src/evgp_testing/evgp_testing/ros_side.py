@@ -59,9 +59,13 @@ class RosSide(Part):
             fence_graph()
         self._spinning: Spinning | None = None
 
-    def spin(self) -> None:
-        """Begin to hear; called once everything is subscribed."""
-        self._spinning = Spinning(self.node, self.failures.append, self.context)
+    def spin(self, only_serves: bool = False) -> None:
+        """
+        Begin to hear; called once everything is subscribed.
+
+        :param only_serves: as ``Spinning`` has it.
+        """
+        self._spinning = Spinning(self.node, self.failures.append, self.context, only_serves)
 
     def wait_until(self, found: Callable[[], T], what: Callable[[], str]) -> T:
         """

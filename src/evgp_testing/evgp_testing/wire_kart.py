@@ -307,7 +307,10 @@ class WireKart(KartLink, Part):
         with self._news:
             wanted = self.frames + count
             self._news.wait_for(lambda: self.frames >= wanted or self.ended, PATIENCE)
-            assert self.frames >= wanted, f'{self.address} was sent too few frames'
+            assert self.frames >= wanted, (
+                f'{self.address} was sent too few frames, in the end {self.state}, and its'
+                f' connection {"ended" if self.ended else "is still open"}'
+            )
 
     def wait_for_end(self) -> None:
         """
