@@ -50,7 +50,6 @@ from evgp_rcs.channel import (
 )
 from evgp_rcs.inputs import digest, offers
 from evgp_rcs.kart_client import KartServerClient
-from evgp_rcs.kart_process import LOOP_PRIORITY
 from evgp_rcs.kart_server import KartServerError, ROS_HALF_SILENCE, ServerSettings
 from evgp_rcs.race import Command, EventKind, RaceTimes
 from evgp_rcs.record import events, open_read_only, sessions
@@ -437,30 +436,3 @@ def test_no_module_is_taken_from_the_working_directory(
     client = KartServerClient(begin, lambda e: None, lambda copy: None, lambda why: None)
     client.start()
     client.stop(in_order=True)
-
-
-def may_come_first() -> bool:
-    """Return whether a program may take a real-time priority here; a thread of ours tries it."""
-
-    def take_it() -> None:
-        with contextlib.suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOOP_PRIORITY))
-            took.append(True)
-
-    took: list[bool] = []
-    thread = threading.Thread(target=take_it)
-    thread.start()
-    thread.join()
-    return bool(took)
-
-
-@pytest.mark.skipif(not may_come_first(), reason='it takes root, or a limit for the user')
-def test_the_loop_comes_before_the_record_and_both_before_other_programs(begin: Begin) -> None:
-    client = KartServerClient(begin, lambda e: None, lambda copy: None, lambda why: None)
-    client.start()
-    loop = client._process.pid
-    threads = [int(each.name) for each in pathlib.Path(f'/proc/{loop}/task').iterdir()]
-    priorities = {each: os.sched_getparam(each).sched_priority for each in threads}
-    client.stop(in_order=True)
-    assert priorities.pop(loop) > max(priorities.values())
-    assert min(priorities.values()) > 0

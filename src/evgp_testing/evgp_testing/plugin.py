@@ -26,6 +26,7 @@ import pathlib
 import signal
 import subprocess
 import sys
+import time
 from typing import Any
 
 from evgp_testing import nursery
@@ -47,6 +48,10 @@ pytest_plugins = ('evgp_testing.dice',)
 IN_OWN_PROCESS = 'EVGP_TEST_IN_OWN_PROCESS'
 
 _PYTEST = pathlib.Path(pytest.__file__).with_name('__main__.py')
+
+LAST_WORDS = 1.0
+"""Time that the processes of a test that failed have to print why, s. A kart sees its connection
+end before race control, or what is left of it, has said so."""
 
 MOST_LINES = 200
 """Lines of each process that are shown where a test fails: its last."""
@@ -78,6 +83,8 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, None]:
     report: pytest.TestReport = outcome.get_result()
     if not report.failed:
         return
+    if any(each.runs for each in started):
+        time.sleep(LAST_WORDS)
     for each in started:
         state = 'runs' if each.runs else 'has ended'
         lines = each.output.splitlines()[-MOST_LINES:]
