@@ -54,6 +54,7 @@ from evgp_rcs.kart_server import KartServerError, ROS_HALF_SILENCE, ServerSettin
 from evgp_rcs.race import Command, EventKind, RaceTimes
 from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs.roster import Roster, RosterEntry
+from evgp_testing.niceness import may_come_first
 from evgp_testing.process import freeze
 from evgp_testing.replaying import replay_without_difference
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
@@ -436,3 +437,15 @@ def test_no_module_is_taken_from_the_working_directory(
     client = KartServerClient(begin, lambda e: None, lambda copy: None, lambda why: None)
     client.start()
     client.stop(in_order=True)
+
+
+@pytest.mark.skipif(not may_come_first(), reason='it takes root, or a limit for the user')
+def test_the_loop_comes_before_the_record_and_both_before_other_programs(begin: Begin) -> None:
+    client = KartServerClient(begin, lambda e: None, lambda copy: None, lambda why: None)
+    client.start()
+    loop = client._process.pid
+    threads = [int(each.name) for each in pathlib.Path(f'/proc/{loop}/task').iterdir()]
+    priorities = {each: os.sched_getparam(each).sched_priority for each in threads}
+    client.stop(in_order=True)
+    assert priorities.pop(loop) > max(priorities.values())
+    assert min(priorities.values()) > 0
