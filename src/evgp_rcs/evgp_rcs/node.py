@@ -39,7 +39,6 @@ from evgp_node.process import OnFailure, run_node
 from evgp_node.services import service_class
 from evgp_node.states import state_of
 from evgp_protocol import clock
-from evgp_rcs import priority
 from evgp_rcs.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs.kart_client import KartServerClient
 from evgp_rcs.kart_server import KartServerError
@@ -271,7 +270,6 @@ def main(args: list[str] | None = None) -> int:
         connection), 2 if a setting is wrong, 3 if another program is in the way. What a crashed
         race control left behind may be in the way for a few seconds.
     """
-    priority.come_first(priority.ROS_HALF)
     refusals = (ParameterError, GraphError, RosterError)
     return run_node('rcs', RcsNode, refusals, args, obstacles=(RivalError, KartServerError))
 
