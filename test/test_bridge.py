@@ -44,6 +44,7 @@ from evgp_testing.fixtures import (
 )
 from evgp_testing.kart import Bridge, ExampleStack, Team
 from evgp_testing.official import Official
+from evgp_testing.ports import free_port
 from evgp_testing.process import PATIENCE, Process
 from evgp_testing.race_control import address_of, RaceControl
 import pytest
@@ -173,8 +174,7 @@ def test_red_flag_lets_a_driving_kart_roll_out_until_it_says_it_stands(
 def test_without_race_control_the_kart_stops_and_the_reason_names_the_port(
     start_bridge: StartBridge, join_team: JoinTeam
 ) -> None:
-    with socket.create_server(('127.0.0.1', 0)) as reserved:
-        port = reserved.getsockname()[1]
+    port = free_port()
     team = join_team(start_bridge(port))
     told = team.wait_for(lambda state: 'refuses' in state.reason, 'a refused connection')
     assert f'127.0.0.1, port {port}, refuses: is race control running' in told.reason
@@ -272,8 +272,7 @@ def test_what_is_no_race_state_cannot_be_acknowledged(start_race: StartRace) -> 
 def test_nothing_is_acknowledged_without_race_control(
     start_bridge: StartBridge, join_team: JoinTeam
 ) -> None:
-    with socket.create_server(('127.0.0.1', 0)) as reserved:
-        port = reserved.getsockname()[1]
+    port = free_port()
     answer = join_team(start_bridge(port)).acknowledge(RED_RED)
     assert not answer.success
     assert 'not connected to race control' in answer.message
@@ -365,7 +364,7 @@ def test_a_bridge_that_starts_well_raises_no_alarm(start_race: StartRace) -> Non
 def test_a_failure_that_comes_back_with_every_attempt_is_not_logged_every_time(
     start_bridge: StartBridge, join_team: JoinTeam
 ) -> None:
-    with socket.create_server(('127.0.0.1', 0)) as closing:
+    with socket.create_server(('127.0.0.1', free_port())) as closing:
         bridge = start_bridge(closing.getsockname()[1])
         for _ in range(5):  # attempts within some 3 s
             closing.accept()[0].close()
@@ -376,7 +375,7 @@ def test_a_failure_that_comes_back_with_every_attempt_is_not_logged_every_time(
 
 
 def test_a_bridge_that_nobody_reads_says_in_which_domain(start_bridge: StartBridge) -> None:
-    with socket.create_server(('127.0.0.1', 0)) as silent:
+    with socket.create_server(('127.0.0.1', free_port())) as silent:
         bridge = start_bridge(silent.getsockname()[1])
         bridge.wait_for_line(
             f'Nobody reads /kart_bridge/race_state in ROS domain {bridge.domain} '

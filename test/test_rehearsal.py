@@ -24,7 +24,6 @@ import pathlib
 import re
 import shlex
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -43,6 +42,7 @@ from evgp_rehearsal.score import STEWARD
 from evgp_testing.domains import Domain
 from evgp_testing.kart import Bridge, ExampleStack
 from evgp_testing.patience import PATIENCE
+from evgp_testing.ports import free_port
 from evgp_testing.process import executable
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
@@ -174,14 +174,6 @@ def test_karts_with_the_real_bridge_race_beside_the_simulated_ones(
     for kart in rehearsal.plan.numbers[-2:]:
         said = [e.state for e in events if e.kart == kart and e.kind == 'ACKNOWLEDGED']
         assert said[:3] == ['GRID_ACTIVE', 'GREEN_GREEN', 'RED_FLAG']
-
-
-def free_port() -> int:
-    """Return a port that nobody uses at present."""
-    with socket.socket() as probe:
-        probe.bind(('127.0.0.1', 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def test_a_kart_of_another_machine_is_refused() -> None:

@@ -23,7 +23,6 @@ import pathlib
 import pty
 import select
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -31,6 +30,7 @@ import time
 from evgp_node.restarting import delay_before, DELAYS, Ends, FIRST_TRIES
 from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
+from evgp_testing.ports import free_port
 from evgp_testing.process import freeze, PATIENCE, Process, wait_until_ended
 from evgp_testing.race_control import address_of, settings, write_roster
 from evgp_testing.usage import family
@@ -42,13 +42,6 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 KEPT = (sys.executable, '-m', 'evgp_node.restarting')
 RED_RED = RaceState.RED_RED
 IN_GARAGE = RaceState.IN_GARAGE
-
-
-def free_port() -> int:
-    """Return a TCP port that nobody listens at."""
-    with socket.socket() as any_socket:
-        any_socket.bind(('127.0.0.1', 0))
-        return int(any_socket.getsockname()[1])
 
 
 class Kept(Process):

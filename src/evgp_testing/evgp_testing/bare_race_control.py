@@ -24,6 +24,7 @@ import time
 from evgp_protocol.frames import encode, FrameDecoder, StateFrame
 from evgp_protocol.states import RaceState
 from evgp_testing.part import Part
+from evgp_testing.ports import free_port
 from evgp_testing.process import PATIENCE
 
 BEAT = 0.05
@@ -54,7 +55,7 @@ class BareRaceControl(Part):
         self._news = threading.Condition()
         self._ending = threading.Event()
         self._connections = 0
-        self._listening = listening or socket.create_server(('127.0.0.1', 0))
+        self._listening = listening or socket.create_server(('127.0.0.1', free_port()))
         self.port: int = self._listening.getsockname()[1]
         self._threads = [
             threading.Thread(target=target, daemon=True) for target in (self._accept, self._beat)

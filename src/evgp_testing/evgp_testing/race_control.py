@@ -21,6 +21,7 @@ import os
 import pathlib
 import signal
 
+from evgp_testing.ports import free_port
 from evgp_testing.process import freeze, Process
 from evgp_testing.usage import family
 import yaml
@@ -67,13 +68,13 @@ def settings(folder: pathlib.Path, roster: pathlib.Path) -> dict[str, object]:
         'roster': roster,
         'record': folder / 'record.sqlite3',
         'address': '127.0.0.1',
-        'port': 0,
+        'port': free_port(),
     }
 
 
 class RaceControl(Process):
     """
-    A real ``rcs_node`` on a domain, listening at a port the system chose.
+    A real ``rcs_node`` on a domain, listening at a port of its own.
 
     :param folder: where its roster is written.
     :param in_race: the numbers of the karts in the first race.

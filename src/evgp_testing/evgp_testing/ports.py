@@ -1,0 +1,66 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+TCP ports that no other test on this machine uses.
+
+A bridge keeps looking for its race control at the same port, and all tests use the same kart
+addresses. If the system gave that port to another test, the bridge would connect to the wrong race
+control.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import functools
+import itertools
+import pathlib
+import socket
+
+from evgp_testing.locks import take_one
+
+_BLOCK = 100
+
+# Above the ports of the domains in ``domains``, below those the system gives out by itself.
+_BLOCKS = range(24000, 32000, _BLOCK)
+
+
+@functools.cache
+def _own_ports(namespace: int) -> Iterator[int]:
+    """
+    Return the ports that are this process's until it ends, each in its turn, without end.
+
+    :param namespace: the network namespace of this thread: there the lock is, and counts.
+    """
+    first, lock = take_one('ports', _BLOCKS)
+    lock.detach()  # closed by the kernel, when the process ends
+    return itertools.cycle(range(first, first + _BLOCK))
+
+
+def free_port() -> int:
+    """
+    Return a port that nobody listens at, and that no other process gets from here.
+
+    It comes again once this process has been given all the others of its own.
+
+    :raises RuntimeError: if every port is taken.
+    """
+    ports = _own_ports(pathlib.Path('/proc/thread-self/ns/net').stat().st_ino)
+    for number in itertools.islice(ports, _BLOCK):
+        try:
+            socket.create_server(('127.0.0.1', number)).close()
+        except OSError:
+            continue
+        return number
+    raise RuntimeError('somebody listens at every port of this process')
