@@ -69,7 +69,7 @@ def test_a_spinning_thread_that_is_stopped_amid_callbacks_ends_without_an_error(
         if not only_serves:
             node.create_subscription(Bool, '/busy', lambda _: None, 10)
             node.create_timer(0.0005, lambda: None)
-        spinning = Spinning(node, failures.append, context, only_serves)
+        spinning = Spinning(node, failures.append, only_serves)
         time.sleep(0.002 * (at % 7))  # the moment of the end differs
         assert spinning.stop(PATIENCE)
         node.destroy_node()

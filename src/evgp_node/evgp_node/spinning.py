@@ -23,7 +23,6 @@ import traceback
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import (
     ConditionReachedException,
@@ -59,7 +58,6 @@ class Spinning:
         self,
         node: Node,
         on_failure: Callable[[BaseException], None],
-        context: Context | None = None,
         only_serves: bool = False,
     ) -> None:
         """Begin to run them."""
@@ -67,7 +65,7 @@ class Spinning:
         self._ending = threading.Event()
         for service in node.services:
             service.callback = _refusing(node, service)
-        self._executor = _Server(node) if only_serves else _Executor(node, context)
+        self._executor = _Server(node) if only_serves else _Executor(node)
         self._thread = threading.Thread(target=self._run, name='executor', daemon=True)
         self._thread.start()
 
@@ -108,8 +106,8 @@ class _Executor(SingleThreadedExecutor):
     callbacks locked for good. Here there is then nothing to do.
     """
 
-    def __init__(self, node: Node, context: Context | None) -> None:
-        super().__init__(context=context)
+    def __init__(self, node: Node) -> None:
+        super().__init__(context=node.context)
         self._log = node.get_logger()
         self.add_node(node)
 
@@ -177,11 +175,11 @@ class _Server:
             waits.add_guard_condition(guard.handle)
         waits.wait(-1)
         called = waits.get_ready_entities('service')
-        for service in self._services if called else ():
+        for service in self._services:
             if service.handle.pointer in called and not is_over():
                 self._answer(service)
         triggered = waits.get_ready_entities('guard_condition')
-        for guard in self._guards if triggered else ():
+        for guard in self._guards:
             if guard.handle.pointer in triggered and not is_over():
                 guard.callback()
         if not self._node.context.ok():
@@ -204,7 +202,7 @@ class _Server:
             _dropped(self._log, f'A call of {service.srv_name} could not be read', error)
             return
         if header is None:
-            return  # its client has gone
+            return  # no call after all; rclpy's executor checks for this too
         answer = service.callback(request, service.srv_type.Response())
         try:
             service.send_response(answer, header)

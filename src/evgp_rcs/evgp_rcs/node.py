@@ -18,12 +18,12 @@ The ``rcs`` node: race control as ROS topics and services (§4.B); the ROS half 
 The kart server, with the rules and the karts' sockets, is another process (``kart_process``). This
 one starts it, and neither outlives the other. Each thread here has its own work:
 
-- three executors take officials' service calls, hand each to the kart server and wait for its
+- three threads take officials' service calls, hand each to the kart server and wait for its
   answer: one for what stops karts, one for GREEN_GREEN, which may wait for the disk, and one for
   the rest. So no stop waits behind another call;
 - the client's thread (``kart_client``) hears the kart server;
-- one asks the executor of the stops again and again for a sign of life, which goes to the kart
-  server, and looks for another race control;
+- one asks the thread that takes the stops again and again for a sign of life, which goes to the
+  kart server, and looks for another race control;
 - the teller's thread (``teller``) publishes the race and its events, and logs.
 """
 
@@ -174,7 +174,7 @@ class RcsNode(StrictNode):
                 self._rival = look_for_rivals(self)
 
     def _say_alive(self) -> None:
-        """Tell the kart server that stops can be taken; called in the executor that takes them."""
+        """Tell the kart server that stops can be taken; called in the thread that takes them."""
         try:
             self._server.alive(self._rival)
         except KartServerError:
@@ -183,12 +183,12 @@ class RcsNode(StrictNode):
     # ----- services -----------------------------------------------------------------------
 
     def _offer_services(self) -> None:
-        # A node has one executor. In it, a stop would mostly wait for work on other services.
-        # So the stops have a node of their own.
+        # One thread serves each node. On a shared one a stop would usually wait behind other
+        # services, so the stops have a node of their own.
         stops, starts = self._node_beside('stops'), self._node_beside('starts')
         self.beside = (stops, starts)
         # Asked by a thread, as a timer would not do: some middlewares wait for one by the wall
-        # clock. That the executor of the stops answers shows that it can take a stop.
+        # clock. That the thread of the stops answers shows that it can take a stop.
         self._ask_whether_alive = stops.create_guard_condition(self._say_alive)
         for name, kinds in kinds_by_service().items():
             entry = CATALOGUE[kinds[0]]
@@ -196,7 +196,7 @@ class RcsNode(StrictNode):
             self._offer(node, name, kinds)
 
     def _node_beside(self, what: str) -> Node:
-        """Return a node of this process that only offers services, in an executor of its own."""
+        """Return a node of this process that only offers services, and has a thread of its own."""
         return Node(
             f'{self.get_name()}_{what}',
             context=self.context,

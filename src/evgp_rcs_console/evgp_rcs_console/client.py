@@ -129,7 +129,7 @@ class Client:
         self._waiting: dict[Any, Order] = {}
         self._standing = StandingStops()
         self._karts: frozenset[int] | None = None
-        self._hearing = Spinning(self.node, self._fail, context)
+        self._hearing = Spinning(self.node, self._fail)
         self._sending = threading.Thread(target=self._send, name='sending', daemon=True)
         self._sending.start()
 

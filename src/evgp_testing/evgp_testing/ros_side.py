@@ -50,7 +50,7 @@ class RosSide(Part):
         self.news = threading.Condition()
         self.failures: list[BaseException] = []
         self.context = Context()
-        with _environment_kept():
+        with environment_kept():
             # As our programs do: without DDS's shared memory. Tests freeze and kill processes, and
             # one that holds a lock in that memory holds up every other one, for seconds.
             bind_graph()
@@ -65,7 +65,7 @@ class RosSide(Part):
 
         :param only_serves: as ``Spinning`` has it.
         """
-        self._spinning = Spinning(self.node, self.failures.append, self.context, only_serves)
+        self._spinning = Spinning(self.node, self.failures.append, only_serves)
 
     def wait_until(self, found: Callable[[], T], what: Callable[[], str]) -> T:
         """
@@ -118,7 +118,7 @@ class RosSide(Part):
 
 
 @contextlib.contextmanager
-def _environment_kept() -> Iterator[None]:
+def environment_kept() -> Iterator[None]:
     """Take back what is changed meanwhile in the environment of this process."""
     before = dict(os.environ)
     try:
