@@ -17,9 +17,9 @@ The air between the machines of a track: a switch that loses and delays what it 
 
 It runs as a process of its own, in the network namespace that has one end of every machine's
 cable, and needs nothing but the standard library. Ethernet frames (IPv4 and ARP) go from cable
-to cable by their destination; for each machine and direction there is a share that is lost and
-a delay. Orders come as one line of JSON each on standard input, and each is answered by one on
-standard output; when the input ends, so does the relay.
+to cable by their destination, broadcasts and multicasts to each; for each machine and direction
+there is a share that is lost and a delay. Orders come as one line of JSON each on standard input,
+and each is answered by one on standard output; when the input ends, so does the relay.
 
 It also notes when new TCP data toward a machine last arrived there, and when the first came since
 its air was last changed: that is what a test measures from. All times are CLOCK_MONOTONIC, which
@@ -48,7 +48,7 @@ _SIOCGIFFLAGS = 0x8913
 _RUNNING = 0x40
 _EVERY_PROTOCOL = 0x0003
 _IPV4, _ARP = b'\x08\x00', b'\x08\x06'
-_BROADCAST = b'\xff' * 6
+_TO_MANY = 0x01  # in the first byte of the destination: a broadcast, or a multicast
 
 
 @dataclasses.dataclass
@@ -185,7 +185,7 @@ class Relay:
         if len(frame) < 34 or frame[12:14] not in (_IPV4, _ARP):
             return
         for target in list(self._cables.values()):
-            if target is source or frame[:6] not in (target.hardware, _BROADCAST):
+            if target is source or not (frame[0] & _TO_MANY or frame[:6] == target.hardware):
                 continue
             if target.toward.came is None and _tcp_data(frame) is not None:
                 target.toward.came = time.monotonic()

@@ -1,0 +1,69 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""An official's call, and its answer, on a network that loses them."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+import pathlib
+import socket
+import time
+
+from evgp_node import graph
+from evgp_testing.desk import official_at_a_desk
+from evgp_testing.domains import Domain
+from evgp_testing.networks import need_networks
+from evgp_testing.official import Official
+import pytest
+
+OUTAGE = 0.3
+"""How long everything in one direction is lost, s."""
+
+SOON = 2.0
+"""How soon after the outage the official must be answered, s: less than the 3 s after which Fast
+DDS, by its defaults, asks whether anything was lost."""
+
+
+@pytest.mark.own_process
+@pytest.mark.parametrize('lost', ['back', 'toward'], ids=['the call', 'the answer'])
+def test_what_the_officials_network_loses_of_a_stop_is_sent_again_at_once(
+    lost: str, tmp_path: pathlib.Path
+) -> None:
+    need_networks()
+    with official_at_a_desk(tmp_path) as (official, desk), ThreadPoolExecutor(1) as caller:
+        official.command('all_kill')
+        for _ in range(3):
+            desk.air(**{lost: 1.0})
+            answer = caller.submit(official.call, 'all_kill')
+            time.sleep(OUTAGE)
+            assert not answer.done()
+            until = desk.air() + SOON
+            assert answer.result().success
+            assert time.monotonic() < until
+
+
+@pytest.mark.own_process
+def test_a_large_race_leaves_room_for_an_answer_in_every_socket_of_the_graph() -> None:
+    allowed = int(pathlib.Path('/proc/sys/net/core/rmem_max').read_text(encoding='ascii'))
+    asked = min(graph.RECEIVE_BUFFER_BYTES, allowed)
+    with Domain() as domain, Official(domain.number), graph.udp_sockets() as found:
+        first = 7400 + 250 * domain.number
+        kept = [
+            each.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+            for each, _ in found
+            if each.getsockname()[1] in range(first, first + 250)
+        ]
+    assert len(kept) >= 2  # for what DDS itself says, and for the rest
+    assert min(kept) >= 2 * asked  # the kernel doubles it, for what it needs itself
