@@ -196,8 +196,7 @@ def test_a_page_complains_of_nothing_and_asks_the_network_for_nothing(
 def test_on_a_telephone_only_wide_tables_scroll_sideways(
     browser: Browser, make_report: MakeReport
 ) -> None:
-    size = {'width': 400, 'height': 800, 'deviceScaleFactor': 1, 'mobile': True}
-    browser.call('Emulation.setDeviceMetricsOverride', **size)
+    browser.resize(400, 800, mobile=True)
     browser.visit(make_report(incident()))
     assert browser.evaluate('document.documentElement.scrollWidth') == 400
 
@@ -398,10 +397,10 @@ def test_the_report_of_a_real_race_control_tells_what_karts_and_officials_did(
 def test_the_screenshots_of_the_report(
     browser: Browser, make_report: MakeReport, tmp_path: pathlib.Path
 ) -> None:
+    browser.resize(1366, 1100)  # all of the timeline, with the lines in the middle
     browser.visit(make_report(for_the_documents()))
     left, top, width, height = browser.place_of('#lines')
     browser.mouse('mouseMoved', left + width * 0.62, top + height - 168)
-    browser.evaluate("document.querySelector('.timeline').scrollIntoView()")
     span(browser)
     folder = pathlib.Path(os.environ.get('EVGP_SCREENSHOTS', tmp_path))
     browser.picture(folder / 'report.png', '.timeline')

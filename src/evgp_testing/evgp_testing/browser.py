@@ -134,7 +134,7 @@ class Browser(Part):
         ]
         for domain in ('Page', 'Runtime', 'Log', 'Network'):
             self.call(f'{domain}.enable')
-        self.call('Emulation.setDeviceMetricsOverride', deviceScaleFactor=1, mobile=False, **size)
+        self.resize(**size)
         self.complaints.clear()
         self.requested.clear()
 
@@ -208,6 +208,11 @@ class Browser(Part):
         until = time.monotonic() + PATIENCE
         while not any(each.get('method') == 'Page.loadEventFired' for each in self._events):
             self._take(self._next(until))
+
+    def resize(self, width: int, height: int, mobile: bool = False) -> None:
+        """Give the page this size on its screen, in pixels, until another page is opened."""
+        size = {'width': width, 'height': height, 'deviceScaleFactor': 1, 'mobile': mobile}
+        self.call('Emulation.setDeviceMetricsOverride', **size)
 
     def without_scripts(self) -> None:
         """Let no page run a script from now on."""
@@ -284,16 +289,23 @@ class Browser(Part):
         for each in text:
             self.key(each)
 
-    def picture(self, file: pathlib.Path, selector: str = 'html') -> None:
-        """Write what is seen of an element as a PNG."""
-        x, y, width, height = self.evaluate(
+    def picture(self, file: pathlib.Path, selector: str) -> None:
+        """
+        Write an element as a PNG; the mouse stays where it is.
+
+        :raises AssertionError: if some of it is outside the window. For that part the browser
+            would scroll, and the mouse would point at something else.
+        """
+        x, y, width, height, inside = self.evaluate(
             f"""(() => {{
                 const box = document.querySelector({json.dumps(selector)}).getBoundingClientRect();
-                return [box.left + scrollX, box.top + scrollY, box.width, box.height];
+                return [box.left + scrollX, box.top + scrollY, box.width, box.height,
+                    box.top >= 0 && box.bottom <= innerHeight];
             }})()"""
         )
+        assert inside, f'{selector} is not wholly in the window'
         clip = {'x': x, 'y': y, 'width': width, 'height': height, 'scale': 1}
-        answer = self.call('Page.captureScreenshot', clip=clip, captureBeyondViewport=True)
+        answer = self.call('Page.captureScreenshot', clip=clip)
         file.write_bytes(base64.b64decode(answer['data']))
 
     def pdf(self) -> bytes:
