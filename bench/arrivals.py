@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import contextlib
 import ipaddress
 import socket
@@ -24,6 +25,7 @@ import time
 
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
+from evgp_testing.part import Part
 
 # Of Linux; Python has no names for them.
 SO_TIMESTAMPNS = 35
@@ -40,9 +42,9 @@ HEADERS_AND_FRAMES_BYTES = 400
 _TIMESPEC = struct.Struct('@qq')
 
 
-class Arrivals:
+class Arrivals(Part):
     """
-    The frames on the loopback since ``last`` was called, each with the kernel's time of it.
+    The frames on the loopback since one of its methods was called last, by the kernel's times.
 
     :param port: race control's, at 127.0.0.1.
     :raises PermissionError: for others than root, and in some containers.
@@ -51,6 +53,7 @@ class Arrivals:
     def __init__(self, port: int) -> None:
         """Begin to listen."""
         self._sender = ipaddress.IPv4Address('127.0.0.1').packed, port.to_bytes(2, 'big')
+        self._latest: dict[bytes, float] = {}
         self._socket = socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, socket.htons(ETH_P_IP))
         try:
             self._socket.bind(('lo', ETH_P_IP))
@@ -68,9 +71,33 @@ class Arrivals:
         :raises AssertionError: if there is no such frame for one of so many karts.
         """
         frame = encode(state)
+        first: dict[bytes, float] = {}
+        for kart, frames, at in self._heard():
+            if frame in frames:
+                first.setdefault(kart, at)
+        assert len(first) == karts, f'{state.value} came to {len(first)} of {karts} karts'
+        return max(first.values())
+
+    def worst_gap(self, karts: int) -> float:
+        """
+        Return the longest time between two frames to the same kart, s; 0 if there were none.
+
+        The earlier one may have come before the last call, so no gap is between two calls.
+
+        :raises AssertionError: unless frames have ever come to so many karts.
+        """
+        worst = 0.0
+        for kart, _, at in self._heard():
+            worst = max(worst, at - self._latest.get(kart, at))
+            self._latest[kart] = at
+        heard = len(self._latest)
+        assert heard == karts, f'frames came to {heard} of {karts} karts'
+        return worst
+
+    def _heard(self) -> Iterator[tuple[bytes, bytes, float]]:
+        """Give each packet with frames since the last call: the kart's address, they, its time."""
         # The kernel gives the wall time. Between two looks at a clock another process may run.
         wall = max(time.time() - time.monotonic() for _ in range(10))
-        first: dict[bytes, float] = {}
         with contextlib.suppress(BlockingIOError):
             while True:
                 packet, stamps, _, where = self._socket.recvmsg(HEADERS_AND_FRAMES_BYTES, 64)
@@ -79,8 +106,11 @@ class Arrivals:
                 kind = where[2], packet[9]
                 if kind != (socket.PACKET_HOST, socket.IPPROTO_TCP) or sender != self._sender:
                     continue
-                if frame in packet:
+                begin = header + (packet[header + 12] >> 4) * 4
+                if frames := packet[begin:]:
                     seconds, nanoseconds = _TIMESPEC.unpack(stamps[0][2])
-                    first.setdefault(packet[16:20], seconds + nanoseconds / 1e9 - wall)
-        assert len(first) == karts, f'{state.value} came to {len(first)} of {karts} karts'
-        return max(first.values())
+                    yield packet[16:20], frames, seconds + nanoseconds / 1e9 - wall
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._socket.close()

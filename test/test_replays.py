@@ -18,12 +18,16 @@ from __future__ import annotations
 
 import pathlib
 import subprocess
+import time
 
 from evgp_protocol.states import RaceState
-from evgp_testing.process import executable
+from evgp_testing.process import executable, PATIENCE
 from evgp_testing.replaying import replay_without_difference
 from evgp_testing.wire_race import WireRace
 import pytest
+
+# Three as they connect, and then two of each to the race; RED_FLAG and RED_RED.
+ORDERS = 3 + 2 + 2 + 1 + 3
 
 
 def replay(record: pathlib.Path) -> subprocess.CompletedProcess[str]:
@@ -49,11 +53,14 @@ def test_a_race_is_replayed_without_a_difference_while_it_is_on_and_after_it(
         race.official.command('all_kill')
         race.official.wait_for_acks(RaceState.RED_RED, 1, 2, 3)
         if crashes:
+            # A stop does not wait for the record, which another thread writes.
+            until = time.monotonic() + PATIENCE
+            while replay_without_difference(record)[0].orders < ORDERS:
+                assert time.monotonic() < until, 'the record lacks the last stop'
             race.control.lose_power()
     done = replay(record)
     assert done.returncode == 0, done.stdout
     (replayed,) = replay_without_difference(record)
     assert replayed.inputs > meanwhile.inputs
     assert meanwhile.availabilities > 0
-    # Three orders as they connect, and then two of each to the race; RED_FLAG and RED_RED.
-    assert replayed.orders >= 3 + 2 + 2 + 1 + 3
+    assert replayed.orders >= ORDERS
