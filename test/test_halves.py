@@ -33,6 +33,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
 from evgp_testing import nursery
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from evgp_testing.niceness import may_come_first
 from evgp_testing.process import freeze, wait_until_ended
 from evgp_testing.replaying import replay_without_difference
 from evgp_testing.wire_kart import Acknowledges
@@ -233,3 +234,9 @@ def test_a_start_without_a_record_needs_a_statement_and_is_not_forgotten_by_a_cr
     assert kart.wait_for_state(RED_RED)
     assert not official.call('set_track_open', open=True).success
     replay_without_difference(record)
+
+
+@pytest.mark.skipif(not may_come_first(), reason='it takes root, or a limit for the user')
+def test_the_ros_half_comes_before_other_programs_with_all_its_threads(scene: WireRace) -> None:
+    threads = pathlib.Path(f'/proc/{scene.control.pid}/task').iterdir()
+    assert {os.sched_getscheduler(int(each.name)) for each in threads} == {os.SCHED_RR}

@@ -29,13 +29,13 @@ import asyncio
 from collections.abc import Callable
 import contextlib
 import gc
-import os
 import signal
 import socket
 import sys
 from typing import Any
 
 from evgp_protocol import clock
+from evgp_rcs import priority
 from evgp_rcs.channel import (
     Alive,
     Answered,
@@ -66,12 +66,6 @@ from evgp_rcs.rules_version import rules_version
 LOOP_SWITCH_INTERVAL = 0.00001
 """Time after which the record's thread hands the interpreter to the loop's, in seconds. With
 Python's usual 5 ms, a stop waits as long while the record prepares what it writes."""
-
-RECORD_PRIORITY = 1
-LOOP_PRIORITY = 2
-"""Real-time priorities (SCHED_RR) of the two threads, where they are allowed (root, or a limit for
-the user): karts' frames come before all that other programs do, and before the record. The record
-has one too, so that it can hand the interpreter back while others keep every processor busy."""
 
 FIRST_SIGN = 2.0
 """Additional time for the first sign of life of the ROS half, in seconds: it still starts."""
@@ -297,7 +291,7 @@ async def serve(begin: Begin, ros_half: RosHalf, world: World, record: Record) -
         _call(loop, _part_failed, server, error)
 
     record.start(record_failed)
-    _come_first(LOOP_PRIORITY)
+    priority.come_first(priority.LOOP)
     world.attach(loop)
     ros_half.attach(server, loop)
     # Its own signals end it in order too; those of a terminal reach the ROS half only.
@@ -313,13 +307,6 @@ async def serve(begin: Begin, ros_half: RosHalf, world: World, record: Record) -
         ros_half.send(Listening(address))
 
     await server.serve(listening)
-
-
-def _come_first(priority: int) -> None:
-    """Have this thread, and those that it starts from now on, come before other programs."""
-    # Where it is not allowed: as any other program. docs/performance.md says what that costs.
-    with contextlib.suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))
 
 
 def _part_failed(server: KartServer, error: BaseException) -> None:
@@ -338,7 +325,7 @@ def main(arguments: list[str] | None = None) -> int:
     """
     (descriptor,) = sys.argv[1:] if arguments is None else arguments
     sys.setswitchinterval(LOOP_SWITCH_INTERVAL)
-    _come_first(RECORD_PRIORITY)
+    priority.come_first(priority.RECORD)
     with socket.socket(fileno=int(descriptor)) as end:
         ros_half = RosHalf(end)
         try:

@@ -39,6 +39,7 @@ from evgp_node.process import OnFailure, run_node
 from evgp_node.services import service_class
 from evgp_node.states import state_of
 from evgp_protocol import clock
+from evgp_rcs import priority
 from evgp_rcs.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs.kart_client import KartServerClient
 from evgp_rcs.kart_server import KartServerError
@@ -125,6 +126,8 @@ class RcsNode(StrictNode):
         self._server.start()
         self._teller.start()
         self._asking.start()
+        # Not before: a start keeps a processor busy, which officials' programs may need.
+        priority.all_come_first(priority.ROS_HALF)
         self.get_logger().info(
             f'Race control listens for {len(begin.roster.entries)} karts at '
             f'{self._server.address[0]}, port {self._server.address[1]}'

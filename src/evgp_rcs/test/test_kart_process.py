@@ -50,11 +50,11 @@ from evgp_rcs.channel import (
 )
 from evgp_rcs.inputs import digest, offers
 from evgp_rcs.kart_client import KartServerClient
-from evgp_rcs.kart_process import LOOP_PRIORITY
 from evgp_rcs.kart_server import KartServerError, ROS_HALF_SILENCE, ServerSettings
 from evgp_rcs.race import Command, EventKind, RaceTimes
 from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs.roster import Roster, RosterEntry
+from evgp_testing.niceness import may_come_first
 from evgp_testing.process import freeze
 from evgp_testing.replaying import replay_without_difference
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
@@ -437,21 +437,6 @@ def test_no_module_is_taken_from_the_working_directory(
     client = KartServerClient(begin, lambda e: None, lambda copy: None, lambda why: None)
     client.start()
     client.stop(in_order=True)
-
-
-def may_come_first() -> bool:
-    """Return whether a program may take a real-time priority here; a thread of ours tries it."""
-
-    def take_it() -> None:
-        with contextlib.suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(LOOP_PRIORITY))
-            took.append(True)
-
-    took: list[bool] = []
-    thread = threading.Thread(target=take_it)
-    thread.start()
-    thread.join()
-    return bool(took)
 
 
 @pytest.mark.skipif(not may_come_first(), reason='it takes root, or a limit for the user')

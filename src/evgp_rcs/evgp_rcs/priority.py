@@ -1,0 +1,46 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Which part of race control has the processor first; each comes before other programs."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pathlib
+
+ROS_HALF = 1
+RECORD = 1
+LOOP = 2
+"""Real-time priorities (SCHED_RR), where they are allowed (root, or a limit for the user). The
+kart server's loop comes first: karts' frames wait for nothing. The ROS half must take a stop
+however busy the computer is. The record has one too, so that it can hand the interpreter of the
+kart server back."""
+
+
+def come_first(priority: int, thread: int = 0) -> None:
+    """
+    Have a thread, and those that it starts from now on, come before other programs.
+
+    :param thread: its number; 0: this one.
+    """
+    # Where it is not allowed: as any other program. docs/performance.md says what that costs.
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(thread, os.SCHED_RR, os.sched_param(priority))
+
+
+def all_come_first(priority: int) -> None:
+    """Have every thread of this process come before other programs, as `come_first` does."""
+    for each in pathlib.Path('/proc/self/task').iterdir():
+        come_first(priority, int(each.name))
