@@ -39,12 +39,18 @@ MOST_UNREAD_BYTES = 2**28
 HEADERS_AND_FRAMES_BYTES = 400
 """Of each packet; what is longer is no frame of a kart."""
 
+SET = 0.001
+"""Change of the wall clock against the steady one from which it was set, in seconds."""
+
 _TIMESPEC = struct.Struct('@qq')
 
 
 class Arrivals(Part):
     """
-    The frames on the loopback since one of its methods was called last, by the kernel's times.
+    The frames on the loopback since the last call of `last` or `worst_gap`, by the kernel's times.
+
+    Linux may begin to take those times a moment after this begins to listen. Until then a packet
+    has the time at which it is read.
 
     :param port: race control's, at 127.0.0.1.
     :raises PermissionError: for others than root, and in some containers.
@@ -54,12 +60,13 @@ class Arrivals(Part):
         """Begin to listen."""
         self._sender = ipaddress.IPv4Address('127.0.0.1').packed, port.to_bytes(2, 'big')
         self._latest: dict[bytes, float] = {}
+        self._wall = 0.0
         self._socket = socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, socket.htons(ETH_P_IP))
         try:
-            self._socket.bind(('lo', ETH_P_IP))
             self._socket.setblocking(False)
             self._socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, MOST_UNREAD_BYTES)
             self._socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+            self._socket.bind(('lo', ETH_P_IP))
         except PermissionError:
             self._socket.close()
             raise
@@ -78,26 +85,33 @@ class Arrivals(Part):
         assert len(first) == karts, f'{state.value} came to {len(first)} of {karts} karts'
         return max(first.values())
 
-    def worst_gap(self, karts: int) -> float:
+    def worst_gap(self, karts: int, going_on: bool = True) -> float:
         """
-        Return the longest time between two frames to the same kart, s; 0 if there were none.
+        Return the longest time between two frames to the same kart, s.
 
-        The earlier one may have come before the last call, so no gap is between two calls.
+        A gap that spans two calls counts in the second.
 
-        :raises AssertionError: unless frames have ever come to so many karts.
+        :param going_on: the time since the last frame counts too.
+        :raises AssertionError: unless frames have ever come to so many karts, or if the wall clock
+            was set since the last call.
         """
+        now = time.monotonic()
         worst = 0.0
         for kart, _, at in self._heard():
-            worst = max(worst, at - self._latest.get(kart, at))
+            latest = self._latest.get(kart, at)
+            assert at > latest - SET, 'the wall clock was set back'
+            worst = max(worst, at - latest)
             self._latest[kart] = at
         heard = len(self._latest)
         assert heard == karts, f'frames came to {heard} of {karts} karts'
-        return worst
+        return max(worst, now - min(self._latest.values())) if going_on else worst
 
     def _heard(self) -> Iterator[tuple[bytes, bytes, float]]:
-        """Give each packet with frames since the last call: the kart's address, they, its time."""
+        """Give each packet with frames since the last call: the kart's address, frames, time."""
         # The kernel gives the wall time. Between two looks at a clock another process may run.
         wall = max(time.time() - time.monotonic() for _ in range(10))
+        assert abs(wall - (self._wall or wall)) < SET, 'the wall clock was set'
+        self._wall = wall
         with contextlib.suppress(BlockingIOError):
             while True:
                 packet, stamps, _, where = self._socket.recvmsg(HEADERS_AND_FRAMES_BYTES, 64)

@@ -237,6 +237,10 @@ def test_a_start_without_a_record_needs_a_statement_and_is_not_forgotten_by_a_cr
 
 
 @pytest.mark.skipif(not may_come_first(), reason='it takes root, or a limit for the user')
-def test_the_ros_half_comes_before_other_programs_with_all_its_threads(scene: WireRace) -> None:
+def test_the_ros_half_comes_before_other_programs_and_the_kart_server_before_it(
+    scene: WireRace,
+) -> None:
     threads = pathlib.Path(f'/proc/{scene.control.pid}/task').iterdir()
-    assert {os.sched_getscheduler(int(each.name)) for each in threads} == {os.SCHED_RR}
+    ros_half = {os.sched_getparam(int(each.name)).sched_priority for each in threads}
+    assert min(ros_half) > 0
+    assert max(ros_half) < os.sched_getparam(scene.control.kart_server_pid).sched_priority

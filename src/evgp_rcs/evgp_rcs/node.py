@@ -126,7 +126,7 @@ class RcsNode(StrictNode):
         self._server.start()
         self._teller.start()
         self._asking.start()
-        # Not before: a start keeps a processor busy, which officials' programs may need.
+        # Only now: a start keeps a processor busy, which officials' programs may need.
         priority.all_come_first(priority.ROS_HALF)
         self.get_logger().info(
             f'Race control listens for {len(begin.roster.entries)} karts at '

@@ -21,12 +21,14 @@ import os
 import pathlib
 
 ROS_HALF = 1
-RECORD = 1
-LOOP = 2
+RECORD = 2
+LOOP = 3
 """Real-time priorities (SCHED_RR), where they are allowed (root, or a limit for the user). The
-kart server's loop comes first: karts' frames wait for nothing. The ROS half must take a stop
-however busy the computer is. The record has one too, so that it can hand the interpreter of the
-kart server back."""
+kart server's loop has the highest, for the karts' frames. Its record comes next, so that it can
+hand the interpreter back to the loop whatever else there is to do. The ROS half must take a stop
+however busy the computer is."""
+
+_THREADS = pathlib.Path('/proc/self/task')
 
 
 def come_first(priority: int, thread: int = 0) -> None:
@@ -42,5 +44,10 @@ def come_first(priority: int, thread: int = 0) -> None:
 
 def all_come_first(priority: int) -> None:
     """Have every thread of this process come before other programs, as `come_first` does."""
-    for each in pathlib.Path('/proc/self/task').iterdir():
-        come_first(priority, int(each.name))
+    done: set[int] = set()
+    with contextlib.suppress(OSError):
+        # A thread that was started by one before its turn is found the next time.
+        while new := {int(each.name) for each in _THREADS.iterdir()} - done:
+            for each in new:
+                come_first(priority, each)
+            done |= new

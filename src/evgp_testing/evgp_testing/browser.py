@@ -300,7 +300,8 @@ class Browser(Part):
             f"""(() => {{
                 const box = document.querySelector({json.dumps(selector)}).getBoundingClientRect();
                 return [box.left + scrollX, box.top + scrollY, box.width, box.height,
-                    box.top >= 0 && box.bottom <= innerHeight];
+                    box.top >= 0 && box.bottom <= innerHeight &&
+                    box.left >= 0 && box.right <= innerWidth];
             }})()"""
         )
         assert inside, f'{selector} is not wholly in the window'
