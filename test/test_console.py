@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 import contextlib
+import functools
 import importlib.util
 import os
 import pathlib
@@ -162,7 +163,9 @@ def hold_down(console: Console, button: str) -> None:
 
 
 def said_just_after(
-    open_again: Callable[[], Console],
+    open_console: OpenConsole,
+    control: Speaker,
+    before: msg.Race,
     aim: Callable[[Console], T],
     act: Callable[[Console, T], None],
     said_of: str,
@@ -173,13 +176,15 @@ def said_just_after(
     A press that is dropped, or comes over `AIM` after the change, tells nothing: it is tried
     again, in another window.
 
+    :param before: what the window shows before the change.
     :param aim: comes before the change.
     :param act: is the change, and the press that follows it.
     :param said_of: a pattern of what can be said of the press.
     """
     ends = time.monotonic() + PATIENCE
     while True:
-        console = open_again()
+        control.tell(before)
+        console = open_console(control)
         aimed_at = aim(console)
         since = time.monotonic()
         act(console, aimed_at)
@@ -1723,15 +1728,12 @@ def test_a_click_just_after_the_roster_changed_hits_no_other_kart(
             pass
         console.screen.click(*place)
 
-    def open_again() -> Console:
-        control.tell(race)
-        return open_console(control)
-
+    press = functools.partial(said_just_after, open_console, control, race, aim, act)
     if button == 'kart_finish_8':
-        said = said_just_after(open_again, aim, act, f'FINISH kart [89]|{DROPPED}')
+        said = press(f'FINISH kart [89]|{DROPPED}')
         assert 'WAS NOT SENT: the list of karts' in said
     else:  # a stop is never refused, nor dropped
-        said = said_just_after(open_again, aim, act, 'RED RED kart [89]')
+        said = press('RED RED kart [89]')
         assert 'RED RED kart 8' in said
         assert 'RED RED kart 9' not in said
 
@@ -1867,11 +1869,8 @@ def test_join_by_key_is_not_sent_as_leave_when_another_official_was_faster(
             pass
         console.key('ctrl+j')
 
-    def open_again() -> Console:
-        control.tell(outside)
-        return open_console(control)
-
-    said = said_just_after(open_again, aim, act, f'(?i:was not sent)|{DROPPED}')
+    answer = f'(?i:was not sent)|{DROPPED}'
+    said = said_just_after(open_console, control, outside, aim, act, answer)
     assert said.startswith('LEAVE kart 4 WAS NOT SENT: the list')
 
 

@@ -462,6 +462,7 @@ def test_a_stop_to_a_race_control_that_is_frozen_ends_by_its_deadline(
 ) -> None:
     control = start_race_control(in_race=(1,))
     control.signal(signal.SIGSTOP)
+    began = time.monotonic()
 
     done = run(control.domain, 'kart-red-flag', '1', '--wait', '2')
 
@@ -472,6 +473,7 @@ def test_a_stop_to_a_race_control_that_is_frozen_ends_by_its_deadline(
         done.stderr,
     )
     assert 'USE THE MSR' in done.stderr
+    assert time.monotonic() - began < 2 + STARTING + TIDY + 3.0
 
 
 def test_a_stop_of_a_kart_is_pressed_until_race_control_is_there(
