@@ -22,14 +22,19 @@ import ipaddress
 import socket
 import struct
 import time
+from typing import Any
 
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 from evgp_testing.part import Part
 
 # Of Linux; Python has no names for them.
-SO_TIMESTAMPNS = 35
 SO_RCVBUFFORCE = 33
+SO_TIMESTAMPING = 37
+RX_SOFTWARE = 1 << 3
+SOFTWARE = 1 << 4
+"""The kernel gives the time at which it took a packet in, or none. With SO_TIMESTAMPNS it gives,
+where it has none, the time at which a packet is read."""
 
 ETH_P_IP = 0x0800
 
@@ -42,18 +47,22 @@ HEADERS_AND_FRAMES_BYTES = 400
 SET = 0.001
 """Change of the wall clock against the steady one from which it was set, in seconds."""
 
+LONGEST_WAIT = 10.0
+"""For the first time that the kernel takes, in seconds."""
+
 _TIMESPEC = struct.Struct('@qq')
+
+TIMES_BYTES = socket.CMSG_SPACE(3 * _TIMESPEC.size)
+"""Of the times with each packet: the kernel's, and two that are for network cards."""
 
 
 class Arrivals(Part):
     """
     The frames on the loopback since the last call of `last` or `worst_gap`, by the kernel's times.
 
-    Linux may begin to take those times a moment after this begins to listen. Until then a packet
-    has the time at which it is read.
-
     :param port: race control's, at 127.0.0.1.
     :raises PermissionError: for others than root, and in some containers.
+    :raises TimeoutError: if the kernel does not begin to take times.
     """
 
     def __init__(self, port: int) -> None:
@@ -65,11 +74,25 @@ class Arrivals(Part):
         try:
             self._socket.setblocking(False)
             self._socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, MOST_UNREAD_BYTES)
-            self._socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+            self._socket.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPING, RX_SOFTWARE | SOFTWARE)
             self._socket.bind(('lo', ETH_P_IP))
-        except PermissionError:
+            self._wait_for_times()
+        except (PermissionError, TimeoutError):
             self._socket.close()
             raise
+
+    def _wait_for_times(self) -> None:
+        """Wait until Linux takes times: a thread of its own begins with that when it can."""
+        until = time.monotonic() + LONGEST_WAIT
+        with socket.socket(type=socket.SOCK_DGRAM) as probe:
+            probe.bind(('127.0.0.1', 0))
+            while time.monotonic() < until:
+                probe.sendto(b'', probe.getsockname())
+                time.sleep(0.001)
+                times = [times for _, times, _, _ in self._packets()]
+                if any(times):
+                    return
+        raise TimeoutError(f'Linux took no time of a packet within {LONGEST_WAIT} s')
 
     def last(self, state: RaceState, karts: int) -> float:
         """
@@ -112,18 +135,22 @@ class Arrivals(Part):
         wall = max(time.time() - time.monotonic() for _ in range(10))
         assert abs(wall - (self._wall or wall)) < SET, 'the wall clock was set'
         self._wall = wall
+        for packet, [(_, _, times)], _, where in self._packets():
+            header = (packet[0] & 0xF) * 4
+            sender = packet[12:16], packet[header:][:2]
+            kind = where[2], packet[9]
+            if kind != (socket.PACKET_HOST, socket.IPPROTO_TCP) or sender != self._sender:
+                continue
+            begin = header + (packet[header + 12] >> 4) * 4
+            if frames := packet[begin:]:
+                seconds, nanoseconds = _TIMESPEC.unpack_from(times)
+                yield packet[16:20], frames, seconds + nanoseconds / 1e9 - wall
+
+    def _packets(self) -> Iterator[tuple[bytes, list[tuple[int, int, bytes]], int, Any]]:
+        """Give each packet since the last call, as ``recvmsg`` does."""
         with contextlib.suppress(BlockingIOError):
             while True:
-                packet, stamps, _, where = self._socket.recvmsg(HEADERS_AND_FRAMES_BYTES, 64)
-                header = (packet[0] & 0xF) * 4
-                sender = packet[12:16], packet[header:][:2]
-                kind = where[2], packet[9]
-                if kind != (socket.PACKET_HOST, socket.IPPROTO_TCP) or sender != self._sender:
-                    continue
-                begin = header + (packet[header + 12] >> 4) * 4
-                if frames := packet[begin:]:
-                    seconds, nanoseconds = _TIMESPEC.unpack(stamps[0][2])
-                    yield packet[16:20], frames, seconds + nanoseconds / 1e9 - wall
+                yield self._socket.recvmsg(HEADERS_AND_FRAMES_BYTES, TIMES_BYTES)
 
     def close(self) -> None:
         """Listen no more."""
