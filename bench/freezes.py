@@ -160,6 +160,7 @@ def freeze_others(folder: pathlib.Path, times: int, what: str, late_ones: TooLat
         parts = race(stack, folder)
         domain, official = parts.domain, parts.official
         official.command('all_kill')
+        gaps.follow(stack, parts)
         if what == 'watch':
             command = [executable('evgp_rcs_console', 'rcs_ctl'), 'watch']
             program = Program('rcs_ctl', command, domain)
@@ -167,7 +168,6 @@ def freeze_others(folder: pathlib.Path, times: int, what: str, late_ones: TooLat
             program = Program('caller', [sys.executable, '-c', CALLER, str(domain)], domain)
         stack.callback(program.kill)
         time.sleep(3.0)  # DDS meets, and the traffic begins
-        gaps.follow(stack, parts)
         for _ in range(times):
             time.sleep(random.uniform(0.0, 0.05))  # noqa: S311 - no secret
             program.signal(signal.SIGSTOP)
