@@ -12,6 +12,33 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The dice are there for the tests of every package, also where the workspace is not sourced."""
+"""For the tests of every package, also where the workspace is not sourced: dice, and order."""
+
+from __future__ import annotations
+
+import pytest
 
 pytest_plugins = ('evgp_testing.dice',)
+
+
+@pytest.hookimpl(trylast=True)  # of what is left of them
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """
+    Have each worker begin with tests that take half a minute.
+
+    With ``--dist worksteal`` each has an equal part of the tests, in their order. Where such a
+    test comes last, all others wait for it.
+    """
+    workers: int = getattr(config, 'workerinput', {}).get('workercount', 1)
+    early = [item for item in items if item.get_closest_marker('early')]
+    others = [item for item in items if item not in early]
+    left = len(items)
+    items.clear()
+    for worker in range(workers):
+        part = early[worker::workers]
+        share = left // (workers - worker)
+        left -= share
+        fill = max(0, share - len(part))
+        items += part + others[:fill]
+        del others[:fill]
+    items += others

@@ -101,6 +101,7 @@ def wait_to_end(program: Program) -> int:
     return program.wait()
 
 
+@pytest.mark.early
 def test_our_bridge_with_the_example_stack_passes_every_clause(tmp_path: pathlib.Path) -> None:
     def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
         domain = parts.enter_context(Domain()).number
@@ -153,6 +154,7 @@ def free_udp_port() -> int:
         return int(found.getsockname()[1])
 
 
+@pytest.mark.early
 def test_the_client_of_the_document_passes_every_clause(tmp_path: pathlib.Path) -> None:
     def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
         udp = free_udp_port()
@@ -206,6 +208,7 @@ def example_of_the_c_kit(folder: pathlib.Path, udp: int) -> pathlib.Path:
     return program
 
 
+@pytest.mark.early
 def test_the_example_of_the_c_kit_passes_every_clause(tmp_path: pathlib.Path) -> None:
     udp = free_udp_port()
     kart = example_of_the_c_kit(tmp_path, udp)
@@ -307,6 +310,7 @@ def test_an_inspector_who_sees_the_wheels_turn_after_a_stop_fails_the_kart(
     assert 'Ada &lt;&amp;&gt;' in page.read_text(encoding='utf-8')
 
 
+@pytest.mark.early
 def test_our_race_control_passes_every_clause(tmp_path: pathlib.Path) -> None:
     times = {'pause': 0.5, 'finish_delays': [1.0, 0.5]}
 

@@ -90,6 +90,7 @@ def test_a_cut_link_is_noticed_at_both_ends_and_the_kart_is_back_held(
     record_property(fault.name, noticed)
 
 
+@pytest.mark.early
 def test_a_kart_is_not_lost_where_a_twentieth_is_lost_and_everything_late(
     race: NetworkRace, record_property: Callable[[str, object], None]
 ) -> None:

@@ -153,6 +153,7 @@ def inspect_karts(karts: list[tuple[str, bool]]) -> list[Inspection]:
     )
 
 
+@pytest.mark.early
 @pytest.mark.timeout(600)
 def test_a_good_kart_passes_and_each_fault_is_found_by_its_own_clause_and_no_other() -> None:
     karts = [('', True), ('', False), ('echoes RED_RED', False)]
@@ -220,6 +221,7 @@ def test_an_inspection_that_fails_while_the_kart_drives_stops_the_kart(
     assert kart.last_heard == b'$RED_RED;'
 
 
+@pytest.mark.early
 def test_a_kart_that_ends_is_started_again_by_the_inspector_and_inspected_to_the_end() -> None:
     (inspection,) = inspect_all(
         ['FIN ends it'], lambda fault: OneInspection(fault, only='K-4D', starts_again=True).run

@@ -486,6 +486,7 @@ def test_every_clause_of_a_race_control_has_a_fault_that_it_finds() -> None:
     assert sorted(flaw.clause for flaw in FLAWS.values()) == sorted(RCS_BY_NAME)
 
 
+@pytest.mark.early
 @pytest.mark.timeout(600)
 def test_our_race_control_passes_and_each_fault_is_found_by_its_own_clause_and_no_other() -> None:
     names = ['', *FLAWS]
@@ -503,6 +504,7 @@ def test_our_race_control_passes_and_each_fault_is_found_by_its_own_clause_and_n
     assert inspections[''].exit_code is Exit.PASSED
 
 
+@pytest.mark.early
 @pytest.mark.timeout(300)
 def test_a_person_at_its_screen_can_give_our_race_control_every_command() -> None:
     person = AtTheScreen(None)

@@ -74,6 +74,7 @@ def test_two_karts_with_an_open_track_told_apart(
     assert report.pairs_compared > 300
 
 
+@pytest.mark.early
 def test_two_karts_that_do_not_finish(record_property: Callable[[str, object], None]) -> None:
     search(
         record_property,
@@ -87,6 +88,7 @@ def test_two_karts_that_do_not_finish(record_property: Callable[[str, object], N
 
 
 # The rival and the record are apart from all else, so one kart is enough.
+@pytest.mark.early
 @pytest.mark.parametrize('begin', ['garage', pytest.param('crash', marks=pytest.mark.long)])
 def test_one_kart_while_another_race_control_comes_and_goes_and_the_record_fails(
     begin: str, record_property: Callable[[str, object], None]
