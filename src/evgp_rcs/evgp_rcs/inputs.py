@@ -42,6 +42,7 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.race import (
     Availability,
     Command,
+    Doubt,
     Heat,
     Kart,
     KartMemory,
@@ -248,20 +249,10 @@ class Journal(NamedTuple):
 
     def feed(self, race: Race) -> Outcome:
         """Hand it to the rules."""
-        memory = race.start.memory if race.start is not None and self.awaited else None
-        # Only the very memory that a start waits for counts; any other is like this one.
-        return race.journal(memory or RaceMemory(race.state, {}), self.written, self.at)
-
-
-class StartNoted(NamedTuple):
-    """It was noted that karts are started without a record, or could not be."""
-
-    at: float
-    noted: bool
-
-    def feed(self, race: Race) -> Outcome:
-        """Hand it to the rules."""
-        return race.start_noted(self.noted, self.at)
+        memory = RaceMemory(race.state, {})  # only the very one that a start waits for counts
+        if race.start is not None and self.awaited:
+            memory = race.start.memory
+        return race.journal(memory, self.written, self.at)
 
 
 class Withdrawn(NamedTuple):
@@ -275,10 +266,10 @@ class Withdrawn(NamedTuple):
 
 
 class Recovered(NamedTuple):
-    """What the last run has left behind."""
+    """What is known of the last run; None: nothing."""
 
     at: float
-    memory: RaceMemory
+    memory: RaceMemory | None
 
     def feed(self, race: Race) -> Outcome:
         """Hand it to the rules."""
@@ -295,7 +286,6 @@ Input = (
     | Rival
     | RecordTrouble
     | Journal
-    | StartNoted
     | Withdrawn
     | Recovered
 )
@@ -387,7 +377,6 @@ _FIXED: dict[type[Any], tuple[int, struct.Struct]] = {
     HeldUp: (5, struct.Struct('<Bdd')),
     Rival: (6, struct.Struct('<Bd?')),
     Journal: (7, struct.Struct('<Bd??')),
-    StartNoted: (8, struct.Struct('<Bd?')),
     Withdrawn: (9, struct.Struct('<Bd')),
     Told: (10, struct.Struct('<BQQ')),
     Shown: (11, struct.Struct('<BdQ')),
@@ -489,7 +478,12 @@ def _written(kind: type[Any], at: float, fields: list[Any]) -> Input:
         return Commanded(at, command, came)
     if kind is Recovered:
         (given,) = fields
-        karts = {int(number): KartMemory(**kart) for number, kart in given['karts'].items()}
+        if given is None:
+            return Recovered(at, None)
+        karts = {
+            int(number): KartMemory(**{**kart, 'doubt': Doubt[kart['doubt']]})
+            for number, kart in given['karts'].items()
+        }
         memory = {**given, 'state': RaceState[given['state']], 'karts': karts}
         return Recovered(at, RaceMemory(**memory))
     entry: Input = kind(at, *fields)

@@ -230,7 +230,6 @@ class World:
         self.show = ros_half.show
         self.remember = record.remember
         self.trouble = record.trouble
-        self.note_unrecorded_start = record.note_unrecorded_start
 
     def attach(self, loop: Any) -> None:
         """Call back in this loop."""
@@ -277,13 +276,12 @@ async def serve(begin: Begin, ros_half: RosHalf, world: World, record: Record) -
     setup = setup_of(begin, loop.time())
     record.begin(rules_version(), setup)
     race = setup.race()
-    left_behind = record.left_behind
     server = KartServer(
         race,
         {entry.address: entry.number for entry in begin.roster.entries},
         begin.settings,
         world,
-        None if left_behind is None else Recovered(loop.time(), left_behind),
+        Recovered(loop.time(), record.left_behind),
     )
     record.remember(race.memory(), loop.time())
 

@@ -158,9 +158,6 @@ class Outside(Protocol):
     def make_sure(self, memory: RaceMemory, at: float, done: Callable[[bool], None]) -> None:
         """Have this on the disk, then call ``done`` in the loop with whether it is there."""
 
-    def note_unrecorded_start(self) -> bool:
-        """Take it down that karts are started without a record; return whether it is."""
-
     def trouble(self) -> str:
         """Return why the record fails, as a sentence for an official; empty: it does not."""
 
@@ -201,7 +198,7 @@ class KartServer:
     :param addresses: the roster's IPv4 addresses and the kart number of each (§4.A).
     :param settings: how to listen and send.
     :param outside: the ROS half and the record.
-    :param left_behind: what the last run left, which the race is to take up.
+    :param left_behind: what is known of the last run; ``None``: the race just begins (for tests).
     """
 
     def __init__(
@@ -410,8 +407,8 @@ class KartServer:
             if CATALOGUE[waiting.command.kind].loosens and self._is_ending():
                 waiting.answered(_ENDING)
                 continue
-            if CATALOGUE[waiting.command.kind].needs_journal:
-                # What it takes to start now depends on whether the record works now.
+            if CATALOGUE[waiting.command.kind].loosens:
+                # No race starts without a record, and what counts is whether it works now.
                 self._take_note_of(self._outside.trouble(), now)
             self._take(inputs.Commanded(now, waiting.command, waiting.came), waiting)
 
@@ -472,10 +469,6 @@ class KartServer:
             self._outside.make_sure(
                 memory, self.now(), lambda written: self._journal(memory, written)
             )
-        elif outcome.note_first:
-            self._starting = answered
-            noted = self._outside.note_unrecorded_start()
-            self._take(inputs.StartNoted(self.now(), noted))
         elif self._race.start is None and self._starting is not None:
             self._starting = None
             self._remember(self.now())

@@ -41,10 +41,13 @@ stop. And karts are started only once it is on the disk that they may move: a GR
 would be accepted is a *start* that waits (``Start``). Whatever is judged meanwhile comes first,
 and the start is judged again when its turn comes.
 
-Doubt means stop. A kart that was told to go, was seen to move, or left a stop unanswered *may be
-moving*; one that was told to form the grid is *on the grid*. Only the kart's own acknowledgement
-of a red, on the connection it has, or an official who made it safe by hand ends either doubt. A
-lost connection never does.
+Doubt means stop (``Doubt``). A kart that was told to go, was seen to move, or left a stop
+unanswered *may be moving*; one that was told to form the grid is *on the grid*. Two things end
+either doubt: the kart acknowledges a red and then stands by it for ``settle`` seconds on the same
+connection, or an official made it safe by hand. A lost connection never does.
+
+What happened before race control began counts as the worst it could be, unless the record proves
+that the last run ended in good order with nothing under way (``recover``).
 
 Section numbers (§) are those of the EVGP proposal.
 """
@@ -99,6 +102,7 @@ class AlertKind(enum.Enum):
     KART_LOST = 'KART_LOST'
     LOST_IN_MOTION = 'LOST_IN_MOTION'
     TRACK_UNSAFE = 'TRACK_UNSAFE'
+    MOVING_UNASKED = 'MOVING_UNASKED'
     RECORD_FAILING = 'RECORD_FAILING'
     TWO_RACE_CONTROLS = 'TWO_RACE_CONTROLS'
 
@@ -111,7 +115,21 @@ MSR_ALERTS = frozenset(
         AlertKind.TRACK_UNSAFE,
     }
 )
-"""The alerts whose answer is the Master Safety Remote (§2.B)."""
+"""The alerts whose answer is the Master Safety Remote (§2.B), until its use is recorded."""
+
+
+class Doubt(enum.IntEnum):
+    """
+    What a kart may be doing, from harmless to worst.
+
+    ``GRID``: it was sent GRID_ACTIVE, and not IN_GARAGE since on the connection it has.
+    ``MOVING``: it was sent GREEN_GREEN or a red, or was seen to move: it said GREEN_GREEN unasked,
+    or withdrew its acknowledgement of a red.
+    """
+
+    NONE = 0
+    GRID = 1
+    MOVING = 2
 
 
 class Command(NamedTuple):
@@ -172,7 +190,8 @@ class Event(NamedTuple):
 
     :param chatter: a kart can cause any number of these just by what it says; whoever passes
         events on may limit them.
-    :param official: for a command, who gave it, by their own word (``official``).
+    :param command: for a change of state, the command that caused it; None: no command did.
+    :param official: who gave the command, by their own word (``official``).
     :param alert: for an alert that was raised or has ended, which.
     """
 
@@ -208,30 +227,27 @@ class Outcome(NamedTuple):
 
     :param answer: the answer to a command: to the one that was given, or to a start that waited.
     :param write_first: a start waits until this is on the disk (``Race.journal``).
-    :param note_first: a start waits until it is noted that karts are started without a record
-        (``Race.start_noted``).
     """
 
     orders: tuple[Order, ...]
     events: tuple[Event, ...]
     answer: Answer | None = None
     write_first: RaceMemory | None = None
-    note_first: bool = False
 
 
 @dataclass(frozen=True)
 class Alert:
-    """Something an official must act on, since when (s), in one sentence."""
+    """
+    Something an official must act on, since when (s), in one sentence.
+
+    :param use_msr: the answer is the Master Safety Remote (§2.B).
+    """
 
     kind: AlertKind
     kart: int
     since: float
     text: str
-
-    @property
-    def use_msr(self) -> bool:
-        """Return whether the answer is the Master Safety Remote (§2.B)."""
-        return self.kind in MSR_ALERTS
+    use_msr: bool
 
 
 class Availability(NamedTuple):
@@ -287,6 +303,8 @@ class RaceTimes:
     :param pause_after_held_up: the same after race control was held up: what officials sent
         meanwhile comes late. (DDS delivered it up to 3 s later.) At least ``pause``.
     :param journal_timeout: maximum time that a GREEN_GREEN waits for the disk.
+    :param settle: time for which a kart must stand by its acknowledgement of a red before humans
+        may rely on it.
     :param require_inspection: whether a kart must have an inspection to race.
     """
 
@@ -300,6 +318,7 @@ class RaceTimes:
     pause: float = 1.0
     pause_after_held_up: float = 5.0
     journal_timeout: float = 1.0
+    settle: float = 3.0
     require_inspection: bool = False
 
     def finish_delay(self, place: int) -> float:
@@ -320,15 +339,13 @@ class Kart:
     :param serial: the number of the present order.
     :param acknowledged: it stands by its acknowledgement of the present order.
     :param reported: what it said last on this connection, asked or unasked.
-    :param may_be_moving: it was sent GREEN_GREEN, or a red, or was seen to move (it said
-        GREEN_GREEN unasked or withdrew the acknowledgement of a red), and has since neither
-        acknowledged the red it is sent nor been made safe by hand.
+    :param doubt: what it may be doing, until it stands by a red or was made safe by hand.
+    :param settles_at: when the red that it acknowledged ends its doubt, if it stands by its word
+        until then, in seconds; ``None`` if nothing is pending.
     :param lost_since: since when it is missing, if it dropped out of a race under way or while it
-        may have been moving; in the latter case until it has acknowledged a red.
+        may have been moving; in the latter case until its doubt ends.
     :param place: finishing place from 1, until the next GRID_ACTIVE; 0 when it has none.
     :param finish_due: when its finish becomes a RED_FLAG; ``None`` if nothing is due.
-    :param on_grid: it was sent GRID_ACTIVE, and has since neither acknowledged a red, nor been
-        made safe by hand, nor been sent IN_GARAGE on the connection it has.
     :param held_alone: an official held this kart alone; until its release.
     :param withdrawn: it withdrew an acknowledgement of the present order.
     :param inspected: the date of its inspection, as the roster has it; empty: none.
@@ -345,11 +362,11 @@ class Kart:
     serial: int = 0
     acknowledged: bool = False
     reported: RaceState | None = None
-    may_be_moving: bool = False
+    doubt: Doubt = Doubt.NONE
+    settles_at: float | None = None
     lost_since: float | None = None
     place: int = 0
     finish_due: float | None = None
-    on_grid: bool = False
     held_alone: bool = False
     withdrawn: bool = False
     inspected: str = ''
@@ -363,14 +380,24 @@ class Kart:
         return Kart, _every_field(self)
 
     @property
-    def in_doubt(self) -> bool:
-        """Return whether it would be a danger to humans if its connection were lost now."""
-        return self.may_be_moving or self.on_grid
+    def may_be_moving(self) -> bool:
+        """Return whether it counts as moving."""
+        return self.doubt is Doubt.MOVING
 
     @property
     def stopped(self) -> bool:
         """Return whether it has acknowledged, on its present connection, the red it is sent."""
         return self.acknowledged and self.sent.is_red
+
+    @property
+    def stands(self) -> bool:
+        """Return whether humans may rely on that: it has stood by its word for long enough."""
+        return self.stopped and self.doubt is Doubt.NONE
+
+    @property
+    def answered(self) -> bool:
+        """Return whether it has done what it is sent, so that the race may go on."""
+        return self.stands if self.sent.is_red else self.acknowledged
 
 
 _every_field = operator.attrgetter(*(field.name for field in dataclasses.fields(Kart)))
@@ -378,18 +405,13 @@ _every_field = operator.attrgetter(*(field.name for field in dataclasses.fields(
 
 @dataclass(frozen=True)
 class KartMemory:
-    """
-    What outlives race control of one kart; the meanings are those of ``Kart``.
-
-    The last two are missing in the records of older versions, where they could be true.
-    """
+    """What outlives race control of one kart; the meanings are those of ``Kart``."""
 
     in_race: bool
     held: bool
     place: int
-    may_be_moving: bool
-    on_grid: bool = True
-    held_alone: bool = True
+    doubt: Doubt
+    held_alone: bool
 
 
 @dataclass(frozen=True)
@@ -399,43 +421,39 @@ class RaceMemory:
 
     :param state: the race's state.
     :param karts: each kart of the roster, by its number.
-    :param known: this is what there was; false if nothing is known, because what was kept of it
-        is damaged or missing, or karts were started later, nobody knows which.
-    :param every_start: no kart has been sent GREEN_GREEN since; false if one may have been.
+    :param track_open: officials have opened the track.
+    :param msr_used: an official has stated that the MSR was used.
+    :param final: race control ended in good order with this: nothing happened since.
     """
 
     state: RaceState
     karts: Mapping[int, KartMemory]
-    known: bool = True
-    every_start: bool = True
+    track_open: bool = False
+    msr_used: bool = False
+    final: bool = False
 
     @property
     def home(self) -> bool:
         """Return whether nothing is under way, held or in doubt."""
-        return (
-            self.known
-            and self.state is IN_GARAGE
-            and not any(
-                kart.held or kart.may_be_moving or kart.on_grid for kart in self.karts.values()
-            )
+        return self.state is IN_GARAGE and not any(
+            kart.held or kart.doubt for kart in self.karts.values()
         )
 
 
 @dataclass(frozen=True)
 class Start:
     """
-    A GREEN_GREEN that would be accepted, and waits until karts may be started.
+    A GREEN_GREEN that would be accepted, and waits until it is on the disk that karts may move.
 
     :param came: when the command came, in seconds.
-    :param until: when it waits no longer for the disk, in seconds.
-    :param memory: what must be on the disk first; None: it must be noted first that karts are
-        started without a record.
+    :param until: when it waits no longer, in seconds.
+    :param memory: what must be on the disk first.
     """
 
     command: Command
     came: float
     until: float
-    memory: RaceMemory | None
+    memory: RaceMemory
 
 
 class Race:
@@ -443,9 +461,9 @@ class Race:
     The state of one race and of every kart of the roster (§3, §4.B).
 
     Feed it with ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``, with what
-    becomes of a start that waits (``journal``, ``start_noted``, ``withdraw``), and with what is
-    wrong around it (``held_up``, ``rival``, ``record_trouble``); each returns the orders to send
-    and the events that happened. Times are seconds of one monotonic clock and never go back.
+    becomes of a start that waits (``journal``, ``withdraw``), and with what is wrong around it
+    (``held_up``, ``rival``, ``record_trouble``); each returns the orders to send and the events
+    that happened. Times are seconds of one monotonic clock and never go back.
 
     :param karts: every kart of the roster, each number once.
     :param times: the times of the rules.
@@ -472,6 +490,8 @@ class Race:
         self.heats = tuple(heats)
         self.state = IN_GARAGE
         self.state_since = now
+        self.state_cause = ''
+        """What put the race into its state, and who, in a phrase; empty at the very beginning."""
         self.over = False
         self.places_given = 0
         self.starters: tuple[int, ...] = ()
@@ -480,14 +500,15 @@ class Race:
         self.track_open = False
         self.msr_used = False
         self.restarted = False
-        """It took up what an earlier run left, which may not be all of it; until IN_GARAGE."""
+        """It is not known what happened before race control began; until IN_GARAGE."""
         self.has_rival = False
         self.record_fails = ''
         self.paused_until = now
         """When the pause ends, or the last one ended (s)."""
         self._paused_by = ''
         self.start: Start | None = None
-        self._told_all_acknowledged = False
+        self._told_all_answered = False
+        self._by: Command | None = None  # the command that is being put in force
         self._alerts: dict[tuple[AlertKind, int], Alert] = {}
         self._orders: list[Order] = []
         self._events: list[Event] = []
@@ -498,64 +519,68 @@ class Race:
 
         While a start waits it is what was written for that: nothing else may take its place.
         """
-        if self.start is not None and self.start.memory is not None:
+        if self.start is not None:
             return self.start.memory
-        return RaceMemory(
-            self.state, {number: _remembered(kart) for number, kart in self.karts.items()}
-        )
+        karts = {number: _remembered(kart) for number, kart in self.karts.items()}
+        return RaceMemory(self.state, karts, self.track_open, self.msr_used)
 
     def _memory_after_green(self) -> RaceMemory:
         """Return what must be on the disk before GREEN_GREEN goes out to the race."""
         karts = {number: _remembered(kart) for number, kart in self.karts.items()}
         for kart in self.racing():
-            karts[kart.number] = dataclasses.replace(karts[kart.number], may_be_moving=True)
+            karts[kart.number] = dataclasses.replace(karts[kart.number], doubt=Doubt.MOVING)
         return RaceMemory(GREEN_GREEN, karts)
 
-    def recover(self, memory: RaceMemory, now: float) -> Outcome:
+    def recover(self, memory: RaceMemory | None, now: float) -> Outcome:
         """
-        Take up a race that race control left behind; to be called before any other input.
+        Take up what race control left behind; to be called before any other input.
 
-        What happened last may not have been remembered, a stop least of all, since a stop waits
-        for no memory. So it comes back as after ALL_KILL: the race in RED_RED and every kart
-        held. What was doubtful still is. A kart of the race may have been sent to the grid since.
-        Where a start may be missing from what was remembered, every kart of the race counts as
-        lost in motion, also if the race was in IN_GARAGE then; if it is not known which race that
-        was, every kart does. And the track stays closed until an official states in IN_GARAGE
-        that it is safe, or that the MSR was used.
+        If it ended in good order with nothing under way, the race begins from the roster. In
+        every other case what happened last may not have been remembered, a stop least of all,
+        since a stop waits for no memory. So the race comes back as after ALL_KILL: in RED_RED,
+        with every kart held; the track counts as open. A kart of the race may have been sent to
+        the grid since. Connected karts answer for themselves. An official's statement in
+        IN_GARAGE answers for a kart that is away, unless it was known to be in doubt, or held
+        alone: then only its own release does.
+
+        :param memory: what is known; None: nothing is.
         """
-        unsure = not memory.every_start
+        final = memory is not None and memory.final
+        self.track_open = memory is None or memory.track_open or not final
+        if memory is not None and final and memory.home:
+            return self._outcome()
+        self.restarted = True
         gone: list[Kart] = []
-        for number, known in memory.karts.items():
+        for number, before in ({} if memory is None else memory.karts).items():
             kart = self.karts.get(number)
             if kart is None:
-                doubtful = known.held or known.may_be_moving or known.on_grid
-                if memory.known and not (known.in_race or doubtful):
+                if not (before.in_race or before.held or before.doubt):
                     continue
                 kart = self.karts[number] = Kart(number, NOT_IN_ROSTER, sent_since=now)
                 gone.append(kart)
             else:
-                kart.in_race = known.in_race
-                kart.place = known.place
-            kart.on_grid = known.on_grid or known.in_race
-            kart.may_be_moving = known.may_be_moving or (unsure and known.in_race)
-            kart.held_alone = known.held and known.held_alone
-        for kart in self.karts.values():
-            kart.may_be_moving = kart.may_be_moving or not memory.known
-            if kart.in_race or kart.in_doubt:
+                kart.in_race = before.in_race
+                kart.place = before.place
+            kart.doubt = before.doubt
+            if before.in_race and not final:
+                kart.doubt = max(kart.doubt, Doubt.GRID)
+            kart.held_alone = before.held and before.held_alone
+            if kart.doubt:
                 kart.lost_since = now
+        for kart in self.karts.values():
             self._hold(kart, RED_RED, 'race control was restarted', now)
         self.places_given = max((kart.place for kart in self.karts.values()), default=0)
-        # Of a race in RED_RED nobody knows whether its results were told; of one that nobody
-        # finished, not even whether it was started.
-        in_red = memory.state is RED_RED and self.places_given
-        if memory.state in (GREEN_GREEN, RED_FLAG) or in_red:
-            self.starters = tuple(
-                kart.number for kart in self.karts.values() if kart.in_race or kart.place
-            )
-        self.restarted = True
-        why = ': race control was restarted'
-        if not memory.known:
-            why += ' and does not know what was under way; every kart counts as moving'
+        why = 'race control began, and does not know what happened before'
+        if memory is not None:
+            why = 'race control was restarted'
+            self.msr_used = memory.msr_used
+            # Of a race in RED_RED nobody knows whether its results were told; of one that nobody
+            # finished, not even whether it was started.
+            in_red = memory.state is RED_RED and self.places_given
+            if memory.state in (GREEN_GREEN, RED_FLAG) or in_red:
+                self.starters = tuple(
+                    kart.number for kart in self.karts.values() if kart.in_race or kart.place
+                )
         self._go(RED_RED, now, why)
         for kart in gone:
             text = f'{_capital(kart)} is held in RED_RED; find it, make it safe, release it alone'
@@ -582,13 +607,8 @@ class Race:
         refusal = self._refusal_of(command, came)
         if refusal or not CATALOGUE[command.kind].needs_journal:
             return self._outcome(self._decide(command, refusal, now))
-        until = now + self.times.journal_timeout
-        if self.record_fails:
-            # The official has stated that the race may start without a record.
-            self.start = Start(command, came, until, None)
-            return self._outcome(note_first=True)
         memory = self._memory_after_green()
-        self.start = Start(command, came, until, memory)
+        self.start = Start(command, came, now + self.times.journal_timeout, memory)
         return self._outcome(write_first=memory)
 
     def journal(self, memory: RaceMemory, written: bool, now: float) -> Outcome:
@@ -597,35 +617,22 @@ class Race:
 
         :param memory: the very one that the outcome of the start asked for. If no start waits for
             it any more, nothing happens.
-        :returns: an outcome with the answer to the start; or with none, if it may go without a
-            record and that must be noted first.
+        :returns: an outcome with the answer to the start.
         """
         start = self.start
         if start is None or start.memory is not memory:
             return self._outcome()
+        return self._outcome(self._end_of_start(start, written, now))
+
+    def _end_of_start(self, start: Start, written: bool, now: float) -> Answer:
+        """Judge a start again whose turn has come, or refuse it because the disk failed."""
+        self.start = None
         if not written:
-            return self._outcome(*self._start_without_record(start, now))
-        self.start = None
-        refusal = self._refusal_of(start.command, start.came)
-        return self._outcome(self._decide(start.command, refusal, now))
-
-    def start_noted(self, noted: bool, now: float) -> Outcome:
-        """
-        Take note whether it was noted that karts are started without a record.
-
-        :returns: an outcome with the answer to the start that waits for it, if one does.
-        """
-        start = self.start
-        if start is None or start.memory is not None:
-            return self._outcome()
-        self.start = None
-        refusal = self._refusal_of(start.command, start.came)
-        if not noted:
-            refusal = refusal or (
-                'race control cannot note that it starts karts without a record, and would not '
-                'know it after a crash; restart it with another file for the parameter record'
+            self.record_fails = self.record_fails or (
+                f'The record has not taken GREEN_GREEN for {self.times.journal_timeout:g} s'
             )
-        return self._outcome(self._decide(start.command, refusal, now))
+            self._tell_alerts(now)
+        return self._decide(start.command, self._refusal_of(start.command, start.came), now)
 
     def withdraw(self, now: float) -> Outcome:
         """Refuse the start that waits, if one does: nobody waits for its answer any more."""
@@ -685,7 +692,9 @@ class Race:
                 assert command.kart is not None
                 kart = self.karts[command.kart]
             self.grid_was_last = rule.leaves_grid_last(self)
+            self._by = command
             answer = Answer(True, f'{rule.effect(self, kart, command, now)}.')
+            self._by = None
         # The cause stands before its effects.
         self._events.insert(
             cause,
@@ -699,24 +708,6 @@ class Race:
             ),
         )
         return answer
-
-    def _start_without_record(self, start: Start, now: float) -> tuple[Answer | None, bool]:
-        """
-        Refuse a start that the disk did not take, unless it may go without a record.
-
-        :returns: the answer, if it is refused; and whether it must be noted first that karts are
-            started without a record.
-        """
-        self.start = None
-        self.record_fails = self.record_fails or (
-            f'The record has not taken GREEN_GREEN for {self.times.journal_timeout:g} s'
-        )
-        self._tell_alerts(now)
-        refusal = self._refusal_of(start.command, start.came)
-        if refusal:
-            return self._decide(start.command, refusal, now), False
-        self.start = dataclasses.replace(start, memory=None)
-        return None, True
 
     def connected(self, number: int, now: float) -> Outcome:
         """
@@ -766,7 +757,8 @@ class Race:
         if counts and not kart.acknowledged:
             kart.acknowledged = True
             if state.is_red:
-                self._end_doubt(kart)
+                kart.settles_at = now + self.times.settle
+                self._settle(kart, now)
             # Whether all have is reported at the next tick; checking here would cost O(N²).
             # IN_GARAGE asks for no acknowledgement (§3.A).
             did = 'says' if state is IN_GARAGE else 'acknowledged'
@@ -780,8 +772,9 @@ class Race:
         elif kart.acknowledged and state is not kart.sent:
             kart.acknowledged = False
             kart.withdrawn = True
+            kart.settles_at = None
             if kart.sent.is_red:
-                kart.may_be_moving = True
+                kart.doubt = Doubt.MOVING
             self._tell(
                 EventKind.WITHDRAWN,
                 f'{_capital(kart)} says {state.value}: its acknowledgement of {kart.sent.value} '
@@ -799,7 +792,7 @@ class Race:
                 chatter=True,
             )
         if state is GREEN_GREEN and kart.sent is not GREEN_GREEN:
-            kart.may_be_moving = True
+            kart.doubt = Doubt.MOVING
         kart.reported = state
         return self._outcome()
 
@@ -819,24 +812,25 @@ class Race:
         """
         Let time pass: finishes that are due, the race going over by itself, and the alerts.
 
-        A start that has waited too long for the disk is refused, unless it may go without a
-        record. Alerts are only told; they never act.
+        A start that has waited too long for the disk is refused. Alerts are only told; they never
+        act.
         """
         for kart in self.karts.values():
+            self._settle(kart, now)
             if kart.finish_due is not None and now >= kart.finish_due:
                 kart.finish_due = None
                 self._hold(kart, RED_FLAG, MARKED_AS_FINISHED, now)
         due = self._race_over_due()
         if due is not None and now >= due:
             self.over = True
-            self._go(RED_RED, now, ': race over, every kart of the race has finished')
+            self._go(RED_RED, now, 'race over, every kart of the race has finished')
             self._tell_results()
-        answer, note_first = None, False
-        if self.start is not None and self.start.memory is not None and now >= self.start.until:
-            answer, note_first = self._start_without_record(self.start, now)
-        self._tell_all_acknowledged(now)
+        answer = None
+        if self.start is not None and now >= self.start.until:
+            answer = self._end_of_start(self.start, False, now)
+        self._tell_all_answered(now)
         self._tell_alerts(now)
-        return self._outcome(answer, note_first)
+        return self._outcome(answer)
 
     # ----- what there is to see -----------------------------------------------------------
 
@@ -867,7 +861,8 @@ class Race:
             number = kart.number if kart else 0
             told = self._alerts.get((kind, number))
             since = due if due is not None else told.since if told else now
-            alerts.append(Alert(kind, number, since, self._alert_text(kind, kart)))
+            use_msr = kind in MSR_ALERTS and not self.msr_used
+            alerts.append(Alert(kind, number, since, self._alert_text(kind, kart), use_msr))
         alerts.sort(key=lambda alert: alert.since, reverse=True)
         return alerts
 
@@ -900,14 +895,15 @@ class Race:
         kart.serial += 1
         kart.acknowledged = False
         kart.withdrawn = False
+        kart.settles_at = None
         if kart.connected:
             if state is GRID_ACTIVE:
-                kart.on_grid = True
+                kart.doubt = max(kart.doubt, Doubt.GRID)
             elif state is IN_GARAGE:
-                kart.on_grid = False
+                kart.doubt = Doubt.MOVING if kart.may_be_moving else Doubt.NONE
             else:
                 # Told to go, or told to stop and it has not said yet that it did.
-                kart.may_be_moving = True
+                kart.doubt = Doubt.MOVING
             self._orders.append(Order(kart.number, state, kart.serial))
             self._tell(
                 EventKind.KART_STATE, f'{_capital(kart)} is sent {state.value}', kart, state
@@ -921,7 +917,8 @@ class Race:
         self._redirect(kart, now)
 
     def _hold_alone(self, kart: Kart, hold: RaceState, now: float) -> None:
-        reason = f'{hold.value} by an official'
+        assert self._by is not None
+        reason = f'{hold.value} by {self._by.official or "an official"}'
         self._hold(kart, hold, reason, now)
         if not kart.held_alone:
             kart.held_alone = True
@@ -934,18 +931,36 @@ class Race:
         kart.held_alone = False
         kart.finish_due = None
 
+    def _settle(self, kart: Kart, now: float) -> None:
+        """End the doubt of a kart that has stood by its acknowledgement of a red long enough."""
+        if kart.settles_at is not None and now >= kart.settles_at:
+            self._end_doubt(kart)
+
     def _end_doubt(self, kart: Kart) -> None:
-        kart.may_be_moving = False
-        kart.on_grid = False
+        kart.doubt = Doubt.NONE
+        kart.settles_at = None
         kart.lost_since = None
+
+    def _cause(self) -> str:
+        """Return the command that is being put in force, and who gave it."""
+        assert self._by is not None
+        official = f' by {self._by.official}' if self._by.official else ''
+        return f'{self._by.kind.value}{official}'
 
     def _go(self, state: RaceState, now: float, why: str = '') -> None:
         if state is not self.state:
             self.state = state
             self.state_since = now
-            self._told_all_acknowledged = False
+            self.state_cause = why or self._cause()
+            self._told_all_answered = False
             self._events.append(
-                Event(EventKind.RACE_STATE, f'The race is in {state.value}{why}', state=state)
+                Event(
+                    EventKind.RACE_STATE,
+                    f'The race is in {state.value}: {self.state_cause}',
+                    state=state,
+                    command=self._by.kind if self._by is not None else None,
+                    official=self._by.official if self._by is not None else '',
+                )
             )
         for kart in self.racing():
             self._redirect(kart, now)
@@ -953,9 +968,10 @@ class Race:
     def _drop(self, kart: Kart, reason: str, now: float) -> None:
         kart.connected = False
         kart.acknowledged = False
+        kart.settles_at = None
         kart.reported = None
         under_way = kart.in_race and self.state is not IN_GARAGE
-        if (under_way or kart.in_doubt) and kart.lost_since is None:
+        if (under_way or kart.doubt) and kart.lost_since is None:
             kart.lost_since = now
         self._events.append(
             Event(
@@ -973,7 +989,7 @@ class Race:
 
     def _all_kill(self, kart: Kart | None, command: Command, now: float) -> str:
         for each in self.karts.values():
-            self._hold(each, RED_RED, 'ALL_KILL', now)
+            self._hold(each, RED_RED, self._cause(), now)
         self._go(RED_RED, now)
         return f'RED_RED is sent to {_receivers(self.karts.values())}'
 
@@ -987,14 +1003,13 @@ class Race:
         return message + (f'; in RED_RED already: {_listed(stopped)}' if stopped else '')
 
     def _grid_active(self, kart: Kart | None, command: Command, now: float) -> str:
-        self.track_open = False
         self.msr_used = False
         self.starters = ()
         self.places_given = 0
         for each in self.karts.values():
             each.place = 0
         self._go(GRID_ACTIVE, now)
-        return f'GRID_ACTIVE is sent to {_receivers(self.racing())}; the track is closed to humans'
+        return f'GRID_ACTIVE is sent to {_receivers(self.racing())}'
 
     def _green_green(self, kart: Kart | None, command: Command, now: float) -> str:
         self.starters = tuple(each.number for each in self.racing())
@@ -1054,11 +1069,10 @@ class Race:
         assert kart is not None
         self.places_given += 1
         kart.place = self.places_given
-        due = now + self.times.finish_delay(kart.place)
-        # The RED_FLAG of a finish that was undone is still due. A second finish never puts it off.
-        kart.finish_due = due if kart.finish_due is None else min(due, kart.finish_due)
+        delay = self.times.finish_delay(kart.place)
+        kart.finish_due = now + delay
         text = f'{_capital(kart)} finished in place {kart.place}'
-        return f'{text}; RED_FLAG follows in {_seconds(kart.finish_due - now, 3)} s'
+        return f'{text}; RED_FLAG follows in {delay:g} s'
 
     def _kart_undo_finish(self, kart: Kart | None, command: Command, now: float) -> str:
         assert kart is not None
@@ -1069,9 +1083,10 @@ class Race:
             each.place -= 1
         moved_up.sort(key=lambda each: each.place)
         text = f'{_capital(kart)} has no place any more'
-        # Neither its hold nor its RED_FLAG that is due is touched: nothing is loosened.
+        # Nothing that was sent is loosened: it loses a RED_FLAG that has not gone out.
         if kart.finish_due is not None:
-            text += f'; RED_FLAG still follows in {_seconds(kart.finish_due - now, 1)} s'
+            kart.finish_due = None
+            text += ' and drives on: its RED_FLAG was not sent yet'
         elif kart.hold is not None:
             text += f'; it stays held in {kart.hold.value}'
         if moved_up:
@@ -1141,6 +1156,8 @@ class Race:
         racing = list(self.racing())
         if not racing:
             return 'no kart is in the race'
+        if self.track_open:
+            return 'the track is open to humans; close it first'
         held = [each for each in racing if each.hold is not None]
         if held:
             reasons = [f'{each}: {each.hold_reason}' for each in held]
@@ -1148,7 +1165,17 @@ class Race:
         moving = [each for each in racing if each.may_be_moving]
         if moving:
             return f'send RED_RED first to what may be moving: {_listed(moving)}'
-        return self._uninspected(racing)
+        return self._uninspected(racing) or self._no_record()
+
+    def _no_record(self) -> str:
+        """Return that no race starts while the record fails, and what helps; else nothing."""
+        if not self.record_fails:
+            return ''
+        return (
+            f'{self.record_fails}. No race starts without a record: make room on the disk; or '
+            'restart race control with the parameter record on another disk, at worst '
+            '/dev/shm/record.sqlite3'
+        )
 
     def _no_green_green(self, kart: Kart | None) -> str:
         if self.state is not GRID_ACTIVE:
@@ -1171,14 +1198,23 @@ class Race:
         ]
         if missing:
             return f'waiting for {_cut(missing)}'
-        return 'another GREEN_GREEN is still waiting for the record' if self.start else ''
+        doubtful = [
+            self._danger(each)
+            for each in self.karts.values()
+            if each.may_be_moving or (each.doubt and not each.in_race)
+        ]
+        if doubtful:
+            return _cut(doubtful)
+        if self.start is not None:
+            return 'another GREEN_GREEN is still waiting for the record'
+        return self._no_record()
 
     def _no_race_over(self, kart: Kart | None) -> str:
         return 'the race is in IN_GARAGE; nothing is under way' if self.state is IN_GARAGE else ''
 
     def _no_in_garage(self, kart: Kart | None) -> str:
         if self.state is GRID_ACTIVE:
-            lost = [each for each in self.racing() if each.in_doubt and not each.connected]
+            lost = [each for each in self.racing() if each.doubt and not each.connected]
             if lost:
                 return (
                     f'lost on the grid: {_listed(lost)}. Wait until it is back; or make it safe '
@@ -1191,9 +1227,7 @@ class Race:
         if self.state is not RED_RED:
             return f'the race is in {self.state.value}; send RACE_OVER or ALL_KILL first'
         missing = [
-            f'{each}: {self._silence(each)}'
-            for each in self._waited_for()
-            if not each.acknowledged
+            f'{each}: {self._silence(each)}' for each in self._waited_for() if not each.answered
         ]
         if not missing:
             return ''
@@ -1305,7 +1339,11 @@ class Race:
             each
             for each in self.karts.values()
             if each.sent is not IN_GARAGE
-            and (each.hold is None or (each.stopped and (each.in_race or not each.held_alone)))
+            and (
+                each.hold is None
+                or (each.stands and (each.in_race or not each.held_alone))
+                or self._is_answered_for(each)
+            )
         )
 
     def _this_kart(self, kart: Kart | None) -> Iterable[Kart]:
@@ -1345,18 +1383,14 @@ class Race:
         return 'the track is clear of humans'
 
     def _state_track_safe(self, kart: Kart | None) -> str:
-        return 'the track is safe for humans'
+        if not self.restarted:
+            return 'the track is safe for humans'
+        away = [each for each in self.karts.values() if self._is_answered_for(each)]
+        text = 'the track is safe for humans, and no kart moves'
+        return f'{text}, not even those that are not connected: {_listed(away)}' if away else text
 
     def _state_msr_used(self, kart: Kart | None) -> str:
         return 'the Master Safety Remote was used'
-
-    def _state_without_record(self, kart: Kart | None) -> str:
-        if not self.record_fails:
-            return ''
-        return (
-            'this race may start without a record: after a crash, race control would not know '
-            'that karts were moving'
-        )
 
     def _state_not_finished(self, kart: Kart | None) -> str:
         assert kart is not None
@@ -1364,7 +1398,7 @@ class Race:
 
     def _state_made_safe(self, kart: Kart | None) -> str:
         assert kart is not None
-        return '' if kart.stopped else f'{kart} was made safe by hand'
+        return '' if kart.stands else f'{kart} was made safe by hand'
 
     # ----- derived ------------------------------------------------------------------------
 
@@ -1377,44 +1411,63 @@ class Race:
             return True, 'the Master Safety Remote was used'
         if self.state in (GRID_ACTIVE, GREEN_GREEN):
             return False, f'the race is in {self.state.value}'
-        unsafe: list[str] = []
-        for kart in self.karts.values():
-            if kart.stopped:
-                continue
-            if kart.connected:
-                if kart.sent is not IN_GARAGE:
-                    unsafe.append(f'{kart} has not acknowledged {kart.sent.value}')
-                elif kart.may_be_moving:
-                    unsafe.append(f'{kart} may be moving: stop it with RED_RED')
-            elif kart.may_be_moving:
-                unsafe.append(f'{kart} was lost in motion: use the MSR')
-            elif kart.on_grid:
-                unsafe.append(
-                    f'{kart} was lost on the grid: wait until it is back and has acknowledged a '
-                    'stop, or make it safe by hand, send it RED_RED and release it alone'
-                )
+        unsafe = [each for each in map(self._danger, self.karts.values()) if each]
         if unsafe:
             return False, _cut(unsafe)
         if self.restarted:
             return False, (
-                'race control was restarted and may not know what it sent last: look at every '
-                'kart, then send IN_GARAGE, or use the MSR and record it'
+                'race control does not know what happened before it began: look at every kart, '
+                'then send IN_GARAGE, or use the MSR and record it'
             )
         if not any(kart.connected for kart in self.karts.values()):
             return True, 'no kart is connected: race control does not know what the karts do'
         return True, 'every connected kart is in IN_GARAGE or has acknowledged its stop'
 
+    def _danger(self, kart: Kart) -> str:
+        """Return why humans must not be near a kart now; nothing if they may (§3.A)."""
+        if kart.stands:
+            return ''
+        if kart.connected and kart.sent.is_red:
+            if kart.stopped:
+                return f'{kart} has stopped: it must stand for {self.times.settle:g} s'
+            return f'{kart} has not acknowledged {kart.sent.value}'
+        if kart.connected:
+            return f'{kart} may be moving: stop it with RED_RED' if kart.may_be_moving else ''
+        if kart.may_be_moving:
+            return f'{kart} was lost in motion: use the MSR'
+        if kart.doubt is Doubt.GRID:
+            return (
+                f'{kart} was lost on the grid: wait until it is back and has acknowledged a '
+                'stop, or make it safe by hand, send it RED_RED and release it alone'
+            )
+        return ''
+
+    def _is_answered_for(self, kart: Kart) -> bool:
+        """Return whether IN_GARAGE's statement answers for a kart of which nothing is known."""
+        return self.restarted and not (kart.connected or kart.doubt or kart.held_alone)
+
     def _silence(self, kart: Kart) -> str:
-        """Return what there is instead of the acknowledgement that is waited for."""
+        """Return what there is instead of the answer that is waited for."""
         if not kart.connected:
             return 'not connected'
+        if kart.stopped:
+            return f'has stopped, and must stand for {self.times.settle:g} s'
         if kart.withdrawn:
             return f'withdrew its acknowledgement of {kart.sent.value}'
         return f'no {kart.sent.value} yet'
 
     def _waited_for(self) -> list[Kart]:
-        """Return the karts that the race waits for: lost ones too, unless the MSR was used."""
-        return [kart for kart in self.racing() if kart.connected or not self.msr_used]
+        """
+        Return the karts that the race waits for: lost ones too, unless the MSR was used.
+
+        After a restart every connected kart that is held must answer.
+        """
+        return [
+            kart
+            for kart in self.karts.values()
+            if (kart.connected and (kart.in_race or (self.restarted and kart.sent.is_red)))
+            or (kart.in_race and not (self.msr_used or self._is_answered_for(kart)))
+        ]
 
     def _race_over_due(self) -> float | None:
         """Return when the race goes over by itself; None while a finish is outstanding (§3.C)."""
@@ -1430,13 +1483,13 @@ class Race:
             due = stopped if due is None else max(due, stopped)
         return due
 
-    def _tell_all_acknowledged(self, now: float) -> None:
+    def _tell_all_answered(self, now: float) -> None:
         if self.state is IN_GARAGE:
             return
         waited_for = self._waited_for()
-        acknowledged = bool(waited_for) and all(kart.acknowledged for kart in waited_for)
-        news = acknowledged and not self._told_all_acknowledged
-        self._told_all_acknowledged = acknowledged
+        answered = bool(waited_for) and all(kart.answered for kart in waited_for)
+        news = answered and not self._told_all_answered
+        self._told_all_answered = answered
         if news:
             who = 'connected kart' if self.msr_used else 'kart'
             self._events.append(
@@ -1495,6 +1548,8 @@ class Race:
                     yield AlertKind.LOST_IN_MOTION, kart, kart.lost_since
                 elif not kart.connected:
                     yield AlertKind.KART_LOST, kart, kart.lost_since
+            if kart.connected and kart.may_be_moving and kart.sent in (IN_GARAGE, GRID_ACTIVE):
+                yield AlertKind.MOVING_UNASKED, kart, None
             if kart.acknowledged:
                 continue
             if kart.sent is GRID_ACTIVE:
@@ -1529,14 +1584,19 @@ class Race:
         if kind is AlertKind.RECORD_FAILING:
             return self.record_fails
         assert kart is not None
+        msr = 'The MSR was used' if self.msr_used else 'Use the MSR'
         if kind is AlertKind.LOST_IN_MOTION:
-            text = f'Use the MSR: {kart} lost its connection while it may have been moving'
+            text = f'{msr}: {kart} lost its connection while it may have been moving'
+            if kart.stopped:
+                return f'{text}; it is back and has stopped: wait until it has stood for a while'
             return f'{text}; it is back and has not stopped yet' if kart.connected else text
         if kind is AlertKind.KART_LOST:
             return f'{_capital(kart)} lost its connection'
-        text = f'{_capital(kart)} has not acknowledged {kart.sent.value}'
+        if kind is AlertKind.MOVING_UNASKED:
+            return f'Stop {kart} with RED_RED: it said GREEN_GREEN, and is sent {kart.sent.value}'
         if kind in MSR_ALERTS:
-            return f'Use the MSR: {kart} has not acknowledged {kart.sent.value}'
+            return f'{msr}: {kart} has not acknowledged {kart.sent.value}'
+        text = f'{_capital(kart)} has not acknowledged {kart.sent.value}'
         return text if kart.connected else f'{text}: it is not connected'
 
     def _tell_alerts(self, now: float) -> None:
@@ -1555,7 +1615,20 @@ class Race:
     def _tell(
         self, kind: EventKind, text: str, kart: Kart, state: RaceState, chatter: bool = False
     ) -> None:
-        self._events.append(Event(kind, text, kart=kart.number, state=state, chatter=chatter))
+        command, official = None, ''
+        if self._by is not None:
+            command, official = self._by.kind, self._by.official
+        self._events.append(
+            Event(
+                kind,
+                text,
+                kart=kart.number,
+                state=state,
+                command=command,
+                chatter=chatter,
+                official=official,
+            )
+        )
 
     def _unknown_kart(self, command: Command) -> str:
         numbers = ', '.join(str(number) for number in sorted(self.karts)) or 'no kart'
@@ -1570,12 +1643,9 @@ class Race:
     def _outcome(
         self,
         answer: Answer | None = None,
-        note_first: bool = False,
         write_first: RaceMemory | None = None,
     ) -> Outcome:
-        outcome = Outcome(
-            tuple(self._orders), tuple(self._events), answer, write_first, note_first
-        )
+        outcome = Outcome(tuple(self._orders), tuple(self._events), answer, write_first)
         self._orders = []
         self._events = []
         return outcome
@@ -1599,8 +1669,7 @@ def _remembered(kart: Kart) -> KartMemory:
         kart.in_race,
         kart.hold is not None,
         kart.place,
-        kart.may_be_moving,
-        kart.on_grid,
+        kart.doubt,
         kart.held_alone,
     )
 
@@ -1642,11 +1711,6 @@ def _receivers(karts: Iterable[Kart]) -> str:
         named = '; '.join(map(str, absent[: 3 if more else 4]))
         text += f'; not connected, sent when {it_connects}: {named}{more}'
     return text
-
-
-def _seconds(left: float, digits: int) -> str:
-    """Return a time that is left, rounded to so many digits; none if it is over."""
-    return f'{round(max(0.0, left), digits):g}'
 
 
 def _capital(kart: Kart) -> str:
@@ -1697,7 +1761,6 @@ COMMANDS: dict[CommandKind, Rule] = {
     CommandKind.GREEN_GREEN: Rule(
         Race._green_green,
         Race._no_green_green,
-        Race._state_without_record,
         karts=Race._started,
     ),
     CommandKind.RACE_OVER: Rule(Race._race_over, Race._no_race_over),

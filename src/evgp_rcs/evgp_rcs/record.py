@@ -26,28 +26,12 @@ seconds.
 When the disk does not take it, the events wait here, `trouble` says so, and the writer tries
 again. Nothing is lost until `MOST_UNWRITTEN` events or `MOST_UNWRITTEN_BYTES` of inputs wait.
 
-What the next run finds is `left_behind`. It is None only if the record proves that the last run
-ended in order with nothing under way, or if there never was a run. Three things make that proof
-hard to lose:
+What the next run finds is `left_behind`: what this record knows of the last run, or nothing. It
+is `final` only where a file beside the record proves that the last run ended in good order
+(``orderly_end``). What a GREEN_GREEN leaves behind is on the disk, in the file itself and not only
+in SQLite's ``-wal`` beside it, before it goes out.
 
-- a run is entered as begun in the file itself (not only in SQLite's ``-wal`` beside it) before any
-  kart can connect, and so is what must be known before a GREEN_GREEN;
-- a *witness* far from the record, a small file in ``/var/tmp``, says that a run has begun that has
-  not ended in order, and whether the record knows of it. So a run that could not write its record
-  is not forgotten by the next one, nor is one whose record was deleted;
-- whatever cannot be read, or does not fit together, counts as the worst: nothing is known.
-
-What a GREEN_GREEN leaves behind is on the disk before it goes out, unless officials start without
-a record. So that karts on the grid are not taken for lost in motion after every restart, a
-*voucher* says that this run has started nobody without a record. It is kept in the machine's
-memory: taking it back before such a start waits for no disk, and does not fail with one. It is
-written once, when the run begins, and only a voucher of the very run is believed. Without one
-(older records, a restart of the machine, no such folder) the start counts as made, by the race
-that the record has. A voucher that was taken back says that there was such a start, perhaps of
-karts that the record does not have in the race: then nothing is known.
-
-The schema (``PRAGMA user_version`` 2; version 1 had neither the last two columns of `event` nor
-the last two tables, and is brought up to date when the next run begins):
+The schema (``PRAGMA user_version`` 3):
 
 ======== =================== ======================================================================
 table    column              meaning
@@ -59,15 +43,17 @@ event    session, sequence   the run, and the number of the event in it: from 1,
 ..       monotonic           the clock of the rules, s
 ..       kind                a name of ``EventKind``
 ..       kart                the kart's number; 0: none
-..       command             a name of ``CommandKind``; null: no command
+..       command             the command, or that which caused it: a ``CommandKind``; null: none
 ..       success             for a command, whether it was accepted
 ..       state               a name of ``RaceState``; null: none
 ..       text                one sentence for the official
-..       official            for a command, who gave it, by their own word; empty: unnamed
-..       alert               for an alert, a name of ``AlertKind``; null: none, or not recorded
+..       official            who gave the command, by their own word; empty: unnamed
+..       alert               for an alert, a name of ``AlertKind``; null: none
 memory   session             the run
 ..       sequence            the last event that this comes after
 ..       state               the race's state
+..       track_open          whether officials have opened the track
+..       msr_used            whether an official has stated that the MSR was used
 ..       karts               JSON: of each kart's number, the fields of ``KartMemory`` in order
 setup    session             the run
 ..       rules               the version of the rules (``rules_version``)
@@ -84,16 +70,12 @@ from collections.abc import Callable, Iterator, Sequence
 import contextlib
 import dataclasses
 import fcntl
-import hashlib
 import json
 import math
 import operator
-import os
 import pathlib
 import queue
 import sqlite3
-import stat
-import tempfile
 import threading
 import time
 from typing import Any, IO
@@ -102,9 +84,10 @@ from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.home import home
 from evgp_rcs.inputs import Block, joined, Setup
-from evgp_rcs.race import KartMemory, RaceMemory, StampedEvent
+from evgp_rcs.orderly_end import OrderlyEnd
+from evgp_rcs.race import Doubt, KartMemory, RaceMemory, StampedEvent
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 MOST_UNWRITTEN = 100_000
 """Maximum backlog of events while the disk takes none; what comes after them is lost."""
@@ -127,23 +110,7 @@ RETRY = 1.0
 SLOW = 2.0
 """Time an event may wait before `trouble` speaks of it, in seconds."""
 
-WITNESSES = pathlib.Path('/var/tmp')  # noqa: S108 - what others put there makes us careful only
-"""Where a run says that it has begun, apart from the record; kept when the machine restarts."""
-
-VOUCHERS = pathlib.Path('/dev/shm')  # noqa: S108 - what others put there makes us careful only
-"""Where a run vouches that it has started nobody without a record; in the machine's memory."""
-
-TEMPORARY = pathlib.Path(tempfile.gettempdir())
-"""A record below this folder is not meant to last, and its witness and voucher go with it."""
-
-UNRECORDED = 'unrecorded'
-"""What the witness says of a run that the record does not know of."""
-
-NOTHING_KNOWN = RaceMemory(RaceState.RED_RED, {}, known=False)
-"""What is left behind where the record cannot tell."""
-
-_STEPS = (
-    """
+_SCHEMA = """
 CREATE TABLE session (
     id INTEGER PRIMARY KEY,
     began_ns INTEGER NOT NULL,
@@ -160,18 +127,18 @@ CREATE TABLE event (
     success INTEGER NOT NULL,
     state TEXT,
     text TEXT NOT NULL,
+    official TEXT NOT NULL,
+    alert TEXT,
     PRIMARY KEY (session, sequence)
 ) WITHOUT ROWID;
 CREATE TABLE memory (
     session INTEGER PRIMARY KEY REFERENCES session,
     sequence INTEGER NOT NULL,
     state TEXT NOT NULL,
+    track_open INTEGER NOT NULL,
+    msr_used INTEGER NOT NULL,
     karts TEXT NOT NULL
 );
-""",
-    """
-ALTER TABLE event ADD COLUMN official TEXT NOT NULL DEFAULT '';
-ALTER TABLE event ADD COLUMN alert TEXT;
 CREATE TABLE setup (
     session INTEGER PRIMARY KEY REFERENCES session,
     rules TEXT NOT NULL,
@@ -183,18 +150,14 @@ CREATE TABLE input (
     data BLOB NOT NULL,
     PRIMARY KEY (session, block)
 );
-""",
-)
-"""What makes a record of each version out of one of the version before; the first, of nothing."""
-
-assert len(_STEPS) == SCHEMA_VERSION
+"""
 
 
 _every_field = operator.attrgetter(*(field.name for field in dataclasses.fields(KartMemory)))
 
 
 class RecordError(RuntimeError):
-    """The file is the record of another race control that is running."""
+    """The record is in use by another race control, or cannot be relied on; no start with it."""
 
 
 class _NoRecordError(RuntimeError):
@@ -262,14 +225,15 @@ class Record:
     :param path: the file; made, with its folder, if there is none. If it cannot be written, or is
         no record, `trouble` says so, the writer tries again and again, and nothing is known of the
         time before.
-    :raises RecordError: if it is the record of another race control that is running.
+    :raises RecordError: if it is the record of another race control that is running; or if what
+        proves that the last run ended in good order cannot be taken away, so that the run after
+        this one would rely on it.
     """
 
     def __init__(self, path: pathlib.Path) -> None:
         """Claim the file, and find what the last run left."""
         self._path = path
-        self._witness = _Witness(path, WITNESSES)
-        self._voucher = _Witness(path, VOUCHERS, '-starts')
+        self._orderly_end = OrderlyEnd(path)
         self._given: queue.SimpleQueue[_Given] = queue.SimpleQueue()
         # Written by whoever hands over.
         self._put = 0
@@ -299,20 +263,14 @@ class Record:
         self._claimed: IO[bytes] | None = None
         self._written = 0  # the sequence number of the last event
         self.left_behind: RaceMemory | None = None
-        """What the last run left, unless it ended in good order with nothing under way."""
+        """What is known of the last run; None: nothing."""
         try:
             self._claim()
-            said, vouched = self._witness.read(), self._voucher.read()
-            self._voucher.void()
-            self._witness.write(UNRECORDED)
-            self.left_behind = self._open(said, vouched)
-            # By this thread alone, which also takes it back.
-            self._voucher.write(str(self._began_ns))
+            proof = self._take_proof()
+            self.left_behind = self._open(proof)
         except _UNWRITABLE as error:
-            self._voucher.void()
-            self._witness.write(UNRECORDED)
+            self._take_proof()
             self._error = _in_words(error)
-            self.left_behind = NOTHING_KNOWN
         self._thread: threading.Thread | None = None
 
     def start(self, on_failure: Callable[[BaseException], None]) -> None:
@@ -364,15 +322,6 @@ class Record:
         """
         self._given.put(_Remember(memory, at, done))
 
-    def note_unrecorded_start(self) -> bool:
-        """
-        Note that karts are started without a record; never waits for the disk.
-
-        :return: whether that was noted. If not, the next run could mistake moving karts for karts
-            on the grid.
-        """
-        return self._voucher.void(keep=True)
-
     def trouble(self) -> str:
         """Return why the record fails, as a sentence for an official; empty: it does not."""
         # Not the clock of the rules: a disk is not slow because the machine was suspended.
@@ -416,29 +365,24 @@ class Record:
             try:
                 if self._database is None:
                     self._claim()
-                    self._open(None, '')
+                    self._open('')
                 self._write()
             except (*_UNWRITABLE, RecordError) as error:
                 # What SQLite knows of the file may be wrong by now: the next try opens it again.
                 if self._database is not None:
                     self._database.close()
                     self._database = None
-                if not self._error:
-                    # What happens from now on is known to nobody if this run dies.
-                    self._witness.write(UNRECORDED)
                 self._error = _in_words(error)
                 self._tell_whoever_waits(False)
                 if self._end is not None:
                     return
                 continue
-            if self._error:
-                self._witness.write(str(self._began_ns))
-                self._error = ''
+            self._error = ''
             self._tell_whoever_waits(True)
             if self._end is not None:
                 if self._end.in_order:
-                    self._witness.remove()
-                    self._voucher.remove()
+                    with contextlib.suppress(OSError):  # the next start is careful
+                        self._orderly_end.write(str(self._began_ns))
                 return
 
     def _take_what_was_given(self) -> None:
@@ -493,6 +437,21 @@ class Record:
         for done in confirm:
             done(there)
 
+    def _take_proof(self) -> str:
+        """
+        Take away the proof that the last run ended in good order, and return which that was.
+
+        :raises RecordError: if it cannot be taken away.
+        """
+        try:
+            return self._orderly_end.take()
+        except OSError as error:
+            raise RecordError(
+                f'{self._path} cannot be used: what proves that the last run ended in good order '
+                f'stands beside it and cannot be removed ({_in_words(error)}). Choose another file '
+                'with the parameter record'
+            ) from error
+
     def _claim(self) -> None:
         """Have the file to oneself."""
         if self._claimed is not None:
@@ -520,33 +479,30 @@ class Record:
             self._claimed = claimed
             return
 
-    def _open(self, said: str | None, vouched: str) -> RaceMemory | None:
+    def _open(self, proof: str) -> RaceMemory | None:
         """
         Open the file, begin a run of its own, and return what the last run left.
 
-        :param said: what the witness says of the last run; None: this run has begun already.
-        :param vouched: what the voucher says.
+        :param proof: the run that has ended in good order; empty: none.
         """
         database = sqlite3.connect(
             self._path, timeout=1.0, isolation_level=None, check_same_thread=False
         )
         try:
-            left_behind = self._prepare(database, said, vouched)
+            left_behind = self._prepare(database, proof)
         except BaseException:
             database.close()
             raise
         self._database = database
         return left_behind
 
-    def _prepare(
-        self, database: sqlite3.Connection, said: str | None, vouched: str
-    ) -> RaceMemory | None:
+    def _prepare(self, database: sqlite3.Connection, proof: str) -> RaceMemory | None:
         (version,) = database.execute('PRAGMA user_version').fetchone()
         tables = database.execute('SELECT count(*) FROM sqlite_master').fetchone()[0]
-        if version > SCHEMA_VERSION or (not version and tables):
+        if tables and version != SCHEMA_VERSION:
             raise _NoRecordError(
                 f'{self._path} is no record of this race control (its version is {version}, '
-                f'not 1 to {SCHEMA_VERSION}): move it away, or choose another file with the '
+                f'not {SCHEMA_VERSION}): move it away, or choose another file with the '
                 'parameter record'
             )
         database.execute('PRAGMA journal_mode = WAL')
@@ -554,12 +510,11 @@ class Record:
         database.execute('PRAGMA synchronous = FULL')
         begins = not self._session
         with _transaction(database):
-            if version != SCHEMA_VERSION:
-                for step in _STEPS[version:]:
-                    for statement in step.split(';'):
-                        database.execute(statement)
+            if not tables:
+                for statement in _SCHEMA.split(';'):
+                    database.execute(statement)
                 database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
-            left_behind = None if said is None else _left_behind(database, said, vouched)
+            left_behind = _left_behind(database, proof) if begins else None
             if begins:
                 self._began_ns = time.time_ns()
                 cursor = database.execute(
@@ -569,7 +524,6 @@ class Record:
                 self._session = cursor.lastrowid
         if begins:
             _checkpoint(database)
-            self._witness.write(str(self._began_ns))
         return left_behind
 
     def _write(self) -> None:
@@ -599,8 +553,15 @@ class Record:
                     number: _every_field(kart) for number, kart in memory.memory.karts.items()
                 }
                 self._database.execute(
-                    'INSERT OR REPLACE INTO memory VALUES (?, ?, ?, ?)',
-                    (self._session, sequence, memory.memory.state.value, json.dumps(karts)),
+                    'INSERT OR REPLACE INTO memory VALUES (?, ?, ?, ?, ?, ?)',
+                    (
+                        self._session,
+                        sequence,
+                        memory.memory.state.value,
+                        memory.memory.track_open,
+                        memory.memory.msr_used,
+                        json.dumps(karts),
+                    ),
                 )
             if self._end is not None and self._end.in_order:
                 self._database.execute(
@@ -629,98 +590,6 @@ class Record:
 
 _UNWRITABLE = (OSError, sqlite3.Error, _NoRecordError)
 """What a file raises that cannot be written, or is damaged, or is something else."""
-
-
-class _Witness:
-    """
-    A line about a run, apart from the record.
-
-    In `WITNESSES` it says that a run has begun which has not ended in order. Best effort: where it
-    cannot be written, the record alone is the proof. In `VOUCHERS` it says that this run has
-    started nobody without a record.
-
-    :param place: the folder it is kept in.
-    :param what: the end of its name.
-    """
-
-    def __init__(self, record: pathlib.Path, place: pathlib.Path, what: str = '') -> None:
-        """Find its place."""
-        name = hashlib.sha256(str(record.absolute()).encode()).hexdigest()[:16]
-        lasts = TEMPORARY not in record.absolute().parents
-        folder = place if lasts else record.parent
-        self._path = folder / f'evgp_rcs-{os.getuid()}-{name}{what}'
-
-    def read(self) -> str:
-        """Return what it says: `UNRECORDED`, when the run began (ns), or nothing."""
-        try:
-            with self._opened(os.O_RDONLY) as file:
-                # A full disk leaves an empty one.
-                return file.read(100).decode('ascii') or UNRECORDED
-        except FileNotFoundError:
-            return ''
-        except (OSError, UnicodeDecodeError):
-            return UNRECORDED
-
-    def write(self, what: str) -> None:
-        """Have it say this."""
-        try:
-            with self._opened(os.O_WRONLY | os.O_CREAT) as file:
-                file.truncate(0)
-                file.write(what.encode('ascii'))
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError:
-            pass  # the record alone has to prove it
-
-    def void(self, keep: bool = False) -> bool:
-        """
-        Have it say nothing that is believed, now; return whether that is so.
-
-        :param keep: leave an empty one, which says that it was voided, also where there was none.
-        """
-        flags = os.O_WRONLY | os.O_CREAT if keep else os.O_WRONLY
-        try:
-            self._empty(flags)
-        except FileNotFoundError:
-            return True
-        except OSError:
-            pass  # it may still be removed
-        else:
-            return True
-        try:
-            self._path.unlink(missing_ok=True)
-        except OSError:
-            return False
-        if keep:
-            with contextlib.suppress(OSError):  # what is missing is not believed either
-                self._empty(flags)
-        return True
-
-    def _empty(self, flags: int) -> None:
-        with self._opened(flags) as file:
-            file.truncate(0)
-
-    def _opened(self, flags: int) -> IO[bytes]:
-        """
-        Open it, if it is a file of our own: others may put anything there.
-
-        :raises OSError: if it is anything else, or cannot be opened.
-        """
-        safely = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
-        descriptor = os.open(self._path, flags | safely, 0o600)
-        status = os.fstat(descriptor)
-        own = stat.S_ISREG(status.st_mode) and status.st_uid == os.getuid()
-        if not own or status.st_nlink != 1:
-            os.close(descriptor)
-            raise PermissionError(f'{self._path} is not of our making')
-        return os.fdopen(descriptor, 'rb' if flags == os.O_RDONLY else 'wb')
-
-    def remove(self) -> None:
-        """Have it say nothing: the run has ended in order, and the record says so."""
-        try:
-            self._path.unlink(missing_ok=True)
-        except OSError:
-            pass  # the next run is too careful
 
 
 def _in_words(error: Exception) -> str:
@@ -771,45 +640,33 @@ def _without_nul(text: str) -> str:
     return text.replace('\0', '\ufffd')
 
 
-def _left_behind(database: sqlite3.Connection, said: str, vouched: str) -> RaceMemory | None:
+def _left_behind(database: sqlite3.Connection, proof: str) -> RaceMemory | None:
     """
-    Return what the last run left, if the next one must take it up.
+    Return what is known of the last run; None: nothing.
 
-    :param said: what the witness says of the last run.
-    :param vouched: what the voucher says.
+    :param proof: the run that has ended in good order; empty: none.
     """
-    last = database.execute(
-        'SELECT id, began_ns, ended_ns FROM session ORDER BY id DESC LIMIT 1'
-    ).fetchone()
-    if last is None:
-        return NOTHING_KNOWN if said else None
-    session, began_ns, ended_ns = last
-    if said not in ('', str(began_ns)):
-        return NOTHING_KNOWN  # a later run, which this record does not know of
     row = database.execute(
-        'SELECT state, karts FROM memory WHERE session = ?', (session,)
+        'SELECT began_ns, state, track_open, msr_used, karts FROM session '
+        'LEFT JOIN memory ON memory.session = session.id ORDER BY session.id DESC LIMIT 1'
     ).fetchone()
-    if row is None:
-        # It wrote nothing: what it took up from the run before is all that can be known.
-        return NOTHING_KNOWN
-    state, karts = row
+    if row is None or row[1] is None:
+        return None  # there is no run, or the last one wrote nothing
+    began_ns, state, track_open, msr_used, karts = row
     try:
-        memory = RaceMemory(
+        return RaceMemory(
             RaceState[state],
-            {
-                # Older records have the fields by their names.
-                int(number): KartMemory(**kart) if isinstance(kart, dict) else KartMemory(*kart)
-                for number, kart in json.loads(karts).items()
-            },
-            # A run that ended in order wrote with its end what there was at the end.
-            every_start=ended_ns is not None or vouched == str(began_ns),
+            {int(number): _remembered(*kart) for number, kart in json.loads(karts).items()},
+            bool(track_open),
+            bool(msr_used),
+            final=proof == str(began_ns),
         )
-    except (ValueError, KeyError, TypeError, AttributeError):
-        return NOTHING_KNOWN  # damaged, or written by a later version
-    if vouched == UNRECORDED:
-        # Karts were started later than this, perhaps those of another heat.
-        return dataclasses.replace(memory, known=False)
-    return None if ended_ns is not None and memory.home else memory
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None  # damaged
+
+
+def _remembered(in_race: bool, held: bool, place: int, doubt: int, alone: bool) -> KartMemory:
+    return KartMemory(bool(in_race), bool(held), int(place), Doubt(doubt), bool(alone))
 
 
 # ----- to read a record -----------------------------------------------------------------------
@@ -872,9 +729,6 @@ def setup_of(database: sqlite3.Connection, session: int) -> tuple[str, str] | No
 
     :returns: None if the record does not have it.
     """
-    (version,) = database.execute('PRAGMA user_version').fetchone()
-    if version < 2:
-        return None
     row: tuple[str, str] | None = database.execute(
         'SELECT rules, setup FROM setup WHERE session = ?', (session,)
     ).fetchone()
@@ -921,12 +775,9 @@ def events(
     :param backwards: the last one first.
     :raises sqlite3.DatabaseError: where the record is damaged.
     """
-    (version,) = database.execute('PRAGMA user_version').fetchone()
     rows = database.execute(
         'SELECT sequence, wall_ns, monotonic, kind, kart, command, success, state, text, '
-        # The first version has no such columns.
-        + ('official, alert ' if version > 1 else "'', NULL ")
-        + 'FROM event WHERE session = ? AND sequence > ? ORDER BY sequence'
+        'official, alert FROM event WHERE session = ? AND sequence > ? ORDER BY sequence'
         + (' DESC' if backwards else ''),
         (session, after),
     )

@@ -103,6 +103,13 @@ def read_settings(parameters: Parameters) -> Begin:
             rules.red_alert,
             'Time until the alert that RED_RED is not acknowledged',
         ),
+        settle=declare(
+            'settle_time',
+            rules.settle,
+            'A kart that acknowledges a red must stand by it for this long before humans may rely '
+            'on it, s.',
+            (0.5, 60),
+        ),
         require_inspection=declare(
             'require_inspection',
             rules.require_inspection,

@@ -88,8 +88,12 @@ NO_BUTTON = (
 LOOSENING = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE', 'KART_IN_GARAGE', 'OPEN_TRACK')
 NAMING = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE')
 TROUBLE = 'the disk is full'
-# What becomes of a start that waits until it is on the disk, or noted, that karts may move.
-OF_A_START = ('journal', 'noted', 'withdrawn')
+# What becomes of a start that waits until it is on the disk that karts may move.
+OF_A_START = ('journal', 'withdrawn')
+OFFICIAL = 'Anna'
+
+# How much of a danger a kart may be.
+HARMLESS, ON_GRID, MOVING = range(3)
 
 PROPERTIES = {
     'stop-refused': 'S: a stop command is never refused',
@@ -101,7 +105,7 @@ PROPERTIES = {
     'green-needs-acks': 'S: GREEN_GREEN only if every kart acknowledged this GRID_ACTIVE',
     'red-loosened': 'S: only the two IN_GARAGE commands loosen a red',
     'red-to-green': 'S: no way from red to GREEN_GREEN but by IN_GARAGE and a new GRID_ACTIVE',
-    'finish-put-off': 'S: once a kart is marked as finished, its RED_FLAG comes, and no later',
+    'finish-put-off': 'S: the RED_FLAG of a finish comes in time, unless it was taken back before',
     'membership-loosens': 'S: joining, leaving and heats never change what a red kart is sent',
     'uninspected': 'where an inspection is required, no kart without one joins or starts',
     'heat-halved': 'a heat is put into the race whole, and nothing else is changed by it',
@@ -114,13 +118,15 @@ PROPERTIES = {
     'drop-not-held': 'S: a kart that drops in a race under way or in motion is held in RED_RED',
     'doubt-unnoticed': 'S: who is sent GREEN_GREEN or a red, or says so unasked, may be moving',
     'doubt-forgotten': 'S: that ends only by its word on a red, or by an official alone',
+    'settle': 'S: its word ends it only once the kart has stood by it, on the same connection',
     'alarm-cleared': 'S: a connection that is lost, or back, clears no alarm',
     'alone-released': 'S: IN_GARAGE for the race releases no kart outside it that was held alone',
     'as-seen': 'S: a start or release is refused, and only then, if it is not as officials saw it',
     'rival': 'S: while another race control runs, nothing is loosened',
     'pause': 'S: nothing that loosens and came before the end of a pause is accepted',
     'available-from': 'what a pause refuses, and nothing else, is announced with the end of it',
-    'start-first': 'S: karts start only once it is on the disk, or noted, that they may move',
+    'start-first': 'S: karts start only once it is on the disk that they may move',
+    'no-record': 'S: while the record fails, no race starts',
     'start-memory': 'S: while a start waits, a crash leaves what was written for it',
     'start-answer': 'a start is answered once: when refused, or when what it waits for is so',
     'restart': 'S: after a restart all is red and closed, and no kart, hold or doubt is forgotten',
@@ -134,6 +140,7 @@ PROPERTIES = {
     'statement': 'a command that asks for a statement is refused without it, and only then',
     'refused-changes': 'S: a refused command changes nothing and orders nothing',
     'refusal-silent': 'a refusal says which command, and names each kart that fails, up to three',
+    'cause': 'every change of the state of the race names the command, and who gave it',
     'effect': 'every input has the whole effect of docs/rules.md, and no other',
     'alerts': 'the alerts are those of docs/rules.md',
     'alerts-act': 'S: looking, and alerts, change nothing',
@@ -165,22 +172,24 @@ class KartView(NamedTuple):
     since: float
     serial: int
     acked: bool
-    moving: bool
+    doubt: int
     place: int
     finish_at: float | None
-    on_grid: bool
+    settles: float | None
     alone: bool
     barred: bool
 
+    @property
+    def moving(self) -> bool:
+        return self.doubt == MOVING
+
 
 class StartView(NamedTuple):
-    """What the oracle sees of a start that waits: for the disk, or (``noting``) for a note."""
+    """What the oracle sees of a start that waits for the disk."""
 
-    statement: bool
     karts: frozenset[int]
     came: float
     until: float
-    noting: bool
 
 
 class View(NamedTuple):
@@ -210,12 +219,14 @@ class KartFacts(NamedTuple):
     :param phase: 0 after a red, 1 after IN_GARAGE, 2 after IN_GARAGE and then GRID_ACTIVE.
     :param missing: since when it is missing, if it dropped from a race or in motion; in motion,
         until it stands.
+    :param stood: since when it has stood by its acknowledgement of the red it is sent.
     """
 
     ready: bool = False
     lost: bool = False
     phase: int = 1
     missing: float | None = None
+    stood: float | None = None
 
 
 class Facts(NamedTuple):
@@ -237,7 +248,7 @@ class Input(NamedTuple):
 
     :param kind: which command; of a journal 'stale' if it is not what the start waits for.
     :param statement: what is stated; of a rival that it is there, of the record that it fails, of
-        a journal or a note that it was written.
+        a journal that it was written.
     :param karts: which karts a start or release is for, as the official saw it.
     :param hold: how a kart to be released was held, as the official saw it.
     :param heat: the name of the heat, of a command to put one into the race.
@@ -279,10 +290,10 @@ _KART = operator.attrgetter(
     'sent_since',
     'serial',
     'acknowledged',
-    'may_be_moving',
+    'doubt',
     'place',
     'finish_due',
-    'on_grid',
+    'settles_at',
     'held_alone',
     'inspected',
 )
@@ -304,10 +315,7 @@ def look(race: Any) -> View:
     )
     start = race.start
     if start is not None:
-        command = start.command
-        start = StartView(
-            command.statement, command.karts, start.came, start.until, start.memory is None
-        )
+        start = StartView(start.command.karts, start.came, start.until)
     around = bool(race.record_fails), race.heats, race.starters, race.paused_until, start
     return View(*_RACE(race), *around, karts)
 
@@ -323,7 +331,7 @@ def recall(view: View, now: float) -> Facts:
         False,
         view.paused,
         tuple(
-            KartFacts(lost=True, phase=0, missing=now if kart.in_race or _in_doubt(kart) else None)
+            KartFacts(lost=True, phase=0, missing=now if kart.doubt else None)
             for kart in view.karts
         ),
     )
@@ -353,12 +361,18 @@ def _humans_allowed(view: View) -> tuple[bool, list[int]]:
 def _is_safe(kart: KartView) -> bool:
     """Return whether it stands by its word, or was neither told nor seen to move since."""
     if kart.connected:
-        return (kart.acked and _red(kart)) or (kart.sent is IN_GARAGE and not kart.moving)
-    return not _in_doubt(kart)
+        return _stands(kart) or (kart.sent is IN_GARAGE and not kart.moving)
+    return not kart.doubt
 
 
-def _in_doubt(kart: KartView) -> bool:
-    return kart.moving or kart.on_grid
+def _stands(kart: KartView) -> bool:
+    """Return whether it has stood by its word on a red for long enough."""
+    return kart.acked and _red(kart) and not kart.doubt
+
+
+def _is_answered_for(view: View, kart: KartView) -> bool:
+    """Return whether IN_GARAGE's statement answers for a kart of which nothing is known."""
+    return view.restarted and not (kart.connected or kart.doubt or kart.alone)
 
 
 def _red(kart: KartView) -> bool:
@@ -378,8 +392,9 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
         held = tuple(kart.number for kart in racing if kart.hold is not None)
         held = held or tuple(kart.number for kart in racing if kart.moving)
         held = held or tuple(kart.number for kart in racing if kart.barred)
-        allowed = state is IN_GARAGE and bool(racing) and not held
-        return Judgement(allowed, True, held if state is IN_GARAGE else (), numbers)
+        in_time = state is IN_GARAGE and not view.track_open
+        allowed = in_time and bool(racing) and not held and not view.trouble
+        return Judgement(allowed, True, held * in_time, numbers)
     if kind == 'GREEN_GREEN':
         missing = tuple(
             kart.number
@@ -387,18 +402,32 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
             if kart.in_race and not (kart.connected and memory.ready and kart.acked)
         )
         missing = tuple(kart.number for kart in racing if kart.hold is not None) or missing
-        in_time = state is GRID_ACTIVE and facts.grid_last
-        allowed = in_time and bool(racing) and not missing and view.start is None
-        return Judgement(allowed, bool(view.trouble), missing * in_time, numbers)
+        missing = missing or tuple(
+            kart.number for kart in view.karts if kart.moving or (kart.doubt and not kart.in_race)
+        )
+        in_time = state is GRID_ACTIVE and facts.grid_last and bool(racing)
+        allowed = in_time and not missing and view.start is None and not view.trouble
+        return Judgement(allowed, False, missing * in_time, numbers)
     if kind == 'RACE_OVER':
         return Judgement(state is not IN_GARAGE)
     if kind == 'IN_GARAGE':
         if state is RED_RED:
             # The MSR answers for those who are not there, and for nobody else.
-            waiting = [kart for kart in racing if kart.connected or not view.msr_used]
-            silent = tuple(kart.number for kart in waiting if not kart.acked)
+            # And the statement for those of whom nothing is known; who is there answers itself.
+            waiting = [
+                kart
+                for kart in racing
+                if kart.connected or not (view.msr_used or _is_answered_for(view, kart))
+            ]
+            if view.restarted:
+                waiting += [
+                    kart
+                    for kart in view.karts
+                    if kart.connected and not kart.in_race and _red(kart)
+                ]
+            silent = tuple(sorted(kart.number for kart in waiting if not _stands(kart)))
         else:
-            silent = tuple(k.number for k in racing if not k.connected and _in_doubt(k))
+            silent = tuple(k.number for k in racing if not k.connected and k.doubt)
         if state in (GRID_ACTIVE, RED_RED):
             return Judgement(not silent, True, silent, () if silent else _sent_home(view))
         return Judgement(False)
@@ -417,7 +446,7 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
         # Only while the results of its race are not told.
         return Judgement(kart.place > 0 and bool(view.starters), True)
     if kind == 'KART_IN_GARAGE':
-        return Judgement(_red(kart), not (kart.connected and kart.acked), (), (number,))
+        return Judgement(_red(kart), not (kart.connected and _stands(kart)), (), (number,))
     if kind == 'JOIN_RACE':
         return Judgement(not kart.in_race and state is IN_GARAGE and not kart.barred)
     assert kind == 'LEAVE_RACE', kind
@@ -453,9 +482,7 @@ def is_paused(facts: Facts, kind: str, came: float) -> bool:
 
 def of_start(start: StartView) -> Input:
     """Return the command that waits."""
-    return Input(
-        'command', 'GREEN_GREEN', statement=start.statement, karts=start.karts, came=start.came
-    )
+    return Input('command', 'GREEN_GREEN', karts=start.karts, came=start.came)
 
 
 def fate(
@@ -464,32 +491,23 @@ def fate(
     """
     Return what becomes of a command, or of a start that waits.
 
-    It is 'accepted', 'refused', or waits: it 'writes' first that karts may move, or 'notes' first
-    that this is not written. Empty: the input is about neither.
+    It is 'accepted', 'refused', or 'waits' until it is on the disk that karts may move. Empty: the
+    input is about neither.
 
     :param opinion: what ``judge`` says of the command, if that is known.
     """
-    waits = given.what == 'command'
-    start = view.start
-    if not waits:
+    waits = given.what == 'command' and given.kind == 'GREEN_GREEN'
+    if given.what != 'command':
+        start = view.start
         if start is None:
             return ''
-        failed = not given.statement
-        if given.what == 'tick' and not start.noting:
-            if now < start.until:
-                return ''
-        elif given.what == 'journal':
-            if start.noting or given.kind == 'stale':
-                return ''
-        elif given.what == 'noted':
-            if not start.noting:
-                return ''
-        elif given.what != 'withdrawn':
+        if given.what == 'tick':
+            return 'refused' if now >= start.until else ''
+        if given.what not in OF_A_START or given.kind == 'stale':
             return ''
-        if given.what == 'withdrawn' or (given.what == 'noted' and failed):
+        if given.what == 'withdrawn' or not given.statement:
             return 'refused'
-        view = view._replace(start=None, trouble=view.trouble or failed)
-        waits = failed
+        view = view._replace(start=None)
         given = of_start(start)
     opinion = opinion or judge(view, facts, given.kind, given.kart)
     stated = given.statement or not opinion.needs_statement
@@ -502,9 +520,7 @@ def fate(
         and not _heat_is_barred(view, given)
     ):
         return 'refused'
-    if waits and given.kind == 'GREEN_GREEN':
-        return 'notes' if view.trouble else 'writes'
-    return 'accepted'
+    return 'waits' if waits else 'accepted'
 
 
 def _heat_exists(view: View, given: Input) -> bool:
@@ -542,21 +558,25 @@ def _acknowledges(view: View, given: Input) -> bool:
     return False
 
 
-def _hear(kart: dict[str, Any], given: Input) -> None:
+def _hear(kart: dict[str, Any], given: Input, now: float, settle: float) -> None:
     """Take a kart at its word, or see it take its word back, or move."""
     if not kart['connected']:
         return
     if given.state is not kart['sent']:
-        kart['moving'] = (
-            kart['moving']
-            or given.state is GREEN_GREEN
-            or (kart['acked'] and kart['sent'] in REDS)
-        )
-        kart['acked'] = False
-    elif given.serial == kart['serial']:
+        if given.state is GREEN_GREEN or (kart['acked'] and kart['sent'] in REDS):
+            kart['doubt'] = MOVING
+        kart.update(acked=False, settles=None)
+    elif given.serial == kart['serial'] and not kart['acked']:
         kart['acked'] = True
         if given.state in REDS:
-            kart['moving'] = kart['on_grid'] = False
+            kart['settles'] = now + settle
+            _stand(kart, now)
+
+
+def _stand(kart: dict[str, Any], now: float) -> None:
+    """Take a kart for harmless that has stood by its word for long enough."""
+    if kart['settles'] is not None and now >= kart['settles']:
+        kart.update(doubt=HARMLESS, settles=None)
 
 
 def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'accepted') -> View:
@@ -575,13 +595,12 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
     if what == 'command' and becomes != 'accepted':
         if becomes != 'refused':
             came = now if given.came is None else given.came
-            until, noting = now + times.journal_timeout, becomes == 'notes'
-            start = StartView(given.statement, given.karts, came, until, noting)
+            start = StartView(given.karts, came, now + times.journal_timeout)
         return view._replace(paused=paused, start=start)
     if start is not None and what != 'command' and becomes:
         # Time that is up is a disk that has not taken it.
         trouble = trouble or (what in ('journal', 'tick') and not given.statement)
-        start = start._replace(noting=True) if becomes == 'notes' else None
+        start = None
     after = [kart._asdict() for kart in karts]
     mine = [kart for kart in after if kart['number'] == number]
     anew = 0
@@ -591,8 +610,8 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
             each['hold'] = _stricter(red, each['hold'])
 
     def drop(each: dict[str, Any]) -> None:
-        each['connected'] = each['acked'] = False
-        if (each['in_race'] and state in UNDER_WAY) or each['moving']:
+        each.update(connected=False, acked=False, settles=None)
+        if (each['in_race'] and state in UNDER_WAY) or each['doubt'] == MOVING:
             each['hold'] = RED_RED
 
     if what == 'connected':
@@ -604,7 +623,7 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
         if mine[0]['connected']:
             drop(mine[0])
     elif what == 'heard':
-        _hear(mine[0], given)
+        _hear(mine[0], given, now, times.settle)
     elif what == 'rival':
         rival = given.statement
     elif what == 'record':
@@ -613,6 +632,7 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
         pass
     elif what == 'tick':
         for each in after:
+            _stand(each, now)
             if each['finish_at'] is not None and now >= each['finish_at']:
                 each['finish_at'] = None
                 hold([each], RED_FLAG)
@@ -631,7 +651,7 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
         hold(mine, RED_FLAG)
         mine[0]['alone'] = True
     elif kind == 'GRID_ACTIVE':
-        state, track_open, msr_used, places, starters = GRID_ACTIVE, False, False, 0, ()
+        state, msr_used, places, starters = GRID_ACTIVE, False, 0, ()
         for each in after:
             each['place'] = 0
     elif kind == 'GREEN_GREEN':
@@ -641,27 +661,24 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
         state, over, starters = RED_RED, True, ()
     elif kind == 'IN_GARAGE':
         state, over, msr_used, restarted, starters = IN_GARAGE, False, False, False, ()
-        for each in after:
+        for each, old in zip(after, karts, strict=True):
             each['finish_at'] = None
             kept = each['alone'] and not each['in_race']
-            if each['acked'] and each['sent'] in REDS and not kept:
+            if (_stands(old) and not kept) or _is_answered_for(view, old):
                 each['hold'], each['alone'] = None, False
     elif kind == 'KART_FINISH':
         places += 1
         mine[0]['place'] = places
         delays = times.finish_delays
-        due = now + delays[min(places, len(delays)) - 1]
-        # It never comes later than what is due from a finish before, which was undone.
-        before = mine[0]['finish_at']
-        mine[0]['finish_at'] = due if before is None or due < before else before
+        mine[0]['finish_at'] = now + delays[min(places, len(delays)) - 1]
     elif kind == 'KART_UNDO_FINISH':
         places -= 1
         gone = mine[0]['place']
         for each in after:
             each['place'] -= each['place'] > gone
-        mine[0]['place'] = 0
+        mine[0].update(place=0, finish_at=None)
     elif kind == 'KART_IN_GARAGE':
-        mine[0].update(hold=None, alone=False, moving=False, on_grid=False, finish_at=None)
+        mine[0].update(hold=None, alone=False, doubt=HARMLESS, settles=None, finish_at=None)
         if state is not IN_GARAGE:
             mine[0]['in_race'] = False
     elif kind == 'JOIN_RACE':
@@ -693,12 +710,12 @@ def _settle(state: RaceState, karts: list[dict[str, Any]], anew: int, now: float
         if sent is not kart['sent']:
             kart['sent'], kart['since'], told = sent, now, True
         if told:
-            kart['acked'] = False
+            kart.update(acked=False, settles=None)
         if told and kart['connected']:
             if sent is GREEN_GREEN or sent in REDS:
-                kart['moving'] = True
-            else:
-                kart['on_grid'] = sent is GRID_ACTIVE
+                kart['doubt'] = MOVING
+            elif kart['doubt'] != MOVING:
+                kart['doubt'] = ON_GRID if sent is GRID_ACTIVE else HARMLESS
 
 
 def _race_is_over(state: RaceState, karts: list[dict[str, Any]], now: float, times: Any) -> bool:
@@ -722,6 +739,8 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
                 alerts.add(('LOST_IN_MOTION', kart.number))
             elif not kart.connected:
                 alerts.add(('KART_LOST', kart.number))
+        if kart.connected and kart.moving and kart.sent in (IN_GARAGE, GRID_ACTIVE):
+            alerts.add(('MOVING_UNASKED', kart.number))
         if kart.acked:
             continue
         if kart.sent is GRID_ACTIVE and now >= kart.since + times.ready_alert:
@@ -766,12 +785,14 @@ def learn(
         grid_last = given.kind == 'GRID_ACTIVE'
     karts = []
     for old, kart, memory in zip(before.karts, after.karts, facts.karts, strict=True):
-        ready, lost, phase, missing = memory
+        ready, lost, phase, missing, stood = memory
         if given.what == 'command' and success:
             if given.kind == 'GRID_ACTIVE':
                 ready = False
-            if given.kind == 'IN_GARAGE' and old.acked and _red(old):
+            if given.kind == 'IN_GARAGE' and _stands(old):
                 lost = lost and old.alone and not old.in_race
+            if given.kind == 'IN_GARAGE' and _is_answered_for(before, old):
+                lost = False
             if given.kind == 'KART_IN_GARAGE' and given.kart == kart.number:
                 lost, missing = False, None
         if given.kart == kart.number:
@@ -780,22 +801,29 @@ def learn(
                 under_way = old.in_race and before.state is not IN_GARAGE
                 if old.connected:
                     lost = lost or old.moving or (old.in_race and before.state in UNDER_WAY)
-                    if missing is None and (under_way or _in_doubt(old)):
+                    if missing is None and (under_way or old.doubt):
                         missing = now
             if given.what == 'connected' and not old.moving:
                 missing = None
             if given.what == 'heard' and old.connected:
                 if old.sent is GRID_ACTIVE:
                     ready = given.state is GRID_ACTIVE and (ready or given.serial == old.serial)
-                if given.state in REDS and _acknowledges(before, given):
-                    missing = None
+                if given.state is not old.sent:
+                    stood = None
+                elif given.state in REDS and _acknowledges(before, given) and stood is None:
+                    stood = now
+        if kart.serial != old.serial or not kart.connected:
+            stood = None
+        if given.what in ('heard', 'tick') and old.doubt and not kart.doubt:
+            missing = None
         if kart.sent is RED_RED or kart.sent is RED_FLAG:
             phase = 0
         elif kart.sent is IN_GARAGE:
             phase = 1
         elif kart.sent is GRID_ACTIVE and phase == 1:
             phase = 2
-        karts.append(KartFacts(ready and kart.sent is GRID_ACTIVE, lost, phase, missing))
+        ready = ready and kart.sent is GRID_ACTIVE
+        karts.append(KartFacts(ready, lost, phase, missing, stood))
     return Facts(grid_last, paused, tuple(karts))
 
 
@@ -813,6 +841,7 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
             given.karts,
             given.hold,
             given.heat,
+            OFFICIAL,
         )
         return race.command(command, now, given.came)
     if given.what == 'held up':
@@ -822,8 +851,6 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
         if memory is None or given.kind == 'stale':
             memory = dataclasses.replace(race.memory())  # the same, but another one
         return race.journal(memory, given.statement, now)
-    if given.what == 'noted':
-        return race.start_noted(given.statement, now)
     if given.what == 'withdrawn':
         return race.withdraw(now)
     if given.what == 'connected':
@@ -856,6 +883,8 @@ def check_input(
     if after.state is GREEN_GREEN and before.state is not GREEN_GREEN:
         if not facts.grid_last:
             raise RuleBrokenError('green-needs-grid', f'{facts} {before}')
+        if before.trouble:
+            raise RuleBrokenError('no-record', f'{before}')
         if not all(
             memory.ready and kart.connected
             for kart, memory in zip(before.karts, facts.karts, strict=True)
@@ -894,7 +923,8 @@ def check_input(
         assert before.start is not None
         given = of_start(before.start)
         what, kind = given.what, given.kind
-    _check_safety(before, facts, given, outcome, after)
+    _check_safety(before, facts, given, outcome, after, now, race.times.settle)
+    _check_cause(race, before, given, outcome, after)
     memory = learn(before, facts, given, becomes, after, now, race.times)
     if what in ('connected', 'disconnected'):
         _check_alarms(
@@ -929,12 +959,10 @@ def _check_start(
     def broken(name: str) -> RuleBrokenError:
         return RuleBrokenError(name, f'{given} in {before}: {outcome}')
 
-    if outcome.note_first != (becomes == 'notes'):
-        raise broken('start-first')
-    if (outcome.write_first is not None) != (becomes == 'writes'):
+    if (outcome.write_first is not None) != (becomes == 'waits'):
         raise broken('start-first')
     if given.what == 'command':
-        if (outcome.answer is None) != (becomes in ('writes', 'notes')):
+        if (outcome.answer is None) != (becomes == 'waits'):
             raise broken('start-answer')
         if outcome.answer is None and (outcome.orders or outcome.events):
             raise broken('start-first')
@@ -953,12 +981,33 @@ def _check_start(
     if outcome.write_first is not None:
         written = outcome.write_first
         known = [written.karts[kart.number] for kart in before.karts if kart.in_race]
-        started = all(kart.in_race and kart.may_be_moving for kart in known)
+        started = all(kart.in_race and kart.doubt == MOVING for kart in known)
         if written.state is not GREEN_GREEN or not started:
             raise broken('restart')
 
 
-def _check_safety(before: View, facts: Facts, given: Input, outcome: Any, after: View) -> None:
+def _check_cause(race: Any, before: View, given: Input, outcome: Any, after: View) -> None:
+    """Check that a change of the state of the race says what caused it, and who."""
+    told = [event for event in outcome.events if event.kind.name == 'RACE_STATE']
+    if len(told) != (after.state is not before.state) or not race.state_cause and told:
+        raise RuleBrokenError('cause', f'{given} in {before}: {told}')
+    for event in told:
+        named = event.command is not None and (event.command.name, event.official)
+        if race.state_cause not in event.text or named != (
+            given.what == 'command' and (given.kind, OFFICIAL)
+        ):
+            raise RuleBrokenError('cause', f'{given} in {before}: {event}')
+
+
+def _check_safety(
+    before: View,
+    facts: Facts,
+    given: Input,
+    outcome: Any,
+    after: View,
+    now: float,
+    settle: float,
+) -> None:
     """Check the S rules that need no expectation of the effect."""
     what, kind, number = given.what, given.kind, given.kart
     changed = after._replace(paused=before.paused) != before or bool(outcome.orders)
@@ -975,7 +1024,7 @@ def _check_safety(before: View, facts: Facts, given: Input, outcome: Any, after:
         ):
             raise RuleBrokenError('order-wrong', f'two orders to one kart: {outcome.orders}')
         ordered[order.kart] = order
-    for old, kart in zip(before.karts, after.karts, strict=True):
+    for old, kart, known in zip(before.karts, after.karts, facts.karts, strict=True):
         this = number == kart.number
         was, sent = old.sent, kart.sent
         looser = sent is not was and _strictness(sent) < _strictness(was)
@@ -991,14 +1040,17 @@ def _check_safety(before: View, facts: Facts, given: Input, outcome: Any, after:
         if old.finish_at is not None and kart.finish_at != old.finish_at:
             sooner = kart.finish_at is not None and kart.finish_at < old.finish_at
             flagged = what == 'tick' and kart.finish_at is None and _red(kart)
-            released = kind == 'IN_GARAGE' or (kind == 'KART_IN_GARAGE' and this)
+            taken_back = kind == 'KART_UNDO_FINISH' and this and kart.finish_at is None
+            released = kind == 'IN_GARAGE' or (kind == 'KART_IN_GARAGE' and this) or taken_back
             if not (sooner or flagged or released):
                 raise RuleBrokenError('finish-put-off', f'{given}: {old} became {kart}')
         if kart.hold is not old.hold:
             falls = kart.hold is None or (
                 old.hold is not None and _strictness(kart.hold) < _strictness(old.hold)
             )
-            answered = kind == 'IN_GARAGE' and old.connected and old.acked and _red(old)
+            answered = kind == 'IN_GARAGE' and (
+                (old.connected and _stands(old)) or _is_answered_for(before, old)
+            )
             if falls and kind == 'IN_GARAGE' and old.alone and not old.in_race:
                 raise RuleBrokenError('alone-released', f'{given}: {old} became {kart}')
             if falls and not (answered or (kind == 'KART_IN_GARAGE' and this)):
@@ -1010,6 +1062,14 @@ def _check_safety(before: View, facts: Facts, given: Input, outcome: Any, after:
         if before.rival and looser:
             raise RuleBrokenError('rival', f'{given}: {old} became {kart}')
         _check_doubt(old, given, ordered.get(kart.number), kart)
+        stood = known.stood if given.what != 'heard' else known.stood or now
+        if (
+            old.moving
+            and not kart.doubt
+            and kind != 'KART_IN_GARAGE'
+            and (stood is None or now - stood < settle)
+        ):
+            raise RuleBrokenError('settle', f'{given}: {old} became {kart}')
         # Orders, serials, acknowledgements.
         order = ordered.get(kart.number)
         anew = what == 'connected' and this
@@ -1089,14 +1149,13 @@ def _check_doubt(old: KartView, given: Input, order: Any, kart: KartView) -> Non
     seen = unasked and (given.state is GREEN_GREEN or (old.acked and _red(old)))
     told = order is not None and (order.state is GREEN_GREEN or order.state in REDS)
     gridded = order is not None and order.state is GRID_ACTIVE
-    if (not kart.moving and (seen or told)) or (not kart.on_grid and gridded):
+    if (not kart.moving and (seen or told)) or (not kart.doubt and gridded):
         raise RuleBrokenError('doubt-unnoticed', f'{given}: {old} became {kart}')
-    stands = heard and given.state is old.sent and given.serial == old.serial and _red(old)
+    answers = heard and given.state is old.sent and given.serial == old.serial
+    stands = _red(old) and (answers or (given.what == 'tick' and old.acked and old.connected))
     by_hand = given.kind == 'KART_IN_GARAGE' and given.kart == kart.number
-    sent_home = order is not None and order.state is IN_GARAGE
-    if (old.moving and not kart.moving and not (stands or by_hand)) or (
-        old.on_grid and not kart.on_grid and not (stands or by_hand or sent_home)
-    ):
+    sent_home = order is not None and order.state is IN_GARAGE and not old.moving
+    if kart.doubt < old.doubt and not (stands or by_hand or sent_home):
         raise RuleBrokenError('doubt-forgotten', f'{given}: {old} became {kart}')
 
 
@@ -1115,13 +1174,13 @@ def _check_alarms(what: str, before: set[tuple[str, int]], after: set[tuple[str,
 
 
 def check_recovery(
-    rules: ModuleType, race: Any, view: View, now: float, known: bool, every_start: bool
+    rules: ModuleType, race: Any, view: View, now: float, known: bool, final: bool
 ) -> None:
     """
     Crash here, edit the last kart out of the roster, start again, and look what is known.
 
     :param known: the memory is not lost.
-    :param every_start: no kart was sent GREEN_GREEN since it was written.
+    :param final: race control ended in good order.
     """
     roster = [kart.number for kart in view.karts][:-1]
     karts = [
@@ -1133,57 +1192,66 @@ def check_recovery(
         for number in (*roster, 99)
     ]
     again = rules.Race(karts, race.times, now, race.heats)
+    fresh = look(again)
     memory = race.memory()
-    home = view.state is IN_GARAGE and not any(kart.hold or _in_doubt(kart) for kart in view.karts)
+    home = view.state is IN_GARAGE and not any(kart.hold or kart.doubt for kart in view.karts)
     if memory.home != home:
         raise RuleBrokenError('restart', f'home is {memory.home} in {view}')
-    outcome = again.recover(dataclasses.replace(memory, known=known, every_start=every_start), now)
+    outcome = again.recover(dataclasses.replace(memory, final=final) if known else None, now)
     after = look(again)
 
     def broken(why: str = '') -> RuleBrokenError:
         return RuleBrokenError('restart', f'{why}{view} became {after} with {outcome.events}')
 
-    blank = (RED_RED, False, False, False)
-    if outcome.orders or after[:4] != blank or not after.restarted:
+    proved = known and final
+    if proved and home:
+        if outcome.orders or after != fresh._replace(track_open=view.track_open):
+            raise broken()
+        return
+    opened = view.track_open or not proved
+    if outcome.orders or after[:4] != (RED_RED, opened, known and view.msr_used, False):
         raise broken()
     allowed, _ = _humans_allowed(after)
-    if allowed or again.availability(rules.CommandKind.OPEN_TRACK, 0, now).available:
+    available = again.availability(rules.CommandKind.OPEN_TRACK, 0, now).available
+    if not after.restarted or allowed != after.msr_used or available != after.msr_used:
         raise broken()
-    found = {kart.number: kart for kart in after.karts}
     of_race = {kart.number for kart in after.karts if kart.in_race or kart.place}
     placed = any(kart.place for kart in after.karts)
     due = view.state in (GREEN_GREEN, RED_FLAG) or (view.state is RED_RED and placed)
-    if set(after.starters) != (of_race if due else set()):
+    if set(after.starters) != (of_race if due and known else set()):
         raise broken()
-    for kart in after.karts:
-        if kart.hold is not RED_RED or kart.sent is not RED_RED or not (known or kart.moving):
+    remembered = {old.number: old for old in view.karts} if known else {}
+    found = {kart.number: kart for kart in after.karts}
+    for number, old in remembered.items():
+        gone = number not in roster
+        forgotten = gone and not (old.in_race or old.hold or old.doubt)
+        if (number in found) is forgotten:
             raise broken()
-    for old in view.karts:
-        gone = old.number not in roster
-        if gone and known and not (old.in_race or old.hold or _in_doubt(old)):
-            if old.number in found:
-                raise broken()
-            continue
-        kart = found.get(old.number)
-        if kart is None or (gone and not any(e.kart == old.number for e in outcome.events)):
+        if gone and not forgotten and not any(each.kart == number for each in outcome.events):
             raise broken()
-        started = old.in_race and not every_start
-        in_motion = old.moving or started or not known
-        expected = old._replace(
-            in_race=old.in_race and not gone,
+    blank = {kart.number: kart for kart in fresh.karts}
+    for number, kart in found.items():
+        gone = number not in blank
+        expected = (remembered if gone else blank)[number]._replace(
             connected=False,
             hold=RED_RED,
             sent=RED_RED,
             since=now,
             serial=kart.serial,
             acked=False,
-            moving=in_motion,
-            place=0 if gone else old.place,
             finish_at=None,
-            on_grid=old.on_grid or old.in_race,
-            # The roster has no date of a kart that is not in it.
-            barred=race.times.require_inspection if gone else old.barred,
+            settles=None,
         )
+        if gone:
+            # The roster has no date of a kart that is not in it.
+            barred = race.times.require_inspection
+            expected = expected._replace(in_race=False, place=0, barred=barred)
+        if number in remembered:
+            old = remembered[number]
+            since = ON_GRID if old.in_race and not final else HARMLESS
+            expected = expected._replace(doubt=max(old.doubt, since), alone=old.alone)
+            if not gone:
+                expected = expected._replace(in_race=old.in_race, place=old.place)
         if kart != expected:
             raise broken(f'{kart}, expected {expected}: ')
     check_state(again, after, recall(after, now), now)
@@ -1287,9 +1355,9 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
     expected = expect_alerts(view, facts, now, race.times)
     if alerts != expected:
         raise RuleBrokenError('alerts', f'{alerts}, expected {expected} in {view}')
-    if view.start is not None and not view.start.noting:
+    if view.start is not None:
         memory = race.memory()
-        moving = all(memory.karts[number].may_be_moving for number in view.start.karts)
+        moving = all(memory.karts[number].doubt == MOVING for number in view.start.karts)
         if memory.state is not GREEN_GREEN or memory.home or not moving:
             raise RuleBrokenError('start-memory', f'{memory} in {view}')
     if look(race) != view:
@@ -1394,7 +1462,6 @@ class Search:
 
     - what a kart reported last, texts, the alerts told, since when a kart is missing, whether it
       withdrew its word, and whether the race is over: only events and alerts are made of them;
-    - that a kart was told to form the grid, while it may be moving: what ends this ends both;
     - the age of what a kart is sent, but for the time until the race goes over by itself, which
       reads it for a kart of the race that has a place and is being sent a red (one that
       acknowledged it may drop, or take its word back, and have to do so again; one that is sent
@@ -1406,7 +1473,6 @@ class Search:
       results are not told yet (later nothing but the telling reads it), which says how many have;
     - who started the race whose results are not told yet: only the telling reads it;
     - when a pause ended, and when a start came, but for whether the pause refuses it;
-    - whether the track is open, if ``track`` is false;
     - which kart is which: no rule knows a number, so states are taken for one if they differ by
       a permutation of the karts. (A heat does know numbers: so here every set of karts is one.)
 
@@ -1419,11 +1485,10 @@ class Search:
     :param times: keyword arguments of its ``RaceTimes``; small whole numbers, as time passes by
         steps of 1.
     :param compare: of the states met again, compare one in this many.
-    :param track: tell states apart by whether the track is open, which no rule but an alert
-        reads; opening and closing are tried in every state in any case.
+    :param track: officials open the track.
     :param around: another race control comes and goes, and the record fails and works again.
     :param begin: where: in the 'garage', on the 'grid' or in 'green' with every kart of the race
-        connected and its word given, or after a 'crash' in mid-race.
+        connected and its word given, after a 'crash' in mid-race, or where nothing is known: 'unknown'.
     :param uninspected: the karts whose inspection the roster does not have.
     :param without: commands to one kart that are not given.
     :param waits: starts wait for the disk, commands come before they are judged, and race control
@@ -1457,6 +1522,7 @@ class Search:
                 'pause': 1.0 if waits else 0.0,
                 'pause_after_held_up': 2.0,
                 'journal_timeout': 1.0,
+                'settle': 1.0,
                 **(times or {}),
             }
         )
@@ -1476,7 +1542,7 @@ class Search:
         ]
         self.race = rules.Race(karts, self.times, heats=heats)
         self.begin = begin
-        self.commands = [(kind, 0) for kind in RACE_COMMANDS]
+        self.commands = [(kind, 0) for kind in RACE_COMMANDS if track or kind != 'OPEN_TRACK']
         for kind in KART_COMMANDS:
             if kind not in without:
                 self.commands.extend((kind, kart.number) for kart in karts)
@@ -1485,7 +1551,6 @@ class Search:
         self.scratch = Scratch(self.race)
         self.numbers = [kart.number for kart in karts]
         self.compare = compare
-        self.track = track
         self._names: dict[tuple[Any, ...], int] = {}
         self.report = Report()
         self._met = 0
@@ -1502,17 +1567,14 @@ class Search:
         ]
         karts.sort()
         waiting = start is not None and (
-            start.statement,
-            start.noting,
             start.came < view.paused,
             max(start.until - now, 0.0),
         )
-        opened = view.track_open and self.track
         race = (
             RANK[state._value_],
             timed,
             facts.grid_last,
-            opened,
+            view.track_open,
             view.msr_used,
             view.restarted,
             view.rival,
@@ -1533,7 +1595,9 @@ class Search:
     ) -> int:
         red = kart.sent is RED_FLAG or kart.sent is RED_RED
         finishing = timed and kart.in_race
-        due = left = -1.0
+        due = left = settles = -1.0
+        if kart.settles is not None:
+            settles = max(kart.settles - now, 0.0)
         if kart.finish_at is not None and ((timed and kart.place) or kart.hold is None):
             due = max(kart.finish_at - now, 0.0)
         if finishing and red and kart.place:
@@ -1543,12 +1607,12 @@ class Search:
             kart.connected,
             -1 if kart.hold is None else RANK[kart.hold._value_],
             kart.acked and (red or kart.sent is GRID_ACTIVE),
-            kart.moving,
-            kart.on_grid and not kart.moving,
+            kart.doubt,
             kart.alone,
             untold and kart.place > 0,
             due,
             left,
+            settles,
             memory.ready,
             memory.phase,
             start is not None and kart.number in start.karts,
@@ -1580,11 +1644,11 @@ class Search:
                 gc.enable()
 
     def _begin(self) -> Facts:
-        if self.begin == 'crash':
+        if self.begin in ('crash', 'unknown'):
             racing = [number for number in self.numbers if self.race.karts[number].in_race]
-            kart = self.rules.KartMemory(True, False, 0, True, True, False)
+            kart = self.rules.KartMemory(True, False, 0, self.rules.Doubt.MOVING, False)
             memory = self.rules.RaceMemory(GREEN_GREEN, dict.fromkeys(racing, kart))
-            self.race.recover(memory, 0.0)
+            self.race.recover(memory if self.begin == 'crash' else None, 0.0)
             return recall(look(self.race), 0.0)
         facts = remember(look(self.race))
         way = []
@@ -1616,7 +1680,7 @@ class Search:
         check_news(self.rules, race, outcome, now)
         if after.start is None or self.waits:
             return outcome.answer is None or outcome.answer.success, facts, after
-        then = Input('noted' if after.start.noting else 'journal', statement=True)
+        then = Input('journal', statement=True)
         ended = give(self.rules, race, then, now)
         waiting, after = after, look(race)
         facts = check_input(race, waiting, facts, then, ended, after, now)
@@ -1658,9 +1722,9 @@ class Search:
         view = look(race)
         report.by_state[view.state.value] += 1
         check_state(race, view, facts, now)
-        known, every_start = bool(report.states % 4), bool(report.states % 2)
+        known, final = bool(report.states % 4), bool(report.states % 2)
         if view.start is None:
-            check_recovery(self.rules, race, view, now, known, every_start)
+            check_recovery(self.rules, race, view, now, known, final)
         for given, after_time in self._inputs(view, facts, now):
             report.inputs += 1
             accepted, learned, after = self._take(view, facts, given, after_time)
@@ -1731,7 +1795,6 @@ class Search:
             yield Input('journal', 'stale', statement=True), now
             for written in (True, False):
                 yield Input('journal', statement=written), now
-                yield Input('noted', statement=written), now
         yield Input('tick'), now
         yield Input('tick'), now + 1.0
 
@@ -1750,6 +1813,8 @@ class Search:
                 race.connected(kart.number, now)
         for kart in race.karts.values():
             race.heard(kart.number, kart.serial, kart.sent, now)
+        race.tick(later)  # they stand
+        race.record_trouble('', later)
         outcome = self._command('IN_GARAGE', later)
         for number in self.numbers:
             if race.karts[number].held_alone:
@@ -1759,6 +1824,7 @@ class Search:
         for kart in look(race).karts:
             if kart.in_race is kart.barred:
                 self._command('LEAVE_RACE' if kart.barred else 'JOIN_RACE', later, kart.number)
+        self._command('CLOSE_TRACK', later)
         if not self._command('GRID_ACTIVE', later).answer.success:
             raise RuleBrokenError('stuck', f'no new race: {look(race)}')
         self.scratch.load(saved)
