@@ -1174,7 +1174,7 @@ class Race:
         return (
             f'{self.record_fails}. No race starts without a record: make room on the disk; or '
             'restart race control with the parameter record on another disk, at worst '
-            '/dev/shm/record.sqlite3'
+            'in /dev/shm'
         )
 
     def _no_green_green(self, kart: Kart | None) -> str:

@@ -448,8 +448,8 @@ class Record:
         except OSError as error:
             raise RecordError(
                 f'{self._path} cannot be used: what proves that the last run ended in good order '
-                f'stands beside it and cannot be removed ({_in_words(error)}). Choose another file '
-                'with the parameter record'
+                f'stands beside it and cannot be removed ({_in_words(error)}). Choose another '
+                'file with the parameter record'
             ) from error
 
     def _claim(self) -> None:
@@ -775,12 +775,11 @@ def events(
     :param backwards: the last one first.
     :raises sqlite3.DatabaseError: where the record is damaged.
     """
-    rows = database.execute(
+    query = (
         'SELECT sequence, wall_ns, monotonic, kind, kart, command, success, state, text, '
         'official, alert FROM event WHERE session = ? AND sequence > ? ORDER BY sequence'
-        + (' DESC' if backwards else ''),
-        (session, after),
     )
+    rows = database.execute(f'{query} DESC' if backwards else query, (session, after))
     for row in rows:
         # SQLite takes any value for any column.
         damaged = not all(map(isinstance, row, _TYPES)) or not abs(row[2]) < MOST_SECONDS

@@ -989,7 +989,7 @@ def _check_start(
 def _check_cause(race: Any, before: View, given: Input, outcome: Any, after: View) -> None:
     """Check that a change of the state of the race says what caused it, and who."""
     told = [event for event in outcome.events if event.kind.name == 'RACE_STATE']
-    if len(told) != (after.state is not before.state) or not race.state_cause and told:
+    if len(told) != (after.state is not before.state) or (told and not race.state_cause):
         raise RuleBrokenError('cause', f'{given} in {before}: {told}')
     for event in told:
         named = event.command is not None and (event.command.name, event.official)
@@ -1488,7 +1488,7 @@ class Search:
     :param track: officials open the track.
     :param around: another race control comes and goes, and the record fails and works again.
     :param begin: where: in the 'garage', on the 'grid' or in 'green' with every kart of the race
-        connected and its word given, after a 'crash' in mid-race, or where nothing is known: 'unknown'.
+        connected and its word given, after a 'crash' in mid-race, or where all is 'unknown'.
     :param uninspected: the karts whose inspection the roster does not have.
     :param without: commands to one kart that are not given.
     :param waits: starts wait for the disk, commands come before they are judged, and race control

@@ -26,6 +26,7 @@ from evgp_rcs.race import (
     AlertKind,
     Answer,
     Command,
+    Doubt,
     EventKind,
     Heat,
     Kart,
@@ -50,8 +51,8 @@ SPECTATOR = 3
 HEATS = (Heat('Heat 1', (1, 2)), Heat('Final', (2, 3)))
 
 
-NO_PAUSE = RaceTimes(pause=0.0)
-"""So that a test can have a stop and a release at the same instant."""
+NO_PAUSE = RaceTimes(pause=0.0, settle=0.0)
+"""So that a test can have a stop, its acknowledgement and a release at the same instant."""
 
 
 class Officials:
@@ -83,8 +84,6 @@ class Officials:
         # What a start waits for is so at once.
         if outcome.write_first is not None:
             outcome = self.race.journal(outcome.write_first, True, self.now)
-        elif outcome.note_first:
-            outcome = self.race.start_noted(True, self.now)
         assert outcome.answer is not None
         return outcome
 
@@ -457,6 +456,7 @@ def test_taking_a_kart_out_or_closing_the_track_does_not_come_between_grid_and_g
 ) -> None:
     officials.to_grid().acknowledge(1)
     officials.does('LEAVE_RACE', 2)
+    officials.acknowledge(2)
     officials.does('CLOSE_TRACK')
     officials.does('GREEN_GREEN')
     assert officials.all_sent() == [GREEN_GREEN, RED_RED, IN_GARAGE]
@@ -1385,16 +1385,6 @@ def test_joining_and_leaving_never_loosen_a_held_kart(kind: str, officials: Offi
 # ----- humans on the track ----------------------------------------------------------------
 
 
-def test_the_track_opens_in_the_garage_and_closes_when_the_grid_forms(
-    officials: Officials,
-) -> None:
-    assert not officials.race.track_access().is_open
-    officials.does('OPEN_TRACK')
-    assert officials.race.track_access().is_open
-    officials.does('GRID_ACTIVE')
-    assert not officials.race.track_access().is_open
-
-
 @pytest.mark.parametrize('state', ['GRID_ACTIVE', 'GREEN_GREEN'])
 def test_the_track_stays_closed_on_the_grid_and_in_green(state: str, officials: Officials) -> None:
     STATES[state](officials)
@@ -1622,6 +1612,7 @@ def test_the_grid_does_not_form_with_a_kart_the_official_did_not_see(officials: 
 def test_green_is_not_given_to_fewer_karts_than_the_official_saw(officials: Officials) -> None:
     command = officials.to_ready().as_seen('GREEN_GREEN')
     officials.does('LEAVE_RACE', 2)
+    officials.acknowledge(2)
     answer = officials.gives(command).answer
     assert answer is not None
     assert answer.message == (
@@ -1724,7 +1715,7 @@ LOOSENING = sorted(kind.name for kind, entry in CATALOGUE.items() if entry.loose
 @pytest.fixture
 def paused() -> Officials:
     """Return officials after an ALL_KILL that every kart has acknowledged at once."""
-    officials = Officials(RaceTimes(pause=1.0))
+    officials = Officials(RaceTimes(pause=1.0, settle=0.0))
     officials.does('ALL_KILL')
     officials.acknowledge(*TEAMS)
     return officials
@@ -1759,7 +1750,7 @@ def test_a_release_that_came_before_a_pause_was_over_is_refused_behind_it_too(
 
 @pytest.mark.parametrize('stop', sorted(kind.name for kind in STOPS))
 def test_after_any_stop_nothing_that_loosens_is_accepted(stop: str) -> None:
-    officials = Officials(RaceTimes(pause=1.0))
+    officials = Officials(RaceTimes(pause=1.0, settle=0.0))
     officials.does(stop, 1)
     officials.acknowledge(*TEAMS)
     for kind in LOOSENING:
@@ -1768,7 +1759,7 @@ def test_after_any_stop_nothing_that_loosens_is_accepted(stop: str) -> None:
 
 
 def test_a_stop_to_a_kart_that_is_not_in_the_roster_begins_a_pause_too() -> None:
-    officials = Officials(RaceTimes(pause=1.0))
+    officials = Officials(RaceTimes(pause=1.0, settle=0.0))
     officials.is_refused('KART_RED_RED', 9)
     assert 'a stop was sent just now' in officials.is_refused('GRID_ACTIVE')
 
@@ -1803,9 +1794,9 @@ def test_that_the_race_may_go_home_is_told_with_the_time_until_then(paused: Offi
 # ----- a start waits until it is on the disk, and nothing waits for a start -----------------
 
 
-def starting(officials: Officials, stating: bool = False) -> RaceMemory:
+def starting(officials: Officials) -> RaceMemory:
     """Give GREEN_GREEN, and return what must be on the disk first."""
-    command = officials.to_ready().as_seen('GREEN_GREEN', stating=stating)
+    command = officials.to_ready().as_seen('GREEN_GREEN')
     outcome = officials.race.command(command, officials.now)
     assert outcome.answer is None
     assert not outcome.orders
@@ -1815,7 +1806,8 @@ def starting(officials: Officials, stating: bool = False) -> RaceMemory:
 
 def test_karts_start_once_it_is_on_the_disk_that_they_may_move(officials: Officials) -> None:
     memory = starting(officials)
-    assert [memory.karts[number].may_be_moving for number in TEAMS] == [True, True, False]
+    doubts = [memory.karts[number].doubt for number in TEAMS]
+    assert doubts == [Doubt.MOVING, Doubt.MOVING, Doubt.NONE]
     assert officials.all_sent() == [GRID_ACTIVE, GRID_ACTIVE, IN_GARAGE]
     outcome = officials.race.journal(memory, True, officials.now)
     assert outcome.answer == Answer(True, 'GREEN_GREEN is sent to karts 1, 2.')
@@ -1872,31 +1864,22 @@ def test_a_start_that_waited_while_race_control_was_held_up_is_refused(
     assert 'race control was held up for 30.0 s' in answer.message
 
 
-def test_a_start_that_the_disk_does_not_take_in_time_is_refused_and_says_what_to_state(
-    officials: Officials,
+@pytest.mark.parametrize('in_time', [True, False])
+def test_a_start_that_the_disk_does_not_take_is_refused(
+    in_time: bool, officials: Officials
 ) -> None:
-    starting(officials)
-    assert officials.wait(0.99).answer is None
-    answer = officials.wait(0.01).answer
+    memory = starting(officials)
+    if in_time:
+        answer = officials.race.journal(memory, False, officials.now).answer
+    else:
+        assert officials.wait(0.99).answer is None
+        answer = officials.wait(0.01).answer
     assert answer is not None
-    assert 'state that this race may start without a record' in answer.message
+    assert not answer.success
     assert set(officials.alerts()) == {AlertKind.RECORD_FAILING}
     assert officials.race.start is None
-
-
-@pytest.mark.parametrize('noted', [True, False])
-def test_a_start_without_a_record_is_noted_before_it_goes_out_or_does_not_go_out(
-    noted: bool, officials: Officials
-) -> None:
-    memory = starting(officials, stating=True)
-    outcome = officials.race.journal(memory, False, officials.now)
-    assert outcome.note_first
-    assert outcome.answer is None
+    assert officials.race.journal(memory, True, officials.now).answer is None
     assert officials.race.state is GRID_ACTIVE
-    answer = officials.race.start_noted(noted, officials.now).answer
-    assert answer is not None
-    assert answer.success is noted
-    assert officials.race.state is (GREEN_GREEN if noted else GRID_ACTIVE)
 
 
 def test_what_was_written_for_an_earlier_start_starts_nobody(officials: Officials) -> None:
@@ -1947,19 +1930,31 @@ def test_what_overtakes_every_other_command_is_what_stops() -> None:
     assert not any(CATALOGUE[kind].loosens for kind in URGENT)
 
 
-def test_while_the_record_fails_green_needs_a_statement_of_its_own(officials: Officials) -> None:
-    officials.to_ready()
-    assert not officials.race.availability(CommandKind.GREEN_GREEN, 0, officials.now).statement
+@pytest.mark.parametrize('kind', ['GRID_ACTIVE', 'GREEN_GREEN'])
+def test_while_the_record_fails_no_race_starts_and_the_refusal_names_the_remedy(
+    kind: str, officials: Officials
+) -> None:
+    if kind == 'GREEN_GREEN':
+        officials.to_ready()
     officials.race.record_trouble('The record fails: disk full', officials.now)
     assert officials.alerts() == {AlertKind.RECORD_FAILING: 'The record fails: disk full'}
-    assert officials.is_refused('GREEN_GREEN', stating=False) == (
-        'GREEN_GREEN refused: state that this race may start without a record: after a crash, '
-        'race control would not know that karts were moving.'
-    )
+    refusal = officials.is_refused(kind)
+    assert 'The record fails: disk full' in refusal
+    assert 'the parameter record on another disk' in refusal
     officials.race.record_trouble('', officials.now)
     assert officials.alerts() == {}
-    assert officials.command('GREEN_GREEN', stating=False).answer
-    assert officials.race.state is GREEN_GREEN
+    officials.does(kind)
+
+
+def test_a_record_that_fails_in_mid_race_changes_nothing_for_the_karts(
+    officials: Officials,
+) -> None:
+    officials.to_green()
+    assert not officials.race.record_trouble('disk full', officials.now).orders
+    officials.does('KART_FINISH', 1)
+    officials.does('RACE_OVER')
+    officials.acknowledge(1, 2)
+    officials.does('IN_GARAGE')
 
 
 def test_a_record_that_fails_in_other_words_is_no_new_alert(officials: Officials) -> None:
@@ -1971,7 +1966,7 @@ def test_a_record_that_fails_in_other_words_is_no_new_alert(officials: Officials
 # ----- after a restart --------------------------------------------------------------------
 
 
-def restarted(memory: RaceMemory, *numbers: int) -> Officials:
+def restarted(memory: RaceMemory | None, *numbers: int) -> Officials:
     officials = Officials(connected=False)
     karts = [Kart(number) for number in numbers]
     officials.race = Race(karts, NO_PAUSE, officials.now)
@@ -1980,7 +1975,14 @@ def restarted(memory: RaceMemory, *numbers: int) -> Officials:
     return officials
 
 
-CALM = KartMemory(False, False, 0, False, on_grid=False, held_alone=False)
+CALM = KartMemory(False, False, 0, Doubt.NONE, held_alone=False)
+RACING = dataclasses.replace(CALM, in_race=True)
+UNPROVED: dict[str, RaceMemory | None] = {
+    'nothing is known': None,
+    'it crashed in the garage': RaceMemory(IN_GARAGE, {1: CALM, 2: CALM}),
+    'it ended in order, but not in the garage': RaceMemory(RED_RED, {1: CALM}, final=True),
+}
+unproved = pytest.mark.parametrize('memory', UNPROVED.values(), ids=UNPROVED)
 
 
 def test_the_memory_for_green_is_the_memory_after_green(officials: Officials) -> None:
@@ -1995,67 +1997,104 @@ def test_the_memory_for_green_is_the_memory_after_green(officials: Officials) ->
     assert not before.home
 
 
-def test_after_a_restart_the_track_stays_closed_until_an_official_states_that_it_is_safe() -> None:
-    officials = restarted(RaceMemory(IN_GARAGE, {1: CALM, 2: CALM}), 1, 2)
-    assert officials.alerts() == {}
-    assert officials.is_refused('OPEN_TRACK') == (
-        'OPEN_TRACK refused: race control was restarted and may not know what it sent last: look '
-        'at every kart, then send IN_GARAGE, or use the MSR and record it.'
-    )
-    assert 'the track is safe' in officials.is_refused('IN_GARAGE', stating=False)
-    officials.does('IN_GARAGE')
-    officials.does('OPEN_TRACK')
+@unproved
+def test_without_proof_of_an_orderly_end_the_first_word_is_a_stop(
+    memory: RaceMemory | None,
+) -> None:
+    officials = restarted(memory, 1, 2)
+    officials.connect(1)
     assert officials.all_sent() == [RED_RED, RED_RED]
+    assert not officials.race.track_access().allowed
+    officials.is_refused('OPEN_TRACK')
+    assert 'waiting for kart 1' in officials.is_refused('IN_GARAGE')
+
+
+@unproved
+def test_a_statement_in_the_garage_answers_for_karts_that_are_away(
+    memory: RaceMemory | None,
+) -> None:
+    officials = restarted(memory, 1, 2)
+    officials.connect(1)
+    officials.acknowledge(1)
+    statement = officials.is_refused('IN_GARAGE', stating=False)
+    assert 'no kart moves' in statement
+    assert 'kart 2' in statement
+    officials.does('IN_GARAGE')
+    assert officials.all_sent() == [IN_GARAGE, IN_GARAGE]
+    assert officials.race.track_access().allowed
+    assert officials.race.memory().home
+
+
+@pytest.mark.parametrize('memory', [None, RaceMemory(IN_GARAGE, {1: CALM})], ids=['none', 'crash'])
+def test_without_proof_of_an_orderly_end_the_track_counts_as_open(
+    memory: RaceMemory | None,
+) -> None:
+    officials = restarted(memory, 1)
+    assert set(officials.alerts()) == {AlertKind.TRACK_UNSAFE}
+    officials.does('IN_GARAGE')
+    assert officials.alerts() == {}
+    officials.does('JOIN_RACE', 1)
+    assert 'the track is open' in officials.is_refused('GRID_ACTIVE')
+    officials.does('CLOSE_TRACK')
+    officials.does('GRID_ACTIVE')
+
+
+@pytest.mark.parametrize('track_open', [True, False])
+def test_after_an_orderly_end_at_home_the_race_begins_in_the_garage(track_open: bool) -> None:
+    memory = RaceMemory(IN_GARAGE, {1: RACING}, track_open=track_open, final=True)
+    officials = restarted(memory, 1)
+    assert officials.all_sent() == [IN_GARAGE]
+    assert officials.race.track_access().is_open is track_open
+    assert officials.alerts() == {}
+    assert not officials.race.karts[1].in_race  # the roster says who is
+
+
+def test_that_the_msr_was_used_is_remembered(officials: Officials) -> None:
+    officials.to_green().does('RECORD_MSR')
+    officials = restarted(officials.race.memory(), *TEAMS)
+    assert officials.race.track_access().allowed
+    assert {alert.use_msr for alert in officials.race.alerts(officials.now)} == {False}
+    officials.does('IN_GARAGE')
+    assert not officials.race.track_access().allowed
+
+
+def test_the_statement_does_not_answer_for_a_kart_that_was_known_to_be_in_doubt(
+    officials: Officials,
+) -> None:
+    officials.to_green()
+    officials = restarted(officials.race.memory(), *TEAMS)
+    assert set(officials.alerts()) == {AlertKind.LOST_IN_MOTION, AlertKind.TRACK_UNSAFE}
+    assert 'waiting for kart 1: not connected' in officials.is_refused('IN_GARAGE')
+    for kart in (1, 2):
+        officials.does('KART_IN_GARAGE', kart)
+    officials.does('IN_GARAGE')
+    assert officials.all_sent() == [IN_GARAGE, IN_GARAGE, IN_GARAGE]
+
+
+def test_the_statement_does_not_answer_for_a_kart_that_an_official_held_alone(
+    officials: Officials,
+) -> None:
+    officials.does('KART_RED_RED', SPECTATOR)
+    officials.acknowledge(SPECTATOR)
+    officials = restarted(officials.race.memory(), *TEAMS)
+    for kart in (1, 2):
+        officials.does('KART_IN_GARAGE', kart)
+    officials.does('IN_GARAGE')
+    assert officials.sent(SPECTATOR) is RED_RED
 
 
 def test_a_kart_of_the_race_may_have_been_on_the_grid_when_race_control_crashed() -> None:
-    memory = RaceMemory(IN_GARAGE, {1: KartMemory(True, False, 0, False, False, False), 2: CALM})
-    officials = restarted(memory, 1, 2)
-    assert set(officials.alerts()) == {AlertKind.KART_LOST}
+    officials = restarted(RaceMemory(IN_GARAGE, {1: RACING, 2: CALM}), 1, 2)
+    assert set(officials.alerts()) == {AlertKind.KART_LOST, AlertKind.TRACK_UNSAFE}
     assert 'kart 1 was lost on the grid' in officials.is_refused('OPEN_TRACK')
     assert 'waiting for kart 1: not connected' in officials.is_refused('IN_GARAGE')
 
 
-@pytest.mark.parametrize('every_start', [True, False])
-def test_karts_on_the_grid_are_lost_in_motion_only_if_their_start_may_be_missing(
-    officials: Officials, every_start: bool
-) -> None:
-    memory = officials.to_ready().race.memory()
-    officials = restarted(dataclasses.replace(memory, every_start=every_start), *TEAMS)
-    assert officials.all_sent() == [RED_RED, RED_RED, RED_RED]
-    assert [kart.on_grid for kart in officials.race.karts.values()] == [True, True, False]
-    moving = [kart.may_be_moving for kart in officials.race.karts.values()]
-    if every_start:
-        assert moving == [False, False, False]
-        assert set(officials.alerts()) == {AlertKind.KART_LOST}
-        assert 'kart 1 (' not in officials.alerts()[AlertKind.KART_LOST]
-    else:
-        assert moving == [True, True, False]
-        assert set(officials.alerts()) == {AlertKind.LOST_IN_MOTION}
-    assert not officials.race.track_access().allowed
-    # And a second restart forgets none of it.
-    again = restarted(officials.race.memory(), *TEAMS)
-    assert [kart.may_be_moving for kart in again.race.karts.values()] == moving
-
-
-def test_a_race_in_the_garage_may_have_been_started_if_nobody_vouches_for_it() -> None:
-    racing = KartMemory(True, False, 0, False, False, False)
-    memory = RaceMemory(IN_GARAGE, {1: racing, 2: CALM}, every_start=False)
-    officials = restarted(memory, 1, 2)
-    assert [kart.may_be_moving for kart in officials.race.karts.values()] == [True, False]
-    assert set(officials.alerts()) == {AlertKind.LOST_IN_MOTION}
-
-
-def test_when_nothing_is_known_a_kart_that_left_the_roster_may_be_moving() -> None:
-    officials = restarted(RaceMemory(RED_RED, {1: CALM, 2: CALM}, known=False), 1)
-    assert [kart.may_be_moving for kart in officials.race.karts.values()] == [True, True]
-
-
-def test_karts_that_race_are_lost_in_motion_whatever_the_record_has_of_their_start(
-    officials: Officials,
-) -> None:
-    officials = restarted(officials.to_green().race.memory(), *TEAMS)
-    assert [kart.may_be_moving for kart in officials.race.karts.values()] == [True, True, False]
+def test_a_second_restart_forgets_no_doubt(officials: Officials) -> None:
+    once = restarted(officials.to_ready().race.memory(), *TEAMS)
+    again = restarted(once.race.memory(), *TEAMS)
+    doubts = [kart.doubt for kart in again.race.karts.values()]
+    assert doubts == [Doubt.GRID, Doubt.GRID, Doubt.NONE]
 
 
 def test_what_was_doubtful_of_a_kart_outside_the_race_still_is_after_a_restart(
@@ -2067,22 +2106,8 @@ def test_what_was_doubtful_of_a_kart_outside_the_race_still_is_after_a_restart(
     assert officials.race.karts[SPECTATOR].held_alone
 
 
-def test_when_nothing_is_known_every_kart_may_be_moving_until_it_says_that_it_stands() -> None:
-    officials = restarted(RaceMemory(IN_GARAGE, {}, known=False), 1, 2)
-    assert officials.all_sent() == [RED_RED, RED_RED]
-    alerts = officials.race.alerts(officials.now)
-    assert [(alert.kind, alert.kart) for alert in alerts] == [
-        (AlertKind.LOST_IN_MOTION, 1),
-        (AlertKind.LOST_IN_MOTION, 2),
-    ]
-    officials.connect(1)
-    officials.acknowledge(1)
-    assert [alert.kart for alert in officials.race.alerts(officials.now)] == [2]
-    assert not RaceMemory(IN_GARAGE, {}, known=False).home
-
-
 def test_a_kart_that_left_the_roster_is_named_and_held_until_it_is_released_by_hand() -> None:
-    held = KartMemory(True, True, 1, True, True, False)
+    held = KartMemory(True, True, 1, Doubt.MOVING, False)
     memory = RaceMemory(GREEN_GREEN, {1: CALM, 7: held, 8: CALM})
     race = Race([Kart(1)], now=0.0)
     events = race.recover(memory, 0.0).events
@@ -2096,17 +2121,143 @@ def test_a_kart_that_left_the_roster_is_named_and_held_until_it_is_released_by_h
     assert 'kart 7 (not in the roster any more) was lost in motion' in allowed.reason
     command = Command(CommandKind.KART_IN_GARAGE, 7, True, hold=RED_RED)
     assert race.command(command, 0.0).answer
-    command = Command(CommandKind.IN_GARAGE, None, True)
+    command = Command(CommandKind.IN_GARAGE, None, True, frozenset({1}))
     assert race.command(command, 0.0).answer
     assert race.track_access().allowed
     assert race.memory().karts[7] == CALM
 
 
-def test_a_memory_of_an_older_version_is_read_with_care() -> None:
-    memory = RaceMemory(IN_GARAGE, {1: KartMemory(False, False, 0, False)})
-    assert not memory.home
-    officials = restarted(memory, 1)
-    assert 'kart 1 was lost on the grid' in officials.is_refused('OPEN_TRACK')
+# ----- a stop counts for people once the kart has stood ------------------------------------
+
+
+@pytest.fixture
+def patient() -> Officials:
+    return Officials(RaceTimes(pause=0.0, settle=3.0))
+
+
+def test_humans_are_allowed_once_a_kart_has_stood_by_its_stop(patient: Officials) -> None:
+    patient.to_green().does('ALL_KILL')
+    patient.acknowledge(*TEAMS)
+    patient.wait(2.9)
+    for kind in ('OPEN_TRACK', 'IN_GARAGE'):
+        assert 'must stand for 3 s' in patient.is_refused(kind)
+    patient.is_refused('KART_IN_GARAGE', 1, stating=False)
+    assert not patient.race.track_access().allowed
+    patient.wait(0.1)
+    assert patient.race.track_access().allowed
+    patient.does('IN_GARAGE')
+
+
+@pytest.mark.parametrize('lie', ['drops', 'moves', 'is sent another stop'])
+def test_a_kart_that_does_not_stand_by_its_stop_begins_anew(lie: str, patient: Officials) -> None:
+    patient.to_flag().acknowledge(1, 2)
+    patient.wait(2.9)
+    if lie == 'drops':
+        patient.drop(1)
+        assert AlertKind.LOST_IN_MOTION in patient.alerts()
+        patient.connect(1)
+    elif lie == 'moves':
+        patient.says(1, GREEN_GREEN)
+    else:
+        patient.does('KART_RED_RED', 1)
+    patient.acknowledge(1)
+    patient.wait(2.9)
+    assert 'kart 1' in patient.is_refused('OPEN_TRACK')
+    patient.wait(0.1)
+    patient.does('OPEN_TRACK')
+
+
+def test_a_kart_that_came_back_and_lied_at_once_keeps_its_alert(patient: Officials) -> None:
+    patient.to_green().drop(1)
+    patient.does('ALL_KILL')
+    patient.acknowledge(2, 3)
+    patient.wait(0.2)
+    patient.connect(1)
+    patient.acknowledge(1)
+    patient.wait(1.0)
+    assert AlertKind.LOST_IN_MOTION in patient.alerts()
+    assert 'kart 1' in patient.is_refused('OPEN_TRACK')
+
+
+def test_that_all_have_stopped_is_told_once_they_have_stood(patient: Officials) -> None:
+    patient.to_over().acknowledge(1, 2)
+    assert EventKind.ALL_ACKNOWLEDGED not in kinds(patient.wait(2.9))
+    assert EventKind.ALL_ACKNOWLEDGED in kinds(patient.wait(0.1))
+
+
+# ----- what stands in the way of a start ---------------------------------------------------
+
+
+def test_the_grid_is_refused_while_the_track_is_open(officials: Officials) -> None:
+    officials.does('OPEN_TRACK')
+    assert 'the track is open to humans; close it first' in officials.is_refused('GRID_ACTIVE')
+    officials.does('CLOSE_TRACK')
+    officials.does('GRID_ACTIVE')
+
+
+def test_green_waits_for_a_kart_that_was_taken_off_the_grid(officials: Officials) -> None:
+    officials.to_grid().does('LEAVE_RACE', 2)
+    officials.acknowledge(1)
+    assert 'kart 2 (Volta) has not acknowledged RED_RED' in officials.is_refused('GREEN_GREEN')
+    officials.acknowledge(2)
+    officials.does('GREEN_GREEN')
+
+
+def test_green_waits_for_a_kart_lost_on_the_grid_though_it_was_taken_out(
+    officials: Officials,
+) -> None:
+    officials.to_grid().drop(2)
+    officials.does('LEAVE_RACE', 2)
+    officials.acknowledge(1)
+    assert 'kart 2 (Volta) was lost on the grid' in officials.is_refused('GREEN_GREEN')
+
+
+@pytest.mark.parametrize('kart', [1, SPECTATOR])
+def test_a_kart_that_says_green_on_the_grid_is_an_alert_at_once_and_stops_the_start(
+    kart: int, officials: Officials
+) -> None:
+    officials.to_ready().says(kart, GREEN_GREEN)
+    assert AlertKind.MOVING_UNASKED in officials.alerts()
+    officials.acknowledge(1, 2)
+    assert f'kart {kart}' in officials.is_refused('GREEN_GREEN')
+    officials.does('KART_RED_RED', kart)
+    assert AlertKind.MOVING_UNASKED not in officials.alerts()
+
+
+# ----- who caused it -----------------------------------------------------------------------
+
+
+def test_a_change_of_state_names_its_cause_and_who_gave_it(officials: Officials) -> None:
+    officials.to_green()
+    command = Command(CommandKind.ALL_KILL, official='Anna')
+    events = officials.race.command(command, officials.now).events
+    of_state = (EventKind.RACE_STATE, EventKind.KART_STATE)
+    changes = [each for each in events if each.kind in of_state]
+    assert len(changes) == 1 + len(TEAMS)
+    assert {(each.command, each.official) for each in changes} == {(CommandKind.ALL_KILL, 'Anna')}
+    assert officials.race.state_cause == 'ALL_KILL by Anna'
+    assert officials.race.karts[1].hold_reason == 'ALL_KILL by Anna'
+
+
+def test_a_race_that_ends_by_itself_says_so(officials: Officials) -> None:
+    officials.to_green()
+    for kart in (1, 2):
+        officials.does('KART_FINISH', kart)
+    officials.wait(10.0)
+    officials.acknowledge(1, 2)
+    outcome = officials.wait(0.1)
+    (change,) = (each for each in outcome.events if each.kind is EventKind.RACE_STATE)
+    assert change.command is None
+    assert officials.race.state_cause == 'race over, every kart of the race has finished'
+
+
+def test_once_its_use_is_recorded_no_alert_asks_for_the_msr(officials: Officials) -> None:
+    officials.to_green().drop(1)
+    assert {alert.use_msr for alert in officials.race.alerts(officials.now)} == {True}
+    officials.does('RECORD_MSR')
+    officials.wait(60.0)
+    assert officials.race.alerts(officials.now)
+    assert not any(alert.use_msr for alert in officials.race.alerts(officials.now))
 
 
 def test_the_race_goes_to_another_process_and_is_the_same_there(officials: Officials) -> None:
@@ -2124,7 +2275,8 @@ def test_the_race_goes_to_another_process_and_is_the_same_there(officials: Offic
 def test_a_required_inspection_keeps_karts_out_of_the_race_and_no_stop_from_any_kart() -> None:
     karts = [Kart(1, in_race=True, inspected='2026-05-01'), Kart(2), Kart(3, in_race=True)]
     heats = [Heat('with', (1, 2)), Heat('without', (1,))]
-    race = Race(karts, RaceTimes(pause=0.0, require_inspection=True), heats=heats)
+    times = RaceTimes(pause=0.0, settle=0.0, require_inspection=True)
+    race = Race(karts, times, heats=heats)
 
     def give(kind: CommandKind, kart: int | None = None, heat: str = '') -> bool:
         seen = race.availability(kind, kart or 0, 1.0).karts
