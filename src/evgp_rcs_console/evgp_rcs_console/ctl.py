@@ -73,11 +73,6 @@ STATEMENTS: dict[CommandKind, tuple[str, str, bool]] = {
         'you state that the track is clear of humans',
         True,
     ),
-    CommandKind.GREEN_GREEN: (
-        '--without-record',
-        'you state that the race may start without a record; needed only if the record has failed',
-        False,
-    ),
     CommandKind.IN_GARAGE: ('--track-is-safe', 'you declare the track safe for humans', True),
     CommandKind.KART_IN_GARAGE: (
         '--made-safe-by-hand',

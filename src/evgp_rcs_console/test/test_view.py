@@ -164,7 +164,6 @@ def test_a_release_says_and_sends_the_hold_that_it_ends() -> None:
     ('command', 'field'),
     [
         (CommandKind.GRID_ACTIVE, 'track_clear'),
-        (CommandKind.GREEN_GREEN, 'without_record'),
         (CommandKind.IN_GARAGE, 'track_safe'),
         (CommandKind.KART_IN_GARAGE, 'made_safe_by_hand'),
     ],

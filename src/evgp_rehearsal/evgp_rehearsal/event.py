@@ -225,8 +225,7 @@ class Rehearsal(Part):
         request: dict[str, object] = {'official': name, **entry.fixed}
         if entry.to_one_kart:
             request['kart'] = act.kart
-        # To start without a record is no statement that anybody makes by habit.
-        if entry.statement and entry.statement != 'without_record':
+        if entry.statement:
             request[entry.statement] = entry.statement != 'made_safe_by_hand'
         return self.official.call(entry.service, **request)
 
