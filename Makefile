@@ -42,7 +42,7 @@ HOST :=
 ODOM :=
 
 .PHONY: help setup demo rehearsal test test-long bench soak fuzz run roster record console ctl bridge \
-  inspect-kart inspect-rcs screenshots lint format clean
+  inspect-kart inspect-rcs screenshots lines lint format clean
 
 help:
 	@echo 'make demo    set up and show a race: race control, karts and their stacks'
@@ -60,6 +60,7 @@ help:
 	@echo "make inspect-rcs   is a race control fit to race?  (ARGS='--driver ros --word ready')"
 	@echo "make console open the officials' window               (OFFICIAL=Anna OFFICIALS=10.1.0.6)"
 	@echo 'make ctl     the same in the terminal                (ARGS="watch" OFFICIALS=10.1.0.6)'
+	@echo 'make lines   count the lines of the product, of tests and tools, and of the documents'
 	@echo 'make lint    check style and types'
 	@echo 'make format  format the code, and add missing copyright headers'
 	@echo 'make screenshots  take the pictures of docs/ again'
@@ -137,6 +138,9 @@ inspect-rcs:
 screenshots:
 	EVGP_ALL_TESTS=1 EVGP_SCREENSHOTS=docs/screenshots $(IN_WORKSPACE) --console \
 	  python -m pytest test/test_console.py test/test_report_page.py -k screenshots
+
+lines:
+	@python3 setup/lines.py
 
 # Every check runs, whatever those before it found.
 lint:

@@ -1,0 +1,49 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Count the lines of the product, of tests and tools, and of the documents, by their folders."""
+
+from collections import Counter
+import pathlib
+import re
+import subprocess
+
+COUNTED = ('.py', '.c', '.h', '.msg', '.srv', '.css', '.js', '.html', '.md', '.rst')
+TOOLS = re.compile(r'(^|/)(test|bench|soak|fuzz|setup|evgp_testing)/|^conftest\.py$')
+
+
+def part_of(path: str) -> str:
+    """Return to which part of the project a file belongs."""
+    if path.endswith(('.md', '.rst')):
+        return 'documents'
+    return 'tests and tools' if TOOLS.search(path) else 'product'
+
+
+def main() -> None:
+    """Print the table."""
+    parts: dict[str, Counter[str]] = {}
+    listed = subprocess.run(['git', 'ls-files'], capture_output=True, text=True, check=True)
+    for path in listed.stdout.splitlines():
+        if path.endswith(COUNTED):
+            folder = '/'.join(path.split('/')[: 2 if path.startswith('src/') else 1])
+            count = len(pathlib.Path(path).read_bytes().splitlines())
+            parts.setdefault(part_of(path), Counter())[folder] += count
+    for part, folders in sorted(parts.items()):
+        print(f'{part:28}{folders.total():7,}')
+        for folder, count in folders.most_common():
+            print(f'    {folder:24}{count:7,}')
+
+
+if __name__ == '__main__':
+    main()
