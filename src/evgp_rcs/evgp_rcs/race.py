@@ -447,12 +447,14 @@ class Start:
 
     :param came: when the command came, in seconds.
     :param until: when it waits no longer, in seconds.
+    :param grid: the number of the GRID_ACTIVE that it follows (``Race.grids``).
     :param memory: what must be on the disk first.
     """
 
     command: Command
     came: float
     until: float
+    grid: int
     memory: RaceMemory
 
 
@@ -497,6 +499,8 @@ class Race:
         self.starters: tuple[int, ...] = ()
         """Who was sent GREEN_GREEN in the race whose results have not been told yet."""
         self.grid_was_last = False
+        self.grids = 0
+        """How many times GRID_ACTIVE was accepted."""
         self.track_open = False
         self.msr_used = False
         self.restarted = False
@@ -608,7 +612,8 @@ class Race:
         if refusal or not CATALOGUE[command.kind].needs_journal:
             return self._outcome(self._decide(command, refusal, now))
         memory = self._memory_after_green()
-        self.start = Start(command, came, now + self.times.journal_timeout, memory)
+        until = now + self.times.journal_timeout
+        self.start = Start(command, came, until, self.grids, memory)
         return self._outcome(write_first=memory)
 
     def journal(self, memory: RaceMemory, written: bool, now: float) -> Outcome:
@@ -632,7 +637,10 @@ class Race:
                 f'The record has not taken GREEN_GREEN for {self.times.journal_timeout:g} s'
             )
             self._tell_alerts(now)
-        return self._decide(start.command, self._refusal_of(start.command, start.came), now)
+        refusal = self._refusal_of(start.command, start.came)
+        if start.grid != self.grids:
+            refusal = refusal or 'it was sent for an earlier GRID_ACTIVE; look, and send it again'
+        return self._decide(start.command, refusal, now)
 
     def withdraw(self, now: float) -> Outcome:
         """Refuse the start that waits, if one does: nobody waits for its answer any more."""
@@ -1003,6 +1011,7 @@ class Race:
         return message + (f'; in RED_RED already: {_listed(stopped)}' if stopped else '')
 
     def _grid_active(self, kart: Kart | None, command: Command, now: float) -> str:
+        self.grids += 1
         self.msr_used = False
         self.starters = ()
         self.places_given = 0
@@ -1046,6 +1055,9 @@ class Race:
         return f'The track is open to humans: {self._humans_allowed()[1]}'
 
     def _close_track(self, kart: Kart | None, command: Command, now: float) -> str:
+        if self.track_open:
+            # GRID_ACTIVE may have been sent before the track was opened, and come here after it.
+            self._pause(now + self.times.pause, 'the track was closed just now')
         self.track_open = False
         return 'The track is closed to humans'
 
@@ -1084,8 +1096,8 @@ class Race:
         moved_up.sort(key=lambda each: each.place)
         text = f'{_capital(kart)} has no place any more'
         # Nothing that was sent is loosened: it loses a RED_FLAG that has not gone out.
-        if kart.finish_due is not None:
-            kart.finish_due = None
+        kart.finish_due = None
+        if kart.sent is GREEN_GREEN:
             text += ' and drives on: its RED_FLAG was not sent yet'
         elif kart.hold is not None:
             text += f'; it stays held in {kart.hold.value}'
@@ -1168,11 +1180,11 @@ class Race:
         return self._uninspected(racing) or self._no_record()
 
     def _no_record(self) -> str:
-        """Return that no race starts while the record fails, and what helps; else nothing."""
+        """Return that no race goes on while the record fails, and what helps; else nothing."""
         if not self.record_fails:
             return ''
         return (
-            f'{self.record_fails}. No race starts without a record: make room on the disk; or '
+            f'{self.record_fails}. No race goes on without a record: make room on the disk; or '
             'restart race control with the parameter record on another disk, at worst '
             'in /dev/shm'
         )
@@ -1214,14 +1226,13 @@ class Race:
 
     def _no_in_garage(self, kart: Kart | None) -> str:
         if self.state is GRID_ACTIVE:
-            lost = [each for each in self.racing() if each.doubt and not each.connected]
-            if lost:
-                return (
-                    f'lost on the grid: {_listed(lost)}. Wait until it is back; or make it safe '
-                    'by hand, then send it RED_RED and release it alone; or use the MSR and '
-                    'record that'
-                )
-            return ''
+            return _cut(
+                [
+                    self._danger(each)
+                    for each in self.racing()
+                    if each.may_be_moving or (each.doubt and not each.connected)
+                ]
+            )
         if self.state is IN_GARAGE:
             return 'the race is in IN_GARAGE already'
         if self.state is not RED_RED:
@@ -1230,7 +1241,8 @@ class Race:
             f'{each}: {self._silence(each)}' for each in self._waited_for() if not each.answered
         ]
         if not missing:
-            return ''
+            # That the MSR counts no more must be known after a crash.
+            return self._no_record() if self.msr_used else ''
         how = ', or use the MSR and record it' if not self.msr_used else ''
         return (
             f'waiting for {_cut(missing)}. If a kart does not answer, make it safe by hand and '
@@ -1438,7 +1450,8 @@ class Race:
         if kart.doubt is Doubt.GRID:
             return (
                 f'{kart} was lost on the grid: wait until it is back and has acknowledged a '
-                'stop, or make it safe by hand, send it RED_RED and release it alone'
+                'stop; or make it safe by hand, send it RED_RED and release it alone; or use the '
+                'MSR and record it'
             )
         return ''
 

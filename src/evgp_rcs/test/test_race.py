@@ -861,10 +861,7 @@ def test_the_use_of_the_msr_answers_for_lost_karts_but_not_for_one_that_is_there
 
 def test_the_garage_after_the_grid_waits_for_a_kart_lost_there(officials: Officials) -> None:
     officials.to_grid().drop(2)
-    assert officials.is_refused('IN_GARAGE') == (
-        'IN_GARAGE refused: lost on the grid: kart 2 (Volta). Wait until it is back; or make it '
-        'safe by hand, then send it RED_RED and release it alone; or use the MSR and record that.'
-    )
+    assert 'kart 2 (Volta) was lost on the grid' in officials.is_refused('IN_GARAGE')
     officials.connect(2)
     officials.does('IN_GARAGE')
 
@@ -1276,7 +1273,8 @@ def test_a_kart_lost_on_the_grid_keeps_humans_off_until_it_stands_or_is_made_saf
     officials.acknowledge(1)
     assert officials.is_refused('OPEN_TRACK') == (
         'OPEN_TRACK refused: kart 2 (Volta) was lost on the grid: wait until it is back and has '
-        'acknowledged a stop, or make it safe by hand, send it RED_RED and release it alone.'
+        'acknowledged a stop; or make it safe by hand, send it RED_RED and release it alone; or '
+        'use the MSR and record it.'
     )
     officials.does('KART_IN_GARAGE', 2)
     officials.does('OPEN_TRACK')
@@ -1891,6 +1889,16 @@ def test_what_was_written_for_an_earlier_start_starts_nobody(officials: Official
     assert officials.race.state is GRID_ACTIVE
 
 
+def test_a_start_that_waits_does_not_go_out_to_a_later_grid(officials: Officials) -> None:
+    memory = starting(officials)
+    officials.does('IN_GARAGE')
+    officials.to_ready()
+    answer = officials.race.journal(memory, True, officials.now).answer
+    assert answer is not None
+    assert not answer.success
+    assert officials.race.state is GRID_ACTIVE
+
+
 def test_a_start_that_is_withdrawn_is_refused_and_forgotten(officials: Officials) -> None:
     memory = starting(officials)
     answer = officials.race.withdraw(officials.now).answer
@@ -1944,6 +1952,15 @@ def test_while_the_record_fails_no_race_starts_and_the_refusal_names_the_remedy(
     officials.race.record_trouble('', officials.now)
     assert officials.alerts() == {}
     officials.does(kind)
+
+
+def test_while_the_record_fails_the_msr_statement_does_not_end(officials: Officials) -> None:
+    officials.to_green().does('RECORD_MSR')
+    officials.acknowledge(*TEAMS)
+    officials.race.record_trouble('The record fails: disk full', officials.now)
+    assert 'disk full' in officials.is_refused('IN_GARAGE')
+    officials.race.record_trouble('', officials.now)
+    officials.does('IN_GARAGE')
 
 
 def test_a_record_that_fails_in_mid_race_changes_nothing_for_the_karts(
@@ -2193,6 +2210,33 @@ def test_the_grid_is_refused_while_the_track_is_open(officials: Officials) -> No
     assert 'the track is open to humans; close it first' in officials.is_refused('GRID_ACTIVE')
     officials.does('CLOSE_TRACK')
     officials.does('GRID_ACTIVE')
+
+
+def test_the_grid_is_refused_if_it_was_sent_before_the_track_was_opened_and_closed() -> None:
+    officials = Officials(RaceTimes(pause=1.0, settle=0.0))
+    seen = officials.as_seen('GRID_ACTIVE')
+    officials.does('OPEN_TRACK')
+    officials.does('CLOSE_TRACK')
+    answer = officials.gives(seen).answer
+    assert answer is not None
+    assert 'the track was closed just now' in answer.message
+    officials.wait(1.0)
+    officials.does('GRID_ACTIVE')
+
+
+@pytest.mark.parametrize('stopped', [True, False])
+def test_a_race_with_a_moving_kart_does_not_go_home_from_the_grid(
+    stopped: bool, officials: Officials
+) -> None:
+    officials.to_ready()
+    if stopped:
+        officials.does('KART_RED_RED', 1)
+    else:
+        officials.says(1, GREEN_GREEN)
+    assert 'kart 1 (Ohm)' in officials.is_refused('IN_GARAGE')
+    officials.does('KART_RED_RED', 1)
+    officials.acknowledge(1)
+    officials.does('IN_GARAGE')
 
 
 def test_green_waits_for_a_kart_that_was_taken_off_the_grid(officials: Officials) -> None:
