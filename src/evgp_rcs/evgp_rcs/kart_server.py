@@ -215,9 +215,8 @@ class KartServer:
         self._settings = settings
         self._outside = outside
         self._log = inputs.Log(race.state_since)
-        self._first_events: tuple[Event, ...] = ()
-        if left_behind is not None:
-            self._first_events = self._feed(left_behind).events
+        self._left_behind = left_behind
+        self._first_events = () if left_behind is None else self._feed(left_behind).events
         self._links: dict[int, KartLink] = {}
         self._stops: deque[Waiting] = deque()
         self._commands: deque[Waiting] = deque()
@@ -273,7 +272,8 @@ class KartServer:
                 'is another race control still running here? Stop the program that has the port, '
                 'or choose another address or port'
             ) from error
-        self._tell_of_rules(self._first_events)
+        if self._left_behind is not None:
+            self._tell_of_rules(self._first_events, self._left_behind.at)
         self._beat_at = self._began_again_at = loop.time()
         loop.call_soon(self._beat, loop.time())
         try:
@@ -461,7 +461,7 @@ class KartServer:
         answered = waiting or self._starting
         if outcome.answer is not None and answered is not None:
             answered.answered(outcome.answer)
-        self._tell_of_rules(outcome.events)
+        self._tell_of_rules(outcome.events, given.at)
         if outcome.write_first is not None:
             memory = outcome.write_first
             self._starting = waiting
@@ -481,26 +481,25 @@ class KartServer:
         if outcome.orders:
             self._log.mark(inputs.Ordered(outcome.orders))
 
-    def _tell_of_rules(self, events: tuple[Event, ...]) -> None:
-        """Tell what the last input has made happen."""
-        if not events:
-            return
-        now = self.now()
-        stamped = self._stamped(
-            event for event in events if not event.chatter or self._reports[event.kart].take(now)
-        )
-        if stamped:
+    def _tell_of_rules(self, events: tuple[Event, ...], at: float) -> None:
+        """
+        Tell what the last input has made happen.
+
+        :param at: the time of this input, which is theirs too: so a replay can compare it.
+        """
+        told = [each for each in events if not each.chatter or self._reports[each.kart].take(at)]
+        if told:
+            stamped = self._stamped(told, at)
             self._log.mark(inputs.Told(stamped[0].sequence, stamped[-1].sequence))
             self._gather(stamped)
 
     def _tell(self, event: Event) -> None:
         """Tell what no input of the rules has made happen."""
-        self._gather(self._stamped((event,)))
+        self._gather(self._stamped([event], self.now()))
 
-    def _stamped(self, events: Iterable[Event]) -> list[StampedEvent]:
-        now = self.now()
-        wall = time.time_ns()
-        return [StampedEvent(next(self._sequence), wall, now, event) for event in events]
+    def _stamped(self, events: Iterable[Event], at: float) -> list[StampedEvent]:
+        wall = time.time_ns() - round((self.now() - at) * 1e9)
+        return [StampedEvent(next(self._sequence), wall, at, event) for event in events]
 
     def _gather(self, stamped: list[StampedEvent]) -> None:
         if len(self._gathered) >= MOST_GATHERED:

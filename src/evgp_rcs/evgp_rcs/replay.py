@@ -15,8 +15,12 @@
 """
 Runs the rules again on what went into them, and compares what comes out with the record.
 
-With the rules that made the record nothing may differ, ever: not an order to a kart, not an event,
-not what officials were offered. What differs first is named.
+With the rules that made the record nothing may differ, ever: not an order to a kart, not an event
+nor its time, not what officials were offered. What differs first is named.
+
+An event has the time of the input that made it, to the last bit. No input gives the wall times, and
+none makes the events `OF_THE_SERVER`: of these, only the order can be checked. So a step of the
+wall clock is told; whether somebody set the clock or changed the record, nothing here can say.
 """
 
 from __future__ import annotations
@@ -26,13 +30,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import dataclasses
 from dataclasses import dataclass
 import enum
-from typing import Any
+import itertools
+from typing import Any, NamedTuple
 
 from evgp_rcs import inputs
 from evgp_rcs.inputs import BlockError, Entry, GapError, Input, InputsError, Setup
 from evgp_rcs.plain import plain
 from evgp_rcs.progress import watched
-from evgp_rcs.race import Event, EventKind, Order
+from evgp_rcs.race import Event, EventKind, Order, StampedEvent
 from evgp_rcs.record import RecordedEvent, Session
 from evgp_rcs.rules_version import rules_version
 from evgp_rcs.runs import (
@@ -51,11 +56,6 @@ OF_THE_SERVER = frozenset(
 
 LONGEST = 400
 """Maximum length of a value in words, in characters."""
-
-_PLACE = ('sequence', 'wall_ns', 'monotonic')
-_COMPARED = tuple(
-    field.name for field in dataclasses.fields(RecordedEvent) if field.name not in _PLACE
-)
 
 
 @dataclass(frozen=True)
@@ -144,6 +144,7 @@ class Replay:
         self._race = setup.race()
         self._began = setup.now
         self._blocks = blocks
+        self._in_order = happened
         self._recorded = {event.sequence: event for event in happened}
         self._goes_on = goes_on
         self._damaged = damaged
@@ -151,7 +152,7 @@ class Replay:
         # Of the last input: what it was, and what it made that was not compared yet.
         self._given: Input | None = None
         self._orders: Sequence[Order] = ()
-        self._events: Sequence[Event] = ()
+        self._events: Sequence[_Made] = ()
         self._told = 0
         self._replayed = Replayed()
         self._of_mark: Mapping[type[Any], Callable[[Any], None]] = {
@@ -208,7 +209,7 @@ class Replay:
             self._differ('an error of the rules', 'it was taken', repr(error))
         else:
             self._orders = outcome.orders
-            self._events = outcome.events
+            self._events = [_Made.by(given, event) for event in outcome.events]
 
     def _finish(self) -> None:
         """Take it that the last input has brought about nothing more."""
@@ -242,21 +243,21 @@ class Replay:
             if recorded is None:
                 self._differ(f'event {sequence}', 'it is missing', _event_or_none(left))
                 return
-            what = tuple(getattr(recorded, name) for name in _COMPARED)
+            what = dataclasses.replace(recorded, sequence=0, wall_ns=0)
             # What karts say too often is left out.
-            while left and left[0].chatter and _compared(left[0]) != what:
+            while left and left[0].chatter and left[0].event != what:
                 left.pop(0)
-            if not left or _compared(left[0]) != what:
+            if not left or left[0].event != what:
                 self._differ(f'event {sequence}', _words(what), _event_or_none(left or made))
             left.pop(0)
             self._replayed.events += 1
             self._told = sequence
         self._compare_untold(left)
 
-    def _compare_untold(self, left: Sequence[Event]) -> None:
+    def _compare_untold(self, left: Sequence[_Made]) -> None:
         for event in left:
             if not event.chatter:
-                self._differ('an event', 'none', _words(_compared(event)))
+                self._differ('an event', 'none', _words(event.event))
 
     def _compare_offers(self, mark: inputs.Shown) -> None:
         self._finish()
@@ -279,7 +280,12 @@ class Replay:
         self._replayed.availabilities += sum(map(len, offered.values()))
 
     def _compare_the_rest(self) -> None:
-        """Look for events that no input has made, and for such as were removed."""
+        """Look for events that no input has made, and for such as were removed or moved."""
+        for before, event in itertools.pairwise(self._in_order):
+            if event.monotonic < before.monotonic:
+                what = f'its time is {event.monotonic!r}'
+                least = f'not before event {before.sequence}, {before.monotonic!r}'
+                self._differ(f'event {event.sequence}', what, least)
         partly = self._goes_on or self._damaged or self._replayed.missing
         for sequence, event in sorted(self._recorded.items()):
             if partly and sequence > self._told:
@@ -288,8 +294,7 @@ class Replay:
                 event.kind == EventKind.ALERT_RAISED.name and not event.success
             )
             if not own:
-                what = tuple(getattr(event, name) for name in _COMPARED)
-                self._differ(f'event {sequence}', _words(what), 'no input has made it')
+                self._differ(f'event {sequence}', _words(event), 'no input has made it')
 
     def _differ(self, what: str, recorded: str, replayed: str) -> None:
         self._replayed.difference = Difference(
@@ -303,19 +308,30 @@ class Replay:
         raise _DifferentError
 
 
-def _compared(event: Event) -> tuple[object, ...]:
-    """Return what the record has of an event."""
-    values = (getattr(event, name) for name in _COMPARED)
-    return tuple(each.name if isinstance(each, enum.Enum) else each for each in values)
+class _Made(NamedTuple):
+    """An event that the rules make, with neither number nor wall time."""
+
+    chatter: bool
+    event: RecordedEvent
+
+    @staticmethod
+    def by(given: Input, event: Event) -> _Made:
+        """Return what the record should have: an event has the time of its input."""
+        return _Made(event.chatter, RecordedEvent.of(StampedEvent(0, 0, given.at, event)))
 
 
-def _words(values: Sequence[object]) -> str:
-    named = zip(_COMPARED, values, strict=True)
-    return ', '.join(f'{name} {value!r}' for name, value in named if value not in (None, ''))
+def _words(event: RecordedEvent) -> str:
+    named = dataclasses.asdict(event).items()
+    place = ('sequence', 'wall_ns')
+    return ', '.join(
+        f'{name} {value!r}'
+        for name, value in named
+        if name not in place and value not in (None, '')
+    )
 
 
-def _event_or_none(left: Sequence[Event]) -> str:
-    return _words(_compared(left[0])) if left else 'no such event'
+def _event_or_none(left: Sequence[_Made]) -> str:
+    return _words(left[0].event) if left else 'no such event'
 
 
 def _order(order: Order) -> str:

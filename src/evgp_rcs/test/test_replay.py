@@ -39,6 +39,7 @@ import pytest
 
 PATIENCE = 20.0
 KARTS = range(1, 5)
+BEGAN = 1_780_135_500_000_000_000
 SETUP = Setup(
     tuple(Entrant(number, f'Team {number}', number < 4) for number in KARTS),
     RaceTimes(finish_delays=(0.5,), finish_stop=2.0, pause=0.3, pause_after_held_up=0.5),
@@ -81,24 +82,24 @@ class Running:
         outcome = given.feed(self.race)
         if outcome.orders:
             self.log.mark(inputs.Ordered(outcome.orders))
-        self.tell(outcome)
+        self.tell(outcome, given.at)
         if outcome.note_first:
             self.feed(inputs.StartNoted(self.now, self.dice.random() < 0.7))
 
-    def tell(self, outcome: Outcome) -> None:
+    def tell(self, outcome: Outcome, at: float) -> None:
         told = [each for each in outcome.events if not each.chatter or self.dice.random() < 0.5]
         if told:
             first = len(self.stamped) + 1
             self.log.mark(inputs.Told(first, first + len(told) - 1))
-            self.hand_over(told)
+            self.hand_over(told, at)
         if self.dice.random() < 0.05:
             own = self.dice.choice((EventKind.MALFORMED, EventKind.REFUSED_CONNECTION))
-            self.hand_over([Event(own, 'rubbish', success=False)])
+            self.hand_over([Event(own, 'rubbish', success=False)], self.now)
 
-    def hand_over(self, events: list[Event]) -> None:
+    def hand_over(self, events: list[Event], at: float) -> None:
         first = len(self.stamped) + 1
         stamped = [
-            StampedEvent(number, time.time_ns(), self.now, event)
+            StampedEvent(number, BEGAN + round(at * 1e9), at, event)
             for number, event in enumerate(events, first)
         ]
         self.stamped += stamped
@@ -256,6 +257,7 @@ def test_an_order_that_was_removed_is_named() -> None:
         {'success': 'neither'},
         {'state': 'GREEN_GREEN?'},
         {'kind': 'RESULTS'},
+        {'monotonic': 1000.0},
     ],
     ids=lambda change: next(iter(change)),
 )
