@@ -128,14 +128,30 @@ class Setup:
             if given['format'] != FORMAT:
                 raise InputsError(f'its format is {given["format"]!r}, not {FORMAT}')
             times = given['times']
-            return Setup(
+            setup = Setup(
                 tuple(Entrant(*kart) for kart in given['karts']),
                 RaceTimes(**{**times, 'finish_delays': tuple(times['finish_delays'])}),
                 tuple(Heat(heat['name'], tuple(heat['karts'])) for heat in given['heats']),
                 given['now'],
             )
-        except (ValueError, KeyError, TypeError) as error:
+            setup._check()
+        except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
             raise InputsError(f'the setup cannot be read: {error}') from error
+        return setup
+
+    def _check(self) -> None:
+        """Raise a ValueError or TypeError at what is good JSON and no setup."""
+        names = [heat.name for heat in self.heats]
+        numbers = [number for heat in self.heats for number in heat.karts]
+        for kart in self.karts:
+            numbers.append(kart.number)
+            names += [kart.team, kart.inspected]
+        ''.join(names).encode()
+        if not all(type(number) is int and 0 < number < 2**32 for number in numbers):
+            raise ValueError('a kart has no number')
+        delays, *times = dataclasses.astuple(self.times)
+        if not all(abs(time) < 1e10 for time in (self.now, *delays, *times)):
+            raise ValueError('a time is none')
 
 
 # ----- the inputs -----------------------------------------------------------------------------
@@ -443,7 +459,10 @@ def decode(data: bytes) -> Iterator[Entry]:
                 fields = json.loads(_part(data, place, place + length))
                 place += length
                 yield _written(kind, at, fields)
-    except (ValueError, KeyError, IndexError, TypeError, AttributeError, struct.error) as error:
+    except (
+        *(ValueError, LookupError, TypeError, AttributeError),
+        *(RecursionError, struct.error),
+    ) as error:
         raise InputsError(f'an entry cannot be read: {error!r}') from error
 
 

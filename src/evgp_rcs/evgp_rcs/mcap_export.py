@@ -28,7 +28,7 @@ from typing import Any
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.inputs import entries_of, Entry, Input, InputsError, offers, Published, Shown
+from evgp_rcs.inputs import entries_of, Entry, Input, InputsError, offers, Published, Setup, Shown
 from evgp_rcs.plain import plain
 from evgp_rcs.progress import watched
 from evgp_rcs.race import AlertKind, Event, EventKind, Race, StampedEvent
@@ -112,27 +112,25 @@ Message = tuple[str, int, Any]
 
 def _read(runs: Runs, number: int | None) -> tuple[Iterator[Message], str]:
     """Return the messages of a run in order, and a sentence on what they lack; empty: nothing."""
-    run = runs.choose(number)
-    try:
-        kept = Kept.read(runs, run)
-    except UnreadableError as error:
-        happened = runs.events(run)
-        return _events(happened, _shifts(happened)), f'The bag has events only: {error}.'
+    kept = Kept.read(runs, runs.choose(number))
     shifts = _shifts(kept.happened)
-    both = _events(kept.happened, shifts), _races(kept, shifts)
-    return heapq.merge(*both, key=lambda message: message[1]), _end_of_race(runs, kept)
+    events = _events(kept.happened, shifts)
+    if kept.setup is None:
+        return events, f'The bag has events only: {kept.lacks}.'
+    both = events, _races(kept, kept.setup, shifts)
+    return heapq.merge(*both, key=lambda message: message[1]), _end_of_race(runs, kept, kept.setup)
 
 
-def _end_of_race(runs: Runs, kept: Kept) -> str:
+def _end_of_race(runs: Runs, kept: Kept, setup: Setup) -> str:
     """Say where the race ends in the bag; empty: it goes to the end of the run."""
-    at = kept.setup.now
+    at = setup.now
     try:
         for entry in entries_of(kept.blocks):
             if isinstance(entry, Input):
                 at = entry.at
     except InputsError as error:
         runs.damage = runs.damage or str(error)
-        after = f'{at - kept.setup.now:.1f} s after the run began'
+        after = f'{at - setup.now:.1f} s after the run began'
         return f'The bag has events only from {after} on: {error}.'
     return ''
 
@@ -162,7 +160,7 @@ def _events(happened: Sequence[RecordedEvent], shifts: Sequence[int]) -> Iterato
     both = list(zip(happened, shifts, strict=True))
     for each, shift in watched(both, len(both), 'Writing the bag'):
         if each.kind not in EventKind.__members__:
-            continue  # of an older version, which told it twice
+            continue  # no message can say it
         event = Event(
             EventKind[each.kind],
             each.text,
@@ -177,13 +175,13 @@ def _events(happened: Sequence[RecordedEvent], shifts: Sequence[int]) -> Iterato
         yield f'/{NODE}/events', each.wall_ns + shift, event_message(stamped)
 
 
-def _races(kept: Kept, shifts: Sequence[int]) -> Iterator[Message]:
+def _races(kept: Kept, setup: Setup, shifts: Sequence[int]) -> Iterator[Message]:
     """Yield the race as often as it was published, and diagnostics."""
     from evgp_rcs.messages import diagnostics_message, race_message
 
     clocks = [event.monotonic for event in kept.happened]
     told = -math.inf
-    for race, at in _published(kept):
+    for race, at in _published(kept, setup):
         # By the last event before: the wall clock may have been set in the meantime.
         place = max(0, bisect.bisect(clocks, at) - 1)
         wall_ns = kept.happened[place].wall_ns + round((at - clocks[place]) * NS)
@@ -194,18 +192,24 @@ def _races(kept: Kept, shifts: Sequence[int]) -> Iterator[Message]:
             yield '/diagnostics', in_bag, diagnostics_message(race, at, wall_ns, NODE, {})
 
 
-def _published(kept: Kept) -> Iterator[tuple[Race, float]]:
+def _published(kept: Kept, setup: Setup) -> Iterator[tuple[Race, float]]:
     """Yield the race whenever it was published, and the time of it (s)."""
     published = {each.number for each in _entries(kept) if isinstance(each, Published)}
     # Of the last ones the word may not have come back before the end.
     last = max(published, default=0)
-    race = kept.setup.race()
+    race = setup.race()
     for entry in _entries(kept):
         if isinstance(entry, Shown):
             if (entry.number in published or entry.number > last) and kept.happened:
                 yield race, entry.at
         elif isinstance(entry, Input):
-            entry.feed(race)
+            try:
+                entry.feed(race)
+            except Exception as error:
+                raise UnreadableError(
+                    f'the rules do not take the inputs of run {kept.run.number} ({error!r}): the '
+                    'record is damaged or was changed. rcs_record replay says where'
+                ) from error
 
 
 def _entries(kept: Kept) -> Iterator[Entry]:

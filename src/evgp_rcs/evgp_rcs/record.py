@@ -85,7 +85,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.home import home
 from evgp_rcs.inputs import Block, joined, Setup
 from evgp_rcs.orderly_end import OrderlyEnd
-from evgp_rcs.race import Doubt, KartMemory, RaceMemory, StampedEvent
+from evgp_rcs.race import Doubt, EventKind, KartMemory, RaceMemory, StampedEvent
 
 SCHEMA_VERSION = 3
 
@@ -166,7 +166,12 @@ class _NoRecordError(RuntimeError):
 
 @dataclasses.dataclass(frozen=True)
 class Session:
-    """One run of race control; `ended_ns` is None after a crash, and while it lasts."""
+    """
+    One run of race control.
+
+    :param ended_ns: the wall time of the event that says that it ended in good order; None: there
+        is none.
+    """
 
     number: int
     began_ns: int
@@ -685,8 +690,8 @@ class RecordedEvent:
     success: bool
     state: str | None
     text: str
-    official: str = ''
-    alert: str | None = None
+    official: str
+    alert: str | None
 
     @staticmethod
     def of(stamped: StampedEvent) -> RecordedEvent:
@@ -748,6 +753,9 @@ def inputs_of(
     yield from database.execute(f'{query} DESC' if backwards else query, (session, after))
 
 
+_ENDED = f"kind = '{EventKind.ENDED.name}' AND success = 1"
+
+
 def sessions(database: sqlite3.Connection) -> list[Session]:
     """
     Return the runs of race control in a record, oldest first.
@@ -755,8 +763,8 @@ def sessions(database: sqlite3.Connection) -> list[Session]:
     :raises sqlite3.DatabaseError: if the record is damaged.
     """
     rows = database.execute(
-        'SELECT id, began_ns, ended_ns, count(event.sequence) FROM session '
-        'LEFT JOIN event ON event.session = session.id GROUP BY id ORDER BY id'
+        f'SELECT id, began_ns, max(CASE WHEN {_ENDED} THEN wall_ns END), count(sequence) '
+        'FROM session LEFT JOIN event ON event.session = session.id GROUP BY id ORDER BY id'
     )
     found = [Session(*row) for row in rows]
     for run in found:
@@ -782,7 +790,12 @@ def events(
     rows = database.execute(f'{query} DESC' if backwards else query, (session, after))
     for row in rows:
         # SQLite takes any value for any column.
-        damaged = not all(map(isinstance, row, _TYPES)) or not abs(row[2]) < MOST_SECONDS
+        damaged = (
+            not all(map(isinstance, row, _TYPES))
+            or row[1] < 0
+            or not abs(row[2]) < MOST_SECONDS
+            or not 0 <= row[4] < 2**32
+        )
         # For what is missing at the end of a file, SQLite has zeros.
         if damaged or any('\0' in value for value in row if isinstance(value, str)):
             raise sqlite3.DatabaseError(f'event {row[0]!r} of run {session} is damaged')

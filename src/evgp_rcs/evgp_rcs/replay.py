@@ -39,9 +39,11 @@ from evgp_rcs.plain import plain
 from evgp_rcs.progress import watched
 from evgp_rcs.race import Event, EventKind, Order, StampedEvent
 from evgp_rcs.record import RecordedEvent, Session
+from evgp_rcs.report.model import Account, clock_steps, read
 from evgp_rcs.rules_version import rules_version
 from evgp_rcs.runs import (
     add_run_arguments,
+    DONE,
     FAILED,
     open_runs,
     PARTLY,
@@ -205,11 +207,10 @@ class Replay:
         self._replayed.seconds = given.at - self._began
         try:
             outcome = given.feed(self._race)
-        except Exception as error:  # noqa: BLE001 - whatever the rules raise is a difference
-            self._differ('an error of the rules', 'it was taken', repr(error))
-        else:
             self._orders = outcome.orders
             self._events = [_Made.by(given, event) for event in outcome.events]
+        except Exception as error:  # noqa: BLE001 - whatever the rules raise is a difference
+            self._differ('an error of the rules', 'it was taken', repr(error))
 
     def _finish(self) -> None:
         """Take it that the last input has brought about nothing more."""
@@ -356,49 +357,101 @@ def _cut(text: str) -> str:
 @dataclass(frozen=True)
 class Kept:
     """
-    What a record has of a run, to replay it.
+    What a record has of a run.
 
+    :param goes_on: race control still writes it.
     :param rules: the version of the rules that made it; empty: unknown.
+    :param setup: with what the rules began; None: that cannot be read.
+    :param lacks: why it cannot be replayed, as the rest of a sentence; empty: it can.
+    :param blocks: what went into the rules.
     """
 
+    run: Session
+    goes_on: bool
     rules: str
-    setup: Setup
+    setup: Setup | None
+    lacks: str
     blocks: Sequence[tuple[int, bytes]]
     happened: Sequence[RecordedEvent]
     damaged: bool
 
     @staticmethod
-    def read(runs: Runs, run: Session) -> Kept:
-        """
-        Read all of a run.
-
-        :raises UnreadableError: if its inputs are not there.
-        """
+    def read(runs: Runs, run: Session, inputs_too: bool = True) -> Kept:
+        """Read a run; what is damaged of it, it has not."""
         found = runs.setup(run)
-        if found is None:
-            why = (
+        # Inputs first: what is written meanwhile are events that no input here has made.
+        blocks = runs.inputs(run) if found and inputs_too else []
+        happened = runs.events(run)
+        goes_on = run is runs.present
+        rules, text = found or ('', '')
+        setup, lacks = None, ''
+        try:
+            setup = Setup.from_json(text) if found else None
+        except InputsError as error:
+            lacks = str(error)
+        if not found:
+            lacks = (
                 f'the record is damaged ({runs.damage})'
                 if runs.damage
-                else 'the record does not have what went into the rules. An older version of race '
-                'control recorded it, or it ended before anything was written'
+                else 'the record does not have what went into the rules'
             )
-            raise UnreadableError(f'run {run.number} cannot be replayed: {why}')
-        rules, setup = found
-        # Inputs first: what is written meanwhile are events that no input here has made.
-        blocks = runs.inputs(run)
-        try:
-            begun = Setup.from_json(setup)
-        except InputsError as error:
-            raise UnreadableError(f'run {run.number} cannot be replayed: {error}') from error
-        return Kept(rules, begun, blocks, runs.events(run), bool(runs.damage))
+        return Kept(run, goes_on, rules, setup, lacks, blocks, happened, bool(runs.damage))
 
-    def replay(self, goes_on: bool = False) -> Replayed:
+    def account(self) -> Account:
+        """Return what its events say."""
+        if self.setup is None:
+            return read(self.happened)
+        teams = {kart.number: kart.team for kart in self.setup.karts}
+        return read(self.happened, teams, self.setup.heats)
+
+    def replay(self) -> Replayed:
         """
         Replay it.
 
-        :param goes_on: race control still writes it.
+        :raises UnreadableError: if its inputs are not there.
         """
-        return Replay(self.setup, self.blocks, self.happened, goes_on, self.damaged).run()
+        if self.setup is None:
+            raise UnreadableError(f'run {self.run.number} cannot be replayed: {self.lacks}')
+        return Replay(self.setup, self.blocks, self.happened, self.goes_on, self.damaged).run()
+
+    def judge(self) -> tuple[int, list[str]]:
+        """
+        Replay it.
+
+        :return: `DONE`, `FAILED` if anything differs, or `PARTLY`; and what there is to say, line
+            by line.
+        :raises UnreadableError: if its inputs are not there.
+        """
+        lines = []
+        here = rules_version()
+        if self.rules != here:
+            lines.append(
+                f'Run {self.run.number} was recorded with other rules (version '
+                f'{self.rules or "unknown"}; here {here or "unknown"}): a difference may come '
+                'from that.'
+            )
+        replayed = self.replay()
+        difference = replayed.difference
+        found = 'no' if difference is None else 'a'
+        lines.append(f'Run {self.run.number}: {replayed}: {found} difference')
+        if difference is not None:
+            return FAILED, [*lines, *str(difference).split('\n')]
+        steps = clock_steps(self.happened)
+        if steps:
+            lines.append(
+                f'The wall clock was set {len(steps)} times, first by {steps[0].by:+.3f} s before '
+                f'event {steps[0].sequence}; or somebody changed the wall times in the record, '
+                'which a replay cannot tell.'
+            )
+        if replayed.missing:
+            return PARTLY, [*lines, f'Not all of it: {replayed.missing}']
+        if self.goes_on:
+            lines.append('Race control still writes this run; it was replayed up to now.')
+        elif self.run.ended_ns is None:
+            lines.append(
+                'This run was not ended in good order; it was replayed up to its last entry.'
+            )
+        return DONE, lines
 
 
 def options() -> argparse.ArgumentParser:
@@ -407,7 +460,7 @@ def options() -> argparse.ArgumentParser:
         prog='rcs_record replay',
         description='Run the rules again on what went into them in a run, the newest by default, '
         'and compare every order to a kart, every event and every command that was offered with '
-        'the record. A run that goes on is replayed up to now, one that crashed up to its end.',
+        'the record, each event with its time. A run that goes on is replayed up to now, one that crashed up to its end.',
         epilog='Exit code 0: no difference; 1: the first difference is printed; 2: the run cannot '
         'be read, or was recorded without its inputs; 3: no difference, but not all of the run '
         'could be replayed.',
@@ -425,27 +478,8 @@ def main(arguments: Sequence[str]) -> int:
     """
     wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
-        run = runs.choose(wanted.run)
-        goes_on = run is runs.present
-        kept = Kept.read(runs, run)
+        kept = Kept.read(runs, runs.choose(wanted.run))
     # With the record closed: this may take long, and race control must not wait.
-    if kept.rules != rules_version():
-        recorded = plain(kept.rules)
-        print(
-            f'Run {run.number} was recorded with other rules (version {recorded or "unknown"}; '
-            f'here {rules_version() or "unknown"}): a difference may come from that.'
-        )
-    replayed = kept.replay(goes_on)
-    difference = replayed.difference
-    print(f'Run {run.number}: {replayed}: {"no" if difference is None else "a"} difference')
-    if difference is not None:
-        print('\n'.join(plain(line) for line in str(difference).split('\n')))
-        return FAILED
-    if replayed.missing:
-        print(f'Not all of it: {plain(replayed.missing)}')
-        return PARTLY
-    if goes_on:
-        print('Race control still writes this run; it was replayed up to now.')
-    elif run.ended_ns is None:
-        print('This run was not ended in good order; it was replayed up to its last entry.')
-    return runs.code
+    code, lines = kept.judge()
+    print('\n'.join(map(plain, lines)))
+    return code or runs.code

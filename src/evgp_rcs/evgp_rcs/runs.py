@@ -20,6 +20,7 @@ import argparse
 from collections.abc import Callable, Iterator
 import contextlib
 from dataclasses import dataclass
+import datetime
 import operator
 import pathlib
 import sqlite3
@@ -28,6 +29,7 @@ from typing import TypeVar
 
 from evgp_rcs.plain import plain
 from evgp_rcs.progress import watched
+from evgp_rcs.race import EventKind
 from evgp_rcs.record import (
     default_path,
     events,
@@ -52,6 +54,9 @@ UNREADABLE = 2
 
 PARTLY = 3
 """Exit code: done, with what can be read of a damaged record."""
+
+ENDED = EventKind.ENDED.name
+"""Kind of the event that says that a run ends; in good order, if it is a success."""
 
 _Row = TypeVar('_Row')
 
@@ -98,6 +103,10 @@ class Runs:
         known = ', '.join(str(each.number) for each in self.listed)
         what = f'no run {number}; it has {known}' if self.listed else 'no run yet'
         raise UnreadableError(f'{self.file} has {what}')
+
+    def day_of(self, run: Session) -> list[Session]:
+        """Return the runs that began on the same day, oldest first, this one too."""
+        return [each for each in self.listed if _day(each) == _day(run)]
 
     def events(self, run: Session) -> list[RecordedEvent]:
         """Return the events of a run that can be read, in order."""
@@ -167,11 +176,10 @@ class Runs:
 
     def _list_damaged(self) -> Iterator[Session]:
         """Yield the runs, each with the events that can be read; or those that events name."""
-        known: dict[int, tuple[int, int | None]] = {}
+        known: dict[int, int] = {}
         with contextlib.suppress(sqlite3.DatabaseError):
-            for number, *times in self.database.execute('SELECT * FROM session ORDER BY id'):
-                began_ns, ended_ns = (each if isinstance(each, int) else None for each in times)
-                known[number] = (began_ns or 0, ended_ns)
+            for number, began_ns in self.database.execute('SELECT id, began_ns FROM session'):
+                known[number] = began_ns if isinstance(began_ns, int) else 0
         with contextlib.suppress(sqlite3.DatabaseError):
             number = 0
             while number is not None:
@@ -179,11 +187,16 @@ class Runs:
                     'SELECT min(session) FROM event WHERE session > ?', (number,)
                 ).fetchone()
                 if number is not None:
-                    known.setdefault(number, (0, None))
-        for number, (began_ns, ended_ns) in sorted(known.items()):
-            found = self.events(Session(number, began_ns, ended_ns, 0))
+                    known.setdefault(number, 0)
+        for number, began_ns in sorted(known.items()):
+            found = self.events(Session(number, began_ns, None, 0))
             began_ns = began_ns or (found[0].wall_ns if found else 0)
-            yield Session(number, began_ns, ended_ns, len(found))
+            ends = (each.wall_ns for each in found if each.kind == ENDED and each.success)
+            yield Session(number, began_ns, next(ends, None), len(found))
+
+
+def _day(run: Session) -> datetime.date:
+    return datetime.datetime.fromtimestamp(run.began_ns / 1e9).date()
 
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
@@ -246,14 +259,14 @@ def _check_file(file: pathlib.Path) -> None:
 
 def _check_schema(file: pathlib.Path, database: sqlite3.Connection) -> None:
     (version,) = database.execute('PRAGMA user_version').fetchone()
-    if version > SCHEMA_VERSION:
-        raise UnreadableError(
-            f'{file} is no record that this version can read (its version is {version}, not 1 to '
-            f'{SCHEMA_VERSION}). A later version of race control may have written it'
-        )
     tables = {name for (name,) in database.execute('SELECT name FROM sqlite_master')}
     if not version or not {'session', 'event'} <= tables:
         raise UnreadableError(f'{file} is no record of race control, but another database')
+    if version != SCHEMA_VERSION:
+        raise UnreadableError(
+            f'{file} is no record that this version can read (its version is {version}, not '
+            f'{SCHEMA_VERSION}). Another version of race control has written it'
+        )
 
 
 def _cut_off(file: pathlib.Path, database: sqlite3.Connection) -> str:

@@ -25,9 +25,6 @@ from evgp_rcs.plain import plain
 from evgp_rcs.record import default_path, RecordedEvent, Session
 from evgp_rcs.runs import add_run_arguments, open_runs
 
-FINISHED = 'FINISHED'
-"""Kind of an event of older versions, which told each finish a second time."""
-
 
 def options() -> argparse.ArgumentParser:
     """Return what reads the command line of `rcs_record show`."""
@@ -99,8 +96,6 @@ def _print_timeline(happened: Sequence[RecordedEvent], kart: int | None) -> None
         first = event.monotonic if first is None else first
         if kart is not None and event.kart not in (0, kart):
             continue
-        if event.kind == FINISHED:
-            continue  # the command before it said so
         mark = ' ' if event.success else '!'
         said = plain(said_by(event.text, event.official))
         print(f'{_clock(event.wall_ns)} {event.monotonic - first:10.3f} {mark} {said}')

@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator
 import contextlib
 import importlib.util
 import io
+import json
 import multiprocessing
 import os
 import pathlib
@@ -31,12 +32,14 @@ import subprocess
 import sys
 
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.inputs import Setup
+from evgp_rcs.inputs import decode, InputsError, Setup
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.rcs_record import WAYS
 from evgp_rcs.record import default_path, Record
 from evgp_rcs.rules_version import rules_version
 from evgp_rcs.runs import DONE, FAILED, PARTLY, UNREADABLE
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 from recorded_races import PaperRace
 from test_replay import Running, SETUP
@@ -341,6 +344,12 @@ def a_session_that_is_garbled(path: pathlib.Path) -> None:
         database.commit()
 
 
+def a_kart_that_no_roster_has(path: pathlib.Path) -> None:
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.execute('UPDATE event SET kart = -1 WHERE session = 2 AND sequence = 9')
+        database.commit()
+
+
 def a_time_that_no_clock_shows(path: pathlib.Path) -> None:
     with contextlib.closing(sqlite3.connect(path)) as database:
         database.execute('UPDATE event SET monotonic = 9e999 WHERE session = 2 AND sequence = 9')
@@ -355,6 +364,7 @@ DAMAGED_FILES = [
     pages_overwritten,
     a_value_of_another_type,
     a_session_that_is_garbled,
+    a_kart_that_no_roster_has,
     a_time_that_no_clock_shows,
 ]
 
@@ -376,6 +386,61 @@ def test_of_a_damaged_record_what_can_be_read_is(
     assert code == PARTLY or (way == 'replay' and code == FAILED)
     assert sum(str(good) in line for line in told.err.splitlines()) == 1
     assert told.out
+
+
+HOSTILE_JSON = (
+    *('[' * 100_000, '1' + '0' * 4000, '1' + '0' * 5000, '-1', '4294967296', '1e999', 'NaN'),
+    *('"x"', '"\\ud800"', 'null', '[]', '{}', 'true'),
+)
+
+
+def fields_of(
+    value: object, before: tuple[str | int, ...] = ()
+) -> Iterator[tuple[str | int, ...]]:
+    """Yield the way to each value in a value of JSON; of a list, to its first."""
+    yield before
+    if isinstance(value, dict):
+        for name in value:
+            yield from fields_of(value[name], (*before, name))
+    if isinstance(value, list) and value:
+        yield from fields_of(value[0], (*before, 0))
+
+
+@pytest.mark.parametrize('where', [*fields_of(json.loads(SETUP.to_json()))], ids=str)
+def test_whatever_stands_in_a_setup_each_subcommand_ends_with_a_sentence(
+    where: tuple[str | int, ...], path: pathlib.Path, capsys: Capture
+) -> None:
+    record = Record(path)
+    record.begin(rules_version(), SETUP)
+    record.start(lambda error: pytest.fail(repr(error)))
+    for events, block in Running(seed=1).run(20).handed_over:
+        record.put(events, block)
+    record.end(60.0)
+    for hostile in HOSTILE_JSON:
+        setup = whole = [json.loads(SETUP.to_json())]
+        for step in (0, *where[:-1]):
+            setup = setup[step]
+        setup[(0, *where)[-1]] = 'here'
+        text = json.dumps(whole[0]).replace('"here"', hostile)
+        with contextlib.closing(sqlite3.connect(path)) as database, database:
+            database.execute('UPDATE setup SET setup = ?', (text,))
+        for way in WAYS:
+            path.with_name('race.mcap').unlink(missing_ok=True)
+            assert rcs_record(arguments_of(way, path)) in (DONE, FAILED, UNREADABLE, PARTLY)
+
+
+@given(
+    st.sampled_from((20, 21, 22, 23)),
+    st.sampled_from(HOSTILE_JSON)
+    | st.recursive(
+        st.none() | st.booleans() | st.integers() | st.text(),
+        lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    ).map(json.dumps),
+)
+def test_whatever_stands_in_an_input_it_is_read_or_refused(code: int, text: str) -> None:
+    data = text.encode()
+    with contextlib.suppress(InputsError):
+        list(decode(struct.pack('<BdI', code, 1.0, len(data)) + data))
 
 
 @pytest.mark.parametrize('harm', DAMAGED_FILES)

@@ -26,7 +26,7 @@ import re
 import sqlite3
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.inputs import CLOSED_BY_KART
 from evgp_rcs.race import Kart, Race, RaceMemory
 from evgp_rcs.rcs_record import main as rcs_record
@@ -35,7 +35,6 @@ from evgp_rcs.report import words
 from evgp_rcs.report.command import seconds_of
 from evgp_rcs.report.model import (
     Account,
-    Alert,
     GREEN_GREEN,
     GRID_ACTIVE,
     IN_GARAGE,
@@ -46,13 +45,17 @@ from evgp_rcs.report.model import (
     read,
     RED_FLAG,
     RED_RED,
+    SENDS_RED,
     Silence,
     Stop,
+    STOPS,
     Why,
 )
 from evgp_rcs.report.words import Clock
+from evgp_rcs.rules_version import rules_version
 import pytest
 from recorded_races import long_event, PaperRace
+from test_replay import Running, SETUP
 
 TEAMS = {7: 'Purdue', 8: 'Michigan', 9: 'Kennesaw'}
 
@@ -197,14 +200,53 @@ def test_a_race_has_its_finishing_order_and_who_did_not_finish(paper: PaperRace)
     assert [each.kart for each in race.finished] == [8, 7]
     assert race.starters == [7, 8, 9]
     assert race.green is not None
-    assert race.red is not None
     assert race.finished[0].at - race.green == pytest.approx(30.0)
     assert race.garage is not None
     assert not race.out.keys() & {7, 8}
-    by = next(event for event in paper.events if event.sequence == race.red_by)
+    assert race.stop is not None
+    by = next(event for event in paper.events if event.sequence == race.stop.by)
     assert (by.command, by.official) == ('RACE_OVER', 'Grace')
-    assert not race.over_by_itself
     assert race.results
+
+
+def test_every_change_of_state_has_the_command_that_caused_it(paper: PaperRace) -> None:
+    paper.drive()
+    paper.command(CommandKind.RED_FLAG)
+    paper.wait(1.0)
+    paper.command(CommandKind.ALL_KILL)
+    paper.wait(1.0)
+    paper.go_home()
+    (race,) = read(paper.events).races
+    commands = {event.sequence: event.command for event in paper.events}
+    assert [(change.state, commands[change.by]) for change in race.changes] == [
+        ('GRID_ACTIVE', 'GRID_ACTIVE'),
+        ('GREEN_GREEN', 'GREEN_GREEN'),
+        ('RED_FLAG', 'RED_FLAG'),
+        ('RED_RED', 'ALL_KILL'),
+        ('IN_GARAGE', 'IN_GARAGE'),
+    ]
+
+
+def test_a_stop_of_the_catalogue_is_a_stop_of_the_report() -> None:
+    stops = {kind.name for kind, entry in CATALOGUE.items() if entry.stop}
+    assert stops == STOPS
+    assert stops <= SENDS_RED
+
+
+@pytest.mark.parametrize('waits', [1.0, 8.0], ids=['at once', 'after its RED_FLAG'])
+def test_a_starter_that_was_stopped_and_has_no_place_is_an_incident(
+    paper: PaperRace, waits: float
+) -> None:
+    paper.drive()
+    paper.command(CommandKind.KART_FINISH, 7)
+    paper.wait(waits)
+    paper.command(CommandKind.KART_UNDO_FINISH, 7)
+    paper.wait(20.0)
+    stopped = paper.race.karts[7].sent is RaceState.RED_FLAG
+    paper.command(CommandKind.RACE_OVER)
+    (race,) = read(paper.events).races
+    assert bool(race.incidents) is (7 in race.out) is stopped
+    assert {out.sequence for out in race.out.values()} <= set(race.incidents)
 
 
 def test_a_race_that_goes_over_by_itself_was_ended_by_no_command(paper: PaperRace) -> None:
@@ -213,9 +255,8 @@ def test_a_race_that_goes_over_by_itself_was_ended_by_no_command(paper: PaperRac
         paper.command(CommandKind.KART_FINISH, number)
     paper.wait(30.0)
     (race,) = read(paper.events).races
-    assert race.red is not None
-    assert race.red_by == 0
-    assert race.over_by_itself
+    assert race.stop is not None
+    assert race.stop.by == 0
 
 
 def test_who_was_lost_or_stopped_alone_did_not_finish_for_that_reason(paper: PaperRace) -> None:
@@ -405,8 +446,7 @@ def test_an_alert_stands_until_it_is_cleared_or_to_the_end(paper: PaperRace) -> 
     account = read(paper.events)
     alerts = {alert.kart: alert for alert in account.alerts}
     assert alerts[7].raised is not None
-    assert alerts[7].ended_from == alerts[7].ended_by
-    assert alerts[7].ended_from == pytest.approx(alerts[7].raised + 2.0, abs=0.3)
+    assert alerts[7].ended == pytest.approx(alerts[7].raised + 2.0, abs=0.3)
     assert not alerts[7].stands
     assert alerts[8].stands
 
@@ -437,29 +477,7 @@ def test_two_alerts_of_a_kart_are_told_apart(two_alerts: PaperRace) -> None:
     assert lost.stands
     assert not unanswered.stands
     assert unanswered.raised is not None
-    assert unanswered.ended_from == unanswered.ended_by == pytest.approx(unanswered.raised + 1.0)
-
-
-def test_of_two_alerts_in_an_older_record_the_report_does_not_guess_which_one_ended(
-    two_alerts: PaperRace,
-) -> None:
-    paper = two_alerts
-
-    def alerts() -> list[Alert]:
-        older = [dataclasses.replace(event, alert=None) for event in paper.events]
-        return [each for each in read(older).alerts if each.kart == 7]
-
-    lost, unanswered = alerts()
-    assert lost.ended_from == unanswered.ended_from
-    assert lost.ended_from is not None
-    assert lost.ended_by is None
-    assert unanswered.ended_by is None
-    assert not lost.stands  # not for certain
-    paper.connect(7)
-    paper.say(7)
-    paper.wait(1.0)
-    assert all(each.ended_from is not None for each in alerts())
-    assert all(each.ended_by is not None for each in alerts())
+    assert unanswered.ended == pytest.approx(unanswered.raised + 1.0)
 
 
 def test_after_a_gap_nothing_is_known_until_the_record_says_it_again(paper: PaperRace) -> None:
@@ -661,6 +679,52 @@ def test_the_report_has_the_sum_of_the_file(written: pathlib.Path) -> None:
     assert hashlib.sha256(written.read_bytes()).hexdigest() in report(written)
 
 
+@pytest.mark.parametrize('harm', ['ended_ns', 'event'])
+def test_that_a_run_ended_in_good_order_is_what_its_events_say(
+    written: pathlib.Path, harm: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with contextlib.closing(sqlite3.connect(written)) as database:
+        if harm == 'event':
+            database.execute("UPDATE event SET success = 0 WHERE kind = 'ENDED'")
+        else:
+            database.execute('UPDATE session SET ended_ns = NULL')
+        database.commit()
+    capsys.readouterr()
+    assert rcs_record([str(written), '--list']) == 0
+    is_in_order = harm != 'event'
+    assert ('not ended in good order' in capsys.readouterr().out) is not is_in_order
+    assert ('ended in good order at' in report(written)) is is_in_order
+
+
+def test_a_report_names_who_brought_the_race_to_each_state_with_what(
+    written: pathlib.Path,
+) -> None:
+    (changes,) = re.findall(r'<ul class="changes">(.*?)</ul>', report(written), re.DOTALL)
+    *_, stop = changes.strip().splitlines()
+    assert re.search(r'Stopped: RED RED.*<bdi>Ada</bdi>.*ALL KILL', stop)
+
+
+def test_a_report_says_whether_the_run_was_replayed(tmp_path: pathlib.Path) -> None:
+    record = tmp_path / 'record.sqlite3'
+    writer = Record(record)
+    writer.begin(rules_version(), SETUP)
+    writer.start(lambda error: pytest.fail(repr(error)))
+    for events, block in Running(seed=1).run(300).end().handed_over:
+        writer.put(events, block)
+    writer.end(60.0)
+    replayed = re.compile(r'<li>(?:(?!</li>).)*no difference</bdi></li>')
+    assert replayed.search(report(record))
+    assert 'was not replayed' in report(record, '--quick')
+    with contextlib.closing(sqlite3.connect(record)) as database:
+        database.execute('UPDATE event SET monotonic = monotonic - 1 WHERE sequence = 20')
+        database.commit()
+    assert re.search(r'<li class=bad>.*The first difference is event 20,', report(record))
+    with contextlib.closing(sqlite3.connect(record)) as database:
+        database.execute('DELETE FROM setup')
+        database.commit()
+    assert 'was not replayed' in report(record)
+
+
 def test_the_sum_of_the_events_changes_with_any_of_them(
     written: pathlib.Path, tmp_path: pathlib.Path
 ) -> None:
@@ -722,19 +786,6 @@ def test_a_report_of_a_run_without_events_can_be_made(tmp_path: pathlib.Path) ->
     written = PaperRace(TEAMS).write(tmp_path / 'record.sqlite3')
     assert '<html' in report(written)
     assert '<html' in report(written, '--from', '+0')
-
-
-def test_a_record_of_the_first_version_makes_a_report(written: pathlib.Path) -> None:
-    with contextlib.closing(sqlite3.connect(written)) as database:
-        for statement in (
-            'ALTER TABLE event DROP COLUMN official',
-            'DROP TABLE setup',
-            'DROP TABLE input',
-            'PRAGMA user_version = 1',
-        ):
-            database.execute(statement)
-        database.commit()
-    assert 'not recorded' in report(written)
 
 
 def test_the_version_of_the_rules_is_that_of_the_run(written: pathlib.Path) -> None:

@@ -17,11 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import contextlib
 import csv
 import io
 import pathlib
 import queue
 import re
+import sqlite3
 
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.race import Heat
@@ -273,6 +275,27 @@ def test_the_report_has_the_same_results(
     (order,) = re.findall(r'<table class="order">.*?</table>', text, re.DOTALL)
     assert '20.000 s' in order
     assert rows[1]['reason'] in order
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'runs'),
+    [((), ['2', '3']), (('--all',), ['1', '2', '3']), (('--run', '2'), ['2'])],
+    ids=['the day', 'all', 'one'],
+)
+def test_the_table_has_the_races_of_every_run_of_the_day(
+    table: MakeTable, tmp_path: pathlib.Path, arguments: tuple[str, ...], runs: list[str]
+) -> None:
+    record = tmp_path / 'record.sqlite3'
+    for _ in range(2):
+        paper = PaperRace({7: 'Purdue'})
+        paper.connect(7)
+        paper.drive()
+        paper.write(record)
+        with contextlib.closing(sqlite3.connect(record)) as database, database:
+            # In whatever time zone, the second one begins on another day than the first.
+            database.execute('UPDATE session SET began_ns = 0 WHERE id = 1')
+    rows = table(paper, *arguments)
+    assert [row['run'] for row in rows] == runs
 
 
 def test_the_table_is_written_to_a_file(

@@ -31,13 +31,13 @@ def replay_without_difference(record: pathlib.Path) -> list[Replayed]:
     """
     with open_runs(record) as runs:
         kept = {
-            run.number: (Kept.read(runs, run), run is runs.present)
+            run.number: Kept.read(runs, run)
             for run in runs.listed
             if run.events  # otherwise it was killed before anything was written
         }
     replayed = []
-    for number, (each, goes_on) in kept.items():
-        found = each.replay(goes_on)
+    for number, each in kept.items():
+        found = each.replay()
         assert found.difference is None, f'run {number} of {record}: {found.difference}'
         assert not found.missing, f'run {number} of {record}: {found.missing}'
         replayed.append(found)

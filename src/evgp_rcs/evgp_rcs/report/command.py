@@ -28,11 +28,20 @@ import time
 
 from evgp_rcs.plain import plain
 from evgp_rcs.record import is_being_written, RecordedEvent, Session
+from evgp_rcs.replay import Kept
 from evgp_rcs.report.model import Account, Part
 from evgp_rcs.report.page import page, Source
-from evgp_rcs.report.reading import read_run
 from evgp_rcs.report.words import Clock
-from evgp_rcs.runs import add_run_arguments, FAILED, open_runs, Runs, say
+from evgp_rcs.runs import (
+    add_run_arguments,
+    DONE,
+    FAILED,
+    open_runs,
+    Runs,
+    say,
+    UNREADABLE,
+    UnreadableError,
+)
 
 CHUNK = 1 << 20
 """Maximum part of a file that is read at a time, in bytes."""
@@ -67,6 +76,11 @@ def options() -> argparse.ArgumentParser:
     parser.add_argument(
         '-o', '--output', type=pathlib.Path, required=True, metavar='FILE', help='write this file'
     )
+    parser.add_argument(
+        '--quick',
+        action='store_true',
+        help='do not replay the run, which takes some 20 s for an hour; the report then says so',
+    )
     parser.add_argument('--from', dest='start', metavar='TIME', help='leave out what was before')
     parser.add_argument('--to', dest='end', metavar='TIME', help='leave out what came later')
     parser.add_argument(
@@ -88,37 +102,42 @@ def main(arguments: Sequence[str]) -> int:
     wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
         run = runs.choose(wanted.run)
-        of_run = read_run(runs, run)
-        source = _source(runs, run, of_run.happened, of_run.rules)
+        kept = Kept.read(runs, run)
+        sums = _sums(runs, kept.happened)
     # With the record closed: the race must not wait for what follows.
-    account = of_run.account()
+    account = kept.account()
     try:
         part = _part(account, run, wanted.start, wanted.end, wanted.kart)
     except ValueError as error:
         options().error(str(error))
-    written = page(account, part, source)
+    written = page(account, part, _source(runs, kept, sums, wanted.quick))
     try:
         wanted.output.write_text(written, encoding='utf-8', errors='replace')
     except OSError as error:
         say(f'{wanted.output} cannot be written: {error.strerror}')
         return FAILED
-    print(f'{plain(str(wanted.output))}: run {run.number}, {len(of_run.happened)} events')
+    print(f'{plain(str(wanted.output))}: run {run.number}, {len(kept.happened)} events')
     return runs.code
 
 
-def _source(runs: Runs, run: Session, happened: Sequence[RecordedEvent], rules: str) -> Source:
-    present = runs.present is not None and runs.present.number == run.number
+def _source(runs: Runs, kept: Kept, sums: list[tuple[str, str]], quick: bool) -> Source:
+    code, replay = UNREADABLE, ['This run was not replayed: --quick was given.']
+    if not quick:
+        try:
+            code, replay = kept.judge()
+        except UnreadableError as error:
+            replay = [f'It was not replayed: {error}.']
+        else:
+            replay.insert(0, 'The rules were run again on all that went into them.')
     return Source(
         file=str(runs.file.absolute()),
-        run=run,
-        present=present,
-        others=[
-            each.number
-            for each in runs.listed
-            if each.ended_ns is None and each.number != run.number and each != runs.present
-        ],
-        sums=_sums(runs, happened),
-        rules=rules,
+        run=kept.run,
+        present=kept.goes_on,
+        others=[each for each in runs.day_of(kept.run) if each is not kept.run],
+        replay=replay,
+        is_replayed=code == DONE,
+        sums=sums,
+        rules=kept.rules,
         program=f'evgp_rcs {_version()}',
         made_ns=time.time_ns(),
         damage=runs.damage,

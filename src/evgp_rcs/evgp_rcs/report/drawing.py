@@ -212,8 +212,8 @@ class _Picture:
         """Return the left, right and name of each alert for which there is room."""
         rows: list[list[tuple[float, float, str]]] = []
         for alert in self._account.alerts:
-            begins = alert.raised if alert.raised is not None else alert.ended_from or 0.0
-            ends = self._end if alert.ended_by is None else alert.ended_by
+            begins = alert.raised if alert.raised is not None else alert.ended or 0.0
+            ends = self._end if alert.ended is None else alert.ended
             if ends < self._start or begins > self._end:
                 continue
             left = self._x(begins)

@@ -26,12 +26,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 import dataclasses
 from dataclasses import dataclass, field
 import enum
+from itertools import pairwise
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.catalogue import CATALOGUE, CommandKind, Entry
 from evgp_rcs.race import EventKind, Heat
 from evgp_rcs.record import RecordedEvent
-from evgp_rcs.timeline import FINISHED
 
 IN_GARAGE = RaceState.IN_GARAGE.name
 GRID_ACTIVE = RaceState.GRID_ACTIVE.name
@@ -45,10 +45,15 @@ NOT_CONNECTED = 'NOT_CONNECTED'
 NOT_KNOWN = 'NOT_KNOWN'
 """In the place of a state: the record does not say what the kart was sent."""
 
-HOLDS_ONE = frozenset({CommandKind.KART_RED_RED.name, CommandKind.KART_RED_FLAG.name})
-HOLDS_ALL = frozenset({CommandKind.ALL_KILL.name, CommandKind.RECORD_MSR.name})
-STOPS = HOLDS_ONE | HOLDS_ALL | {CommandKind.RED_FLAG.name}
-SENDS_RED = STOPS | {CommandKind.RACE_OVER.name}
+
+def _are(which: Callable[[Entry], bool]) -> frozenset[str]:
+    return frozenset(kind.name for kind, entry in CATALOGUE.items() if which(entry))
+
+
+STOPS = _are(lambda entry: entry.stop)
+HOLDS_ONE = _are(lambda entry: entry.stop and entry.to_one_kart)
+HOLDS_ALL = _are(lambda entry: entry.stop and entry.result.race == (RaceState.RED_RED,))
+SENDS_RED = STOPS | _are(lambda entry: entry.result.race == (RaceState.RED_RED,))
 
 
 @dataclass
@@ -111,12 +116,8 @@ class Alert:
     """
     An alert, and how long it stood.
 
-    A record of an older version does not say which of several alerts of one kart has ended: then
-    it ended between two times.
-
     :param raised: None: in a gap of the record.
-    :param ended_from: the first moment at which it can have ended; None: it had not.
-    :param ended_by: the last such moment; None: it may still stand, or ended in a gap.
+    :param ended: None: it had not, or in a gap.
     :param lost_sight: events are missing after it was raised, which may have ended it.
     """
 
@@ -124,14 +125,13 @@ class Alert:
     raised: float | None
     text: str
     sequence: int
-    ended_from: float | None = None
-    ended_by: float | None = None
+    ended: float | None = None
     lost_sight: bool = False
 
     @property
     def stands(self) -> bool:
         """Return whether it certainly stood at the end of the record."""
-        return self.ended_from is None and not self.lost_sight
+        return self.ended is None and not self.lost_sight
 
 
 @dataclass(frozen=True)
@@ -250,20 +250,28 @@ class Stop:
         )
 
 
+@dataclass(frozen=True)
+class Change:
+    """
+    A race went to another state.
+
+    :param state: the name of a ``RaceState``, or `NOT_KNOWN`.
+    :param sequence: the event that says so, and why.
+    :param by: the number of the command's event that brought it about; 0: none did.
+    """
+
+    at: float
+    state: str
+    sequence: int
+    by: int = 0
+
+
 @dataclass
 class Race:
     """
     One race, from GRID_ACTIVE to IN_GARAGE.
 
-    :param grid: when it went to GRID_ACTIVE; None: before the record, or in a gap of it.
-    :param green: when it was started; None: never, or the record does not say.
-    :param flagged: when it first went to RED_FLAG.
-    :param red: when it went to RED_RED.
-    :param garage: when it went back to IN_GARAGE.
-    :param stopped_by: the number of the command's event that stopped it as a whole, to RED_FLAG or
-        RED_RED; 0: none did.
-    :param red_by: the number of the command's event that brought it to RED_RED; 0: none did.
-    :param over_by_itself: it went to RED_RED because every kart in it had finished.
+    :param changes: of its state, in order.
     :param starters: who was sent GREEN_GREEN.
     :param finished: in the order of their places.
     :param out: why each starter that dropped out did so, before it finished.
@@ -278,14 +286,7 @@ class Race:
     """
 
     number: int
-    grid: float | None = None
-    green: float | None = None
-    flagged: float | None = None
-    red: float | None = None
-    garage: float | None = None
-    stopped_by: int = 0
-    red_by: int = 0
-    over_by_itself: bool = False
+    changes: list[Change] = field(default_factory=list)
     starters: list[int] = field(default_factory=list)
     finished: list[Finish] = field(default_factory=list)
     out: dict[int, Out] = field(default_factory=dict)
@@ -297,16 +298,31 @@ class Race:
     taken_up: bool = False
     incomplete: bool = False
 
+    def first(self, *states: str) -> Change | None:
+        """Return its first change to one of these states; None: the record has none."""
+        return next((change for change in self.changes if change.state in states), None)
+
     @property
-    def stopped(self) -> float | None:
-        """Return when it was stopped as a whole; None: it was not."""
-        return self.flagged if self.flagged is not None else self.red
+    def green(self) -> float | None:
+        """Return when it was started; None: never, or the record does not say."""
+        change = self.first(GREEN_GREEN)
+        return change and change.at
+
+    @property
+    def stop(self) -> Change | None:
+        """Return what stopped it as a whole; None: nothing did."""
+        return self.first(RED_FLAG, RED_RED)
+
+    @property
+    def garage(self) -> float | None:
+        """Return when it went back to IN_GARAGE; None: it had not."""
+        change = self.first(IN_GARAGE)
+        return change and change.at
 
     @property
     def began(self) -> float:
         """Return the first time that is known of it."""
-        times = (self.grid, self.green, self.flagged, self.red)
-        return next((at for at in times if at is not None), 0.0)
+        return self.changes[0].at if self.changes else 0.0
 
 
 @dataclass(frozen=True)
@@ -320,10 +336,15 @@ class Gap:
 
 @dataclass(frozen=True)
 class ClockStep:
-    """The computer's wall clock was set, by so many seconds, since the event before."""
+    """
+    The wall time goes on by so many seconds more, since the event before, than time did.
+
+    Somebody set the computer's clock, or changed the record: no rule can tell.
+    """
 
     at: float
     by: float
+    sequence: int
 
 
 @dataclass
@@ -351,6 +372,11 @@ class Account:
     clock_steps: list[ClockStep]
     outside: list[int]
     ended: RecordedEvent | None
+
+    @property
+    def in_order(self) -> bool:
+        """Return whether the run has ended in good order, by its own events."""
+        return self.ended is not None and self.ended.success
 
     def at(self, event: RecordedEvent) -> float:
         """Return when an event happened."""
@@ -404,7 +430,7 @@ class Account:
 
     def _out(self, race: Race, kart: int) -> Out:
         known = race.out.get(kart)
-        ends = race.stopped if race.stopped is not None else self.length
+        ends = race.stop.at if race.stop is not None else self.length
         began = race.green or 0.0
         gap = next((each for each in self.gaps if each.end >= began and each.start <= ends), None)
         if gap is not None and (known is None or known.at > gap.start):
@@ -412,8 +438,8 @@ class Account:
             return Out(Why.NOT_KNOWN, gap.start)
         if known is not None:
             return known
-        if race.stopped is not None:
-            return Out(Why.RACE_STOPPED, race.stopped, race.stopped_by)
+        if race.stop is not None:
+            return Out(Why.RACE_STOPPED, race.stop.at, race.stop.by)
         if self.ended is not None:
             return Out(Why.RACE_CONTROL_ENDED, self.at(self.ended), self.ended.sequence)
         return Out(Why.STILL_RACING, self.length)
@@ -426,8 +452,18 @@ _SILENCE = {
 }
 """Why a kart did not acknowledge, by what it was sent then; of any other state, that one."""
 
-MOST_CLOCK_STEP = 1.0
+MOST_CLOCK_STEP = 0.1
 """Maximum difference of the two clocks between two events that goes for none, in seconds."""
+
+
+def clock_steps(events: Sequence[RecordedEvent]) -> list[ClockStep]:
+    """Return where the wall times do not go on as the clock of the rules does."""
+    steps = []
+    for before, event in pairwise(events):
+        by = (event.wall_ns - before.wall_ns) / 1e9 - (event.monotonic - before.monotonic)
+        if abs(by) > MOST_CLOCK_STEP:
+            steps.append(ClockStep(event.monotonic - events[0].monotonic, by, event.sequence))
+    return steps
 
 
 def read(
@@ -488,8 +524,7 @@ class _Reading:
         self._before: RecordedEvent | None = None
         self._command: tuple[float, RecordedEvent] | None = None
         self.account = Account(
-            # Older versions told each finish a second time.
-            [event for event in events if event.kind != FINISHED],
+            events,
             events[0] if events else None,
             self._length,
             lanes=[],
@@ -498,7 +533,7 @@ class _Reading:
             alerts=[],
             commands=[],
             gaps=[],
-            clock_steps=[],
+            clock_steps=clock_steps(events),
             outside=[],
             ended=None,
         )
@@ -530,10 +565,7 @@ class _Reading:
             take(self, event, at)
 
     def _compare(self, before: RecordedEvent, event: RecordedEvent, at: float) -> None:
-        """Look for missing events, and for a wall clock that was set."""
-        by = (event.wall_ns - before.wall_ns) / 1e9 - (event.monotonic - before.monotonic)
-        if abs(by) > MOST_CLOCK_STEP:
-            self.account.clock_steps.append(ClockStep(at, by))
+        """Look for missing events."""
         missing = event.sequence - before.sequence - 1
         if not missing:
             return
@@ -629,7 +661,6 @@ class _Reading:
         _change(self._race_bands, at, state, event.sequence)
         if state == GRID_ACTIVE:
             self._race = self._new_race()
-            self._race.grid = at
         # ALL_KILL in the garage is no race.
         elif (
             self._race is None
@@ -641,42 +672,25 @@ class _Reading:
             self._race.incomplete = not restarted
         race = self._race
         if race is not None:
+            change = Change(at, state, event.sequence, self._cause(at))
+            race.changes.append(change)
             if state == GREEN_GREEN:
-                race.green = at
                 self._put_in[race.number] = self._changed
-            elif state in (RED_FLAG, RED_RED):
-                if race.stopped is None:
-                    race.stopped_by = self._cause(at)
-                    # Who was stopped with all others was not stopped alone.
-                    race.out = {
-                        kart: out
-                        for kart, out in race.out.items()
-                        if not race.stopped_by or out.sequence != race.stopped_by
-                    }
-                if not restarted and before != NOT_KNOWN and not self._is_told(race, at):
-                    race.stops.append(event.sequence)
-                if state == RED_FLAG:
-                    race.flagged = race.flagged or at
-                else:
-                    race.red = at
-                    race.red_by = self._cause(at)
-                    # With no command, and no restart, there is no other reason.
-                    race.over_by_itself = (
-                        not race.red_by and not restarted and before in (GREEN_GREEN, RED_FLAG)
-                    )
             elif state == IN_GARAGE:
-                race.garage = at
                 self._race = None
+            elif change is race.stop and change.by:
+                # Who was stopped with all others was not stopped alone.
+                race.out = {
+                    kart: out for kart, out in race.out.items() if out.sequence != change.by
+                }
+            if state in (RED_FLAG, RED_RED) and not restarted and before != NOT_KNOWN:
+                if change.by not in race.stops:
+                    race.stops.append(event.sequence)
         for kart in self._karts.values():
             if restarted:
                 self._hold(kart, at, '')  # every kart of the roster
             elif state != GREEN_GREEN:
                 self._judge_hold(kart, at)
-
-    def _is_told(self, race: Race, at: float) -> bool:
-        """Return whether a command that is a stop says what happens to the race now."""
-        cause = self._cause(at)
-        return bool(cause) and cause in race.stops
 
     def _new_race(self) -> Race:
         race = Race(len(self.account.races) + 1)
@@ -741,7 +755,7 @@ class _Reading:
 
     def _drops_out(self, event: RecordedEvent, at: float, why: Why) -> None:
         race = self._race
-        if race is None or race.green is None or race.stopped is not None:
+        if race is None or race.green is None or race.stop is not None:
             return
         if event.kart not in race.starters or event.kart in race.out:
             return
@@ -751,10 +765,13 @@ class _Reading:
             if by is not None and by.kart == event.kart:
                 why = Why.STOPPED_ALONE
             race.out[event.kart] = Out(why, at, cause or event.sequence)
+            self._incident(by or event)
 
     def _incident(self, event: RecordedEvent) -> None:
         race = self._race
-        (self.account.outside if race is None else race.incidents).append(event.sequence)
+        incidents = self.account.outside if race is None else race.incidents
+        if event.sequence not in incidents[-1:]:
+            incidents.append(event.sequence)
 
     def _results(self, event: RecordedEvent, at: float) -> None:
         if self._race is None:
@@ -803,49 +820,29 @@ _TAKES_OF_A_KART = {
 
 
 class _Alerts:
-    """
-    Which alert ended when.
-
-    The events of older versions name an alert's kart, not its kind. Of several alerts of one kart
-    it is then not always known which one an event ends. They stay together until it is known
-    again.
-    """
+    """Which alert ended when."""
 
     def __init__(self) -> None:
         self.told: list[Alert] = []
-        self._standing: dict[tuple[int, str | None], list[Alert]] = {}
-        self._ends: dict[tuple[int, str | None], list[float]] = {}
+        self._standing: dict[tuple[int, str | None], Alert] = {}
 
     def raised(self, event: RecordedEvent, at: float) -> None:
         alert = Alert(event.kart, at, event.text, event.sequence)
         self.told.append(alert)
-        self._standing.setdefault((event.kart, event.alert), []).append(alert)
+        self._standing[event.kart, event.alert] = alert
 
     def cleared(self, event: RecordedEvent, at: float) -> None:
-        standing = self._standing.get((event.kart, event.alert), [])
-        # No alert ends at the moment at which it is raised: both go by the same look at the race.
-        able = [each for each in standing if each.raised is None or each.raised < at]
-        ends = self._ends.setdefault((event.kart, event.alert), [])
-        if not able:
-            self.told.append(Alert(event.kart, None, event.text, event.sequence, at, at))
-            return
-        ends.append(at)
-        for alert in able:
-            if alert.ended_from is None:
-                alert.ended_from = at
-        if len(ends) == len(able):
-            for alert in able:
-                alert.ended_by = at
-                standing.remove(alert)
-            ends.clear()
+        alert = self._standing.pop((event.kart, event.alert), None)
+        if alert is None:
+            alert = Alert(event.kart, None, event.text, event.sequence)
+            self.told.append(alert)
+        alert.ended = at
 
     def lose_sight(self) -> None:
         """Take note that events are missing: what stands may have ended there."""
-        for standing in self._standing.values():
-            for alert in standing:
-                alert.lost_sight = True
+        for alert in self._standing.values():
+            alert.lost_sight = True
         self._standing.clear()
-        self._ends.clear()
 
 
 def _refused(event: RecordedEvent) -> bool:
@@ -965,7 +962,7 @@ class Part:
                 if self.kart is None or alert.kart in (0, self.kart)
                 if touches(
                     alert.raised or 0.0,
-                    account.length if alert.ended_by is None else alert.ended_by,
+                    account.length if alert.ended is None else alert.ended,
                 )
             ],
             commands=[event for event in account.commands if event.sequence in kept],

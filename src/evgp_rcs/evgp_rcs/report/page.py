@@ -36,7 +36,16 @@ from evgp_rcs.plain import plain
 from evgp_rcs.race import EventKind
 from evgp_rcs.record import RecordedEvent, Session
 from evgp_rcs.report import drawing, words
-from evgp_rcs.report.model import Account, Alert, NOT_CONNECTED, Part, Race, STOPS, Why
+from evgp_rcs.report.model import (
+    Account,
+    Alert,
+    GREEN_GREEN,
+    NOT_CONNECTED,
+    Part,
+    Race,
+    STOPS,
+    Why,
+)
 from evgp_rcs.report.words import Clock
 
 PAPER_ROWS = 1000
@@ -69,7 +78,9 @@ class Source:
 
     :param run: the run that it is about.
     :param present: race control was still writing this run.
-    :param others: the other runs that did not end in good order.
+    :param others: the other runs of that day.
+    :param replay: what a replay of it found, or why there was none, in sentences.
+    :param is_replayed: it was replayed to its end, and nothing differs.
     :param sums: what was summed, and its SHA-256.
     :param rules: the version of the rules; empty: not recorded.
     :param program: the version of the program that makes the report.
@@ -80,7 +91,9 @@ class Source:
     file: str
     run: Session
     present: bool
-    others: Sequence[int]
+    others: Sequence[Session]
+    replay: Sequence[str]
+    is_replayed: bool
     sums: Sequence[tuple[str, str]]
     rules: str
     program: str
@@ -285,17 +298,18 @@ class _Page:
                 (
                     'bad',
                     f"The computer's clock was set {way} by {words.duration(abs(step.by))}, "
-                    f'{words.elapsed(step.at)} after the beginning. Durations and the timeline go '
-                    'by a clock that nobody sets; the times of day on the timeline are counted '
-                    'from the first event.',
+                    f'{words.elapsed(step.at)} after the beginning, or the times of day in the '
+                    'record were changed. Durations and the timeline go by a clock that nobody '
+                    'sets; the times of day on the timeline are counted from the first event.',
                 )
             )
+        said.append(('' if source.is_replayed else 'bad', _safe(' '.join(source.replay))))
         if source.others:
-            runs = ', '.join(map(str, source.others))
-            these = 'run' if len(source.others) == 1 else 'runs'
-            said.append(
-                ('', f'Of the other runs in this file, {these} {runs} did not end in good order.')
+            runs = ', '.join(
+                f'{each.number}' + ('' if each.ended_ns else ' (not ended in good order)')
+                for each in source.others
             )
+            said.append(('', f'Not in this report: other runs of this day, {runs}.'))
         items = ''.join(
             f'<li{f" class={kind}" if kind else ""}>{text}</li>\n' for kind, text in said
         )
@@ -317,21 +331,16 @@ acknowledgement is what the kart said, not what it did.</p></section>"""
         last = f'The last event is of {self._clock.at(self._whole.length, 1)}.'
         if self._source.present:
             return 'bad', f'Race control was still running when this report was made. {last}'
-        if self._source.run.ended_ns is None:
-            if ended is not None:
-                return 'bad', f'Race control did not end in good order: {_safe(ended.text)}.'
+        if ended is None:
             return (
                 'bad',
                 'Race control did not end in good order: it was killed, or its computer stopped. '
                 f'{last} What happened after it is not recorded.',
             )
-        return (
-            '',
-            f'Race control ended in good order at {self._time_ns(self._source.run.ended_ns)}.',
-        )
-
-    def _time_ns(self, wall_ns: int) -> str:
-        return self._clock.time(wall_ns, 1)
+        if not self._whole.in_order:
+            return 'bad', f'Race control did not end in good order: {_safe(ended.text)}.'
+        at = self._clock.time(self._clock.of(ended.wall_ns, self._whole.at(ended)), 1)
+        return '', f'Race control ended in good order at {at}.'
 
     def _wall_ns(self, event: RecordedEvent) -> int:
         return self._clock.of(event.wall_ns, self._account.at(event))
@@ -371,25 +380,13 @@ acknowledgement is what the kart said, not what it did.</p></section>"""
             said.append(
                 '<strong>Events of this race are missing, so this may not be all.</strong>'
             )
-        if race.grid is not None:
-            said.append(f'GRID ACTIVE at {clock.at(race.grid, 3)}.')
-        if race.green is not None:
-            said.append(
-                f'GREEN GREEN at {clock.at(race.green, 3)}, sent to {words.karts(race.starters)}.'
-            )
-        elif race.grid is not None:
+        if race.green is None and not race.taken_up:
             said.append('It was never started.')
-        if race.flagged is not None:
-            said.append(f'RED FLAG for the race at {clock.at(race.flagged, 3)}.')
-        if race.red is not None:
-            said.append(self._stopped(race, race.red))
-        if race.garage is not None:
-            said.append(f'Back in IN GARAGE at {clock.at(race.garage, 3)}.')
-        else:
+        if race.garage is None:
             said.append('<strong>It was still under way at the end of the record.</strong>')
         return (
-            f'<article><h3>{heading}</h3><p>{" ".join(said)}</p>{self._order(race)}'
-            f'{self._stops(race)}{self._incidents(race.incidents, race)}'
+            f'<article><h3>{heading}</h3>{self._changes(race)}<p>{" ".join(said)}</p>'
+            f'{self._order(race)}{self._stops(race)}{self._incidents(race.incidents, race)}'
             f'{self._refused(race)}</article>'
         )
 
@@ -446,19 +443,25 @@ acknowledgement is what the kart said, not what it did.</p></section>"""
         heats = ' or '.join(_safe(words.name(heat)) for heat in race.heats)
         return f' ({heats})' if heats else ''
 
-    def _stopped(self, race: Race, red: float) -> str:
-        when = f'{self._clock.at(red, 3)}'
-        if race.green is not None:
-            when += f', {words.exact(race.green, red)} after the start'
-        if race.over_by_itself:
-            return f'The race was over at {when}: every kart in it had finished.'
-        if not race.red_by:
-            return f'Race control itself went to RED RED at {when}.'
-        command = self._events[race.red_by]
-        return (
-            f'RED RED at {when}, by {escape(words.command(command.command, command.kart))} '
-            f'from {self._official(command)}.'
-        )
+    def _changes(self, race: Race) -> str:
+        """Return each state that it went to: who brought it there, with what, and when."""
+        lines = []
+        for change in race.changes:
+            state = words.STATES[change.state]
+            if change is race.stop:
+                state = f'Stopped: {state}'
+            by = f'by race control itself ({_safe(self._events[change.sequence].text)})'
+            if change.by:
+                command = self._events[change.by]
+                label = escape(words.command(command.command, command.kart))
+                by = f'by {self._official(command)}, {label}'
+            when = self._clock.at(change.at, 3)
+            if race.green is not None and change.at > race.green:
+                when += f' ({words.exact(race.green, change.at)} after the start)'
+            if change.state == GREEN_GREEN:
+                when += f', sent to {words.karts(race.starters)}'
+            lines.append(f'<li><strong>{state}</strong> {by}, {when}</li>\n')
+        return f'<ul class="changes">\n{"".join(lines)}</ul>'
 
     def _order(self, race: Race) -> str:
         rows = []
@@ -522,17 +525,13 @@ acknowledgement is what the kart said, not what it did.</p></section>"""
 
     def _stood(self, alert: Alert) -> str:
         if alert.raised is None:
-            return f'ended at {self._clock.at(alert.ended_from or 0.0, 1)}'
+            return f'ended at {self._clock.at(alert.ended or 0.0, 1)}'
         if alert.stands:
             standing = words.duration(self._whole.length - alert.raised)
             return f'<strong>still standing at the end</strong> ({standing})'
-        if alert.ended_from is None:
+        if alert.ended is None:
             return 'not known: events are missing'
-        least = words.duration(alert.ended_from - alert.raised)
-        if alert.ended_by is None:
-            return f'at least {least}; the record does not say when it ended'
-        most = words.duration(alert.ended_by - alert.raised)
-        return least if least == most else f'between {least} and {most}'
+        return words.duration(alert.ended - alert.raised)
 
     # ----- the timeline -------------------------------------------------------------------
 
@@ -736,8 +735,8 @@ aria-label="Timeline; the arrow keys go from event to event"></canvas>
             ],
             'alerts': [
                 [
-                    short(alert.raised if alert.raised is not None else alert.ended_from),
-                    short(alert.ended_by if alert.ended_by is not None else self._end),
+                    short(alert.raised if alert.raised is not None else alert.ended),
+                    short(alert.ended if alert.ended is not None else self._end),
                     alert.kart,
                     alert.sequence,
                     _words_of(self._stood(alert)),

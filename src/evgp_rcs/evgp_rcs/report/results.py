@@ -25,9 +25,9 @@ from typing import TextIO
 import unicodedata
 
 from evgp_rcs.plain import plain
+from evgp_rcs.replay import Kept
 from evgp_rcs.report import words
 from evgp_rcs.report.model import Account, Race, Result
-from evgp_rcs.report.reading import read_run
 from evgp_rcs.report.words import Clock
 from evgp_rcs.runs import add_run_arguments, FAILED, open_runs, say
 
@@ -56,13 +56,15 @@ def options() -> argparse.ArgumentParser:
     """Return what reads the command line of `rcs_record results`."""
     parser = argparse.ArgumentParser(
         prog='rcs_record results',
-        description='Write the results of each race of a run as CSV: the order, the time from '
-        'GREEN_GREEN to the finish, who did not finish and why. A race that is under way is in it '
-        'as it stands.',
-        epilog='A cell of others, such as the name of a team, that a spreadsheet would run as a '
-        'formula gets an apostrophe in front. The columns are explained in docs/record.md.',
+        description='Write the results of each race as CSV: the order, the time from GREEN_GREEN to '
+        'the finish, who did not finish and why. A race that is under way is in it as it stands. '
+        'Without --run or --all, these are the races of all runs of the day of the newest run.',
+        epilog='Results are not replayed; rcs_record replay does that, and rcs_record report. A '
+        'cell of others, such as the name of a team, that a spreadsheet would run as a formula '
+        'gets an apostrophe in front. The columns are explained in docs/record.md.',
     )
     add_run_arguments(parser)
+    parser.add_argument('--all', action='store_true', help='the races of every run in the record')
     parser.add_argument(
         '-o',
         '--output',
@@ -82,33 +84,39 @@ def main(arguments: Sequence[str]) -> int:
     """
     wanted = options().parse_args(arguments)
     with open_runs(wanted.file) as runs:
-        run = runs.choose(wanted.run)
-        of_run = read_run(runs, run)
-        is_present = run is runs.present
-    account = of_run.account()
-    clock = Clock(account.first.wall_ns if account.first is not None else run.began_ns)
-    rows = [
-        (str(run.number), *row)
-        for race in account.races
-        for row in _rows(account, race, clock, bool(runs.damage))
-    ]
+        newest = runs.choose(wanted.run)
+        chosen = [newest] if wanted.run is not None else runs.day_of(newest)
+        if wanted.all:
+            chosen = runs.listed
+        kept = [Kept.read(runs, run, inputs_too=False) for run in chosen]
+    rows: list[tuple[str, ...]] = []
+    for each in kept:
+        account = each.account()
+        number = each.run.number
+        first_ns = account.first.wall_ns if account.first is not None else each.run.began_ns
+        for race in account.races:
+            of_race = _rows(account, race, Clock(first_ns), each.damaged)
+            rows += ((str(number), *row) for row in of_race)
+            if race.taken_up:
+                say(
+                    f'race {race.number} of run {number} began before this run: who started it is '
+                    'not known here'
+                )
+            elif race.green is None:
+                say(f'race {race.number} of run {number} was never started')
+        if each.goes_on:
+            say(f'race control still writes run {number}: these are the results up to now')
     if wanted.output is None:
         _write(sys.stdout, rows)
-    else:
-        try:
-            with wanted.output.open('w', encoding='utf-8', newline='') as stream:
-                _write(stream, rows)
-        except OSError as error:
-            say(f'{wanted.output} cannot be written: {error.strerror}')
-            return FAILED
-        print(f'{plain(str(wanted.output))}: run {run.number}, {len(account.races)} races')
-    for race in account.races:
-        if race.taken_up:
-            say(f'race {race.number} began before this run: who started it is not known here')
-        elif race.green is None:
-            say(f'race {race.number} was never started')
-    if is_present:
-        say('race control still writes this run: these are the results up to now')
+        return runs.code
+    try:
+        with wanted.output.open('w', encoding='utf-8', newline='') as stream:
+            _write(stream, rows)
+    except OSError as error:
+        say(f'{wanted.output} cannot be written: {error.strerror}')
+        return FAILED
+    races = len({row[:2] for row in rows})
+    print(f'{plain(str(wanted.output))}: {races} races of {len(kept)} runs')
     return runs.code
 
 
@@ -126,7 +134,7 @@ def _rows(account: Account, race: Race, clock: Clock, damaged: bool) -> Iterator
             return ''
         return clock.moment(clock.wall_ns(at)).isoformat(timespec='milliseconds')
 
-    complete = race.stopped is not None and not (race.incomplete or race.taken_up or damaged)
+    complete = race.stop is not None and not (race.incomplete or race.taken_up or damaged)
     for result in account.results(race):
         out = result.out
         yield (
