@@ -520,6 +520,8 @@ class _Reading:
         state = IN_GARAGE if whole else NOT_KNOWN
         self._race_bands = [Band(0.0, self._length, state)]
         self._race: Race | None = None
+        # That race control was restarted, until it is known whether a race was under way.
+        self._restart: list[Change] = []
         self._alerts = _Alerts()
         self._before: RecordedEvent | None = None
         self._command: tuple[float, RecordedEvent] | None = None
@@ -665,14 +667,17 @@ class _Reading:
         elif (
             self._race is None
             and state in (GREEN_GREEN, RED_FLAG, RED_RED)
-            and (restarted or before == NOT_KNOWN)
+            and before == NOT_KNOWN
         ):
             self._race = self._new_race()
-            self._race.taken_up = True
-            self._race.incomplete = not restarted
+            self._race.taken_up = self._race.incomplete = True
+        # The command stands before what came of it.
+        by = self._command[1].sequence if event.command and self._command else 0
+        change = Change(at, state, event.sequence, by)
+        if restarted:
+            self._restart.append(change)
         race = self._race
         if race is not None:
-            change = Change(at, state, event.sequence, self._cause(at))
             race.changes.append(change)
             if state == GREEN_GREEN:
                 self._put_in[race.number] = self._changed
@@ -776,7 +781,11 @@ class _Reading:
     def _results(self, event: RecordedEvent, at: float) -> None:
         if self._race is None:
             self._race = self._new_race()
-            self._race.taken_up = self._race.incomplete = True
+            self._race.taken_up = True
+            self._race.incomplete = not self._restart
+            # Now it is known that there was a race.
+            self._race.changes += self._restart
+        self._restart.clear()
         self._race.results = event.text
 
     # ----- the rest -----------------------------------------------------------------------

@@ -269,14 +269,10 @@ class _Page:
         if standing:
             alerts += f'; <strong>{standing} still stood at the end</strong>'
         said.append(('bad' if standing else '', f'{alerts}.' if whole.alerts else 'No alerts.'))
-        if whole.races and whole.races[0].taken_up:
-            said.append(
-                (
-                    'bad',
-                    'This run began with a race that an earlier run had left, or whose beginning '
-                    'the record does not have.',
-                )
-            )
+        first = whole.first
+        if first is not None and first.kind == EventKind.RACE_STATE.name:
+            # Only then is it the first event.
+            said.append(('bad', f'This run did not begin in the garage: {_safe(first.text)}.'))
         said.append(self._how_it_ended())
         for gap in whole.gaps:
             where = (
@@ -450,11 +446,10 @@ acknowledgement is what the kart said, not what it did.</p></section>"""
             state = words.STATES[change.state]
             if change is race.stop:
                 state = f'Stopped: {state}'
-            by = f'by race control itself ({_safe(self._events[change.sequence].text)})'
-            if change.by:
-                command = self._events[change.by]
-                label = escape(words.command(command.command, command.kart))
-                by = f'by {self._official(command)}, {label}'
+            event = self._events[change.sequence]
+            by = f'by race control itself ({_safe(event.text)})'
+            if event.command:
+                by = f'by {self._official(event)}, {escape(words.command(event.command, 0))}'
             when = self._clock.at(change.at, 3)
             if race.green is not None and change.at > race.green:
                 when += f' ({words.exact(race.green, change.at)} after the start)'
