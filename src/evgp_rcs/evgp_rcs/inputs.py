@@ -500,7 +500,7 @@ def _written(kind: type[Any], at: float, fields: list[Any]) -> Input:
         if given is None:
             return Recovered(at, None)
         karts = {
-            int(number): KartMemory(**{**kart, 'doubt': Doubt[kart['doubt']]})
+            int(number): KartMemory(**{**kart, 'doubt': Doubt(kart['doubt'])})
             for number, kart in given['karts'].items()
         }
         memory = {**given, 'state': RaceState[given['state']], 'karts': karts}

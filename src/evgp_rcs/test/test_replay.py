@@ -82,8 +82,6 @@ class Running:
         if outcome.orders:
             self.log.mark(inputs.Ordered(outcome.orders))
         self.tell(outcome, given.at)
-        if outcome.note_first:
-            self.feed(inputs.StartNoted(self.now, self.dice.random() < 0.7))
 
     def tell(self, outcome: Outcome, at: float) -> None:
         told = [each for each in outcome.events if not each.chatter or self.dice.random() < 0.5]
@@ -182,10 +180,9 @@ def replayed(
 LEFT_BEHIND = rules.RaceMemory(
     RaceState.GREEN_GREEN,
     {
-        1: rules.KartMemory(True, False, 1, True, True, False),
-        9: rules.KartMemory(True, True, 0, False, False, True),
+        1: rules.KartMemory(True, False, 1, rules.Doubt.MOVING, False),
+        9: rules.KartMemory(True, True, 0, rules.Doubt.NONE, True),
     },
-    every_start=False,
 )
 
 

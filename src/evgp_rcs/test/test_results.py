@@ -99,8 +99,8 @@ def test_a_finish_that_was_undone_is_none_and_later_places_move_up(paper: PaperR
     paper.command(CommandKind.KART_UNDO_FINISH, 8)
     race_over(paper)
     assert results(paper)[7].place == 1
-    # The one was stopped after its finish had been undone, the other before.
-    assert why(paper) == {8: Why.FINISH_UNDONE, 9: Why.STOPPED}
+    # The one was stopped before its finish was undone; the other drove on.
+    assert why(paper) == {8: Why.FINISH_UNDONE, 9: Why.RACE_STOPPED}
 
 
 def test_what_happens_to_a_kart_after_its_finish_takes_no_place_away(paper: PaperRace) -> None:
