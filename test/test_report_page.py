@@ -387,7 +387,8 @@ def test_the_report_of_a_real_race_control_tells_what_karts_and_officials_did(
     assert rcs_record(['report', str(record), '-o', str(page)]) == 0
     browser.visit(page)
     words = text_of(browser, 'main')
-    assert 'by ALL KILL' in words
+    assert 'Stopped: RED RED by official, ALL KILL, ' in words
+    assert 'no difference' in words
     assert 'did not finish: it lost its connection' in words
     assert 'ended in good order' in words
     assert browser.complaints == []
