@@ -67,8 +67,12 @@ def test_a_race_is_replayed_without_a_difference_while_it_is_on_and_after_it(
     assert replayed.inputs > meanwhile.inputs
     assert meanwhile.availabilities > 0
     assert replayed.orders >= ORDERS
-    for what, by in (("command = 'KART_FINISH'", -0.6), ("kind = 'KART_STATE'", 1.0)):
-        moved = shutil.copytree(tmp_path, tmp_path / what) / record.name
+    for kind, command, by in (('COMMAND', 'KART_FINISH', -0.6), ('RACE_STATE', 'GREEN_GREEN', 1)):
+        moved = shutil.copytree(tmp_path, tmp_path / command) / record.name
         with contextlib.closing(sqlite3.connect(moved)) as database, database:
-            database.execute(f'UPDATE event SET monotonic = monotonic + ? WHERE {what}', (by,))
-        assert replay(moved).returncode == 1, f'nothing was said of {what}, moved by {by} s'
+            done = database.execute(
+                'UPDATE event SET monotonic = monotonic + ? WHERE kind = ? AND command = ?',
+                (by, kind, command),
+            )
+            assert done.rowcount == 1
+        assert replay(moved).returncode == 1, f'nothing was said of {command}, moved by {by} s'

@@ -753,9 +753,6 @@ def inputs_of(
     yield from database.execute(f'{query} DESC' if backwards else query, (session, after))
 
 
-_ENDED = f"kind = '{EventKind.ENDED.name}' AND success = 1"
-
-
 def sessions(database: sqlite3.Connection) -> list[Session]:
     """
     Return the runs of race control in a record, oldest first.
@@ -763,8 +760,10 @@ def sessions(database: sqlite3.Connection) -> list[Session]:
     :raises sqlite3.DatabaseError: if the record is damaged.
     """
     rows = database.execute(
-        f'SELECT id, began_ns, max(CASE WHEN {_ENDED} THEN wall_ns END), count(sequence) '
-        'FROM session LEFT JOIN event ON event.session = session.id GROUP BY id ORDER BY id'
+        'SELECT id, began_ns, max(CASE WHEN kind = ? AND success = 1 THEN wall_ns END), '
+        'count(sequence) FROM session LEFT JOIN event ON event.session = session.id '
+        'GROUP BY id ORDER BY id',
+        (EventKind.ENDED.name,),
     )
     found = [Session(*row) for row in rows]
     for run in found:

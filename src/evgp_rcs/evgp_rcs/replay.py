@@ -18,9 +18,9 @@ Runs the rules again on what went into them, and compares what comes out with th
 With the rules that made the record nothing may differ, ever: not an order to a kart, not an event
 nor its time, not what officials were offered. What differs first is named.
 
-An event has the time of the input that made it, to the last bit. No input gives the wall times, and
-none makes the events `OF_THE_SERVER`: of these, only the order can be checked. So a step of the
-wall clock is told; whether somebody set the clock or changed the record, nothing here can say.
+An event has the time of the input that made it, to the last bit. No input gives the wall times,
+and none makes the events `OF_THE_SERVER`: of these, only the order can be checked. So a step of
+the wall clock is told; whether somebody set the clock or changed the record, nothing here can say.
 """
 
 from __future__ import annotations
@@ -460,10 +460,13 @@ def options() -> argparse.ArgumentParser:
         prog='rcs_record replay',
         description='Run the rules again on what went into them in a run, the newest by default, '
         'and compare every order to a kart, every event and every command that was offered with '
-        'the record, each event with its time. A run that goes on is replayed up to now, one that crashed up to its end.',
-        epilog='Exit code 0: no difference; 1: the first difference is printed; 2: the run cannot '
-        'be read, or was recorded without its inputs; 3: no difference, but not all of the run '
-        'could be replayed.',
+        'the record, each event with its time. A run that goes on is replayed up to now, one that '
+        'crashed up to its end.',
+        epilog='No input gives the wall times, and none makes the events of the server itself '
+        '(refused connections, messages that mean nothing, the end): of these, only the order is '
+        'checked. Exit code 0: no difference; 1: the first difference is printed; 2: the run '
+        'cannot be read, or was recorded without its inputs; 3: no difference, but not all of the '
+        'run could be replayed.',
     )
     add_run_arguments(parser)
     return parser

@@ -306,7 +306,7 @@ class Race:
     def green(self) -> float | None:
         """Return when it was started; None: never, or the record does not say."""
         change = self.first(GREEN_GREEN)
-        return change and change.at
+        return change.at if change is not None else None
 
     @property
     def stop(self) -> Change | None:
@@ -317,7 +317,7 @@ class Race:
     def garage(self) -> float | None:
         """Return when it went back to IN_GARAGE; None: it had not."""
         change = self.first(IN_GARAGE)
-        return change and change.at
+        return change.at if change is not None else None
 
     @property
     def began(self) -> float:
@@ -688,9 +688,9 @@ class _Reading:
                 race.out = {
                     kart: out for kart, out in race.out.items() if out.sequence != change.by
                 }
-            if state in (RED_FLAG, RED_RED) and not restarted and before != NOT_KNOWN:
-                if change.by not in race.stops:
-                    race.stops.append(event.sequence)
+            goes_on = not restarted and before != NOT_KNOWN
+            if state in (RED_FLAG, RED_RED) and goes_on and by not in race.stops:
+                race.stops.append(event.sequence)
         for kart in self._karts.values():
             if restarted:
                 self._hold(kart, at, '')  # every kart of the roster

@@ -56,9 +56,10 @@ def options() -> argparse.ArgumentParser:
     """Return what reads the command line of `rcs_record results`."""
     parser = argparse.ArgumentParser(
         prog='rcs_record results',
-        description='Write the results of each race as CSV: the order, the time from GREEN_GREEN to '
-        'the finish, who did not finish and why. A race that is under way is in it as it stands. '
-        'Without --run or --all, these are the races of all runs of the day of the newest run.',
+        description='Write the results of each race as CSV: the order, the time from GREEN_GREEN '
+        'to the finish, who did not finish and why. A race that is under way is in it as it '
+        'stands. Without --run or --all, these are the races of all runs of the day of the newest '
+        'run.',
         epilog='Results are not replayed; rcs_record replay does that, and rcs_record report. A '
         'cell of others, such as the name of a team, that a spreadsheet would run as a formula '
         'gets an apostrophe in front. The columns are explained in docs/record.md.',
