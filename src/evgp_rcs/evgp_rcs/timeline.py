@@ -66,7 +66,7 @@ def main(arguments: Sequence[str]) -> int:
         if wanted.run is None and len(runs.listed) > 1:
             before = runs.listed[-2]
     # With the record closed: it may be a pager that is slow, and the race must not wait.
-    if before is not None and before.ended_ns is None:
+    if before is not None and before.events and before.ended_ns is None:
         file = '' if wanted.file == default_path() else f' {plain(str(wanted.file))}'
         print(
             f'The run before this one, {before.number}, was not ended in good order. Print it '
@@ -80,6 +80,8 @@ def main(arguments: Sequence[str]) -> int:
 
 def _describe(run: Session, present: bool) -> str:
     ended = _clock(run.ended_ns) if run.ended_ns is not None else 'not ended in good order'
+    if not run.events:
+        ended = 'did not start'
     if present:
         ended = 'still running'
     began = f'{_day(run.began_ns)} {_clock(run.began_ns)}'

@@ -225,7 +225,7 @@ class _Page:
         whole, source, clock = self._whole, self._source, self._clock
         said: list[tuple[str, str]] = []
         if not whole.events:
-            said.append(('bad', 'This run has no events.'))
+            said.append(('bad', 'This run has no events: race control did not start.'))
         if source.damage:
             said.append(
                 (
@@ -273,7 +273,8 @@ class _Page:
         if first is not None and first.kind == EventKind.RACE_STATE.name:
             # Only then is it the first event.
             said.append(('bad', f'This run did not begin in the garage: {_safe(first.text)}.'))
-        said.append(self._how_it_ended())
+        if whole.events:
+            said.append(self._how_it_ended())
         for gap in whole.gaps:
             where = (
                 'at the beginning'
@@ -302,7 +303,8 @@ class _Page:
         said.append(('' if source.is_replayed else 'bad', _safe(' '.join(source.replay))))
         if source.others:
             runs = ', '.join(
-                f'{each.number}' + ('' if each.ended_ns else ' (not ended in good order)')
+                f'{each.number}'
+                + (' (not ended in good order)' if each.events and not each.ended_ns else '')
                 for each in source.others
             )
             said.append(('', f'Not in this report: other runs of this day, {runs}.'))
