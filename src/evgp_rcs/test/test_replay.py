@@ -18,6 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import dataclasses
+import itertools
+import math
 import pathlib
 import random
 import sqlite3
@@ -258,7 +260,6 @@ def test_an_order_that_was_removed_is_named() -> None:
         {'success': 'neither'},
         {'state': 'GREEN_GREEN?'},
         {'kind': 'RESULTS'},
-        {'monotonic': 1000.0},
     ],
     ids=lambda change: next(iter(change)),
 )
@@ -271,6 +272,22 @@ def test_an_event_that_was_changed_is_named(change: dict[str, Any]) -> None:
     assert difference is not None
     assert difference.what == f'event {place + 1}'
     assert repr(next(iter(change.values()))) in difference.recorded
+
+
+def test_an_event_that_was_moved_by_the_least_of_its_clock_is_named() -> None:
+    running = a_run()
+    happened = running.recorded()
+    place, moved = max(
+        (n, later)
+        for n, (each, after) in enumerate(itertools.pairwise(happened))
+        if (later := math.nextafter(each.monotonic, math.inf)) <= after.monotonic
+        if each.kind == 'COMMAND'
+    )
+    happened[place] = dataclasses.replace(happened[place], monotonic=moved)
+    difference = replayed(running.blocks(), happened).difference
+    assert difference is not None
+    assert difference.what == f'event {place + 1}'
+    assert repr(moved) in difference.recorded
 
 
 def test_an_event_that_was_removed_is_named() -> None:
