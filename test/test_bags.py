@@ -126,7 +126,7 @@ def test_a_clock_that_was_set_back_changes_no_order_in_the_bag(
     assert stamps == [event.wall_ns for event in recorded]
     # Once it was in the garage, this race only ever got stricter, as the numbers of its states.
     states = [message.state.state for _, message in found['/rcs/race']]
-    raced = states[states.index(msg.RaceState.IN_GARAGE) :]
+    raced = [*itertools.dropwhile(msg.RaceState.IN_GARAGE.__ne__, states)]
     assert raced == sorted(raced)
     assert len(set(raced)) > 2
 

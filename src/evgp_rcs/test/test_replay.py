@@ -360,7 +360,10 @@ FAULTS = {
         'counts = state is kart.sent',
     ),
     'a reason is other': ("f'{kart} is in the race already'", "f'the race has {kart} already'"),
-    'the pause is longer': ('self._pause(now + self.times.pause,', 'self._pause(now + 1.0,'),
+    'the pause is longer': (
+        "self._pause(now + self.times.pause, 'a stop was",
+        "self._pause(now + 1.0, 'a stop was",
+    ),
 }
 
 
