@@ -1067,7 +1067,7 @@ def _check_safety(
             old.moving
             and not kart.doubt
             and kind != 'KART_IN_GARAGE'
-            and (stood is None or now - stood < settle)
+            and (stood is None or now < stood + settle)
         ):
             raise RuleBrokenError('settle', f'{given}: {old} became {kart}')
         # Orders, serials, acknowledgements.

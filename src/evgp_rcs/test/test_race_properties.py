@@ -57,6 +57,7 @@ TIMES = st.builds(
     pause=st.floats(0.0, 10.0),
     pause_after_held_up=st.floats(0.0, 10.0),
     journal_timeout=st.floats(0.0, 5.0),
+    settle=st.floats(0.0, 10.0),
 )
 OF_A_START = st.sampled_from(('written', 'written', 'written', 'failed', 'withdrawn', ''))
 
@@ -125,13 +126,16 @@ class Races(RuleBasedStateMachine):
     def let_the_pause_pass(self) -> None:
         self.now = max(self.now, self.facts.paused)
 
+    def let_every_kart_stop(self) -> None:
+        self.every_kart_answers()
+        self.let_the_pause_pass()
+        self.let_pass(self.race.times.settle)
+
     def let_become_of_a_start(self, what: str) -> None:
         if self.race.start is None:
             return
         if what == 'withdrawn':
             self.give(oracle.Input('withdrawn'))
-        elif what and self.race.start.memory is None:
-            self.give(oracle.Input('noted', statement=what == 'written'))
         elif what:
             self.give(oracle.Input('journal', statement=what == 'written'))
 
@@ -207,14 +211,14 @@ class Races(RuleBasedStateMachine):
         self, joining: set[int], stop_short: int, between: str, kart: int, then: str
     ) -> None:
         self.give(oracle.Input('rival', statement=False))
+        self.give(oracle.Input('record', statement=False))
         self.give(oracle.Input('withdrawn'))
         for number, each in self.race.karts.items():
             if not each.connected:
                 self.give(oracle.Input('connected', '', number))
         if self.race.state is not RaceState.IN_GARAGE:
             self.give(oracle.Input('command', 'ALL_KILL'))
-            self.every_kart_answers()
-            self.let_the_pause_pass()
+            self.let_every_kart_stop()
             self.give(oracle.Input('command', 'IN_GARAGE', statement=True))
         for number, each in self.race.karts.items():
             if each.may_be_moving:
@@ -225,6 +229,7 @@ class Races(RuleBasedStateMachine):
             if number in joining:
                 self.give(oracle.Input('command', 'JOIN_RACE', number))
         self.let_the_pause_pass()
+        self.give(oracle.Input('command', 'CLOSE_TRACK'))
         self.give(oracle.Input('command', 'GRID_ACTIVE', statement=True))
         # All of them answer, or all but the last one or two.
         for number in list(self.race.karts)[: len(self.race.karts) - stop_short]:
@@ -270,33 +275,34 @@ class Races(RuleBasedStateMachine):
 
     # ----- race control itself ------------------------------------------------------------
 
-    @rule(known=st.sampled_from((True, True, False)), every_start=st.booleans())
-    def race_control_is_restarted(self, known: bool, every_start: bool) -> None:
-        """Nothing moves after it, every kart is held, and all that follows is as ever."""
+    @rule(known=st.sampled_from((True, True, False)), final=st.booleans())
+    def race_control_is_restarted(self, known: bool, final: bool) -> None:
+        """Nothing moves after it; unless all was home, every kart is held."""
         left = self.race
         before = oracle.look(left)
         # Of a race that crashed while a start waited, it knows what was written for the start.
-        started = left.start.command.karts if left.start and left.start.memory else frozenset()
+        started = left.start.command.karts if left.start is not None else frozenset()
         if not started:
-            oracle.check_recovery(rules, left, before, self.now, known, every_start)
+            oracle.check_recovery(rules, left, before, self.now, known, final)
         karts = [rules.Kart(number, in_race=number == 1) for number in left.karts]
         self.race = rules.Race(karts, left.times, self.now, left.heats)
-        memory = dataclasses.replace(left.memory(), known=known, every_start=every_start)
+        memory = dataclasses.replace(left.memory(), final=final) if known else None
         outcome = self.race.recover(memory, self.now)
         assert not outcome.orders
         view = oracle.look(self.race)
-        assert view.state is RaceState.RED_RED
-        assert not view.track_open
-        assert not view.msr_used
-        for old, kart in zip(before.karts, view.karts, strict=True):
-            assert kart.hold is kart.sent is RaceState.RED_RED
-            assert kart.moving or kart.number not in started
-            if started:
-                continue
-            assert (kart.in_race, kart.place) == (old.in_race, old.place)
-            assert kart.moving or (known and not old.moving)
-            assert kart.on_grid or not old.on_grid
-        self.facts = oracle.recall(view, self.now)
+        if view.state is RaceState.IN_GARAGE:
+            assert known
+            assert final
+            assert not started
+            assert before.state is RaceState.IN_GARAGE
+            self.facts = oracle.remember(view)
+        else:
+            assert view.state is RaceState.RED_RED
+            assert view.track_open or (known and final)
+            for kart in view.karts:
+                assert kart.hold is kart.sent is RaceState.RED_RED
+                assert kart.moving or not known or kart.number not in started
+            self.facts = oracle.recall(view, self.now)
         oracle.check_state(self.race, view, self.facts, self.now)
 
     @rule(present=st.sampled_from((False, False, True)))
