@@ -143,6 +143,7 @@ PROPERTIES = {
     'cause': 'every change of the state of the race names the command, and who gave it',
     'effect': 'every input has the whole effect of docs/rules.md, and no other',
     'alerts': 'the alerts are those of docs/rules.md',
+    'use-msr': 'S: the MSR is asked for where it is the answer, until its use is recorded',
     'alerts-act': 'S: looking, and alerts, change nothing',
     'false-news': 'what is announced as possible now is possible now',
     'stuck': 'the officials can bring every state home, karts answering or not',
@@ -993,10 +994,14 @@ def _check_cause(race: Any, before: View, given: Input, outcome: Any, after: Vie
         raise RuleBrokenError('cause', f'{given} in {before}: {told}')
     for event in told:
         named = event.command is not None and (event.command.name, event.official)
-        if race.state_cause not in event.text or named != (
-            given.what == 'command' and (given.kind, OFFICIAL)
+        by = f'{given.kind} by {OFFICIAL}' if given.what == 'command' else ''
+        if (
+            named != (given.what == 'command' and (given.kind, OFFICIAL))
+            or race.state_cause not in event.text
+            or by not in race.state_cause
+            or (OFFICIAL in race.state_cause) != bool(by)
         ):
-            raise RuleBrokenError('cause', f'{given} in {before}: {event}')
+            raise RuleBrokenError('cause', f'{given} in {before}: {event}, {race.state_cause}')
 
 
 def _check_safety(
@@ -1351,10 +1356,15 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
         raise RuleBrokenError('track-access', f'{access} in {view}')
     if not access.reason or any(str(race.karts[n]) not in access.reason for n in unsafe[:3]):
         raise RuleBrokenError('track-access', f'{access} in {view}')
-    alerts = {(alert.kind.name, alert.kart) for alert in race.alerts(now)}
+    told = race.alerts(now)
+    alerts = {(alert.kind.name, alert.kart) for alert in told}
     expected = expect_alerts(view, facts, now, race.times)
     if alerts != expected:
         raise RuleBrokenError('alerts', f'{alerts}, expected {expected} in {view}')
+    for alert in told:
+        urgent = alert.kind.name in MSR_ALERTS
+        if alert.use_msr != (urgent and not view.msr_used):
+            raise RuleBrokenError('use-msr', f'{alert} in {view}')
     if view.start is not None:
         memory = race.memory()
         moving = all(memory.karts[number].doubt == MOVING for number in view.start.karts)
