@@ -127,6 +127,7 @@ PROPERTIES = {
     'available-from': 'what a pause refuses, and nothing else, is announced with the end of it',
     'start-first': 'S: karts start only once it is on the disk that they may move',
     'no-record': 'S: while the record fails, no race starts',
+    'start-other-grid': 'S: a start goes out in the GRID_ACTIVE that it was given in, or not',
     'start-memory': 'S: while a start waits, a crash leaves what was written for it',
     'start-answer': 'a start is answered once: when refused, or when what it waits for is so',
     'restart': 'S: after a restart all is red and closed, and no kart, hold or doubt is forgotten',
@@ -236,11 +237,13 @@ class Facts(NamedTuple):
 
     :param grid_last: GRID_ACTIVE was the last button.
     :param paused: until when what loosens is refused.
+    :param outlived: the start that waits was given for an earlier GRID_ACTIVE.
     """
 
     grid_last: bool
     paused: float
     karts: tuple[KartFacts, ...]
+    outlived: bool = False
 
 
 class Input(NamedTuple):
@@ -427,11 +430,13 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
                     if kart.connected and not kart.in_race and _red(kart)
                 ]
             silent = tuple(sorted(kart.number for kart in waiting if not _stands(kart)))
+        elif state is GRID_ACTIVE:
+            silent = tuple(k.number for k in racing if k.moving or (k.doubt and not k.connected))
         else:
-            silent = tuple(k.number for k in racing if not k.connected and k.doubt)
-        if state in (GRID_ACTIVE, RED_RED):
-            return Judgement(not silent, True, silent, () if silent else _sent_home(view))
-        return Judgement(False)
+            return Judgement(False)
+        # A crash must not bring the statement back that the MSR was used.
+        allowed = not silent and not (view.msr_used and view.trouble)
+        return Judgement(allowed, True, silent, _sent_home(view) if allowed else ())
     if kind == 'OPEN_TRACK':
         allowed, unsafe = _humans_allowed(view)
         return Judgement(allowed, False, tuple(unsafe))
@@ -506,7 +511,7 @@ def fate(
             return 'refused' if now >= start.until else ''
         if given.what not in OF_A_START or given.kind == 'stale':
             return ''
-        if given.what == 'withdrawn' or not given.statement:
+        if given.what == 'withdrawn' or not given.statement or facts.outlived:
             return 'refused'
         view = view._replace(start=None)
         given = of_start(start)
@@ -696,6 +701,8 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
         track_open = True
     else:
         assert kind == 'CLOSE_TRACK', given
+        if track_open:
+            paused = max(paused, now + times.pause)
         track_open = False
     _settle(state, after, anew, now)
     seen = tuple([_kart_view(each.values()) for each in after])
@@ -774,7 +781,7 @@ def learn(
     if after == before and given.what == 'heard':
         return facts
     grid_last, paused = facts.grid_last, facts.paused
-    if given.kind in STOPS:
+    if given.kind in STOPS or (given.kind == 'CLOSE_TRACK' and before.track_open):
         paused = max(paused, now + times.pause)
     elif given.what == 'held up':
         paused = max(paused, now + max(times.pause, times.pause_after_held_up))
@@ -784,6 +791,9 @@ def learn(
         given = of_start(before.start)
     if given.what == 'command' and success and given.kind not in NO_BUTTON:
         grid_last = given.kind == 'GRID_ACTIVE'
+    gridded = given.kind == 'GRID_ACTIVE' and success
+    outlived = after.start is not None and before.start is not None
+    outlived = outlived and (facts.outlived or gridded)
     karts = []
     for old, kart, memory in zip(before.karts, after.karts, facts.karts, strict=True):
         ready, lost, phase, missing, stood = memory
@@ -825,7 +835,7 @@ def learn(
             phase = 2
         ready = ready and kart.sent is GRID_ACTIVE
         karts.append(KartFacts(ready, lost, phase, missing, stood))
-    return Facts(grid_last, paused, tuple(karts))
+    return Facts(grid_last, paused, tuple(karts), outlived)
 
 
 # ----- the properties ---------------------------------------------------------------------
@@ -977,7 +987,7 @@ def _check_start(
         name = 'start-answer'
         if outcome.answer.success:
             late = is_paused(facts, 'GREEN_GREEN', before.start.came)
-            name = 'pause' if late else 'start-first'
+            name = 'start-other-grid' if facts.outlived else 'pause' if late else 'start-first'
         raise broken(name)
     if outcome.write_first is not None:
         written = outcome.write_first
@@ -1579,6 +1589,7 @@ class Search:
         waiting = start is not None and (
             start.came < view.paused,
             max(start.until - now, 0.0),
+            facts.outlived,
         )
         race = (
             RANK[state._value_],
@@ -1835,15 +1846,17 @@ class Search:
             if kart.in_race is kart.barred:
                 self._command('LEAVE_RACE' if kart.barred else 'JOIN_RACE', later, kart.number)
         self._command('CLOSE_TRACK', later)
-        if not self._command('GRID_ACTIVE', later).answer.success:
+        if not self._command('GRID_ACTIVE', later + 10.0).answer.success:
             raise RuleBrokenError('stuck', f'no new race: {look(race)}')
         self.scratch.load(saved)
         race.rival(False, now)
+        race.record_trouble('', now)
         for number in self.numbers:
             self._command('KART_IN_GARAGE', later, number)
         self._check_home(self._command('IN_GARAGE', later))
         self.scratch.load(saved)
         race.rival(False, now)
+        race.record_trouble('', now)
         for number in self.numbers:
             race.disconnected(number, 'end of file', now)
         self._command('RECORD_MSR', now)

@@ -33,6 +33,7 @@ pytestmark = [pytest.mark.usefixtures('others_first'), pytest.mark.timeout(900)]
 
 REQUIRED = {'require_inspection': True}
 AT_ONCE = {'settle': 0.0}
+ALL_OF_ONE = oracle.KART_COMMANDS
 
 # Each small world with the number of its states that are searched. Each fault is found in one of
 # them well before.
@@ -53,6 +54,17 @@ WORLDS: dict[str, tuple[int, dict[str, Any]]] = {
     'waits': (
         150,
         {'racing': 1, 'outside': 1, 'begin': 'grid', 'waits': True, 'times': AT_ONCE},
+    ),
+    'a start alone': (
+        300,
+        {
+            'racing': 1,
+            'outside': 0,
+            'begin': 'grid',
+            'waits': True,
+            'track': False,
+            'without': ALL_OF_ONE,
+        },
     ),
     'waits around': (
         150,
@@ -109,6 +121,9 @@ FAR = {
     'the time to stand counts from the order': 'green',
     'a new order lets the time to stand run on': 'green',
     'GREEN_GREEN while a kart on the grid may be moving': 'around',
+    'a start goes out to a later grid': 'a start alone',
+    'GRID_ACTIVE is taken right behind the closing of the track': 'waits',
+    'closing a closed track begins a pause': 'waits',
 }
 
 
@@ -498,11 +513,6 @@ FAULTS = {
         '                pass\n            elif state',
         ('doubt-unnoticed',),
     ),
-    'IN_GARAGE sent to a kart forgets that it may be moving': Fault(
-        'kart.doubt = Doubt.MOVING if kart.may_be_moving else Doubt.NONE',
-        'kart.doubt = Doubt.NONE',
-        ('doubt-forgotten',),
-    ),
     'a lost connection ends the doubt': Fault(
         '        kart.connected = False\n        kart.acknowledged = False\n',
         '        kart.connected = kart.acknowledged = False\n        kart.doubt = Doubt.NONE\n',
@@ -588,8 +598,8 @@ FAULTS = {
         ('availability', 'stuck'),
     ),
     'IN_GARAGE after the grid forgets a kart that was lost there': Fault(
-        'lost = [each for each in self.racing() if each.doubt and not each.connected]',
-        'lost = [each for each in self.racing() if each.may_be_moving and not each.connected]',
+        'if each.may_be_moving or (each.doubt and not each.connected)',
+        'if each.may_be_moving',
         ('availability',),
     ),
     'a release by hand leaves the doubt': Fault(
@@ -758,13 +768,23 @@ FAULTS = {
         ('start-answer', 'start-first'),
     ),
     'a start that was stopped meanwhile goes out when it is on the disk': Fault(
-        'return self._decide(start.command, self._refusal_of(start.command, start.came), now)',
-        "return self._decide(start.command, '' if written else self.record_fails, now)",
-        ('green-needs-grid', 'green-needs-acks', 'start-first', 'pause', 'no-record'),
+        '        return self._decide(start.command, refusal, now)\n\n    def withdraw',
+        "        refusal = '' if written else self.record_fails\n"
+        '        return self._decide(start.command, refusal, now)\n'
+        '\n'
+        '    def withdraw',
+        (
+            'green-needs-grid',
+            'green-needs-acks',
+            'start-first',
+            'start-other-grid',
+            'pause',
+            'no-record',
+        ),
     ),
     'a start that waited while race control was held up goes out': Fault(
-        'return self._decide(start.command, self._refusal_of(start.command, start.came), now)',
-        'return self._decide(start.command, self._refusal_of(start.command, now + 9.0), now)',
+        'refusal = self._refusal_of(start.command, start.came)\n        if',
+        'refusal = self._refusal_of(start.command, now + 9.0)\n        if',
         ('pause',),
     ),
     'what was written for another start starts karts': Fault(
@@ -966,12 +986,12 @@ FAULTS = {
         ('availability',),
     ),
     'a record that fails while a start waits does not stop it': Fault(
-        'return self._decide(start.command, self._refusal_of(start.command, start.came), now)',
-        'trouble, self.record_fails = self.record_fails, self.record_fails if '
-        "not written else ''\n"
+        'refusal = self._refusal_of(start.command, start.came)\n        if',
+        "trouble, self.record_fails = self.record_fails, '' if written else "
+        'self.record_fails\n'
         '        refusal = self._refusal_of(start.command, start.came)\n'
         '        self.record_fails = trouble\n'
-        '        return self._decide(start.command, refusal, now)',
+        '        if',
         ('start-first', 'no-record'),
     ),
     'a record that was too slow counts as working': Fault(
@@ -1073,10 +1093,8 @@ FAULTS = {
         ('restart', 'track-access', 'availability'),
     ),
     'a finish that is undone keeps its RED_FLAG': Fault(
-        '        if kart.finish_due is not None:\n'
-        '            kart.finish_due = None\n'
-        '            text +=',
-        '        if kart.finish_due is not None:\n            text +=',
+        '        kart.finish_due = None\n        if kart.sent is GREEN_GREEN:\n',
+        '        if kart.sent is GREEN_GREEN:\n',
         ('effect', 'sent-wrong'),
     ),
     'a finish that is undone cancels the RED_FLAG of another kart': Fault(
@@ -1094,10 +1112,11 @@ FAULTS = {
         ('finish-put-off', 'effect'),
     ),
     'a finish that is undone lifts the hold of a stop that came meanwhile': Fault(
-        '            kart.finish_due = None\n            text +=',
+        '        kart.finish_due = None\n        if kart.sent is GREEN_GREEN:\n',
+        '        if kart.finish_due is not None:\n'
         '            self._unhold(kart)\n'
         '            self._redirect(kart, now)\n'
-        '            text +=',
+        '        if kart.sent is GREEN_GREEN:\n',
         ('red-loosened', 'hold-forgotten'),
     ),
     'a kart that moves on the grid raises no alert': Fault(
@@ -1159,6 +1178,46 @@ FAULTS = {
         "            return 'the track is open to humans; close it first'\n",
         '        self.track_open = False\n',
         ('alerts-act', 'availability', 'effect', 'refused-changes'),
+    ),
+    'a start goes out to a later grid': Fault(
+        '        if start.grid != self.grids:\n',
+        '        if start.grid > self.grids:\n',
+        ('start-other-grid',),
+    ),
+    'GRID_ACTIVE is taken right behind the closing of the track': Fault(
+        "            self._pause(now + self.times.pause, 'the track was closed just now')\n",
+        '            pass\n',
+        ('pause', 'effect', 'available-from'),
+    ),
+    'closing a closed track begins a pause': Fault(
+        '        if self.track_open:\n            # GRID_ACTIVE may',
+        '        if True:\n            # GRID_ACTIVE may',
+        ('effect', 'available-from'),
+    ),
+    'a race goes home from the grid with a kart that may be moving': Fault(
+        'if each.may_be_moving or (each.doubt and not each.connected)',
+        'if each.doubt and not each.connected',
+        ('availability',),
+    ),
+    'a race goes home from the grid with a kart that has an unanswered stop': Fault(
+        'if each.may_be_moving or (each.doubt and not each.connected)',
+        'if (each.may_be_moving and each.hold is None) or (each.doubt and not each.connected)',
+        ('availability',),
+    ),
+    'a race never goes home from the grid with a kart on it': Fault(
+        'if each.may_be_moving or (each.doubt and not each.connected)',
+        'if each.doubt',
+        ('availability', 'stuck'),
+    ),
+    'the statement that the MSR was used ends without a record': Fault(
+        "return self._no_record() if self.msr_used else ''",
+        "return ''",
+        ('availability',),
+    ),
+    'a race cannot go home without a record': Fault(
+        "return self._no_record() if self.msr_used else ''",
+        'return self._no_record()',
+        ('availability',),
     ),
 }
 """Each fault under what it would mean on the track."""

@@ -228,8 +228,8 @@ class Races(RuleBasedStateMachine):
                 self.give(oracle.Input('command', 'KART_IN_GARAGE', number, True))
             if number in joining:
                 self.give(oracle.Input('command', 'JOIN_RACE', number))
-        self.let_the_pause_pass()
         self.give(oracle.Input('command', 'CLOSE_TRACK'))
+        self.let_the_pause_pass()
         self.give(oracle.Input('command', 'GRID_ACTIVE', statement=True))
         # All of them answer, or all but the last one or two.
         for number in list(self.race.karts)[: len(self.race.karts) - stop_short]:
