@@ -26,12 +26,14 @@ import shlex
 import signal
 import subprocess
 import sys
+import threading
 import time
 from typing import Any
 import urllib.error
 import urllib.request
 
 from evgp_protocol.states import RaceState
+from evgp_rehearsal.conduct import TOO_SOON
 from evgp_rehearsal.event import RefusedError, Rehearsal
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_rehearsal.officials import Good, Steward
@@ -184,9 +186,37 @@ def test_a_kart_of_another_machine_is_refused() -> None:
 Connect = Callable[[str, int], contextlib.AbstractContextManager[object]]
 
 
+class Brakes(WireKart):
+    """A kart without ROS that says that it stands once it has braked; it does not come back."""
+
+    def answer(self, state: RaceState, change: bool) -> None:
+        """Answer each frame, a stop only after the time that braking takes."""
+        if not state.is_red or time.monotonic() - self.changes[-1][0] > 2 * TOO_SOON:
+            super().answer(state, change)
+
+
 def plain(address: str, port: int) -> WireKart:
-    """Connect a kart without ROS; it connects once, and does not come back."""
+    """Connect a kart without ROS."""
+    return Brakes(address, port, Acknowledges.EACH_FRAME)
+
+
+def lying(address: str, port: int) -> WireKart:
+    """Connect a kart that says at full speed that it stands."""
     return WireKart(address, port, Acknowledges.EACH_CHANGE)
+
+
+class NeverDrives(WireKart):
+    """A kart that gets ready and then stands."""
+
+    def answer(self, state: RaceState, change: bool) -> None:
+        """Answer anything but GREEN_GREEN."""
+        if state is not RaceState.GREEN_GREEN:
+            super().answer(state, change)
+
+
+def standing(address: str, port: int) -> WireKart:
+    """Connect a kart that never drives."""
+    return NeverDrives(address, port, Acknowledges.EACH_CHANGE)
 
 
 @contextlib.contextmanager
@@ -196,14 +226,57 @@ def bridged(address: str, port: int) -> Iterator[None]:
         yield
 
 
+@contextlib.contextmanager
+def unreliable(address: str, port: int) -> Iterator[None]:
+    """Connect a kart that loses its connection as soon as it races, and is back at once."""
+    with contextlib.ExitStack() as stack:
+        first = stack.enter_context(plain(address, port))
+
+        def back() -> None:
+            first.wait_for_state(RaceState.GREEN_GREEN)
+            first.wait_for_frames(5)  # it has acknowledged
+            first.close()
+            stack.enter_context(plain(address, port))
+
+        losing = threading.Thread(target=back)
+        losing.start()
+        stack.callback(losing.join)
+        yield
+
+
+@contextlib.contextmanager
+def rehearsing(incident: str, kart: Connect) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
+    """Run the program with a kart; return it, and the lines before that kart connects."""
+    port = free_port()
+    command = [sys.executable, '-m', 'evgp_rehearsal.rehearse_kart', '--incident', incident]
+    words = ['--port', str(port), '--address', '127.0.3.7', '--wait', '30']
+    with (
+        subprocess.Popen([*command, *words], stdout=subprocess.PIPE, text=True) as trial,
+        contextlib.ExitStack() as stack,
+    ):
+        stack.callback(trial.terminate)  # also where the test fails
+        assert trial.stdout is not None
+        printed = []
+        for line in trial.stdout:
+            printed.append(line)
+            if line.startswith('Connect your kart'):
+                break
+        stack.enter_context(kart('127.0.3.7', port))
+        yield trial, printed
+
+
 @pytest.mark.parametrize(
     ('incident', 'kart', 'code'),
     [
         ('red_red', plain, 0),
+        ('red_red', lying, 1),
         ('silence', bridged, 0),
         pytest.param('none', plain, 0, marks=pytest.mark.long),
+        pytest.param('none', lying, 1, marks=pytest.mark.long),
+        pytest.param('none', standing, 1, marks=pytest.mark.long),
         pytest.param('red_flag', plain, 0, marks=pytest.mark.long),
         pytest.param('all_kill', plain, 0, marks=pytest.mark.long),
+        pytest.param('red_red', unreliable, 1, marks=pytest.mark.long),
         pytest.param('second_machine', plain, 1, marks=pytest.mark.long),
         pytest.param('none', bridged, 0, marks=pytest.mark.long),
         pytest.param('red_flag', bridged, 0, marks=pytest.mark.long),
@@ -212,15 +285,21 @@ def bridged(address: str, port: int) -> Iterator[None]:
     ],
 )
 def test_a_race_for_one_kart_says_how_it_did(incident: str, kart: Connect, code: int) -> None:
-    port = free_port()
-    command = [sys.executable, '-m', 'evgp_rehearsal.rehearse_kart', '--incident', incident]
-    words = ['--port', str(port), '--address', '127.0.3.7', '--wait', '30']
-    with subprocess.Popen([*command, *words], stdout=subprocess.PIPE, text=True) as trial:
+    with rehearsing(incident, kart) as (trial, printed):
+        rest, _ = trial.communicate(timeout=80.0)
+        assert trial.returncode == code, ''.join([*printed, rest])
+
+
+def test_ctrl_c_in_mid_race_gives_the_findings_so_far() -> None:
+    with rehearsing('none', plain) as (trial, printed):
         assert trial.stdout is not None
-        printed = []
-        with contextlib.ExitStack() as stack:
-            for line in trial.stdout:
-                printed.append(line)
-                if line.startswith('Connect your kart'):
-                    stack.enter_context(kart('127.0.3.7', port))
-            assert trial.wait() == code, ''.join(printed)
+        for line in trial.stdout:  # it tells what happens as it happens
+            printed.append(line)
+            if 'acknowledged GREEN_GREEN' in line:
+                break
+        trial.send_signal(signal.SIGINT)
+        rest = trial.stdout.read()
+        assert trial.wait() == 130
+    findings = [line for line in rest.splitlines() if line.startswith(('good', 'BAD', 'note'))]
+    assert len(findings) == 2, ''.join([*printed, rest])
+    assert all(line.startswith('good') for line in findings), rest

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 
 from evgp_rcs.record import RecordedEvent
 
@@ -29,10 +30,17 @@ LIMITS = {'GRID_ACTIVE': 120.0, 'GREEN_GREEN': 30.0, 'RED_FLAG': 15.0, 'RED_RED'
 """Time that a kart has to acknowledge a state, in seconds (§3.A)."""
 
 TOO_SOON = 0.2
-"""A red acknowledged sooner than this by a kart that raced: it had hardly stopped, in seconds."""
+"""Minimum time that a racing kart needs to stand still, in seconds."""
 
 RACED = 1.0
 """Time in GREEN_GREEN after which a kart drives, in seconds."""
+
+_WRONGS = {
+    'MALFORMED': 'sent what is no frame',
+    'WITHDRAWN': 'said another state after it had acknowledged',
+    'REFUSED_CONNECTION': 'connected so often that race control refused it',
+}
+"""Events of the record that a good kart never causes, and what it did then."""
 
 
 @dataclass(frozen=True)
@@ -44,38 +52,66 @@ class Finding:
     note: bool = False
 
 
-def conduct(events: Sequence[RecordedEvent], kart: int) -> list[Finding]:
+@dataclass(frozen=True)
+class Cut:
+    """
+    What an incident does to the kart's connection.
+
+    :param at: from when on race control says nothing more on it, in seconds.
+    :param losses: how many losses from then on are the incident's doing, and not the kart's.
+    """
+
+    at: float = math.inf
+    losses: int = 0
+
+
+NO_CUT = Cut()
+
+
+def conduct(
+    events: Sequence[RecordedEvent], kart: int, cut: Cut = NO_CUT, until: float = math.inf
+) -> list[Finding]:
     """
     Return what a kart did well and badly.
 
     :param events: of the record, in order.
+    :param until: the time at which the events end: what had still time then is not judged.
     """
     own = [event for event in events if event.kart == kart]
     findings: list[Finding] = []
     for index, event in enumerate(own):
         if event.kind == 'KART_STATE' and event.state in LIMITS:
-            findings += _obeyed(own, index)
-    malformed = sum(event.kind == 'MALFORMED' for event in own)
-    if malformed:
-        findings.append(Finding(False, f'sent what is no frame ({malformed} times)'))
-    withdrawn = sum(event.kind == 'WITHDRAWN' for event in own)
-    if withdrawn:
-        findings.append(
-            Finding(False, f'said another state after it had acknowledged ({withdrawn} times)')
-        )
-    if not any(event.kind == 'CONNECTED' for event in own):
-        findings.append(Finding(False, 'never connected'))
-    lost = [event.monotonic for event in own if event.kind == 'DISCONNECTED']
+            findings += _obeyed(own, index, cut, until)
+    for kind, text in _WRONGS.items():
+        times = sum(event.kind == kind for event in own)
+        if times:
+            findings.append(Finding(False, f'{text} ({times} times)'))
+    return [*findings, *_connected(own, cut)]
+
+
+def _connected(own: Sequence[RecordedEvent], cut: Cut) -> list[Finding]:
+    """Return how a kart kept its connection."""
     back = [event.monotonic for event in own if event.kind == 'CONNECTED']
-    if lost and (not back or back[-1] < lost[-1]):
-        findings.append(Finding(False, 'did not come back after its connection was lost'))
-    elif lost:
-        waited = max(min(at for at in back if at >= gone) - gone for gone in lost)
-        findings.append(Finding(True, f'came back after a lost connection, within {waited:.1f} s'))
-    return findings
+    lost = [event.monotonic for event in own if event.kind == 'DISCONNECTED']
+    if not back:
+        return [Finding(False, 'never connected')]
+    excused = [at for at in lost if at >= cut.at][: cut.losses]
+    bad = len(lost) - len(excused)
+    stayed = 'did not come back after its connection was lost'
+    if bad:
+        away = f', and {stayed}' if back[-1] < lost[-1] else ''
+        return [Finding(False, f'lost its connection ({bad} times){away}')]
+    if not excused:
+        return []
+    if back[-1] < excused[-1]:
+        return [Finding(False, stayed)]
+    waited = min(at for at in back if at >= excused[-1]) - excused[-1]
+    return [Finding(True, f'came back {waited:.1f} s after the incident ended its connection')]
 
 
-def _obeyed(own: Sequence[RecordedEvent], index: int) -> list[Finding]:
+def _obeyed(
+    own: Sequence[RecordedEvent], index: int, cut: Cut, until: float
+) -> list[Finding]:
     """Return how a kart acknowledged one order; nothing if it had no time to."""
     order = own[index]
     assert order.state is not None
@@ -84,31 +120,42 @@ def _obeyed(own: Sequence[RecordedEvent], index: int) -> list[Finding]:
     following = index + 1
     rest = own[following:]
     stops = ('KART_STATE', 'DISCONNECTED')
-    until = next((at for at, each in enumerate(rest) if each.kind in stops), len(rest))
-    said = next((each for each in rest[:until] if each.kind == 'ACKNOWLEDGED'), None)
+    end = next((at for at, each in enumerate(rest) if each.kind in stops), len(rest))
+    said = next((each for each in rest[:end] if each.kind == 'ACKNOWLEDGED'), None)
     if said is None:
-        left = (rest[until].monotonic if until < len(rest) else float('inf')) - order.monotonic
+        left = (rest[end].monotonic if end < len(rest) else until) - order.monotonic
         if left < limit:
             return []
         return [Finding(False, f'did not acknowledge {order.state} within {limit:g} s')]
     took = said.monotonic - order.monotonic
-    found = [
-        Finding(
-            took <= limit, f'acknowledged {order.state} after {took:.2f} s (limit {limit:g} s)'
-        )
-    ]
-    if order.state in ('RED_FLAG', 'RED_RED') and took < TOO_SOON and _raced(own[:index], order):
-        text = f'acknowledged {order.state} after {took:.2f} s: did it really stand still?'
-        found.append(Finding(True, text, note=True))
-    return found
+    text = f'acknowledged {order.state} after {took:.2f} s'
+    raced = _raced_until(own[: index + 1], cut) if order.state in _REDS else None
+    if raced is not None and said.monotonic - raced < TOO_SOON:
+        return [
+            Finding(False, f'{text}, and raced until then: no kart stands still so soon')
+        ]
+    return [Finding(took <= limit, f'{text} (limit {limit:g} s)')]
 
 
-def _raced(before: Sequence[RecordedEvent], order: RecordedEvent) -> bool:
-    # One that has just connected was away, and had to stop meanwhile (§3.E).
-    kinds = ('KART_STATE', 'CONNECTED')
-    last = next((each for each in reversed(before) if each.kind in kinds), None)
-    return (
-        last is not None
-        and last.state == 'GREEN_GREEN'
-        and order.monotonic - last.monotonic > RACED
-    )
+_REDS = ('RED_FLAG', 'RED_RED')
+
+
+def _raced_until(before: Sequence[RecordedEvent], cut: Cut) -> float | None:
+    """
+    Return from when on a kart that raced had to stop; None: it did not race, or has stood since.
+
+    :param before: what happened to it, up to the order that it acknowledges.
+    """
+    green = stop = None
+    for event in before:
+        if event.kind == 'KART_STATE' and event.state == 'GREEN_GREEN':
+            green, stop = event.monotonic, None
+        elif event.kind == 'ACKNOWLEDGED' and event.state in _REDS:
+            green = None
+        elif event.kind in ('KART_STATE', 'DISCONNECTED') and stop is None:
+            stop = event.monotonic
+    if green is None or stop is None:
+        return None
+    if cut.at > green:
+        stop = min(stop, cut.at)
+    return stop if stop - green > RACED else None

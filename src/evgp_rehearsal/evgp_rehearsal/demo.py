@@ -25,14 +25,12 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator, Sequence
 import contextlib
-import itertools
 import os
 import pathlib
 import shutil
 import signal
 import sys
 import tempfile
-import threading
 import time
 
 from evgp_node.states import state_of
@@ -48,6 +46,7 @@ from evgp_rehearsal.findings import Race
 from evgp_rehearsal.officials import Act
 from evgp_rehearsal.plan import Ability, Plan, Track
 from evgp_rehearsal.score import STEWARD
+from evgp_rehearsal.telling import Telling
 from evgp_testing.judge import Judge
 from evgp_testing.kart import Team
 from evgp_testing.process import started
@@ -119,11 +118,11 @@ class Show:
         self.called: float | None = None
         self._mute = mute
         self._began = clock.now()
-        self._told = 0
+        self._telling = Telling(self.official, self._tell)
 
     def gather(self) -> None:
         """
-        Wait until every kart is connected, has its stack, and sees IN_GARAGE.
+        Wait until every kart is connected and has its stack; bring all of them to IN_GARAGE.
 
         :raises AssertionError: if one does not in time.
         """
@@ -131,6 +130,7 @@ class Show:
         for team in self.teams.values():
             team.patience = PATIENCE
             team.wait_for_speed(lambda speed: True)
+        self.official.bring_to(RaceState.IN_GARAGE)
         self.official.command('set_in_race', kart=OUTSIDE, in_race=False)
         self._wait_for(RaceState.IN_GARAGE, PLAN.numbers)
 
@@ -175,20 +175,11 @@ class Show:
     def watching(self, title: str) -> Iterator[None]:
         """Print the events as they come and, on a terminal, keep a table below them."""
         self.console.rule(f'{BANNER}: {title}', style='bold')
-        over = threading.Event()
-        teller = threading.Thread(target=self._tell, args=[over], daemon=True)
         live: contextlib.AbstractContextManager[object] = contextlib.nullcontext()
         if self.console.is_terminal:
             live = Live(get_renderable=self.table, console=self.console, transient=True)
-        with live:
-            teller.start()
-            try:
-                yield
-            finally:
-                over.set()
-                with self.official.news:
-                    self.official.news.notify_all()
-                teller.join()
+        with live, self._telling.live():
+            yield
 
     def play(self, title: str, drive: Callable[[], None]) -> bool:
         """Show a race, and return whether it went to its end."""
@@ -325,18 +316,11 @@ class Show:
         self.official.command('in_garage', track_safe=True)
         self._wait_for(RaceState.IN_GARAGE, PLAN.numbers)
 
-    def _tell(self, over: threading.Event) -> None:
-        official = self.official
-        while not over.is_set() or self._told < len(official.events):
-            with official.news:
-                official.news.wait_for(lambda: over.is_set() or self._told < len(official.events))
-                events = list(itertools.islice(official.events, self._told, None))
-            self._told += len(events)
-            for event in events:
-                if event.kind not in _NOT_TOLD_LIVE:
-                    at = event.monotonic.sec + event.monotonic.nanosec * 1e-9 - self._began
-                    bad = event.kind == msg.RaceEvent.ALERT_RAISED or not event.success
-                    self.console.print(Text(f'{at:7.3f}  {event.text}', 'bold red' if bad else ''))
+    def _tell(self, event: msg.RaceEvent) -> None:
+        if event.kind not in _NOT_TOLD_LIVE:
+            at = event.monotonic.sec + event.monotonic.nanosec * 1e-9 - self._began
+            bad = event.kind == msg.RaceEvent.ALERT_RAISED or not event.success
+            self.console.print(Text(f'{at:7.3f}  {event.text}', 'bold red' if bad else ''))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

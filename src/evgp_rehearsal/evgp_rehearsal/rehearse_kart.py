@@ -22,22 +22,25 @@ code is for a team's CI.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import contextlib
 from dataclasses import dataclass
 import ipaddress
+import itertools
 import os
 import pathlib
 import signal
 import sys
 import tempfile
+import threading
 import time
 
 from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
-from evgp_rcs.record import events, open_read_only, sessions
-from evgp_rehearsal.conduct import conduct, Finding, LIMITS
+from evgp_rcs.record import events, open_read_only, RecordedEvent, sessions
+from evgp_rehearsal.conduct import conduct, Cut, Finding, LIMITS, NO_CUT
+from evgp_rehearsal.telling import Telling
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl
@@ -52,10 +55,20 @@ BACK = 20.0
 SILENCE = 2.0
 """Time that race control says nothing, in seconds; a kart must stop by itself after 1 s."""
 
+HOME = 20.0
+"""Maximum time until a race whose kart stands is in IN_GARAGE, in seconds."""
+
+REMINDS = 5.0
+"""Time after which it is said again what is awaited, in seconds."""
+
 
 @dataclass
 class Trial:
-    """A race control of one kart, and what can be done to that kart."""
+    """
+    A race control of one kart, and what can be done to that kart.
+
+    :param cut: what an incident did to its connection.
+    """
 
     folder: pathlib.Path
     domain: int
@@ -63,9 +76,11 @@ class Trial:
     port: int
     kart: int
     address: str
+    cut: Cut = NO_CUT
 
     def __post_init__(self) -> None:
         """Start race control, and an official who sends what the program says."""
+        self.began = clock.now()
         self.control = self._race_control()
         try:
             self.official = Official(self.domain, 'rehearse_kart')
@@ -109,6 +124,31 @@ class Trial:
         self.official.race = None
         self.control = self._race_control()
 
+    def say(self, text: str) -> None:
+        """Print a line, with the time since the beginning."""
+        sys.stdout.write(f'{clock.now() - self.began:6.1f}  {text}\n')
+        sys.stdout.flush()
+
+    @contextlib.contextmanager
+    def awaiting(self, what: str, limit: float) -> Iterator[Official]:
+        """Say what the official awaits for its limit (s), and go on to say it."""
+        over = threading.Event()
+
+        def say() -> None:
+            for waited in itertools.count(0.0, REMINDS):
+                self.say(f'waiting for {what}: {waited:.0f} s of {limit:.0f} s')
+                if over.wait(REMINDS):
+                    return
+
+        saying = threading.Thread(target=say, daemon=True)
+        saying.start()
+        self.official.patience = limit
+        try:
+            yield self.official
+        finally:
+            over.set()
+            saying.join()
+
     def _race_control(self) -> RaceControl:
         return RaceControl(
             self.folder,
@@ -120,30 +160,43 @@ class Trial:
         )
 
 
-INCIDENTS: Mapping[str, Callable[[Trial], None]] = {
-    'none': lambda trial: trial.official.command('kart/finish', kart=trial.kart) and None,
-    'all_kill': Trial.all_kill,
-    'red_red': Trial.red_red,
-    'red_flag': Trial.red_flag,
-    'silence': Trial.silence,
-    'second_machine': Trial.second_machine,
-    'race_control_crash': Trial.crash,
-}
-"""What can happen in mid-race to the one kart; ``none``: it finishes."""
+@dataclass(frozen=True)
+class Incident:
+    """
+    What can happen in mid-race to the one kart.
+
+    :param losses: how often it ends the kart's connection.
+    :param unseen: what it asks of a kart and the record does not show.
+    """
+
+    play: Callable[[Trial], object]
+    losses: int = 0
+    unseen: str = ''
 
 
-UNSEEN = {
-    'silence': 'had to stop by itself after 1 s of silence: this program cannot see whether it '
-    'did; make inspect-kart can',
+INCIDENTS: Mapping[str, Incident] = {
+    'none': Incident(lambda trial: trial.official.command('kart/finish', kart=trial.kart)),
+    'all_kill': Incident(Trial.all_kill),
+    'red_red': Incident(Trial.red_red),
+    'red_flag': Incident(Trial.red_flag),
+    'silence': Incident(
+        Trial.silence,
+        1,
+        'had to stop by itself after 1 s of silence: this program cannot see whether it did; '
+        'make inspect-kart can',
+    ),
+    'second_machine': Incident(Trial.second_machine, 2),
+    'race_control_crash': Incident(Trial.crash, 1),
 }
-"""What an incident asks of a kart and the record does not show."""
+"""What can happen, by its name; ``none``: the kart finishes."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """
     Play a race.
 
-    :return: 0; 1 if the kart did anything badly; 2 if a setting is wrong; 130 after Ctrl-C.
+    :return: 0; 1 if the kart did anything badly; 2 if a setting is wrong; 130 after Ctrl-C, which
+        gives the findings so far.
     """
     parser = argparse.ArgumentParser(
         prog='rehearse_kart',
@@ -175,68 +228,88 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     try:
-        findings = _play(given)
+        findings, code = _play(given)
     except KeyboardInterrupt:
         return 130
     for finding in findings:
         word = 'note' if finding.note else 'good' if finding.good else 'BAD '
         print(f'{word}  kart {given.kart} {finding.text}')
     bad = sum(not finding.good for finding in findings)
-    print(f'{bad} of {len(findings)} findings are BAD' if bad else 'Nothing was bad')
-    return 1 if bad else 0
+    notes = sum(finding.note for finding in findings)
+    verdict = f'{bad} of {len(findings)} findings are BAD' if bad else 'Nothing was bad'
+    verdict += f'; {notes} not judged' if notes else ''
+    print(f'Ended before the race was over. Until then: {verdict}' if code else verdict)
+    return code or int(bad > 0)
 
 
-def _play(given: argparse.Namespace) -> list[Finding]:
+def _play(given: argparse.Namespace) -> tuple[list[Finding], int]:
+    """Return what was found, and the exit code of what ended it early; 0: nothing did."""
     findings: list[Finding] = []
+    code = 0
     with tempfile.TemporaryDirectory() as folder, Domain() as domain:
         trial = Trial(
             pathlib.Path(folder), domain.number, given.host, given.port, given.kart, given.address
         )
         with contextlib.closing(trial):
-            official = trial.official
             print(f'Connect your kart from {given.address} to {given.host}:{given.port}')
             sys.stdout.flush()
             try:
-                official.patience = given.wait
-                official.wait_for_connected(given.kart)
-                official.patience = LIMITS['GRID_ACTIVE'] + 5.0
-                official.bring_to(RaceState.GREEN_GREEN)
-                time.sleep(RACING)
-                INCIDENTS[given.incident](trial)
-                _home(trial)
+                with Telling(trial.official, lambda event: trial.say(event.text)).live():
+                    _race(trial, given.incident, given.wait)
             except AssertionError as error:
                 # What was awaited in vain; behind the first semicolon stands what came instead.
                 findings.append(Finding(False, f'held the race up: {str(error).split(";")[0]}'))
-            # What follows is the end of race control, which the kart has not caused.
+            except KeyboardInterrupt:
+                code = 130
+            except SystemExit as ended:
+                code = int(ended.code or 0)
             until = clock.now()
+        happened: list[RecordedEvent] = []
         record = pathlib.Path(folder, 'record.sqlite3')
         with contextlib.closing(open_read_only(record)) as database:
-            happened = [
-                event
-                for run in sessions(database)
-                for event in events(database, run.number)
-                if event.monotonic <= until
-            ]
-    notes = [Finding(True, UNSEEN[given.incident], note=True)] if given.incident in UNSEEN else []
-    return [*conduct(happened, given.kart), *findings, *notes]
+            for run in sessions(database):
+                for event in events(database, run.number):
+                    if event.kind == 'ENDED':
+                        # Ctrl-C ends race control too. The kart has not caused what follows.
+                        until = min(until, event.monotonic)
+                    if event.monotonic <= until:
+                        happened.append(event)
+    unseen = INCIDENTS[given.incident].unseen
+    if unseen and trial.cut is not NO_CUT:
+        findings.append(Finding(True, unseen, note=True))
+    return [*conduct(happened, given.kart, trial.cut, until), *findings], code
 
 
-def _home(trial: Trial) -> None:
-    """Stop the race, wait until the kart has acknowledged, and send it to the garage."""
-    official = trial.official
-    official.patience = BACK + LIMITS['RED_FLAG']
-    official.wait_for_kart(
-        trial.kart,
-        lambda kart: (
-            kart.connected
-            and (state_of(kart.sent) or RaceState.IN_GARAGE).is_red
-            and kart.acknowledged
-        ),
-        'connected, and a red acknowledged',
-    )
-    official.patience = LIMITS['RED_FLAG'] + 5.0
-    official.bring_to(RaceState.RED_RED)
-    official.bring_to(RaceState.IN_GARAGE)
+def _race(trial: Trial, name: str, wait: float) -> None:
+    """Have the kart race, make the incident happen, and bring the kart home."""
+    incident, kart = INCIDENTS[name], trial.kart
+    with trial.awaiting('your kart to connect', wait) as official:
+        official.wait_for_connected(kart)
+    with trial.awaiting('IN_GARAGE', HOME) as official:
+        official.bring_to(RaceState.IN_GARAGE)
+    for state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN):
+        what = f'your kart to acknowledge {state.value}'
+        with trial.awaiting(what, LIMITS[state.value]) as official:
+            official.bring_to(state)
+    trial.say(f'your kart races for {RACING:g} s')
+    time.sleep(RACING)
+    if incident.losses:
+        trial.cut = Cut(clock.now(), incident.losses)
+    trial.say(f'now: {name}')
+    incident.play(trial)
+    with trial.awaiting('your kart to acknowledge a stop', BACK + LIMITS['RED_FLAG']) as official:
+        official.wait_for_kart(
+            kart,
+            lambda seen: (
+                seen.connected
+                and (state_of(seen.sent) or RaceState.IN_GARAGE).is_red
+                and seen.acknowledged
+            ),
+            'connected, and a red acknowledged',
+        )
+    with trial.awaiting('IN_GARAGE', HOME) as official:
+        official.bring_to(RaceState.RED_RED)
+        official.bring_to(RaceState.IN_GARAGE)
 
 
 def _is_loopback(address: str) -> bool:

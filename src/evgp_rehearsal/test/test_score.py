@@ -74,6 +74,28 @@ def test_an_msr_that_was_recorded_and_not_used_is_wrong() -> None:
     assert sheet('msr_needed', (1.0, 'RECORD_MSR', 0), msr=used).passed
 
 
+def test_the_score_goes_by_when_the_official_acted_not_by_when_the_instructor_clicked() -> None:
+    late = (round(12.0 / TICK_LENGTH),)
+    line = sheet('person_on_track', (1.0, 'ALL_KILL', 0), (1.5, 'RECORD_MSR', 0), msr=late)
+    assert line.passed
+    assert (line.first_right, line.solved) == (1.0, 1.5)
+
+
+def test_an_msr_that_was_called_for_in_time_may_be_recorded_later() -> None:
+    early = (round(6.0 / TICK_LENGTH),)
+    line = sheet('person_on_track', (14.0, 'RECORD_MSR', 0), msr=early)
+    assert line.passed
+    assert line.solved == 1.0
+    assert not sheet('person_on_track', msr=early).passed  # never recorded
+
+
+def test_doing_nothing_for_25_s_with_a_person_among_karts_fails() -> None:
+    used = (round(31.0 / TICK_LENGTH),)
+    line = sheet('person_on_track', (25.0, 'ALL_KILL', 0), (26.5, 'RECORD_MSR', 0), msr=used)
+    assert not line.passed
+    assert not line.wrong
+
+
 @pytest.mark.parametrize('command', ['OPEN_TRACK', 'IN_GARAGE'])
 def test_letting_people_in_while_a_kart_moves_is_wrong_and_counted(command: str) -> None:
     line = sheet('spin', (1.0, 'RED_FLAG', 0), (2.0, command, 0))

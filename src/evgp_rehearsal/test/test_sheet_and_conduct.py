@@ -16,9 +16,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from evgp_rcs.record import RecordedEvent
 from evgp_rehearsal import sheet
-from evgp_rehearsal.conduct import conduct
+from evgp_rehearsal.conduct import conduct, Cut, LIMITS
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_rehearsal.score import Line
 
@@ -29,6 +31,11 @@ def happened(*events: tuple[float, str, str | None]) -> list[RecordedEvent]:
         RecordedEvent(at, 0, seconds, kind, 7, None, True, state, '', '')
         for at, (seconds, kind, state) in enumerate(events, start=1)
     ]
+
+
+def bad(*events: tuple[float, str, str | None], **more: Any) -> int:
+    """Return how often kart 7 did badly."""
+    return sum(not finding.good for finding in conduct(happened(*events), 7, **more))
 
 
 RACE = (
@@ -44,18 +51,56 @@ RACE = (
 def test_a_kart_that_acknowledges_in_time_did_nothing_badly() -> None:
     findings = conduct(happened(*RACE, (10.0, 'ACKNOWLEDGED', 'RED_RED')), 7)
     assert len(findings) == 3
-    assert all(finding.good and not finding.note for finding in findings)
+    assert all(finding.good for finding in findings)
 
 
-def test_a_kart_that_acknowledges_a_red_at_once_gets_a_note() -> None:
+def test_a_stop_that_is_acknowledged_while_the_kart_races_is_bad() -> None:
     findings = conduct(happened(*RACE, (9.05, 'ACKNOWLEDGED', 'RED_RED')), 7)
-    assert [finding.note for finding in findings] == [False, False, False, True]
+    assert [finding.good for finding in findings] == [True, True, False]
 
 
-def test_a_kart_that_was_away_has_had_time_to_stop() -> None:
-    away = ((8.0, 'CONNECTED', None), (9.0, 'KART_STATE', 'RED_RED'))
-    findings = conduct(happened(*RACE[:-1], *away, (9.05, 'ACKNOWLEDGED', 'RED_RED')), 7)
-    assert not any(finding.note for finding in findings)
+def test_another_stop_gives_a_racing_kart_no_time() -> None:
+    flagged = ((8.95, 'KART_STATE', 'RED_FLAG'), RACE[-1], (9.05, 'ACKNOWLEDGED', 'RED_RED'))
+    assert bad(*RACE[:-1], *flagged) == 1
+    stood = ((5.0, 'KART_STATE', 'RED_FLAG'), (8.0, 'ACKNOWLEDGED', 'RED_FLAG'), *flagged[1:])
+    assert bad(*RACE[:-1], *stood) == 0
+
+
+def test_a_kart_that_is_back_at_once_and_says_it_stands_did_badly() -> None:
+    for waited, expected in ((0.1, 1), (2.0, 0)):
+        back = 9.0 + waited
+        findings = conduct(
+            happened(
+                *RACE[:-1],
+                (9.0, 'DISCONNECTED', None),
+                (back, 'CONNECTED', None),
+                (back, 'KART_STATE', 'RED_RED'),
+                (back + 0.05, 'ACKNOWLEDGED', 'RED_RED'),
+            ),
+            7,
+            cut=Cut(9.0, 1),
+        )
+        assert sum(not finding.good for finding in findings) == expected
+
+
+def test_a_lost_connection_is_bad_unless_the_incident_ended_it() -> None:
+    lost = (
+        *RACE,
+        (10.0, 'ACKNOWLEDGED', 'RED_RED'),
+        (12.0, 'DISCONNECTED', None),
+        (12.3, 'CONNECTED', None),
+    )
+    assert bad(*lost) == 1
+    assert bad(*lost, cut=Cut(11.0, 1)) == 0
+    assert bad(*lost, cut=Cut(13.0, 1)) == 1
+    again = (*lost, (13.0, 'DISCONNECTED', None), (13.3, 'CONNECTED', None))
+    assert bad(*again, cut=Cut(11.0, 1)) == 1
+    assert bad(*again, cut=Cut(11.0, 2)) == 0
+
+
+def test_a_kart_has_the_whole_limit_where_the_race_was_cut_short() -> None:
+    assert bad(*RACE, until=9.0 + LIMITS['RED_RED'] - 0.1) == 0
+    assert bad(*RACE, until=9.0 + LIMITS['RED_RED'] + 0.1) == 1
 
 
 def test_a_kart_that_is_late_or_silent_or_garbled_did_badly() -> None:
@@ -65,13 +110,14 @@ def test_a_kart_that_is_late_or_silent_or_garbled_did_badly() -> None:
         ((10.0, 'ACKNOWLEDGED', 'RED_RED'), (11.0, 'MALFORMED', None)),
         ((10.0, 'ACKNOWLEDGED', 'RED_RED'), (11.0, 'WITHDRAWN', 'GREEN_GREEN')),
         ((10.0, 'ACKNOWLEDGED', 'RED_RED'), (11.0, 'DISCONNECTED', None)),
+        ((10.0, 'ACKNOWLEDGED', 'RED_RED'), (11.0, 'REFUSED_CONNECTION', None)),
     ):
-        assert sum(not each.good for each in conduct(happened(*RACE, *more), 7)) == 1
+        assert bad(*RACE, *more) == 1
 
 
-def test_a_kart_that_had_no_time_to_acknowledge_is_not_blamed() -> None:
-    findings = conduct(happened(*RACE, (9.5, 'DISCONNECTED', None), (9.9, 'CONNECTED', None)), 7)
-    assert all(finding.good for finding in findings)
+def test_a_kart_that_had_no_time_to_acknowledge_is_not_blamed_for_that() -> None:
+    gone = ((9.5, 'DISCONNECTED', None), (9.9, 'CONNECTED', None))
+    assert bad(*RACE, *gone, cut=Cut(9.4, 1)) == 0
 
 
 def test_the_page_says_what_was_wrong_and_what_would_have_been_right() -> None:
