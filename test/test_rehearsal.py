@@ -102,6 +102,27 @@ def test_the_page_shows_the_karts_and_lets_incidents_begin(rehearsal: Rehearsal)
         assert not rehearsal.field.msr_at
 
 
+def test_the_steward_begins_in_red_with_an_open_track_and_closes_it_before_the_grid(
+    rehearsal: Rehearsal,
+) -> None:
+    official = rehearsal.official
+    official.wait_for_connected(*rehearsal.plan.numbers)
+    official.command('all_kill')
+    official.command('set_track_open', open=True)
+    rehearsal.gather()
+    assert official.race is not None
+    assert not official.race.track.open
+    official.command('set_track_open', open=True)
+    rehearsal.attend(
+        Steward(RaceState.GRID_ACTIVE),
+        STEWARD,
+        lambda: rehearsal.state is RaceState.GRID_ACTIVE,
+        30,
+    )
+    given = [event.command for event in rehearsal.events() if event.kind == 'COMMAND']
+    assert given[-2:] == ['CLOSE_TRACK', 'GRID_ACTIVE']
+
+
 def test_a_race_of_other_karts_gets_no_command(rehearsal: Rehearsal) -> None:
     rehearsal.official.wait_for_connected(*rehearsal.plan.numbers)
     assert rehearsal.official.race is not None

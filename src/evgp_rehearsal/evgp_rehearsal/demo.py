@@ -140,8 +140,9 @@ class Show:
         late = self._mute or LATE
         with rehearsal.lock:
             rehearsal.field.karts[late].faults.add(Fault.NEVER_READY)
-        official.command('grid_active', track_clear=True)
-        self._wait_for(RaceState.GRID_ACTIVE, [kart for kart in STARTERS if kart != late])
+        ready = [kart for kart in STARTERS if kart != late]
+        official.bring_to(RaceState.GRID_ACTIVE, *ready)
+        self._wait_for(RaceState.GRID_ACTIVE, ready)
         official.call('green_green')  # refused: it waits for one kart
         if not self._mute:
             rehearsal.mend()

@@ -256,7 +256,22 @@ class Rehearsal(Part):
             moving,
             crossed,
             msr,
+            race.track.open,
         )
+
+    def gather(self) -> None:
+        """
+        Bring the race to IN_GARAGE with the track closed, however race control has begun.
+
+        :raises AssertionError: if it does not get there in time.
+        """
+        home = RaceState.IN_GARAGE
+
+        def there() -> bool:
+            race = self.official.race
+            return race is not None and self.state is home and not race.track.open
+
+        self.attend(Steward(home), STEWARD, there, GET_THERE)
 
     def play(self, name: str, official: AnOfficial, kart: int = 0) -> Line:
         """

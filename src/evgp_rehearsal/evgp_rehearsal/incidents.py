@@ -69,6 +69,10 @@ STOP_THIS = _this(K.KART_RED_RED, K.KART_RED_FLAG)
 STOP_RACE = FLAG | KILL | _all(K.RACE_OVER)
 
 
+AT_ONCE = 10.0
+"""Time for all steps where somebody may be hit, in seconds: to hear it, to act, to say MSR."""
+
+
 @dataclass(frozen=True)
 class Incident:
     """
@@ -208,6 +212,7 @@ _ROWS = (
         (KILL | MSR, MSR),
         fine=KILL,
         wrong=FLAG,
+        limit=AT_ONCE,
         to_kart=False,
     ),
     Incident(
@@ -278,6 +283,7 @@ _ROWS = (
         'stops it, uses the MSR at once and records it (§2.B)',
         (KILL | STOP_THIS | MSR, MSR),
         fine=FLAG | STOP_THIS,
+        limit=AT_ONCE,
     ),
     Incident(
         'not_ready',

@@ -66,6 +66,7 @@ class View:
     moving: frozenset[int]
     crossed: Sequence[int]
     msr_used: bool
+    track_open: bool
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ class Steward:
     """
     Brings a race to where an incident can begin: first home, then to its goal.
 
-    :param goal: GRID_ACTIVE or GREEN_GREEN.
+    :param goal: IN_GARAGE, GRID_ACTIVE or GREEN_GREEN.
     """
 
     def __init__(self, goal: RaceState) -> None:
@@ -102,6 +103,8 @@ class Steward:
         """Return the next step."""
         if not self._home:
             return self._go_home(view)
+        if view.track_open:
+            return Act(K.CLOSE_TRACK)
         for state, kind in (
             (RaceState.IN_GARAGE, K.GRID_ACTIVE),
             (RaceState.GRID_ACTIVE, K.GREEN_GREEN),

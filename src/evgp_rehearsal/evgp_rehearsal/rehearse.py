@@ -112,17 +112,23 @@ def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.N
         if screen:
             webbrowser.open(page.url)
             console.print("Official: the officials' window has opened.")
-        ctl = f'ROS_DOMAIN_ID={rehearsal.domain} make ctl'
-        console.print('Official, in a terminal, to see the race, start it and stop it:')
-        karts = ' '.join(map(str, plan.numbers))
-        start = f'grid-active {karts} --track-is-clear', f'green-green {karts}'
-        for words in ('watch', *start, 'all-kill'):
-            console.print(f'  {ctl} ARGS="{words}"', soft_wrap=True)  # one line, to be copied
-        console.print('Ctrl-C ends the rehearsal and shows the score sheet.')
         with contextlib.suppress(KeyboardInterrupt):
+            rehearsal.gather()
+            _explain(console, rehearsal)
             threading.Event().wait()
         _show(console, rehearsal.sheet(), given.sheet)
     return 0
+
+
+def _explain(console: Console, rehearsal: Rehearsal) -> None:
+    """Print how to command the race in a terminal."""
+    ctl = f'ROS_DOMAIN_ID={rehearsal.domain} make ctl'
+    console.print('Official, in a terminal, to see the race, start it and stop it:')
+    karts = ' '.join(map(str, rehearsal.plan.numbers))
+    start = f'grid-active {karts} --track-is-clear', f'green-green {karts}'
+    for words in ('watch', *start, 'all-kill'):
+        console.print(f'  {ctl} ARGS="{words}"', soft_wrap=True)  # one line, to be copied
+    console.print('Ctrl-C ends the rehearsal and shows the score sheet.')
 
 
 def _play(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.Namespace) -> int:

@@ -28,12 +28,15 @@ Every command between the beginning of an incident and its end is
 - wrong: it endangers somebody. What that is, the row says, or the truth: a release or an open
   track while karts move, a start before the incident is dealt with, an MSR recorded that was not
   used, a finish for a kart that has not crossed the line, or in another order.
+
+The MSR is the official's act and the instructor's button. The official acted when the instructor
+pressed it or when the official recorded it, whichever came first.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import enum
 import math
 
@@ -196,6 +199,7 @@ def _line(took: Took, commands: Sequence[_Command], truth: Truth) -> Line:
     stopped: set[int] = set()
     people = 0
     is_open = False
+    commands = sorted((_acted(each, took, truth) for each in commands), key=lambda each: each.tick)
     finished = [each for each in commands if _places(each) and each.tick < took.began]
     for command in commands:
         if command.kind is CommandKind.OPEN_TRACK and command.accepted:
@@ -256,7 +260,7 @@ def _judge(
     entry = CATALOGUE[command.kind]
     deed = _deed(command, took)
     meant = command.kart in (0, took.kart)
-    if command.kind is CommandKind.RECORD_MSR and not _msr_was_used(command, took, truth):
+    if command.kind is CommandKind.RECORD_MSR and not _msr_clicks(took, truth):
         return Judgement.WRONG
     if entry.loosens and command.accepted and not _may_loosen(command, truth):
         return Judgement.WRONG
@@ -298,8 +302,20 @@ def _may_loosen(command: _Command, truth: Truth) -> bool:
     return not movers
 
 
-def _msr_was_used(command: _Command, took: Took, truth: Truth) -> bool:
-    return any(took.began <= at <= command.tick for at in truth.msr)
+def _msr_clicks(took: Took, truth: Truth) -> list[int]:
+    """
+    Return when the instructor pressed the MSR in an incident, at the official's word.
+
+    That is later than the word, and may be later than the official's own record of it.
+    """
+    return [at for at in truth.msr if took.began <= at <= took.ended]
+
+
+def _acted(command: _Command, took: Took, truth: Truth) -> _Command:
+    """Return a command with the tick at which the official acted, as far as that is known."""
+    if command.kind is not CommandKind.RECORD_MSR or not took.began <= command.tick <= took.ended:
+        return command
+    return replace(command, tick=min([command.tick, *_msr_clicks(took, truth)]))
 
 
 def _has_crossed(command: _Command, truth: Truth, finished: tuple[_Command, ...]) -> bool:

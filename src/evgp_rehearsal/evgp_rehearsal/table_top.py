@@ -139,6 +139,7 @@ class TableTop:
             moving,
             crossed,
             bool([at for at in self.field.msr_at if at >= began]),
+            race.track_open,
         )
 
     def _race(self) -> Race:

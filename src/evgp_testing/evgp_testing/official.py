@@ -25,7 +25,7 @@ from typing import Any
 from evgp_node.services import service_class
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE
+from evgp_rcs.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs_msgs import msg
 from evgp_testing.judge import Call, Judge
 from evgp_testing.ros_side import RosSide
@@ -73,6 +73,22 @@ def seen(race: msg.Race | None, service: str, kart: int) -> dict[str, Any]:
         return {} if held is None else {'hold': held.hold}
     number = getattr(msg.CommandAvailability, kind.name)
     return {'karts': next(each.karts for each in race.commands if each.command == number)}
+
+
+def kind_of(service: str, request: Mapping[str, Any]) -> CommandKind:
+    """
+    Return which command it is to call a service with these fields.
+
+    :raises ValueError: if it is none; the text has those that there are.
+    """
+    kinds = kinds_by_service().get(service)
+    if kinds is None:
+        raise ValueError(f'there is no command {service!r}; there are: {", ".join(SERVICES)}')
+    for kind in kinds:
+        if CATALOGUE[kind].fixed.items() <= request.items():
+            return kind
+    ways = (f'{name}={value}' for kind in kinds for name, value in CATALOGUE[kind].fixed.items())
+    raise ValueError(f'{service} needs {" or ".join(ways)}')
 
 
 TRIES = 5
@@ -132,7 +148,9 @@ class Official(RosSide):
         ``request`` says.
 
         :raises AssertionError: if race control does not answer in time.
+        :raises ValueError: if there is no such command; the text has those that there are.
         """
+        kind_of(service, request)
         if service in SEES:
             self.wait_for_race(lambda race: True, 'a first look at the race')
         request = {
@@ -180,8 +198,9 @@ class Official(RosSide):
         Give a command that must be accepted, once the race says that it is available.
 
         :raises AssertionError: if it is refused; the text has the reason.
+        :raises ValueError: if there is no such command; the text has those that there are.
         """
-        if any(entry.stop for entry in CATALOGUE.values() if entry.service == service):
+        if CATALOGUE[kind_of(service, request)].stop:
             answer = self.call(service, **request)
             assert answer.success, f'{service}: {answer.message}'
             return answer
@@ -216,6 +235,8 @@ class Official(RosSide):
             before, service, statement = _WAY[state]
             if before is not None:
                 self.bring_to(before, *numbers, acknowledge=acknowledge)
+            if state is RaceState.GRID_ACTIVE:
+                self._close_track()
             self.command(service, **statement)
             self.wait_for_race(
                 lambda race: state_of(race.state) is state, f'the race in {state.value}'
@@ -238,11 +259,7 @@ class Official(RosSide):
         :raises AssertionError: if none comes in time.
         """
         number = request.get('kart', 0)
-        wanted = next(
-            getattr(msg.CommandAvailability, kind.name)
-            for kind, entry in CATALOGUE.items()
-            if entry.service == service and entry.fixed.items() <= request.items()
-        )
+        wanted = getattr(msg.CommandAvailability, kind_of(service, request).name)
 
         def available(race: msg.Race) -> bool:
             commands = [*race.commands]
@@ -312,6 +329,12 @@ class Official(RosSide):
         """
         for number in numbers:
             self.wait_for_kart(number, lambda kart: kart.connected, 'connected')
+
+    def _close_track(self) -> None:
+        """Close the track, if it is open: GRID_ACTIVE is for a track that is closed."""
+        if self.race is not None and self.race.track.open:
+            self.command('set_track_open', open=False)
+            self.wait_for_race(lambda race: not race.track.open, 'the track closed')
 
     def _hear_race(self, race: msg.Race) -> None:
         with self.news:
