@@ -36,6 +36,7 @@ from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.niceness import may_come_first
 from evgp_testing.process import freeze, wait_until_ended
 from evgp_testing.replaying import replay_without_difference
+from evgp_testing.threads import receiving_threads, stopped_thread
 from evgp_testing.wire_kart import Acknowledges
 from evgp_testing.wire_race import WireRace
 import pytest
@@ -48,6 +49,10 @@ RED_RED = RaceState.RED_RED
 
 RACING = (1, 2)
 OUTSIDE = 3
+
+UNICAST_DISCOVERY = 7410
+UNICAST_CALLS = 7411
+"""The ports of the first ROS process of domain 0."""
 
 
 @pytest.fixture
@@ -99,6 +104,23 @@ def test_every_kart_hears_red_red_when_the_ros_half_hangs(scene: WireRace) -> No
         assert kart.state is RED_RED
     wait_until_ended(scene.control.kart_server_pid)
     scene.control.signal(signal.SIGCONT)
+    assert scene.control.wait() == 1
+
+
+@pytest.mark.parametrize('port', [UNICAST_DISCOVERY, UNICAST_CALLS], ids=['discovery', 'calls'])
+def test_every_kart_hears_red_red_when_a_thread_that_receives_for_dds_hangs(
+    scene: WireRace, port: int
+) -> None:
+    scene.bring_to(GREEN_GREEN)
+    (thread,) = receiving_threads(scene.control.pid, port + 250 * scene.domain)
+    with stopped_thread(thread):
+        for kart in scene.karts:
+            kart.wait_for_end()
+            assert kart.state is RED_RED
+        scene.official.wait_for_race(
+            lambda race: any(alert.kind == msg.Alert.PART_FAILED for alert in race.alerts),
+            'the alert that a part has failed',
+        )
     assert scene.control.wait() == 1
 
 

@@ -18,7 +18,8 @@ The ROS graph of this process, bound to loopback whatever the environment says.
 Without SROS2, anyone who can send to a node's DDS sockets can call its services. So every program
 of ours decides by itself where its sockets are: `bind_graph` tells DDS, before ``rclpy.init``, to
 open them on 127.0.0.1 only, and `fence_graph` has the kernel drop whatever comes to them through
-another interface. The setting `INTERFACE` adds one more interface, by its address.
+another interface. The setting `INTERFACE` adds one more interface, by its address: whichever has
+it, also when it was unplugged and comes back.
 
 `reachable_at` reads what came of it from the sockets themselves, and not from the settings.
 """
@@ -35,6 +36,7 @@ import pathlib
 import socket
 import struct
 import tempfile
+import threading
 from xml.sax import saxutils
 
 from rclpy.utilities import get_rmw_implementation_identifier
@@ -58,8 +60,12 @@ ANNOUNCEMENT = 0.5
 """Time between two announcements of this process to the others, seconds. A node that does not
 look for us (ROS's own SUBNET looks on the network only) finds us after so long."""
 
-PROCESSES = 32
-"""Maximum number of ROS processes on this machine that are told of this one."""
+PROCESSES = 120
+"""Maximum number of ROS processes on this machine, in one domain: a domain has no more ports."""
+
+CROWDED = 60
+"""Number of ROS processes on this machine, in one domain, from which officials are warned. Each
+announces itself to each: with 115, that took 1.6 processors."""
 
 HEARTBEAT = 0.1
 """How long a sender waits for an acknowledgement before it asks for one, in seconds: about how
@@ -79,7 +85,9 @@ _OVERRIDDEN = (
 )
 
 _FAST_DDS = """<?xml version="1.0" encoding="UTF-8"?>
-<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+<library_settings><intraprocess_delivery>{intraprocess}</intraprocess_delivery></library_settings>
+<profiles>
   <transport_descriptors>
     <transport_descriptor>
       <transport_id>graph</transport_id>
@@ -97,6 +105,7 @@ _FAST_DDS = """<?xml version="1.0" encoding="UTF-8"?>
         </discovery_config>
         {listening}
         <initialPeersList>{peers}</initialPeersList>
+        <mutation_tries>{processes}</mutation_tries>
       </builtin>
       <userTransports><transport_id>graph</transport_id></userTransports>
       <useBuiltinTransports>false</useBuiltinTransports>
@@ -106,6 +115,7 @@ _FAST_DDS = """<?xml version="1.0" encoding="UTF-8"?>
     <times><heartbeatPeriod><nanosec>{heartbeat_ns}</nanosec></heartbeatPeriod></times>
   </data_writer>
 </profiles>
+</dds>
 """
 
 # Named, so that no multicast is listened to: a socket for that hears every interface which any
@@ -136,8 +146,8 @@ class GraphError(RuntimeError):
     """The graph cannot be where it is to be; the text says why, and what to do."""
 
 
-class NoInterfaceError(GraphError):
-    """No interface has the address named by `INTERFACE` now; one may have it later."""
+class NotNowError(GraphError):
+    """The graph cannot be where it is to be now, and may be later."""
 
 
 def refuse_domain() -> None:
@@ -177,7 +187,8 @@ def bind_graph() -> None:
         os.environ.pop(name, None)
     # Of all ranges only this one leaves everything to what follows.
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
-    profile = _private_file(fast_dds_profile(interface))
+    # A call of a process to itself is to show that calls can come in (evgp_rcs.node).
+    profile = _private_file(fast_dds_profile(interface, intraprocess=False))
     os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = profile
     os.environ['FASTDDS_DEFAULT_PROFILES_FILE'] = profile
     # Otherwise a file of a certain name in the working directory would come on top.
@@ -192,18 +203,104 @@ def fence_graph() -> None:
 
     Call it as soon as there is a node: it is the first one that opens the sockets. An address
     alone is no fence, since Linux takes a datagram for any of its addresses at any interface.
+    From then on a thread follows the address named by `INTERFACE` to the interface that has it.
 
-    :raises GraphError: if no interface has the address named by `INTERFACE`.
+    :raises GraphError: if no interface has that address.
+    :raises NotNowError: if DDS found no port left to listen at.
     """
     while _profiles:
         _profiles.pop().close()  # DDS has read it
     named = _named_interface()
+    _fence(named)
+    with udp_sockets() as found:
+        listens = any(_is_read(each) for each, _ in found)
+    if not listens:
+        raise NotNowError(
+            'too many ROS processes run on this machine, so this one cannot be reached: a ROS '
+            f'domain has ports for {PROCESSES}. End some of them, or use another {DOMAIN}'
+        )
+    if named and named not in _followed:
+        _followed.add(named)
+        # Made here: it belongs to the network of the thread that makes it.
+        news = socket.socket(socket.AF_NETLINK, socket.SOCK_RAW)
+        news.bind((0, _ADDRESSES_OF_INTERFACES))
+        threading.Thread(target=_follow, args=(named, news), name='fence', daemon=True).start()
+
+
+_followed: set[str] = set()
+
+
+def _follow(named: str, news: socket.socket) -> None:
+    """Move the fence whenever an address of this machine comes or goes."""
+    while True:
+        _fence(named)
+        with contextlib.suppress(OSError):  # more came than it takes: look again
+            news.recv(65536)
+
+
+def _fence(named: str) -> None:
+    """Have each UDP socket hear loopback and the interface with this address, if there is one."""
     indices = [socket.if_nametoindex('lo')]
-    if named:
+    with contextlib.suppress(KeyError, OSError):  # it was unplugged
         indices.append(socket.if_nametoindex(_interfaces()[named]))
     with udp_sockets() as found:
-        for each, _ in found:
+        for each, bound in found:
             _attach_filter(each, indices)
+            if len(indices) > 1:
+                _renew_multicast(each, bound, named)
+
+
+def trouble_of_graph(domain: int) -> str:
+    """
+    Return what officials should know of this process's graph, as a sentence; empty: nothing.
+
+    It takes about a millisecond, and may be called in any thread.
+    """
+    named = os.environ.get(INTERFACE, '').strip()
+    if named and named not in _interfaces():
+        return (
+            f'No interface of this machine has the address {named} now, so consoles on other '
+            'machines cannot reach race control: plug it in, or stop karts from this machine'
+        )
+    count = count_processes(domain)
+    if count < CROWDED:
+        return ''
+    return (
+        f'{count} ROS processes run on this machine in domain {domain}, and there is room for '
+        f'{PROCESSES}: end those that are not needed, or a console may find no place'
+    )
+
+
+def count_processes(domain: int) -> int:
+    """Return the number of ROS processes (more exactly: contexts) of a domain on this machine."""
+    first = 7410 + 250 * domain
+    taken = {int(line[1].rpartition(':')[2], 16) for line in _lines(_NETWORK / 'udp')}
+    return len(taken.intersection(range(first, first + 2 * PROCESSES, 2)))
+
+
+class Inbox:
+    """
+    Whether this process reads what has come to its sockets of the graph.
+
+    Each has a thread of DDS that does nothing else. If that hangs, the oldest datagram stays.
+    """
+
+    def __init__(self) -> None:
+        """Begin with the sockets that there are."""
+        with udp_sockets() as found:
+            read = {os.fstat(each.fileno()).st_ino: each for each, _ in found if _is_read(each)}
+            self._sockets = [each.dup() for each in read.values()]
+        self._oldest = [(b'', 0)] * len(self._sockets)
+        for each in self._sockets:
+            each.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+
+    def unread(self) -> int:
+        """Return in how many looks in a row a datagram was found unread, this one included."""
+        for at, each in enumerate(self._sockets):
+            stamp = _oldest_arrival(each)
+            before, looks = self._oldest[at]
+            self._oldest[at] = stamp, (looks + 1 if stamp == before else 1) if stamp else 0
+        return max(looks for _, looks in self._oldest)
 
 
 def reachable_at() -> tuple[str, ...]:
@@ -283,11 +380,12 @@ def is_security_enforced() -> bool:
     )
 
 
-def fast_dds_profile(interface: str) -> str:
+def fast_dds_profile(interface: str, *, intraprocess: bool = True) -> str:
     """
     Return the profile for Fast DDS.
 
     :param interface: the address of the one besides loopback; empty: none.
+    :param intraprocess: whether what stays in a process goes past the sockets.
     """
     addresses = [LOOPBACK, *filter(None, [interface])]
     # Other machines are found by multicast, which goes to the interface only.
@@ -298,6 +396,7 @@ def fast_dds_profile(interface: str) -> str:
         announcement_ns=round(ANNOUNCEMENT * 1e9),
         heartbeat_ns=round(HEARTBEAT * 1e9),
         receive_buffer=RECEIVE_BUFFER_BYTES,
+        intraprocess='FULL' if intraprocess else 'OFF',
         listening='' if interface else _NO_MULTICAST.format(_LOCATOR.format(LOOPBACK)),
         peers=''.join(_LOCATOR.format(each) for each in peers),
     )
@@ -346,7 +445,7 @@ def _named_interface() -> str:
     """
     Return the address that `INTERFACE` names; empty: none but loopback.
 
-    :raises NoInterfaceError: if no interface of this machine has it now.
+    :raises NotNowError: if no interface of this machine has it now.
     :raises GraphError: if none ever can.
     """
     named = os.environ.get(INTERFACE, '').strip()
@@ -355,7 +454,7 @@ def _named_interface() -> str:
     known = _interfaces()
     if named not in known:
         others = [each for each in known if not ipaddress.IPv4Address(each).is_loopback]
-        raise (NoInterfaceError if _may_come(named) else GraphError)(
+        raise (NotNowError if _may_come(named) else GraphError)(
             f"no interface of this machine has the officials' address {named!r} "
             f'({INTERFACE}). Name one of: {", ".join(others) or "(there is none)"}'
         )
@@ -369,6 +468,8 @@ _NETWORK = pathlib.Path('/proc/thread-self/net')
 _SIOCGIFCONF = 0x8912
 _REQUEST_SIZE = 40  # of struct ifreq, on 64 bits
 _SO_ATTACH_FILTER = _SO_GET_FILTER = 26
+_SO_TIMESTAMPNS = 35
+_ADDRESSES_OF_INTERFACES = 0x10  # RTMGRP_IPV4_IFADDR
 _LOAD_INTERFACE = (0x20, 0, 0, 0xFFFFF000 + 8)  # BPF_LD | BPF_W | BPF_ABS, SKF_AD_IFINDEX
 _JUMP_IF_EQUAL = 0x15  # BPF_JMP | BPF_JEQ | BPF_K
 _RETURN = 0x06  # BPF_RET | BPF_K
@@ -415,6 +516,38 @@ def udp_sockets() -> Iterator[list[tuple[socket.socket, str]]]:
                 each = stack.enter_context(socket.socket(fileno=descriptor))
                 found.append((each, address))
         yield found
+
+
+def _is_read(each: socket.socket) -> bool:
+    """Return whether a socket is one that Fast DDS reads: it only sends by the others."""
+    return _sends_multicast_at(each) == '0.0.0.0'
+
+
+def _sends_multicast_at(each: socket.socket) -> str:
+    """Return the address that was set; Fast DDS sets one for the sockets by which it sends."""
+    return socket.inet_ntoa(each.getsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, 4))
+
+
+def _oldest_arrival(each: socket.socket) -> bytes:
+    """Return when what waits longest in a socket has come; empty: nothing waits."""
+    try:
+        what = socket.MSG_PEEK | socket.MSG_DONTWAIT
+        _, further, _, _ = each.recvmsg(1, socket.CMSG_SPACE(16), what)
+    except OSError:  # above all BlockingIOError
+        return b''
+    return next((data for _, kind, data in further if kind == _SO_TIMESTAMPNS), b'')
+
+
+def _renew_multicast(each: socket.socket, bound: str, named: str) -> None:
+    """Have a socket send and hear multicast at the interface that has this address now."""
+    if _sends_multicast_at(each) == named:
+        # The kernel keeps the number of the interface, not the address.
+        each.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(named))
+    elif _is_open(bound):
+        membership = socket.inet_aton(_DISCOVERY_GROUP) + socket.inet_aton(named)
+        for option in (socket.IP_DROP_MEMBERSHIP, socket.IP_ADD_MEMBERSHIP):
+            with contextlib.suppress(OSError):  # it is none, or the address is gone again
+                each.setsockopt(socket.IPPROTO_IP, option, membership)
 
 
 def _lines(path: pathlib.Path) -> list[list[str]]:

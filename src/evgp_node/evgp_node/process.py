@@ -25,7 +25,7 @@ import traceback
 from typing import Protocol
 
 from evgp_node.ending import end_within
-from evgp_node.graph import bind_graph, GraphError, NoInterfaceError
+from evgp_node.graph import bind_graph, GraphError, NotNowError
 from evgp_node.output import unwaiting_output
 from evgp_node.restarting import ENDING, IN_THE_WAY, WRONG_SETTING
 from evgp_node.spinning import Spinning
@@ -141,7 +141,7 @@ def _run(
     except RCLInvalidROSArgsError as error:
         print(f'{name}: {error}', file=sys.stderr)
         return WRONG_SETTING, rclpy.try_shutdown
-    except (NoInterfaceError, *obstacles) as error:
+    except (NotNowError, *obstacles) as error:
         print(f'{name}: {error}', file=sys.stderr)
         return IN_THE_WAY, rclpy.try_shutdown
     except (RCLError, GraphError, *refusals) as error:

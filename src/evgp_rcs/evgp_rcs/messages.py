@@ -60,6 +60,11 @@ def failure_alert(text: str, since_ns: int) -> msg.Alert:
     return msg.Alert(kind=msg.Alert.PART_FAILED, use_msr=True, text=text, since=stamp_of(since_ns))
 
 
+def graph_alert(text: str, since_ns: int) -> msg.Alert:
+    """Return the alert that consoles may not reach race control, likewise."""
+    return msg.Alert(kind=msg.Alert.GRAPH_TROUBLE, text=text, since=stamp_of(since_ns))
+
+
 def _availability(
     kind: CommandKind, reason: str, statement: str, karts: tuple[int, ...]
 ) -> msg.CommandAvailability:

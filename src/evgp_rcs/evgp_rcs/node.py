@@ -22,8 +22,8 @@ one starts it, and neither outlives the other. Each thread here has its own work
   answer: one for what stops karts, one for GREEN_GREEN, which may wait for the disk, and one for
   the rest. So no stop waits behind another call;
 - the client's thread (``kart_client``) hears the kart server;
-- one asks the thread that takes the stops again and again for a sign of life, which goes to the
-  kart server, and looks for another race control;
+- one calls this node again and again, as an official's program would, gives the kart server a sign
+  of life as long as the calls come in, and looks after the graph;
 - the teller's thread (``teller``) publishes the race and its events, and logs.
 """
 
@@ -33,7 +33,13 @@ import sys
 import threading
 from typing import Any
 
-from evgp_node.graph import GraphError, refuse_open_graph, where_reachable
+from evgp_node.graph import (
+    GraphError,
+    Inbox,
+    refuse_open_graph,
+    trouble_of_graph,
+    where_reachable,
+)
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
 from evgp_node.services import service_class
@@ -55,6 +61,7 @@ from evgp_rcs.rival import (
 from evgp_rcs.roster import RosterError
 from evgp_rcs.settings import read_settings
 from evgp_rcs.teller import Teller
+from evgp_rcs_msgs.srv import SignOfLife
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -65,7 +72,12 @@ needs no more than `RaceTimes.journal_timeout`; one that hangs is killed before.
 
 ALIVE_EVERY = 0.2
 """Time between two signs of life to the kart server, in seconds; after 1 s without one it sends
-RED_RED to every kart."""
+RED_RED to every kart. Also the time between two calls of race control to itself."""
+
+MOST_UNHEARD = 10
+"""Number of these calls in a row that may not have come in, or of looks that find something unread:
+what is more ends race control, after 2 s. They are counted, not timed: a process that was stopped
+called nobody."""
 
 SERVICE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -75,6 +87,10 @@ SERVICE_QOS = QoSProfile(
 )
 """Of the services. With ROS's usual depth of 10, the eleventh of a burst of stops would push the
 first out, unanswered. Not KEEP_ALL: a client that takes no answers must not hold up the others."""
+
+
+class DeafError(RuntimeError):
+    """What officials send does not come in any more."""
 
 
 class RcsNode(StrictNode):
@@ -112,8 +128,8 @@ class RcsNode(StrictNode):
         refuse_rivals(self)
         self._on_failure = on_failure
         self._failure = ''
-        self._rival = False
         self._closing = threading.Event()
+        self._calls = self._heard = 0
         self._asking = threading.Thread(target=self._ask, name='asking', daemon=True)
         self._teller = Teller(self, begin.roster, self._teller_failed, self._published, banner)
         self._server = KartServerClient(
@@ -167,21 +183,38 @@ class RcsNode(StrictNode):
         self._on_failure(error)
 
     def _ask(self) -> None:
+        inbox = Inbox()
         looked_at = -LOOK_AGAIN
-        while True:
-            self._ask_whether_alive.trigger()
-            if self._closing.wait(ALIVE_EVERY):
-                return
+        trouble = ''
+        rival = False
+        while not self._closing.is_set():
             if clock.now() - looked_at >= LOOK_AGAIN:
                 looked_at = clock.now()
-                self._rival = look_for_rivals(self)
+                rival = look_for_rivals(self)
+                before, trouble = trouble, trouble_of_graph(self.context.get_domain_id())
+                if trouble != before:
+                    self._teller.graph_trouble(trouble)
+            if max(self._calls - self._heard, inbox.unread()) > MOST_UNHEARD:
+                # No further sign of life either, should this not end it.
+                self._fail(
+                    'Race control no longer hears officials and sends RED_RED to every kart: use '
+                    'the MSR if a kart still moves',
+                    DeafError('what officials send does not come in through DDS'),
+                )
+                return
+            self._calls += 1
+            self._self_call.call_async(SignOfLife.Request(number=self._calls))
+            try:
+                self._server.alive(rival)
+            except KartServerError:
+                pass  # its end is noticed, and told, by the thread that hears it
+            self._closing.wait(ALIVE_EVERY)
 
-    def _say_alive(self) -> None:
-        """Tell the kart server that stops can be taken; called in the thread that takes them."""
-        try:
-            self._server.alive(self._rival)
-        except KartServerError:
-            pass  # its end is noticed, and told, by the thread that hears it
+    def _hear(self, request: Any, response: Any) -> Any:
+        """Take a call of this process to itself, in the thread that takes the stops."""
+        # Whoever else may call: it came in.
+        self._heard = max(self._heard, min(request.number, self._calls))
+        return response
 
     # ----- services -----------------------------------------------------------------------
 
@@ -190,9 +223,11 @@ class RcsNode(StrictNode):
         # services, so the stops have a node of their own.
         stops, starts = self._node_beside('stops'), self._node_beside('starts')
         self.beside = (stops, starts)
-        # Asked by a thread, as a timer would not do: some middlewares wait for one by the wall
-        # clock. That the thread of the stops answers shows that it can take a stop.
-        self._ask_whether_alive = stops.create_guard_condition(self._say_alive)
+        # From one node to another, through DDS's sockets and threads, as a stop comes in. A thread
+        # calls, as a timer would not do: some middlewares wait for one by the wall clock.
+        name = self.resolve_service_name('~/sign_of_life')
+        stops.create_service(SignOfLife, name, self._hear, qos_profile=SERVICE_QOS)
+        self._self_call = self.create_client(SignOfLife, name, qos_profile=SERVICE_QOS)
         for name, kinds in kinds_by_service().items():
             entry = CATALOGUE[kinds[0]]
             node = stops if entry.overtakes else starts if entry.needs_journal else self

@@ -38,6 +38,7 @@ from evgp_rcs.messages import (
     diagnostics_message,
     event_message,
     failure_alert,
+    graph_alert,
     race_message,
 )
 from evgp_rcs.official import said_by
@@ -107,7 +108,9 @@ class Teller:
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
         self._events = node.create_publisher(msg.RaceEvent, '~/events', EVENTS_QOS)
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
-        self._happened: queue.SimpleQueue[list[StampedEvent] | Copy | None] = queue.SimpleQueue()
+        self._happened: queue.SimpleQueue[list[StampedEvent] | Copy | str | None]
+        self._happened = queue.SimpleQueue()
+        self._graph_alerts: list[msg.Alert] = []
         self._thread = threading.Thread(target=self._run, name='teller', daemon=True)
         self._told_diagnostics = 0.0
         self._published = msg.Race()
@@ -120,6 +123,10 @@ class Teller:
     def race(self, copy: Copy) -> None:
         """Take a copy of the race, from any thread."""
         self._happened.put(copy)
+
+    def graph_trouble(self, text: str) -> None:
+        """Take, from any thread, what is wrong with the graph from now on; empty: nothing."""
+        self._happened.put(text)
 
     def start(self) -> None:
         """Begin to publish."""
@@ -166,6 +173,8 @@ class Teller:
                     ended = True
                 elif isinstance(news, Copy):
                     newest = news
+                elif isinstance(news, str):
+                    self._take_graph_trouble(news)
                 else:
                     waiting += news
             if len(waiting) > MOST_UNTOLD:
@@ -177,6 +186,14 @@ class Teller:
                     time.sleep(PAUSE)
             if newest is not None:
                 self._tell_race(newest)
+
+    def _take_graph_trouble(self, text: str) -> None:
+        self._graph_alerts = [graph_alert(text, time.time_ns())] if text else []
+        log = self._node.get_logger()
+        if text:
+            log.warning(text)
+        else:
+            log.info('The ROS graph is in order again')
 
     def _without_lesser(self, events: deque[StampedEvent]) -> deque[StampedEvent]:
         """Return the events that are told when there are too many to tell them all."""
@@ -205,6 +222,7 @@ class Teller:
         wall_ns = time.time_ns() - round((clock.now() - at) * 1e9)
         offered = offers(race, at)
         message = race_message(race, at, wall_ns, self._addresses, offered, self._banner)
+        message.alerts = [*message.alerts, *self._graph_alerts]
         self._race.publish(message)
         self._on_published(copy.number, digest(offered))
         self._published = message
