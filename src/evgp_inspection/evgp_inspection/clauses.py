@@ -43,6 +43,8 @@ class Clause:
     :ivar steps: the steps that show it; empty: the whole inspection does.
     :ivar limit: the name of its limit in `Limits`; empty: it has none.
     :ivar unless: clauses whose failure is the cause of this one's: it is not judged then.
+    :ivar starred: without it no inspection is passed: it is about whether the wheels turn or
+        stand, and not judged where nobody and nothing sees them.
     """
 
     name: str
@@ -55,14 +57,24 @@ class Clause:
     steps: tuple[str, ...]
     limit: str = ''
     unless: tuple[str, ...] = ()
+    starred: bool = False
 
 
 STANDING_STEPS = ('connect', 'standing', 'alone', 'pieces', 'ready', 'again', 'backlog')
-DRIVING_STEPS = ('race', 'red', 'silence', 'noise', 'fin', 'reset', 'half', 'restart')
-KART_STEPS = (*STANDING_STEPS, *DRIVING_STEPS, 'half_open')
-"""The steps of `inspect_kart`, in their order; in the first ones and the last, the kart stands."""
+KILLING_STEPS = ('bridge', 'stack')
+DRIVING_STEPS = (
+    *('race', 'red', 'flag_red', 'early', 'silence', 'noise'),
+    *('fin', 'reset', 'half', 'cut', 'restart', *KILLING_STEPS),
+)
+KART_STEPS = (*STANDING_STEPS, *DRIVING_STEPS[:-2], 'half_open', *KILLING_STEPS)
+"""The steps of `inspect_kart`, in their order; in those that are not `DRIVING_STEPS`, the kart
+stands. In the last two, a part of the kart's program is ended by force."""
 
 _MOVES = 'Fail: it says GREEN_GREEN, or the wheels turn.'
+_TURN_AFTER = (
+    'Fail: the wheels turn after it, or it comes faster than a kart at speed can stop '
+    '(fastest_stop).'
+)
 _STOPS = 'Fail: the wheels still turn when red_red has passed, or begin to slow down too late.'
 
 KART: tuple[Clause, ...] = (
@@ -75,6 +87,7 @@ KART: tuple[Clause, ...] = (
         'IN_GARAGE is sent when the kart connects, and again after a race.',
         _MOVES,
         ('connect', 'race'),
+        starred=True,
     ),
     Clause(
         'K-3A-02',
@@ -96,6 +109,7 @@ KART: tuple[Clause, ...] = (
         'GRID_ACTIVE is sent, and goes on after the kart has acknowledged it.',
         _MOVES,
         ('ready',),
+        starred=True,
     ),
     Clause(
         'K-3A-04',
@@ -118,6 +132,7 @@ KART: tuple[Clause, ...] = (
         'Fail: the wheels stand still when it says $GREEN_GREEN;.',
         ('race',),
         'green',
+        starred=True,
     ),
     Clause(
         'K-3A-06',
@@ -139,9 +154,9 @@ KART: tuple[Clause, ...] = (
         'Say it when it is **true**, not when you read it: on an acknowledged stop, people walk '
         'onto the track.',
         'The RED_FLAG acknowledgement of a driving kart is compared with its wheels.',
-        'Fail: the wheels turn after it, or it comes faster than a kart at speed can stop '
-        '(fastest_stop).',
+        _TURN_AFTER,
         ('race',),
+        starred=True,
     ),
     Clause(
         'K-3A-08',
@@ -153,6 +168,7 @@ KART: tuple[Clause, ...] = (
         _MOVES,
         ('race',),
         unless=('K-3A-07',),
+        starred=True,
     ),
     Clause(
         'K-3A-09',
@@ -174,9 +190,9 @@ KART: tuple[Clause, ...] = (
         'Say it when it is **true**, not when you read it: on an acknowledged stop, people walk '
         'onto the track.',
         'The RED_RED acknowledgement of a driving kart is compared with its wheels.',
-        'Fail: the wheels turn after it, or it comes faster than a kart at speed can stop '
-        '(fastest_stop).',
+        _TURN_AFTER,
         ('red',),
+        starred=True,
     ),
     Clause(
         'K-3A-11',
@@ -191,6 +207,44 @@ KART: tuple[Clause, ...] = (
         ('K-3A-02',),
     ),
     Clause(
+        'K-3A-12',
+        'RED_RED while RED_FLAG brakes: not acknowledged before it stands',
+        WIRE,
+        '§3.A',
+        'Say it when it is **true**, not when you read it: on an acknowledged stop, people walk '
+        'onto the track.',
+        'RED_RED is sent to a kart that brakes for RED_FLAG; its acknowledgement is compared with '
+        'its wheels.',
+        _TURN_AFTER,
+        ('flag_red',),
+        unless=('K-3A-07', 'K-3A-10'),
+        starred=True,
+    ),
+    Clause(
+        'K-3A-13',
+        'RED_RED: brakes harder than for RED_FLAG',
+        PROPOSAL,
+        '§3.A',
+        'RED_RED: The kart must immediately stop as quickly as possible.',
+        'The stops for RED_FLAG, for RED_RED, and for RED_RED while RED_FLAG brakes are compared.',
+        'Fail: for RED_RED it takes more than a part (harder) of the time that it takes for '
+        'RED_FLAG. Without odometry, the times to its words count.',
+        ('race', 'red', 'flag_red'),
+        unless=('K-3A-07', 'K-3A-10'),
+    ),
+    Clause(
+        'K-3A-14',
+        'RED_RED right after GREEN_GREEN: stops',
+        PROPOSAL,
+        '§3.A',
+        'RED_RED: The kart must immediately stop as quickly as possible.',
+        'RED_RED is sent 0.15 s after GREEN_GREEN.',
+        _STOPS,
+        ('early',),
+        'red_red',
+        starred=True,
+    ),
+    Clause(
         'K-3B-01',
         'GREEN_GREEN without GRID_ACTIVE: stands',
         WIRE,
@@ -199,6 +253,7 @@ KART: tuple[Clause, ...] = (
         'GREEN_GREEN is sent after IN_GARAGE, without GRID_ACTIVE.',
         _MOVES,
         ('alone',),
+        starred=True,
     ),
     Clause(
         'K-3B-02',
@@ -210,6 +265,7 @@ KART: tuple[Clause, ...] = (
         _MOVES,
         ('again',),
         unless=('K-3B-01',),
+        starred=True,
     ),
     Clause(
         'K-3B-03',
@@ -221,6 +277,7 @@ KART: tuple[Clause, ...] = (
         'Fail: it says GREEN_GREEN, or the wheels turn, and it has not said GRID_ACTIVE.',
         ('again',),
         unless=('K-3B-01', 'K-3B-02'),
+        starred=True,
     ),
     Clause(
         'K-3B-04',
@@ -232,6 +289,7 @@ KART: tuple[Clause, ...] = (
         _MOVES,
         ('race',),
         unless=('K-3A-08', 'K-3B-01', 'K-3B-02'),
+        starred=True,
     ),
     Clause(
         'K-3C-01',
@@ -244,6 +302,7 @@ KART: tuple[Clause, ...] = (
         _STOPS,
         ('fin',),
         'red_red',
+        starred=True,
     ),
     Clause(
         'K-3E-01',
@@ -255,6 +314,7 @@ KART: tuple[Clause, ...] = (
         _STOPS,
         ('silence',),
         'red_red',
+        starred=True,
     ),
     Clause(
         'K-3E-02',
@@ -267,6 +327,7 @@ KART: tuple[Clause, ...] = (
         _MOVES,
         ('silence',),
         unless=('K-3B-01', 'K-3B-02', 'K-3E-01'),
+        starred=True,
     ),
     Clause(
         'K-3E-03',
@@ -278,6 +339,7 @@ KART: tuple[Clause, ...] = (
         _STOPS,
         ('reset',),
         'red_red',
+        starred=True,
     ),
     Clause(
         'K-3E-04',
@@ -290,6 +352,7 @@ KART: tuple[Clause, ...] = (
         ('half',),
         'red_red',
         unless=('K-3C-01',),
+        starred=True,
     ),
     Clause(
         'K-3E-05',
@@ -302,6 +365,7 @@ KART: tuple[Clause, ...] = (
         _MOVES,
         ('fin', 'reset', 'half'),
         unless=('K-3B-01', 'K-3B-02', 'K-3C-01', 'K-3E-03', 'K-3E-04'),
+        starred=True,
     ),
     Clause(
         'K-3E-06',
@@ -315,6 +379,7 @@ KART: tuple[Clause, ...] = (
         _MOVES,
         ('restart',),
         unless=('K-3B-01', 'K-3B-02', 'K-3C-01', 'K-3E-05'),
+        starred=True,
     ),
     Clause(
         'K-3E-07',
@@ -328,6 +393,47 @@ KART: tuple[Clause, ...] = (
         ('noise',),
         'red_red',
         unless=('K-3E-01', 'K-4C-07', 'K-4C-08'),
+        starred=True,
+    ),
+    Clause(
+        'K-3E-08',
+        'RED_RED on a new connection: not acknowledged before it stands',
+        WIRE,
+        '§3.E',
+        'Say it when it is **true**, not when you read it: on an acknowledged stop, people walk '
+        'onto the track.',
+        'The connection is reset while the kart drives, and RED_RED is sent on the next one; its '
+        'acknowledgement is compared with its wheels.',
+        _TURN_AFTER,
+        ('cut',),
+        unless=('K-3A-10', 'K-3E-03', 'K-4C-12', 'K-4D-02'),
+        starred=True,
+    ),
+    Clause(
+        'K-3E-09',
+        'its program for race control is killed: stops',
+        PROPOSAL,
+        '§3.E',
+        'If a kart has disconnected (as described in Connection status) during the race, the '
+        'kart shall immediately enter the RED_RED state.',
+        'The program that is connected to race control (our bridge) is killed while the kart '
+        'drives.',
+        _STOPS,
+        ('bridge',),
+        'red_red',
+        starred=True,
+    ),
+    Clause(
+        'K-3E-10',
+        'its program that drives is killed: stops',
+        WIRE,
+        '§3.E',
+        'It must also brake if this program ends.',
+        'The program that commands the motors (the stack) is killed while the kart drives.',
+        _STOPS,
+        ('stack',),
+        'red_red',
+        starred=True,
     ),
     Clause(
         'K-4A-01',
@@ -437,6 +543,7 @@ KART: tuple[Clause, ...] = (
         _MOVES,
         ('ready',),
         unless=('K-3A-03',),
+        starred=True,
     ),
     Clause(
         'K-4C-08',
@@ -459,7 +566,7 @@ KART: tuple[Clause, ...] = (
         'All that the kart says is compared with what it is sent.',
         'Fail: it says the state of an earlier order after slack.',
         (),
-        unless=('K-4C-06', 'K-4C-07', 'K-4C-12'),
+        unless=('K-3A-14', 'K-4C-06', 'K-4C-07', 'K-4C-12'),
     ),
     Clause(
         'K-4C-10',
@@ -481,6 +588,7 @@ KART: tuple[Clause, ...] = (
         'Nothing is sent for a moment on the first connection.',
         'Fail: it says anything, or the wheels turn.',
         ('connect',),
+        starred=True,
     ),
     Clause(
         'K-4C-12',
@@ -602,4 +710,7 @@ def explain(clause: Clause) -> str:
 
 def listed(clauses: Iterable[Clause]) -> str:
     """Return one line for each clause."""
-    return '\n'.join(f'{each.name}  {each.section:5} {each.title}' for each in clauses)
+    return '\n'.join(
+        f'{each.name}{"*" if each.starred else " "} {each.section:5} {each.title}'
+        for each in clauses
+    )

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 import contextlib
 import dataclasses
 import datetime
@@ -29,16 +29,31 @@ import re
 import signal
 import sys
 import time
+from types import MappingProxyType
 from typing import Any, TypeAlias
 
 from evgp_inspection import rcs_judges, VERSION
-from evgp_inspection.clauses import Clause, explain, KART, KART_STEPS, listed, select
+from evgp_inspection.clauses import (
+    Clause,
+    explain,
+    KART,
+    KART_STEPS,
+    KILLING_STEPS,
+    listed,
+    select,
+)
 from evgp_inspection.drivers import Driver, Human
 from evgp_inspection.inspection import Exit, Inspection
 from evgp_inspection.inspector import AtTerminal, Inspector, Printer, RCS_FIRST, Unattended, WORD
 from evgp_inspection.judging import steps_for
 from evgp_inspection.kart_judges import judge
-from evgp_inspection.kart_steps import KartNeverCameError, KartSteps, NotStoppedError
+from evgp_inspection.kart_steps import (
+    Kill,
+    KILL,
+    KartNeverCameError,
+    KartSteps,
+    NotStoppedError,
+)
 from evgp_inspection.kart_wire import KartWire
 from evgp_inspection.limits import Limits, RcsLimits
 from evgp_inspection.odometry import listen, Take
@@ -332,6 +347,14 @@ def _kart_parser() -> argparse.ArgumentParser:
         help='the speed in place of eyes: "-" (lines "time speed" or "speed" on standard input), '
         'udp:[ADDRESS:]PORT, ros:/TOPIC (nav_msgs/Odometry), or a file or pipe',
     )
+    for part, what in (('bridge', 'is connected to race control'), ('stack', 'drives')):
+        add(
+            f'--kill-{part}',
+            metavar='COMMAND',
+            default='',
+            help=f'a shell command that kills the program of the kart that {what}, such as '
+            f'"ssh kart pkill -KILL {part}"; default: you are asked to',
+        )
     add('--unattended', action='store_true', help='ask nothing; needs --word')
     add('--word', default='', help=f'"{WORD}": wheels off the ground, MSR in hand')
     return parser
@@ -364,10 +387,38 @@ async def _inspect_kart(
             port=options.port,
             kart_address=options.kart_address,
             odometry=functools.partial(listen, options.odometry) if options.odometry else None,
+            kills=_kills(options, inspector, limits),
             listening=lambda port: printer.tell(
                 f'Waiting for the kart on port {port} for {limits.connect:g} s.'
             ),
         )
+
+
+def _kills(
+    options: argparse.Namespace, inspector: Inspector, limits: Limits
+) -> dict[str, Kill]:
+    """Return what kills the parts of the kart's program: commands, or the inspector's hand."""
+
+    async def ask(part: str) -> bool:
+        return bool(await inspector.ask(KILL[part], limits.connect))
+
+    async def run(command: str) -> bool:
+        running = await asyncio.create_subprocess_shell(command, stdin=asyncio.subprocess.DEVNULL)
+        try:
+            code = await asyncio.wait_for(running.wait(), limits.answer)
+        except (TimeoutError, asyncio.TimeoutError):
+            running.kill()
+            code = await running.wait()
+        if code:
+            inspector.tell(f'  !  This command failed ({code}): {command}')
+        return code == 0
+
+    commands = {part: getattr(options, f'kill_{part}') for part in KILLING_STEPS}
+    return {
+        part: functools.partial(run, command) if command else functools.partial(ask, part)
+        for part, command in commands.items()
+        if command or not options.unattended
+    }
 
 
 async def inspect(
@@ -379,6 +430,7 @@ async def inspect(
     port: int = 0,
     kart_address: str = '',
     odometry: Odometry | None = None,
+    kills: Mapping[str, Kill] = MappingProxyType({}),
     listening: Callable[[int], object] = lambda port: None,
 ) -> Inspection:
     """
@@ -389,6 +441,7 @@ async def inspect(
     :param port: where the kart connects; 0: the system chooses.
     :param kart_address: see `KartWire`.
     :param odometry: what begins to hand over speeds; None: there is no odometry.
+    :param kills: see `KartSteps`.
     :param listening: is called with the port once the kart may connect.
     :raises OSError: the port or the odometry cannot be used.
     """
@@ -408,7 +461,14 @@ async def inspect(
         await wire.listen(host, port)
         listening(wire.port)
         play = KartSteps(
-            recording, wire, inspector, limits, telling.step_done, steps, odometry is not None
+            recording,
+            wire,
+            inspector,
+            limits,
+            telling.step_done,
+            steps,
+            odometry is not None,
+            kills,
         )
         running = asyncio.get_running_loop().create_task(play.run())
         await first(running, stopping)

@@ -19,7 +19,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 
-from evgp_inspection.verdicts import Result, Verdict
+from evgp_inspection.verdicts import Result, Verdict, verdict_on
 
 
 class Exit(enum.IntEnum):
@@ -52,10 +52,9 @@ class Inspection:
     @property
     def exit_code(self) -> Exit:
         """Return the exit code."""
-        if not self.came:
-            return Exit.NOT_FINISHED
-        if any(each.verdict is Verdict.FAIL for each in self.results):
+        verdict = verdict_on(self.results)
+        if self.came and verdict is Verdict.FAIL:
             return Exit.FAILED
-        if not self.finished or all(each.verdict is Verdict.NOT_JUDGED for each in self.results):
-            return Exit.NOT_FINISHED
-        return Exit.PASSED
+        if self.came and self.finished and verdict is Verdict.PASS:
+            return Exit.PASSED
+        return Exit.NOT_FINISHED

@@ -25,6 +25,7 @@ Pure: no socket, no clock, no question. Three rules:
 from __future__ import annotations
 
 from collections.abc import Callable
+import math
 from typing import TypeAlias
 
 from evgp_inspection.clauses import Clause
@@ -42,6 +43,15 @@ STANDS, TURNS = 'the wheels stand still', 'the wheels turn'
 
 MOST_BYTES_A_SECOND = 4096 * 20
 """More bytes than this in one second are a flood."""
+
+ROLLING = 0.1
+"""Part of its highest speed at which a kart rolls, however it measures its standstill."""
+
+ODOMETRY_VARIES = 0.15
+"""By how much more odometry may be late than it was at the beginning of the same stop, s."""
+
+SOONER = 0.95
+"""Part of the time of a RED_FLAG stop after which a kart that nobody sees must say RED_RED."""
 
 EARLY = 0.05
 """A wait that ended this much before its limit was not cut short, s."""
@@ -184,37 +194,158 @@ def _stops(step: str, silent: bool) -> Judge:
             return NOT_DONE
         if not drove(trace, step, limits):
             return NOT_DRIVEN
-        due = (limits.silence if silent else 0.0) + limits.slack
-        limit = (limits.silence if silent else 0.0) + limits.red_red
-        speeds = [(at - lost.began, speed) for at, speed in lost.speeds]
-        answer = lost.answer(STANDS)
-        if speeds:
-            moving = [at for at, speed in speeds if moves(speed, limits)]
-            if not moving:
-                return not_judged('The wheels did not turn when the connection was lost.', lost)
-            highest = max((abs(speed) for _, speed in speeds))
-            fast = [at for at, speed in speeds if not abs(speed) < 0.9 * highest]
-            stood = next((at for at, _ in speeds if at > moving[-1]), None)
-            if stood is None and speeds[-1][0] < limit - limits.slack:
-                return not_judged('Odometry fell silent, or the check was cut short.', lost)
-            if stood is None or stood > limit + EARLY:
-                return failed(f'The wheels still turned after {speeds[-1][0]:.1f} s.', lost)
-            if fast[-1] > due:
-                why = f'It began to slow down after {fast[-1]:.2f} s only, not within {due:.2f} s.'
-                return failed(why, lost, measured=stood)
-            return passed(f'The wheels stood after {stood:.2f} s.', lost, measured=stood)
-        if answer is not None:
-            took = answer.at - lost.began
-            if not answer.value:
-                return failed('The inspector saw the wheels go on turning.', lost, measured=took)
-            if took > limit + 2 * limits.slack:
-                why = f'The inspector saw the wheels stand after {took:.1f} s only.'
-                return failed(why, lost, measured=took)
-            why = f'The inspector saw the wheels stand, {took:.1f} s after the loss at the latest.'
-            return passed(why, lost, measured=took)
-        return not_judged('Nobody saw the wheels.', lost)
+        if lost.speeds and not any(moves(speed, limits) for _, speed in lost.speeds):
+            return not_judged('The wheels did not turn when the connection was lost.', lost)
+        return _stops_in(lost, lost.began, limits.silence if silent else 0.0, limits)
 
     return judge_stop
+
+
+def _stops_in(section: Section, since: float, grace: float, limits: Limits) -> Finding:
+    """
+    Judge whether a kart comes to stand in a phase.
+
+    :param since: when it had to stop, s.
+    :param grace: time after that in which it need not know it yet, s.
+    """
+    due, limit = grace + limits.slack, grace + limits.red_red
+    speeds = [(at - since, speed) for at, speed in section.speeds]
+    moving = [at for at, speed in speeds if moves(speed, limits)]
+    stood = next((at for at, _ in speeds if not moving or at > moving[-1]), None)
+    answer = section.answer(STANDS)
+    if stood is not None:
+        stood = max(stood, 0.0)
+        highest = max(abs(speed) for _, speed in speeds)
+        fast = [at for at, speed in speeds if not abs(speed) < 0.9 * highest]
+        if stood > limit + EARLY:
+            why = f'The wheels stood after {stood:.1f} s only.'
+            return failed(why, section, measured=stood)
+        if moving and fast[-1] > due:
+            why = f'It began to slow down after {fast[-1]:.2f} s only, not within {due:.2f} s.'
+            return failed(why, section, measured=stood)
+        return passed(f'The wheels stood after {stood:.2f} s.', section, measured=stood)
+    if speeds and speeds[-1][0] >= limit - limits.slack:
+        return failed(f'The wheels still turned after {speeds[-1][0]:.1f} s.', section)
+    if answer is not None:
+        took = answer.at - since
+        if not answer.value:
+            return failed('The inspector saw the wheels go on turning.', section, measured=took)
+        # Where odometry fell silent, the question came late.
+        if not speeds and took > limit + 2 * limits.slack:
+            why = f'The inspector saw the wheels stand after {took:.1f} s only.'
+            return failed(why, section, measured=took)
+        why = f'The inspector saw the wheels stand, after {took:.1f} s at the latest.'
+        return passed(why, section, measured=took)
+    if speeds:
+        return not_judged('Odometry fell silent, or the check was cut short.', section)
+    return not_judged('Nobody saw the wheels.', section)
+
+
+def _stops_early(trace: Trace, limits: Limits) -> Finding:
+    section = trace.called('early/red')
+    order = None if section is None else section.order(RED_RED)
+    if section is None or order is None:
+        return NOT_DONE
+    return _stops_in(section, order.at, 0.0, limits)
+
+
+def _killed(step: str) -> Judge:
+    """Judge whether a kart that drives stops when a part of its program is killed."""
+
+    def judge_stop(trace: Trace, limits: Limits) -> Finding:
+        section = trace.called(f'{step}/kill')
+        killed = [] if section is None else section.of(Kind.KILLED)
+        if section is None or not killed:
+            return not_judged(f'It was not killed: an inspector does that, or --kill-{step}.')
+        if not drove(trace, step, limits):
+            return NOT_DRIVEN
+        # Who killed it says so a little later; a connection that ends does so at once.
+        since = min(event.at for event in (killed[0], *section.of(Kind.CLOSED)))
+        return _stops_in(section, since, limits.silence, limits)
+
+    return judge_stop
+
+
+def _fell(speeds: list[tuple[float, float]], level: float) -> float | None:
+    """Return when the speed fell below a level for the last time, s; None: it did not."""
+    above = [place for place, (_, speed) in enumerate(speeds) if speed >= level]
+    if not above or above[-1] + 1 == len(speeds):
+        return None
+    (at, speed), (then, lower) = speeds[above[-1]], speeds[above[-1] + 1]
+    return at + (then - at) * (speed - level) / max(speed - lower, 1e-9)
+
+
+def _falling(speeds: list[tuple[float, float]], top: float) -> float | None:
+    """Return how long it took to slow down from most of a speed to little of it, s."""
+    fast, slow = _fell(speeds, 0.8 * top), _fell(speeds, 0.2 * top)
+    return None if fast is None or slow is None else slow - fast
+
+
+def _finite(section: Section) -> list[tuple[float, float]]:
+    return [(at, abs(speed)) for at, speed in section.speeds if math.isfinite(speed)]
+
+
+def _lag(section: Section, limits: Limits) -> float:
+    """
+    Return how late odometry is in a stop, at most, s.
+
+    No kart brakes before it is told to, so odometry is no later than what it shows of that.
+    """
+    speeds = _finite(section)
+    highest = max((speed for _, speed in speeds), default=0.0)
+    slower, half = _fell(speeds, 0.8 * highest), _fell(speeds, 0.5 * highest)
+    if not highest or slower is None or half is None:
+        return limits.slack
+    began = slower - (half - slower) * (0.2 / 0.3)
+    return min(max(began - section.began, 0.0) + ODOMETRY_VARIES, limits.slack)
+
+
+def _brakes_harder(trace: Trace, limits: Limits) -> Finding:
+    flag, red = trace.called('race/red_flag'), trace.called('red/red')
+    if flag is None or red is None:
+        return NOT_DONE
+    if not (drove(trace, 'race', limits) and drove(trace, 'red', limits)):
+        return NOT_DRIVEN
+    if not (flag.speeds and red.speeds):
+        return _says_so_sooner(flag, red)
+    both = trace.called('flag_red/red')
+    order = None if both is None else both.order(RED_RED)
+    gentle = _finite(flag)
+    compared: list[tuple[float, float]] = []  # for RED_RED, for RED_FLAG
+    for section, since in ((red, red.began), (both, order.at if order else 0.0)):
+        if section is None or not since:
+            continue
+        begins = section.began if section is red else since + _lag(section, limits)
+        hard = [each for each in _finite(section) if each[0] >= begins]
+        highest = max((speed for _, speed in gentle), default=0.0)
+        top = min(max((speed for _, speed in hard), default=0.0), highest)
+        if top < 2 * ROLLING * highest:
+            continue  # it stood nearly
+        took, took_gently = _falling(hard, top), _falling(gentle, top)
+        if took is not None and took_gently is not None:
+            compared.append((took, took_gently))
+    if not compared:
+        return not_judged('No two stops could be measured.', flag, red)
+    hardly, gently = max(compared, key=lambda each: each[0] / max(each[1], 1e-9))
+    shown = [each for each in (flag, red, both) if each is not None]
+    why = f'From the same speed it stops in {hardly:.2f} s for RED_RED, {gently:.2f} s for RED_FLAG.'
+    if hardly > limits.harder * gently:
+        return failed(why, *shown, measured=hardly)
+    return passed(why, *shown, measured=hardly)
+
+
+def _says_so_sooner(flag: Section, red: Section) -> Finding:
+    took: list[float] = []
+    for section, state in ((flag, RED_FLAG), (red, RED_RED)):
+        order = section.order(state)
+        word = None if order is None else section.acknowledgement(order)
+        if order is None or word is None:
+            return not_judged('It did not acknowledge.', section)
+        took.append(word.at - order.at)
+    why = f'It says that it stands after {took[0]:.2f} s for RED_FLAG, {took[1]:.2f} s for RED_RED.'
+    if took[1] > SOONER * took[0]:
+        return failed(why, flag, red, measured=took[1])
+    return passed(why, flag, red, measured=took[1])
 
 
 def _true(state: RaceState, step: str, phase: str) -> Judge:
@@ -233,16 +364,20 @@ def _true(state: RaceState, step: str, phase: str) -> Judge:
         took = word.at - order.at
         speeds = section.speeds
         late = [(at, speed) for at, speed in speeds if at > word.at + limits.slack]
-        for at, speed in late:
-            if moves(speed, limits):
+        lag = _lag(section, limits)
+        rolling = ROLLING * max((speed for _, speed in _finite(section)), default=0.0)
+        for at, speed in speeds:
+            if (at > word.at + limits.slack and moves(speed, limits)) or (
+                at > word.at + lag and abs(speed) > max(rolling, limits.standstill)
+            ):
                 why = (
                     f'It said ${state.value}; after {took:.3f} s; {at - word.at:.2f} s later, '
                     f'odometry says {speed:.2f} m/s.'
                 )
                 return failed(why, section, measured=took)
-        before = [speed for at, speed in speeds if at <= order.at + limits.slack]
+        before = [speed for at, speed in speeds if at <= section.began + limits.slack]
         at_speed = not speeds or (bool(before) and moves(before[0], limits))
-        if at_speed and took < limits.fastest_stop:
+        if at_speed and word.at - section.began < limits.fastest_stop:
             why = f'It said ${state.value}; after {took:.3f} s: no kart at speed stops that fast.'
             return failed(why, section, measured=took)
         answer = section.answer(STANDS)
@@ -495,6 +630,9 @@ JUDGES: dict[str, Judge] = {
     'K-3A-09': _stops_when_told,
     'K-3A-10': _true(RED_RED, 'red', 'red'),
     'K-3A-11': _acknowledges(GRID_ACTIVE, 'grid', 'again/grid'),
+    'K-3A-12': _true(RED_RED, 'flag_red', 'red'),
+    'K-3A-13': _brakes_harder,
+    'K-3A-14': _stops_early,
     'K-3B-01': _stands('alone/green'),
     'K-3B-02': _stands('again/green', needs=_acknowledged(GRID_ACTIVE, 'again/grid')),
     'K-3B-03': _waits_for_its_own_word,
@@ -509,6 +647,9 @@ JUDGES: dict[str, Judge] = {
     ),
     'K-3E-06': _stands('restart/away', 'restart/back', needs=_drove('restart')),
     'K-3E-07': _stops('noise', silent=True),
+    'K-3E-08': _true(RED_RED, 'cut', 'lost'),
+    'K-3E-09': _killed('bridge'),
+    'K-3E-10': _killed('stack'),
     'K-4A-01': _connects,
     'K-4A-02': _one_connection,
     'K-4C-01': _says_frames,

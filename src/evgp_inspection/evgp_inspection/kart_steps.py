@@ -26,10 +26,13 @@ acknowledge RED_RED, or sees it late, is not made to drive again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+import asyncio
+from collections.abc import Awaitable, Callable, Collection, Mapping
 import functools
+from types import MappingProxyType
+from typing import TypeAlias
 
-from evgp_inspection.clauses import DRIVING_STEPS, KART_STEPS
+from evgp_inspection.clauses import DRIVING_STEPS, KART_STEPS, KILLING_STEPS
 from evgp_inspection.inspector import Inspector
 from evgp_inspection.kart_judges import drove, moves, STANDS, started, TURNS
 from evgp_inspection.kart_wire import (
@@ -85,6 +88,24 @@ MOMENT = 0.2
 SHORT_SILENCE = 0.4
 """Part of `silence` for which a new connection is sent nothing: not a silence yet."""
 
+EARLY_STOP = 0.15
+"""Time from GREEN_GREEN to the RED_RED that must stop a kart which has hardly begun, s."""
+
+FLAG_BRAKES = 0.8
+"""Part of its highest speed to which RED_FLAG brakes a kart before RED_RED comes."""
+
+FLAG_ALONE = 1.0
+"""Maximum time for which RED_FLAG brakes alone, s; where nobody measures, a third of it."""
+
+Kill: TypeAlias = Callable[[], Awaitable[bool]]
+"""Kills a part of the kart's program; returns whether it is killed."""
+
+KILL = {
+    'bridge': "Kill (kill -9) the kart's program that is connected to race control. Killed?",
+    'stack': "Kill (kill -9) the kart's program that commands the motors. Killed?",
+}
+"""What the inspector is asked to kill while the kart drives."""
+
 START_KART_AGAIN = "Then end the kart's program and start it again. Is it started?"
 """What the inspector is asked about a kart that does not connect again."""
 
@@ -103,6 +124,8 @@ class KartSteps:
 
     :param wanted: the names of the steps to be done.
     :param seen: whether odometry is expected.
+    :param kills: what kills the parts of the kart's program, by the names of `KILLING_STEPS`; a
+        step for which there is none is not done.
     :param step_done: is called after each step with its name.
     """
 
@@ -115,6 +138,7 @@ class KartSteps:
         step_done: Callable[[str], None],
         wanted: Collection[str] = KART_STEPS,
         seen: bool = False,
+        kills: Mapping[str, Kill] = MappingProxyType({}),
     ) -> None:
         self.hindrance = ''
         self._recording = recording
@@ -125,6 +149,8 @@ class KartSteps:
         self._step_done = step_done
         self._wanted = wanted
         self._seen = seen
+        self._kills = kills
+        self._speechless = False  # what acknowledges was killed
 
     async def run(self) -> None:
         """
@@ -143,19 +169,26 @@ class KartSteps:
             'backlog': self._backlog,
             'race': self._race,
             'red': self._red,
+            'flag_red': self._flag_red,
+            'early': self._early,
             'silence': self._silence,
             'noise': self._noise,
             'fin': self._fin,
             'reset': self._reset,
             'half': self._half,
+            'cut': self._cut,
             'restart': self._restart,
             'half_open': self._half_open,
+            'bridge': self._bridge,
+            'stack': self._stack,
         }
         try:
             for name, step in steps.items():
                 if name not in self._wanted and name != 'connect':
                     continue
                 if name in DRIVING_STEPS and self.hindrance:
+                    continue
+                if name in KILLING_STEPS and name not in self._kills:
                     continue
                 await step()
                 self._step_done(name)
@@ -177,8 +210,9 @@ class KartSteps:
 
     async def _ask(self, question: str) -> bool | None:
         """Have the inspector look, unless odometry does; return the answer, if there is one."""
-        if self._seen:
-            return None
+        return None if self._seen else await self._look(question)
+
+    async def _look(self, question: str) -> bool | None:
         answer = await self._inspector.ask(f'Do {question}?', self._limits.answer)
         if answer is not None:
             self._recording.note(Kind.ANSWER, text=question, value=float(answer))
@@ -246,13 +280,16 @@ class KartSteps:
             self.hindrance = 'The kart has not acknowledged GRID_ACTIVE.'
         return ready
 
+    async def _announce(self, step: str) -> None:
+        self._inspector.tell(f'\a  !  THE KART DRIVES NOW ({step}).')
+        await self._watch(self._limits.warning)
+
     async def _drive(self, step: str) -> bool:
         """Have the kart drive for a while; return whether it does."""
         limits = self._limits
         if not await self._grid(step):
             return False
-        self._inspector.tell(f'\a  !  THE KART DRIVES NOW ({step}).')
-        await self._watch(limits.warning)
+        await self._announce(step)
         self._phase(f'{step}/green')
         self._wire.order(GREEN_GREEN)
         section = self._trace.now
@@ -393,6 +430,37 @@ class KartSteps:
             await self._ask(STANDS)
         await self._stop('red/end')
 
+    async def _flag_red(self) -> None:
+        limits = self._limits
+        if await self._drive('flag_red'):
+            self._phase('flag_red/red')
+            section = self._trace.now
+            self._wire.order(RED_FLAG)
+
+            def slower() -> bool:
+                speeds = [speed for _, speed in section.speeds]
+                return bool(speeds) and speeds[-1] < FLAG_BRAKES * max(speeds)
+
+            await self._until(slower, FLAG_ALONE if self._seen else FLAG_ALONE / 3)
+            self._wire.order(RED_RED)
+            await self._acknowledged(RED_RED, limits.red_red)
+            await self._until(lambda: None, 2 * limits.slack)  # its wheels are watched
+            await self._ask(STANDS)
+        await self._stop('flag_red/end')
+
+    async def _early(self) -> None:
+        limits = self._limits
+        if await self._grid('early'):
+            await self._announce('early')
+            self._phase('early/green')
+            self._wire.order(GREEN_GREEN)
+            await self._until(lambda: None, EARLY_STOP)
+            self._phase('early/red')
+            self._wire.order(RED_RED)
+            await self._comes_to_stand(limits.red_red)
+            await self._until(lambda: None, 2 * limits.slack)  # its wheels are watched
+        await self._stop('early/end')
+
     async def _silence(self) -> None:
         await self._lose('silence', self._wire.fall_silent, silent=True)
 
@@ -440,6 +508,17 @@ class KartSteps:
                 )
         await self._stop(f'{step}/red')
 
+    async def _cut(self) -> None:
+        limits = self._limits
+        if await self._drive('cut'):
+            self._phase('cut/lost')
+            self._wire.reset()
+            self._wire.order(RED_RED)
+            if await self._connected() and await self._acknowledged(RED_RED, limits.red_red):
+                await self._until(lambda: None, 2 * limits.slack)  # its wheels are watched
+                await self._ask(STANDS)
+        await self._stop('cut/red')
+
     async def _restart(self) -> None:
         limits = self._limits
         if await self._drive('restart'):
@@ -463,6 +542,40 @@ class KartSteps:
         await self._until(lambda: self._wire.newest > newest, self._limits.reconnect)
         await self._stop('half_open/end')
 
+    async def _bridge(self) -> None:
+        if await self._drive('bridge'):
+            await self._kill('bridge')
+        await self._stop('bridge/red')
+
+    async def _stack(self) -> None:
+        self._speechless = await self._drive('stack') and await self._kill('stack')
+        if not self._speechless:
+            await self._stop('stack/red')
+
+    async def _kill(self, part: str) -> bool:
+        """Kill a part of the program of a kart that drives; return whether it was killed."""
+        limits = self._limits
+        self._phase(f'{part}/kill')
+        section = self._trace.now
+        killing = asyncio.ensure_future(self._kills[part]())
+        try:
+            await self._until(
+                lambda: killing.done() or section.of(Kind.CLOSED), limits.connect + limits.answer
+            )
+            if section.of(Kind.CLOSED):
+                self._wire.send(nothing())  # to a new connection, for now
+            done = await killing
+        finally:
+            killing.cancel()
+        if not done:
+            return False
+        self._recording.note(Kind.KILLED, text=part)
+        if not await self._comes_to_stand(limits.silence + limits.red_red):
+            silent = self._recording.now - section.speeds[-1][0] if section.speeds else 0.0
+            if silent <= limits.slack or not await self._look(STANDS):
+                self._inspector.tell('\a  !  THE WHEELS ARE NOT SEEN TO STAND. USE THE MSR.')
+        return True
+
     # ----- the end --------------------------------------------------------------------------
 
     async def _end(self) -> None:
@@ -478,7 +591,9 @@ class KartSteps:
         except OSError as error:
             self._inspector.tell(f'  !  The port is gone: {error}')
         await self._until(lambda: None, self._limits.hold)
-        if not self._trace.acknowledged(RED_RED):
+        if self._speechless:
+            self._inspector.tell('  What drives the kart was killed. LOOK WHETHER IT STANDS.')
+        elif not self._trace.acknowledged(RED_RED):
             self._inspector.tell('\a  !  THE KART HAS NOT SAID THAT IT STANDS. USE THE MSR.')
         else:
             self._inspector.tell('  RED_RED was sent last, and the kart says that it stands.')

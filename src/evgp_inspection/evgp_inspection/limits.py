@@ -47,6 +47,7 @@ class Limits:
     watch: float = _limit(1.5, 'time for which the kart is watched doing nothing')
     slack: float = _limit(0.5, 'delay allowed to odometry, network and reaction')
     fastest_stop: float = _limit(0.1, 'minimum time that a kart at speed needs to stop')
+    harder: float = _limit(0.8, 'maximum part of the time of a RED_FLAG stop for RED_RED')
     fast: float = _limit(3.0, 'time for which 100 frames a second are sent')
     answer: float = _limit(20.0, 'maximum time to wait for an answer of the inspector')
     warning: float = _limit(1.0, 'time between the announcement and the start of a drive')

@@ -26,7 +26,7 @@ from xml.etree import ElementTree
 
 from evgp_inspection import VERSION
 from evgp_inspection.traces import describe
-from evgp_inspection.verdicts import Result, Verdict
+from evgp_inspection.verdicts import Result, Verdict, verdict_on
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,9 +60,8 @@ def counts(results: Sequence[Result]) -> dict[Verdict, int]:
 def summary(results: Sequence[Result]) -> str:
     """Return the whole in one line."""
     many = counts(results)
-    word = 'FAIL' if many[Verdict.FAIL] else 'PASS' if many[Verdict.PASS] else 'NOT JUDGED'
     return (
-        f'{word}: {many[Verdict.PASS]} passed, {many[Verdict.FAIL]} failed, '
+        f'{verdict_on(results).value.upper()}: {many[Verdict.PASS]} passed, {many[Verdict.FAIL]} failed, '
         f'{many[Verdict.NOT_JUDGED]} not judged'
     )
 
@@ -113,7 +112,7 @@ def as_json(header: Header, results: Sequence[Result]) -> str:
     whole = {
         **dataclasses.asdict(header),
         'version': VERSION,
-        'verdict': summary(results).partition(':')[0].lower(),
+        'verdict': verdict_on(results).value,
         'counts': {verdict.value: many for verdict, many in counts(results).items()},
         'checks': checks,
     }

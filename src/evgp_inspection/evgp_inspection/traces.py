@@ -48,6 +48,7 @@ class Kind(enum.Enum):
     HELD_UP = 'held up'  # the inspecting computer itself was late; `value` in s
     COMMAND = 'command'  # to race control; `text` names it, `value` 1: at this very moment
     ANSWERED = 'command answered'  # `value` 1 if it was accepted, else 0; `text` says why not
+    KILLED = 'killed'  # a part of the kart's program, by force; `text` names it
     SILENT = 'silent'  # from here on, the inspection sends no frame; `text` says what instead
 
 
@@ -283,5 +284,6 @@ _DESCRIBED: dict[Kind, Callable[[Event], str]] = {
     Kind.ANSWERED: lambda event: (
         f'answered: {"accepted" if event.value else "refused"} {event.text}'
     ),
+    Kind.KILLED: lambda event: f'the {event.text} of the kart was killed',
     Kind.SILENT: lambda event: f'no frame from here on: {event.text}',
 }

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import dataclasses
 import enum
 
@@ -63,3 +64,16 @@ class Result:
     def verdict(self) -> Verdict:
         """Return the verdict."""
         return self.finding.verdict
+
+
+def verdict_on(results: Sequence[Result]) -> Verdict:
+    """
+    Return the verdict on the whole.
+
+    It is no pass if a starred clause was not judged: nobody knows whether the wheels stood.
+    """
+    found = {each.verdict for each in results}
+    if Verdict.FAIL in found:
+        return Verdict.FAIL
+    unseen = any(each.clause.starred and each.verdict is Verdict.NOT_JUDGED for each in results)
+    return Verdict.NOT_JUDGED if unseen or Verdict.PASS not in found else Verdict.PASS

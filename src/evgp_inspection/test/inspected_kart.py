@@ -33,6 +33,9 @@ LATE_TURN = 0.05
 """A turn of a kart that takes longer says that it got no processor, s. Of two halves of a frame,
 0.07 s apart, it may then have seen one frame."""
 ACCELERATION, BRAKING, TOP = 20.0, 12.0, 6.0  # m/s², m/s²: it stops in 0.5 s, m/s
+FLAG_BRAKING = 6.0  # m/s²
+UNCOMMANDED = 0.3  # s: then the base brakes by itself
+DEAF = 1.2  # s
 RETRY = 0.1  # s
 
 FAULTS = {
@@ -47,6 +50,10 @@ FAULTS = {
     'never acknowledges RED_RED after a drive': 'K-3A-09',
     'echoes RED_RED': 'K-3A-10',
     'is ready only once': 'K-3A-11',
+    'acknowledges RED_RED while RED_FLAG brakes': 'K-3A-12',
+    'brakes for RED_RED as for RED_FLAG': 'K-3A-13',
+    'brakes on as for RED_FLAG when RED_RED comes': 'K-3A-13',
+    'is deaf after GREEN_GREEN': 'K-3A-14',
     'obeys every GREEN_GREEN': 'K-3B-01',
     'RED_RED does not disarm it': 'K-3B-02',
     'is armed by hearing GRID_ACTIVE': 'K-3B-03',
@@ -59,6 +66,9 @@ FAULTS = {
     'a lost connection does not disarm it': 'K-3E-05',
     'a race control that is away arms it': 'K-3E-06',
     'takes malformed bytes for life': 'K-3E-07',
+    'acknowledges RED_RED on a new connection while it rolls': 'K-3E-08',
+    'drives on without its bridge': 'K-3E-09',
+    'drives on without its stack': 'K-3E-10',
     'opens two connections': 'K-4A-02',
     'says malformed frames': 'K-4C-01',
     'needs a whole frame in each read': 'K-4C-02',
@@ -108,6 +118,7 @@ class InspectedKart:
         self._loop = asyncio.get_running_loop()
         self._link: socket.socket | None = None
         self._links = 0
+        self._orders = 0  # on this connection
         self._commanded: RaceState | None = None
         self._before: RaceState | None = None
         self._ordered_at = self._heard_at = 0.0
@@ -128,6 +139,9 @@ class InspectedKart:
         self._frame_times: list[float] = []
         self._errors_only = False
         self._silent_kept = False
+        self._deaf_until = 0.0
+        self._bridge_killed = False
+        self._stack_died_at: float | None = None
         self.held_up = False
 
     async def run(self) -> None:
@@ -161,11 +175,22 @@ class InspectedKart:
                 second.close()
             await asyncio.gather(ticking, return_exceptions=True)
 
+    async def kill_bridge(self) -> bool:
+        """Have what is connected die; it is started again."""
+        self._bridge_killed = True
+        return True
+
+    async def kill_stack(self) -> bool:
+        """Have what drives die; the base is left."""
+        self._stack_died_at = self._loop.time()
+        return True
+
     # ----- the connection ------------------------------------------------------------------
 
     async def _serve(self, link: socket.socket) -> None:
         self._link = link
         self._links += 1
+        self._orders = 0
         self._decoder = FrameDecoder()
         self._pending.clear()
         self._reset = False
@@ -199,6 +224,10 @@ class InspectedKart:
             now = self._loop.time()
             self.held_up = self.held_up or now - turn_at > LATE_TURN
             turn_at = now
+            if self._bridge_killed:
+                self._lost('killed')
+                self._bridge_killed = False
+                return
             if now - self._heard_at >= self._silence:
                 if not self._is['keeps a silent connection']:
                     self._lost('silent')
@@ -272,7 +301,10 @@ class InspectedKart:
             (how == 'closed' and self._is['drives on after FIN'])
             or (how == 'silent' and self._is['drives on in silence'])
             or (how == 'reset' and self._is['drives on after RST'])
-        ) and self._obeyed is GREEN_GREEN
+            or (how == 'killed' and self._is['drives on without its bridge'])
+        ) and self._obeyed is GREEN_GREEN or (
+            self._goes_on and self._is['drives on without its bridge']
+        )
 
     def _take_in(self, data: bytes) -> bool:
         now = self._loop.time()
@@ -298,6 +330,8 @@ class InspectedKart:
     def _heard(self, state: RaceState, now: float) -> None:
         self._heard_at = now
         self.last_heard = encode(state)
+        if now < self._deaf_until:
+            return
         if self._is['takes 10 Hz for silence']:
             self._frame_times = [*self._frame_times[-40:], now]
         self._goes_on = False
@@ -307,6 +341,9 @@ class InspectedKart:
         if state is self._commanded:
             return
         before, self._before, self._commanded = self._commanded, self._commanded, state
+        if self._is['is deaf after GREEN_GREEN'] and state is GREEN_GREEN and self._armed:
+            self._deaf_until = now + DEAF
+        self._orders += 1
         self._ordered_at = now
         self._reached_at = None
         self._grid_said = False
@@ -366,13 +403,27 @@ class InspectedKart:
         rolls = self._reached_at is not None and now - self._reached_at > 1.1
         if self._is['rolls off after RED_FLAG'] and obeyed is RED_FLAG and rolls:
             target = 0.5
+        died = self._stack_died_at
+        if died is not None and now - died > UNCOMMANDED:
+            target = TOP if self._is['drives on without its stack'] else 0.0
+        gently = obeyed is RED_FLAG or (
+            obeyed is RED_RED
+            and (
+                self._is['brakes for RED_RED as for RED_FLAG']
+                or (
+                    self._is['brakes on as for RED_FLAG when RED_RED comes']
+                    and self._before is RED_FLAG
+                )
+            )
+        )
+        braking = FLAG_BRAKING if gently and died is None else BRAKING
         change = target - self.speed
         # Where this computer is busy, a step is longer.
         step, self._ticked_at = now - self._ticked_at, now
-        self.speed += max(-BRAKING * step, min(ACCELERATION * step, change))
+        self.speed += max(-braking * step, min(ACCELERATION * step, change))
         self._drove = self._drove or self.speed > 1.0
         self._take(self.speed)
-        if self._commanded is not None:
+        if self._commanded is not None and died is None:
             self._acknowledge(obeyed, now, since, step)
 
     def _acknowledge(self, obeyed: RaceState, now: float, since: float, step: float) -> None:
@@ -388,6 +439,17 @@ class InspectedKart:
         if self._is['creeps on the grid'] and obeyed is GRID_ACTIVE:
             reached = True
         if self._is['says that it drives before it does'] and obeyed is GREEN_GREEN:
+            reached = True
+        if obeyed is RED_RED and (
+            (
+                self._is['acknowledges RED_RED while RED_FLAG brakes']
+                and self._before is RED_FLAG
+            )
+            or (
+                self._is['acknowledges RED_RED on a new connection while it rolls']
+                and self._orders == 1
+            )
+        ):
             reached = True
         if not reached or self._keeps_quiet(obeyed):
             return
