@@ -109,9 +109,7 @@ def _connected(own: Sequence[RecordedEvent], cut: Cut) -> list[Finding]:
     return [Finding(True, f'came back {waited:.1f} s after the incident ended its connection')]
 
 
-def _obeyed(
-    own: Sequence[RecordedEvent], index: int, cut: Cut, until: float
-) -> list[Finding]:
+def _obeyed(own: Sequence[RecordedEvent], index: int, cut: Cut, until: float) -> list[Finding]:
     """Return how a kart acknowledged one order; nothing if it had no time to."""
     order = own[index]
     assert order.state is not None
@@ -131,9 +129,7 @@ def _obeyed(
     text = f'acknowledged {order.state} after {took:.2f} s'
     raced = _raced_until(own[: index + 1], cut) if order.state in _REDS else None
     if raced is not None and said.monotonic - raced < TOO_SOON:
-        return [
-            Finding(False, f'{text}, and raced until then: no kart stands still so soon')
-        ]
+        return [Finding(False, f'{text}, and raced until then: no kart stands still so soon')]
     return [Finding(took <= limit, f'{text} (limit {limit:g} s)')]
 
 
