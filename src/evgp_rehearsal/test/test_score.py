@@ -38,7 +38,7 @@ def sheet(
     """Return the line for commands, each with its time after the beginning, in seconds."""
     events = [
         RecordedEvent(
-            at, 0, ZERO + 5.0 + seconds, 'COMMAND', kart, kind, accepted, None, '', official
+            at, 0, ZERO + 5.0 + seconds, 'COMMAND', kart, kind, accepted, None, '', official, None
         )
         for at, (seconds, kind, kart) in enumerate(commands, start=1)
     ]

@@ -28,7 +28,7 @@ from evgp_rehearsal.score import Line
 def happened(*events: tuple[float, str, str | None]) -> list[RecordedEvent]:
     """Return events of kart 7, each at a time (s), of a kind, about a state."""
     return [
-        RecordedEvent(at, 0, seconds, kind, 7, None, True, state, '', '')
+        RecordedEvent(at, 0, seconds, kind, 7, None, True, state, '', '', None)
         for at, (seconds, kind, state) in enumerate(events, start=1)
     ]
 
