@@ -75,7 +75,7 @@ def _soak(stack: contextlib.ExitStack, options: argparse.Namespace, rng: random.
             domain.number,
             in_race,
             set(numbers) - in_race,
-            {'finish_delays': '[0.5, 0.3, 0.1]', 'finish_stop': 2.0},
+            {'finish_delays': '[0.5, 0.3, 0.1]', 'finish_stop': 2.0, 'settle_time': 0.5},
         )
     )
     judge = Judge(in_race, set(numbers) - in_race, time.monotonic())

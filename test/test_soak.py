@@ -67,8 +67,9 @@ FAULTS = {
         ('stop refused',),
     ),
     'ALL_KILL is for the race only': Fault(
-        "for each in self.karts.values():\n            self._hold(each, RED_RED, 'ALL_KILL', now)",
-        "for each in self.racing():\n            self._hold(each, RED_RED, 'ALL_KILL', now)",
+        'for each in self.karts.values():\n'
+        '            self._hold(each, RED_RED, self._cause(), now)',
+        'for each in self.racing():\n            self._hold(each, RED_RED, self._cause(), now)',
         ('looser than a stop',),
     ),
     'a kart lost in the race is not held': Fault(
@@ -84,9 +85,8 @@ FAULTS = {
         ('not connected', 'not acknowledged', 'unexplained GREEN_GREEN'),
     ),
     'GREEN_GREEN does not wait': Fault(
-        "        if missing:\n            return f'waiting for {_cut(missing)}'\n"
-        "        return 'another",
-        "        return 'another",
+        "        if missing:\n            return f'waiting for {_cut(missing)}'\n        doubtful",
+        '        doubtful',
         ('not acknowledged', 'not connected'),
     ),
     'GREEN_GREEN also after another command': Fault(
@@ -95,8 +95,8 @@ FAULTS = {
         ('GRID_ACTIVE not last',),
     ),
     'IN_GARAGE releases silent karts': Fault(
-        'and (each.hold is None or (each.stopped and (each.in_race or not each.held_alone)))',
-        '',
+        'or (each.stands and (each.in_race or not each.held_alone))',
+        'or True',
         ('looser than a stop', 'held on the grid'),
     ),
     'GRID_ACTIVE with a held kart': Fault(
@@ -144,7 +144,7 @@ class Simulation:
         in_race = {1, 2, 3}
         self.race = module.Race(
             [module.Kart(number=number, in_race=number in in_race) for number in KARTS],
-            module.RaceTimes(finish_delays=(0.5,), finish_stop=2.0, pause=0.0),
+            module.RaceTimes(finish_delays=(0.5,), finish_stop=2.0, pause=0.0, settle=0.0),
             self.now,
         )
         self.judge = Judge(in_race, set(KARTS) - in_race, self.now)
