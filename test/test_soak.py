@@ -308,9 +308,7 @@ def test_a_race_control_with_a_fault_does_not_pass_the_soak(
     assert rules.__file__ is not None
     package = pathlib.Path(rules.__file__).parent
     changed = tmp_path / 'evgp_rcs'
-    changed.mkdir()
-    for file in package.glob('*.py'):
-        shutil.copy(file, changed)
+    shutil.copytree(package, changed, ignore=shutil.ignore_patterns('__pycache__'))
     faulty = source_with(rules, fault.old, fault.new)
     (changed / 'race.py').write_text(faulty, encoding='utf-8')
 
