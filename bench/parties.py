@@ -76,10 +76,6 @@ def rules(count: int) -> None:
         def make_sure(self, memory: object, at: float, done: Any) -> None:
             """Nothing is kept."""
 
-        def note_unrecorded_start(self) -> bool:
-            """Nothing is kept."""
-            return True
-
         def trouble(self) -> str:
             """Have none."""
             return ''

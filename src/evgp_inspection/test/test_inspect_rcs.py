@@ -413,9 +413,6 @@ class OurRaceControl:
     def make_sure(self, memory: Any, at: float, done: Callable[[bool], None]) -> None:
         done(True)
 
-    def note_unrecorded_start(self) -> bool:
-        return True
-
     def trouble(self) -> str:
         return ''
 

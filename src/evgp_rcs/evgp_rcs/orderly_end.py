@@ -15,7 +15,7 @@
 """
 The proof that a run ended in good order: one small file beside the record.
 
-It names the run. Race control writes it last, and the next start takes it away before any kart can
+It says when the run ended, as the record does. Race control writes it last, and the next start takes it away before any kart can
 connect. So a run that did not end in good order leaves none, also where the disk was full, the
 record was deleted, or the machine lost its power.
 """
@@ -39,27 +39,29 @@ class OrderlyEnd:
 
     def take(self) -> str:
         """
-        Take the proof away and return the run that it names; empty: there is none.
+        Take the proof away and return when the run ended; empty: there is no proof.
 
         :raises OSError: if there is one that cannot be taken away.
         """
         try:
-            run = self._path.read_bytes().decode(errors='replace')
-        except FileNotFoundError:
+            # Others may have put a pipe there, for whose other end one waits.
+            with open(os.open(self._path, os.O_RDONLY | os.O_NONBLOCK), 'rb') as file:
+                ended = file.read(100).decode(errors='replace')
+        except (FileNotFoundError, NotADirectoryError):
             return ''
         self._path.unlink()
         self._sync()
-        return run
+        return ended
 
-    def write(self, run: str) -> None:
+    def write(self, ended: str) -> None:
         """
-        Prove that this run ended in good order.
+        Prove that this run ended in good order, and when.
 
         :raises OSError: if it cannot be written: then the next start is careful.
         """
         new = self._path.with_name(f'{self._path.name}.new')
         with new.open('w') as file:
-            file.write(run)
+            file.write(ended)
             file.flush()
             os.fsync(file.fileno())
         new.replace(self._path)

@@ -264,7 +264,7 @@ class Record:
         self._end: _End | None = None
         self._database: sqlite3.Connection | None = None
         self._session = 0
-        self._began_ns = 0
+        self._ended_ns = 0
         self._claimed: IO[bytes] | None = None
         self._written = 0  # the sequence number of the last event
         self.left_behind: RaceMemory | None = None
@@ -387,7 +387,7 @@ class Record:
             if self._end is not None:
                 if self._end.in_order:
                     with contextlib.suppress(OSError):  # the next start is careful
-                        self._orderly_end.write(str(self._began_ns))
+                        self._orderly_end.write(str(self._ended_ns))
                 return
 
     def _take_what_was_given(self) -> None:
@@ -444,7 +444,7 @@ class Record:
 
     def _take_proof(self) -> str:
         """
-        Take away the proof that the last run ended in good order, and return which that was.
+        Take away the proof that the last run ended in good order, and return when that was.
 
         :raises RecordError: if it cannot be taken away.
         """
@@ -488,7 +488,7 @@ class Record:
         """
         Open the file, begin a run of its own, and return what the last run left.
 
-        :param proof: the run that has ended in good order; empty: none.
+        :param proof: when a run has ended in good order; empty: no proof.
         """
         database = sqlite3.connect(
             self._path, timeout=1.0, isolation_level=None, check_same_thread=False
@@ -521,9 +521,8 @@ class Record:
                 database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
             left_behind = _left_behind(database, proof) if begins else None
             if begins:
-                self._began_ns = time.time_ns()
                 cursor = database.execute(
-                    'INSERT INTO session (began_ns) VALUES (?)', (self._began_ns,)
+                    'INSERT INTO session (began_ns) VALUES (?)', (time.time_ns(),)
                 )
                 assert cursor.lastrowid is not None
                 self._session = cursor.lastrowid
@@ -569,8 +568,9 @@ class Record:
                     ),
                 )
             if self._end is not None and self._end.in_order:
+                self._ended_ns = time.time_ns()
                 self._database.execute(
-                    'UPDATE session SET ended_ns = ? WHERE id = ?', (time.time_ns(), self._session)
+                    'UPDATE session SET ended_ns = ? WHERE id = ?', (self._ended_ns, self._session)
                 )
         self._written = sequence
         self._waiting.clear()
@@ -649,22 +649,23 @@ def _left_behind(database: sqlite3.Connection, proof: str) -> RaceMemory | None:
     """
     Return what is known of the last run; None: nothing.
 
-    :param proof: the run that has ended in good order; empty: none.
+    :param proof: when a run has ended in good order; empty: no proof.
     """
     row = database.execute(
-        'SELECT began_ns, state, track_open, msr_used, karts FROM session '
+        'SELECT ended_ns, state, track_open, msr_used, karts FROM session '
         'LEFT JOIN memory ON memory.session = session.id ORDER BY session.id DESC LIMIT 1'
     ).fetchone()
     if row is None or row[1] is None:
         return None  # there is no run, or the last one wrote nothing
-    began_ns, state, track_open, msr_used, karts = row
+    ended_ns, state, track_open, msr_used, karts = row
     try:
         return RaceMemory(
             RaceState[state],
             {int(number): _remembered(*kart) for number, kart in json.loads(karts).items()},
             bool(track_open),
             bool(msr_used),
-            final=proof == str(began_ns),
+            # The end is written with the last memory: without the one, the other is missing too.
+            final=ended_ns is not None and proof == str(ended_ns),
         )
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return None  # damaged

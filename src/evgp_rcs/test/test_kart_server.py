@@ -88,8 +88,6 @@ class Running:
         self._shown = 0
         self._shown_at = 0.0
         self.record_trouble = ''
-        self.noted_in: list[RaceState] = []
-        self.can_be_noted = True
         self.ros_half_heard_at: float | None = None
         self._given: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._news = threading.Condition()
@@ -210,10 +208,6 @@ class Running:
             assert self._news.wait_for(lambda: bool(self.sure), PATIENCE)
             memory, done = self.sure[-1]
         return memory, lambda there: self._loop.call_soon_threadsafe(done, there)
-
-    def note_unrecorded_start(self) -> bool:
-        self.noted_in.append(self.race.state)
-        return self.can_be_noted
 
     def trouble(self) -> str:
         return self.record_trouble
@@ -845,40 +839,10 @@ def test_a_start_that_the_disk_does_not_take_is_refused_unless_it_may_go_without
     assert not starting.result(PATIENCE).success
     assert not running.give(CommandKind.GREEN_GREEN, None, False).success
     assert running.race.state is GRID_ACTIVE
-    assert running.give(CommandKind.GREEN_GREEN, None, True).success
-    read_until(one, GREEN_GREEN)
-
-
-@pytest.mark.parametrize('fails', ['before', 'meanwhile', 'hangs'])
-@pytest.mark.parametrize('can_be_noted', [True, False])
-def test_a_start_without_a_record_is_noted_before_it_goes_out_or_does_not_go_out(
-    impatient: Green, fails: str, can_be_noted: bool
-) -> None:
-    running, one, _ = impatient
-    running.can_be_noted = can_be_noted
-    if fails == 'before':
-        running.record_trouble = 'the disk is full'
-    starting = running.submit(running.command(CommandKind.GREEN_GREEN))
-    if fails == 'meanwhile':
-        running.wait_for_memory()[1](False)
-    assert starting.result(PATIENCE).success is can_be_noted
-    assert running.noted_in == [GRID_ACTIVE]
-    assert running.race.state is (GREEN_GREEN if can_be_noted else GRID_ACTIVE)
-    if can_be_noted:
-        read_until(one, GREEN_GREEN)
-
-
-def test_a_start_that_is_on_the_disk_or_refused_is_no_start_without_a_record(
-    ready: Green,
-) -> None:
-    running, _, _ = ready
-    running.record_trouble = 'the disk is full'
-    assert not running.give(CommandKind.GREEN_GREEN, None, False).success
     running.record_trouble = ''
     running.record_works_at_once = True
-    running.race_was_shown(2)
     assert running.give(CommandKind.GREEN_GREEN).success
-    assert running.noted_in == []
+    read_until(one, GREEN_GREEN)
 
 
 def test_a_start_does_not_wait_for_a_disk_that_hangs_for_ever(impatient: Green) -> None:

@@ -31,6 +31,7 @@ from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.inputs import Block, Setup
 from evgp_rcs.race import (
     Command,
+    Doubt,
     Event,
     EventKind,
     Kart,
@@ -56,27 +57,9 @@ import pytest
 
 PATIENCE = 20.0
 SETUP = Setup((), RaceTimes(), (), 0.0)
-HOME = RaceMemory(RaceState.IN_GARAGE, {7: KartMemory(True, False, 0, False, False, False)})
-RACING = RaceMemory(RaceState.GREEN_GREEN, {7: KartMemory(True, False, 0, True, True, False)})
-
-
-@pytest.fixture(autouse=True)
-def witnesses(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> pathlib.Path:
-    """Return a folder of this test's own in which runs say that they have begun."""
-    folder = tmp_path / 'witnesses'
-    folder.mkdir()
-    monkeypatch.setattr(evgp_rcs.record, 'WITNESSES', folder)
-    monkeypatch.setattr(evgp_rcs.record, 'TEMPORARY', folder / 'elsewhere')
-    return folder
-
-
-@pytest.fixture(autouse=True)
-def vouchers(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> pathlib.Path:
-    """Return a folder of this test's own in which runs vouch for their starts."""
-    folder = tmp_path / 'vouchers'
-    folder.mkdir()
-    monkeypatch.setattr(evgp_rcs.record, 'VOUCHERS', folder)
-    return folder
+HOME = RaceMemory(RaceState.IN_GARAGE, {7: KartMemory(True, False, 0, Doubt.NONE, False)})
+RACING = RaceMemory(RaceState.GREEN_GREEN, {7: KartMemory(True, False, 0, Doubt.MOVING, False)})
+OPEN = dataclasses.replace(HOME, track_open=True, msr_used=True)
 
 
 Begin = Callable[[], Record]
@@ -191,49 +174,20 @@ def test_two_alerts_of_a_kart_are_told_apart_in_the_record(
     ]
 
 
-def test_a_record_of_the_first_version_is_read_and_written_on(
-    begin: Begin, path: pathlib.Path
-) -> None:
-    path.parent.mkdir()
-    with contextlib.closing(sqlite3.connect(path)) as database:
-        database.executescript(evgp_rcs.record._STEPS[0])
-        database.execute('PRAGMA user_version = 1')
-        database.execute('INSERT INTO session VALUES (1, 1, 2)')
-        row = (1, 1, 1, 0.1, 'COMMAND', 0, 'ALL_KILL', True, None, 'ALL_KILL is sent')
-        database.execute('INSERT INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)', row)
-        database.execute('INSERT INTO memory VALUES (1, 1, ?, ?)', ('IN_GARAGE', '{}'))
-        database.commit()
-    with contextlib.closing(open_read_only(path)) as database:
-        (before,) = events(database, 1)
-    record = begin()
-    record.put([event(1, official='Anna')])
-    record.end(PATIENCE)
-    with contextlib.closing(open_read_only(path)) as database:
-        assert [*events(database, 1)] == [before]
-        assert [each.official for each in events(database, 2)] == ['Anna']
+def final(memory: RaceMemory) -> RaceMemory:
+    """Return what a run leaves behind that ended in good order with this."""
+    return dataclasses.replace(memory, final=True)
 
 
-def test_a_run_that_ended_at_home_leaves_nothing_behind(begin: Begin) -> None:
-    record = begin()
-    record.remember(HOME, 0.0)
-    record.end(PATIENCE)
-    assert begin().left_behind is None
-
-
-def test_a_run_that_crashed_at_home_leaves_its_race(begin: Begin) -> None:
-    record = begin()
-    record.remember(HOME, 0.0)
-    crash(record)
-    assert begin().left_behind == HOME
-
-
+@pytest.mark.parametrize('memory', [HOME, OPEN, RACING], ids=['home', 'open', 'racing'])
 @pytest.mark.parametrize('in_order', [True, False], ids=['ended', 'crashed'])
-def test_a_run_that_was_not_at_home_leaves_its_race(begin: Begin, in_order: bool) -> None:
+def test_a_run_leaves_its_race_and_only_an_orderly_end_makes_it_final(
+    begin: Begin, memory: RaceMemory, in_order: bool
+) -> None:
     record = begin()
-    record.remember(HOME, 0.0)
-    record.remember(RACING, 0.0)
+    record.remember(memory, 0.0)
     record.end(PATIENCE, in_order)
-    assert begin().left_behind == RACING
+    assert begin().left_behind == dataclasses.replace(memory, final=in_order)
 
 
 def test_an_older_race_does_not_take_the_place_of_a_newer_one(begin: Begin) -> None:
@@ -256,14 +210,13 @@ def test_what_was_last_is_left_behind_although_it_was_so_before_what_came_betwee
     assert begin().left_behind == RACING
 
 
-def test_a_run_that_crashed_before_it_remembered_anything_is_doubt(begin: Begin) -> None:
-    crash(begin())
-    left_behind = begin().left_behind
-    assert left_behind is not None
-    assert not left_behind.known
+@pytest.mark.parametrize('in_order', [True, False], ids=['ended', 'crashed'])
+def test_of_a_run_that_remembered_nothing_nothing_is_known(begin: Begin, in_order: bool) -> None:
+    begin().end(PATIENCE, in_order)
+    assert begin().left_behind is None
 
 
-def test_the_first_run_ever_has_nothing_to_take_up(begin: Begin) -> None:
+def test_before_the_first_run_ever_nothing_is_known(begin: Begin) -> None:
     assert begin().left_behind is None
 
 
@@ -274,7 +227,7 @@ def test_a_run_finds_what_the_last_one_left_and_not_an_older_one(begin: Begin) -
     second = begin()
     second.remember(HOME, 0.0)
     second.end(PATIENCE)
-    assert begin().left_behind is None
+    assert begin().left_behind == final(HOME)
 
 
 def test_two_race_controls_cannot_have_one_record(begin: Begin, path: pathlib.Path) -> None:
@@ -303,8 +256,7 @@ def test_a_file_that_is_no_record_is_left_alone_and_does_not_keep_race_control_f
     before = path.read_bytes()
     record = begin()
     assert str(path) in record.trouble()
-    assert record.left_behind is not None
-    assert not record.left_behind.known
+    assert record.left_behind is None
     assert path.read_bytes() == before
 
 
@@ -328,17 +280,16 @@ def garble_the_memory(path: pathlib.Path) -> None:
         database.commit()
 
 
+@pytest.mark.parametrize('in_order', [True, False], ids=['an orderly end', 'a crash'])
 @pytest.mark.parametrize('harm', [damage, cut_short, garble_the_memory, pathlib.Path.unlink])
-def test_a_record_that_was_harmed_after_a_crash_proves_nothing(
-    begin: Begin, path: pathlib.Path, harm: Callable[[pathlib.Path], None]
+def test_a_record_that_was_harmed_proves_nothing(
+    begin: Begin, path: pathlib.Path, harm: Callable[[pathlib.Path], None], in_order: bool
 ) -> None:
     record = begin()
     record.remember(HOME, 0.0)
-    crash(record)
+    record.end(PATIENCE, in_order)
     harm(path)
-    left_behind = begin().left_behind
-    assert left_behind is not None
-    assert not left_behind.known
+    assert begin().left_behind is None
 
 
 def test_a_crash_is_known_although_all_that_lay_beside_the_record_was_deleted(
@@ -371,14 +322,107 @@ def test_a_run_that_could_not_write_its_record_is_not_forgotten_by_the_next(
     path.mkdir()  # nobody can write it, and root neither
     second = begin()
     assert second.trouble()
-    assert second.left_behind is not None
-    assert not second.left_behind.known
+    assert second.left_behind is None
     second.end(PATIENCE, in_order=True)
     path.rmdir()
     beside.rename(path)
-    third = begin().left_behind
-    assert third is not None
-    assert not third.known
+    assert begin().left_behind == HOME  # and no proof of what came after it
+
+
+# ----- the proof of an orderly end ---------------------------------------------------------
+
+
+def proof(path: pathlib.Path) -> pathlib.Path:
+    return path.with_name(f'{path.name}-ended')
+
+
+def end_at_home(record: Record) -> None:
+    record.remember(HOME, 0.0)
+    record.end(PATIENCE)
+
+
+def test_the_proof_is_there_between_two_runs_and_not_during_one(
+    begin: Begin, path: pathlib.Path
+) -> None:
+    first = begin()
+    assert not proof(path).exists()
+    end_at_home(first)
+    assert proof(path).exists()
+    Record(path)  # nothing listens yet: no kart can have connected
+    assert not proof(path).exists()
+
+
+def test_a_run_that_dies_before_it_wrote_anything_uses_the_proof_up(
+    begin: Begin, path: pathlib.Path
+) -> None:
+    end_at_home(begin())
+    Record(path)._release()  # as a process that was killed at once
+    assert begin().left_behind is None
+
+
+def test_the_proof_of_an_earlier_run_proves_nothing(begin: Begin, path: pathlib.Path) -> None:
+    end_at_home(begin())
+    kept = proof(path).read_bytes()
+    record = begin()
+    record.remember(HOME, 0.0)
+    crash(record)
+    proof(path).write_bytes(kept)
+    assert begin().left_behind == HOME
+
+
+def test_an_orderly_end_that_the_record_has_not_kept_is_not_proved(
+    begin: Begin, path: pathlib.Path
+) -> None:
+    record = begin()
+    have_written(record, HOME)
+    in_the_file_itself = path.read_bytes()
+    record.remember(RACING, 1.0)
+    record.end(PATIENCE)
+    path.write_bytes(in_the_file_itself)  # as where its -wal was deleted
+    assert begin().left_behind == HOME
+
+
+@pytest.mark.parametrize('kind', ['a folder', 'read-only'])
+def test_a_proof_that_cannot_be_removed_refuses_the_start(
+    small_disk: pathlib.Path, kind: str
+) -> None:
+    path = small_disk / 'record.sqlite3'
+    end_at_home(started(path))
+    if kind == 'a folder':
+        proof(path).unlink()
+        proof(path).mkdir()
+    else:
+        subprocess.run(['mount', '-o', 'remount,ro', str(small_disk)], check=True)
+    with pytest.raises(RecordError, match='cannot be removed.*parameter record'):
+        Record(path)
+
+
+@pytest.mark.parametrize('kind', ['a pipe', 'a link', 'rubbish'])
+def test_what_somebody_else_put_in_the_place_of_the_proof_proves_nothing(
+    begin: Begin, path: pathlib.Path, tmp_path: pathlib.Path, kind: str
+) -> None:
+    record = begin()
+    record.remember(HOME, 0.0)
+    crash(record)
+    precious = tmp_path / 'precious'
+    precious.write_text('untouched')
+    if kind == 'a pipe':
+        os.mkfifo(proof(path))
+    elif kind == 'a link':
+        proof(path).symlink_to(precious)
+    else:
+        proof(path).write_bytes(b'\xff' * 10_000)
+    assert begin().left_behind == HOME
+    assert precious.read_text() == 'untouched'
+
+
+def test_a_disk_too_full_for_the_proof_makes_the_next_start_careful(
+    begin: Begin, path: pathlib.Path
+) -> None:
+    record = begin()
+    proof(path).with_name(f'{proof(path).name}.new').mkdir()  # nobody can write it
+    end_at_home(record)
+    assert begin().left_behind == HOME
 
 
 def test_what_a_start_must_leave_behind_is_told_to_be_there_once_it_is(begin: Begin) -> None:
@@ -487,7 +531,7 @@ def test_a_disk_that_turns_read_only_is_trouble_until_it_can_be_written(
     subprocess.run(['mount', '-o', 'remount,ro', str(small_disk)], check=True)
     second = started(path)
     assert 'read-only file system' in second.trouble()
-    assert second.left_behind is not None
+    assert second.left_behind is None
     second.put([event(1, 'while it could not be written')])
     subprocess.run(['mount', '-o', 'remount,rw', str(small_disk)], check=True)
     wait_for(lambda: not second.trouble())
@@ -505,7 +549,7 @@ def test_a_folder_that_cannot_be_made_is_trouble_and_the_end_does_not_hang(
     record.end(PATIENCE)
 
 
-def test_a_run_whose_record_began_to_fail_is_not_known_to_the_next(
+def test_a_run_whose_record_began_to_fail_is_not_taken_for_one_that_ended_in_order(
     small_disk: pathlib.Path,
 ) -> None:
     path = small_disk / 'record.sqlite3'
@@ -516,12 +560,11 @@ def test_a_run_whose_record_began_to_fail_is_not_known_to_the_next(
         ballast.write_bytes(bytes(1 << 20))
     record.put([event(n, f'event {n} ' + 100 * 'x') for n in range(1, 2000)])
     wait_for(lambda: record.trouble())
-    record.end(PATIENCE, in_order=False)
+    record.end(PATIENCE)
     ballast.unlink()
     again = started(path)
     again.end(PATIENCE)
-    assert again.left_behind is not None
-    assert not again.left_behind.known
+    assert again.left_behind == HOME
 
 
 def test_a_run_whose_record_works_again_is_known_to_the_next(small_disk: pathlib.Path) -> None:
@@ -539,194 +582,6 @@ def test_a_run_whose_record_works_again_is_known_to_the_next(small_disk: pathlib
     again = started(path)
     again.end(PATIENCE)
     assert again.left_behind == RACING
-
-
-def witness_of(witnesses: pathlib.Path) -> pathlib.Path:
-    (found,) = witnesses.iterdir()
-    return found
-
-
-@pytest.mark.parametrize('kind', ['a pipe', 'a link', 'a link to nothing', 'a folder'])
-def test_what_somebody_else_put_in_the_place_of_the_witness_is_doubt_and_stays_untouched(
-    begin: Begin, path: pathlib.Path, witnesses: pathlib.Path, kind: str
-) -> None:
-    crash(begin())
-    witness = witness_of(witnesses)
-    witness.unlink()
-    path.unlink()
-    precious = witnesses / 'precious'
-    precious.write_text('untouched')
-    if kind == 'a pipe':
-        os.mkfifo(witness)
-    elif kind == 'a folder':
-        witness.mkdir()
-    else:
-        witness.symlink_to(precious if kind == 'a link' else witnesses / 'nothing')
-    left_behind = begin().left_behind
-    assert left_behind is not None
-    assert not left_behind.known
-    assert precious.read_text() == 'untouched'
-    assert not (witnesses / 'nothing').exists()
-
-
-# ----- whether anybody was started without a record ----------------------------------------
-
-GRID = RaceMemory(RaceState.GRID_ACTIVE, {7: KartMemory(True, False, 0, False, True, False)})
-UNSURE = dataclasses.replace(GRID, every_start=False)
-VOIDED = dataclasses.replace(UNSURE, known=False)
-ENDED = RaceMemory(RaceState.RED_RED, {7: KartMemory(True, False, 1, False, False, False)})
-
-
-def crash_on_the_grid(record: Record) -> None:
-    record.remember(GRID, 0.0)
-    crash(record)
-
-
-def test_after_a_crash_on_the_grid_it_is_known_that_nobody_was_started(begin: Begin) -> None:
-    crash_on_the_grid(begin())
-    assert begin().left_behind == GRID
-
-
-def test_a_start_without_a_record_may_be_missing_from_what_is_left_behind(begin: Begin) -> None:
-    record = begin()
-    assert record.note_unrecorded_start()
-    crash_on_the_grid(record)
-    again = begin()
-    assert again.left_behind == VOIDED
-    # The next run has all that this one took up, and its own starts.
-    crash_on_the_grid(again)
-    assert begin().left_behind == GRID
-
-
-def test_a_start_is_noted_although_the_disk_takes_nothing(small_disk: pathlib.Path) -> None:
-    path = small_disk / 'record.sqlite3'
-    record = started(path)
-    have_written(record, GRID)
-    ballast = small_disk / 'ballast'
-    with pytest.raises(OSError, match='No space left'):
-        ballast.write_bytes(bytes(1 << 20))
-    assert record.note_unrecorded_start()
-    record.end(PATIENCE, in_order=False)
-    ballast.unlink()
-    again = started(path)
-    again.end(PATIENCE)
-    assert again.left_behind == VOIDED
-
-
-@pytest.mark.parametrize('harm', ['the machine was restarted', 'of an earlier run', 'emptied'])
-def test_without_its_own_voucher_a_run_may_have_started_karts(
-    begin: Begin, vouchers: pathlib.Path, harm: str
-) -> None:
-    crash_on_the_grid(begin())
-    (voucher,) = vouchers.iterdir()
-    earlier = voucher.read_bytes()
-    crash_on_the_grid(begin())
-    if harm == 'the machine was restarted':
-        voucher.unlink()
-    else:
-        voucher.write_bytes(earlier if harm == 'of an earlier run' else b'')
-    assert begin().left_behind == (VOIDED if harm == 'emptied' else UNSURE)
-
-
-@pytest.mark.parametrize('memory', [HOME, GRID, RACING, ENDED], ids=lambda each: each.state.name)
-@pytest.mark.parametrize('voucher', ['as written', 'missing'])
-def test_after_a_start_without_a_record_nobody_knows_which_karts_were_started(
-    begin: Begin, vouchers: pathlib.Path, memory: RaceMemory, voucher: str
-) -> None:
-    record = begin()
-    have_written(record, memory)
-    if voucher == 'missing':
-        for each in vouchers.iterdir():
-            each.unlink()
-    # From here on the disk takes nothing; officials choose another heat and start it.
-    assert record.note_unrecorded_start()
-    record.end(PATIENCE, in_order=False)
-    left_behind = begin().left_behind
-    assert left_behind == dataclasses.replace(memory, known=False, every_start=False)
-
-
-def test_without_a_voucher_a_race_in_the_garage_may_have_been_started(
-    begin: Begin, vouchers: pathlib.Path
-) -> None:
-    record = begin()
-    record.remember(HOME, 0.0)
-    crash(record)
-    for each in vouchers.iterdir():
-        each.unlink()
-    record = begin()
-    assert record.left_behind == dataclasses.replace(HOME, every_start=False)
-    record.remember(HOME, 1.0)
-    record.end(PATIENCE)
-    assert not list(vouchers.iterdir())
-    assert begin().left_behind is None
-
-
-def test_a_run_that_cannot_vouch_may_have_started_karts(
-    begin: Begin, vouchers: pathlib.Path
-) -> None:
-    vouchers.rmdir()
-    record = begin()
-    assert record.note_unrecorded_start()
-    crash_on_the_grid(record)
-    assert begin().left_behind == UNSURE
-
-
-@pytest.mark.parametrize('kind', ['a pipe', 'a link', 'a folder'])
-def test_what_somebody_else_put_in_the_place_of_the_voucher_is_doubt_and_stays_untouched(
-    begin: Begin, vouchers: pathlib.Path, kind: str
-) -> None:
-    crash_on_the_grid(begin())
-    (voucher,) = vouchers.iterdir()
-    precious = vouchers / 'precious'
-    precious.write_text(voucher.read_text())
-    voucher.unlink()
-    if kind == 'a pipe':
-        os.mkfifo(voucher)
-    elif kind == 'a folder':
-        voucher.mkdir()
-    else:
-        voucher.symlink_to(precious)
-    before = precious.read_text()
-    record = begin()
-    assert record.left_behind == VOIDED
-    assert record.note_unrecorded_start() is (kind != 'a folder')
-    assert precious.read_text() == before
-
-
-def test_a_run_that_began_to_write_late_may_have_started_karts(
-    begin: Begin, path: pathlib.Path
-) -> None:
-    path.mkdir(parents=True)  # nobody can write it, and root neither
-    record = begin()
-    assert record.trouble()
-    path.rmdir()
-    crash_on_the_grid(record)
-    assert begin().left_behind == UNSURE
-
-
-def test_a_start_that_a_record_of_the_garage_does_not_have_means_that_nothing_is_known(
-    begin: Begin, witnesses: pathlib.Path
-) -> None:
-    record = begin()
-    have_written(record, HOME)
-    assert record.note_unrecorded_start()
-    record.end(PATIENCE, in_order=False)  # and the witness could not be changed any more
-    left_behind = begin().left_behind
-    assert left_behind is not None
-    assert not left_behind.known
-
-
-@pytest.mark.parametrize('without_record', [True, False])
-def test_a_run_that_ended_in_order_has_told_every_start(
-    begin: Begin, vouchers: pathlib.Path, without_record: bool
-) -> None:
-    record = begin()
-    if without_record:
-        assert record.note_unrecorded_start()
-    record.remember(GRID, 0.0)
-    record.end(PATIENCE)
-    assert not list(vouchers.iterdir())
-    assert begin().left_behind == GRID
 
 
 def test_a_record_that_is_a_pipe_keeps_nobody_waiting(begin: Begin, path: pathlib.Path) -> None:

@@ -21,10 +21,18 @@ import os
 import pathlib
 import signal
 
+from evgp_protocol.states import RaceState
+from evgp_rcs.race import RaceMemory
+from evgp_rcs.record import Record
+from evgp_testing.patience import PATIENCE
 from evgp_testing.ports import free_port
 from evgp_testing.process import freeze, Process
 from evgp_testing.usage import family
 import yaml
+
+
+SETTLE_TIME = 0.5
+"""Time for which a kart must stand in tests, in seconds: less than in a race, for they have many."""
 
 
 def address_of(number: int) -> str:
@@ -69,7 +77,20 @@ def settings(folder: pathlib.Path, roster: pathlib.Path) -> dict[str, object]:
         'record': folder / 'record.sqlite3',
         'address': '127.0.0.1',
         'port': free_port(),
+        'settle_time': SETTLE_TIME,
     }
+
+
+def end_in_good_order(record: pathlib.Path) -> None:
+    """Have a record say that the run before ended in good order, so that the next is at home."""
+    run = Record(record)
+    run.start(_fail)
+    run.remember(RaceMemory(RaceState.IN_GARAGE, {}), 0.0)
+    run.end(PATIENCE)
+
+
+def _fail(error: BaseException) -> None:
+    raise AssertionError('the record could not be written') from error
 
 
 class RaceControl(Process):
@@ -84,6 +105,8 @@ class RaceControl(Process):
     :param arguments: more ROS arguments of the node.
     :param heats: the heats of the roster, each of its karts.
     :param addresses: returns the address of a kart in the roster.
+    :param proven: where there is no record yet, make one of a run that ended in good order, so
+        that race control begins in IN_GARAGE. Else it begins in RED_RED, as the very first one.
     """
 
     def __init__(
@@ -97,17 +120,16 @@ class RaceControl(Process):
         arguments: tuple[str, ...] = (),
         heats: Mapping[str, Iterable[int]] | None = None,
         addresses: Callable[[int], str] = address_of,
+        proven: bool = True,
     ) -> None:
         """Start race control and wait until karts can connect."""
         roster = write_roster(folder, in_race, others, teams, heats, addresses)
         self.domain = domain
-        super().__init__(
-            'evgp_rcs',
-            'rcs_node',
-            domain,
-            {**settings(folder, roster), **(parameters or {})},
-            arguments,
-        )
+        given = {**settings(folder, roster), **(parameters or {})}
+        record = pathlib.Path(str(given['record']))
+        if proven and not record.exists():
+            end_in_good_order(record)
+        super().__init__('evgp_rcs', 'rcs_node', domain, given, arguments)
         try:
             self.port = int(self.wait_for_line(r'listens for .* port (\d+)')[1])
         except BaseException:
