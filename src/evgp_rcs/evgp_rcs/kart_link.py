@@ -22,6 +22,7 @@ is a `LinkOwner`. What counts of that which a kart says is decided in ``hearing`
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 import ctypes
 import socket
 import termios
@@ -32,11 +33,24 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.hearing import FLOOD_BYTES, Heard, Hearing
 from evgp_rcs.inputs import CLOSED_BY_KART
 
-UNSENT_BYTES = 4096
-"""Maximum backlog to a kart that does not read, in bytes; beyond it, the kart is dropped."""
+SLOW = 0.3
+"""Age of the oldest unanswered byte from which on a link is slow, in seconds."""
+
+SLOW_BEATS = 10
+"""Number of beats with a slow link, within `SLOW_WINDOW`, of which officials are told."""
+
+SLOW_WINDOW = 30.0
+"""Time in which officials are told of a slow link once at most, in seconds."""
+
+SPARING = 0.075
+"""Minimum time between two frames to a kart that is very slow to answer, in seconds: of 20 beats a
+second every other one (§4.C wants 10 states a second), of 10 every one."""
 
 TCP_THIN_LINEAR_TIMEOUTS = 16
 """An option of Linux (since 2.6.34) that Python does not name."""
+
+SIOCOUTQNSD = 0x894B
+"""Linux's request for the number of bytes that have not been sent yet; TIOCOUTQ's are not answered."""
 
 FRAMES = {state: encode(state) for state in RaceState}
 
@@ -67,6 +81,9 @@ class LinkOwner(Protocol):
     def link_heard(self, link: KartLink, heard: Heard, serial: int) -> None:
         """Take what a kart said, and the serial of the order that it can answer."""
 
+    def link_slow(self, link: KartLink, age: float) -> None:
+        """Take note that a kart is slow to answer again and again: up to this time, in seconds."""
+
     def link_lost(self, link: KartLink) -> None:
         """Take note that a connection has ended; `KartLink.reason` says why."""
 
@@ -77,7 +94,7 @@ class KartLink(asyncio.BufferedProtocol):
 
     :param owner: the kart server.
     :param beat_rate: how often ``beat`` is called, Hz.
-    :param send_timeout: time for which a kart may leave bytes unanswered before it is lost, s.
+    :param send_timeout: time for which a kart may leave a byte unanswered before it is lost, s.
     :ivar number: the kart's number, which the owner gives it; 0: none yet.
     :ivar reason: why the connection ended, or will.
     """
@@ -91,11 +108,14 @@ class KartLink(asyncio.BufferedProtocol):
         self._transport: asyncio.Transport | None = None
         self._socket: socket.socket | None = None
         self._frame = b''
-        # How many bytes were written; how many of them were answered, and when that last grew.
+        # How many bytes were written, and of each frame that the kart's TCP has not answered yet:
+        # up to where it reaches, and when it was written.
         self._written = 0
-        self._answered = 0
-        self._answered_at = 0.0
-        self._ask_at = 0.0
+        self._unanswered: deque[tuple[int, float]] = deque()
+        self._wrote_at = 0.0
+        self._slow_beats = 0
+        self._slow_until = 0.0
+        self._worst_age = 0.0
         self.number = 0
         self.reason = 'the connection ended'
 
@@ -115,6 +135,8 @@ class KartLink(asyncio.BufferedProtocol):
     def buffer_updated(self, nbytes: int) -> None:
         """Take what was read; more than a flood's worth waits for the next beat."""
         self._hearing.read(nbytes)
+        if self._hearing.waits:
+            self._look()
         self._owner.take_commands()
         for heard, serial in self._hearing.decode(memoryview(self._buffer)[:nbytes]):
             self._owner.link_heard(self, heard, serial)
@@ -136,9 +158,8 @@ class KartLink(asyncio.BufferedProtocol):
     # ----- the owner's side ---------------------------------------------------------------
 
     def set_up(self) -> None:
-        """Make the socket prompt: no Nagle, little in flight, and a vanished kart noticed."""
+        """Make the socket prompt: no Nagle, and what was lost is sent again soon."""
         assert self._socket is not None
-        self._answered_at = self._owner.now()
         option = self._socket.setsockopt
         option(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         try:
@@ -150,29 +171,30 @@ class KartLink(asyncio.BufferedProtocol):
         # What was lost is sent again at an even pace (where it is not bbr that decides). With
         # ever longer waits, a link that fails for half a second is silent for more than one.
         option(socket.IPPROTO_TCP, TCP_THIN_LINEAR_TIMEOUTS, 1)
-        # Only for the case that `_is_unanswered` is not asked: the kernel counts from when it
-        # first had to send anything again, even if that has been answered since.
-        option(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(3 * self._send_timeout * 1000))
-        option(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        option(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, 1)
-        option(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, 1)
-        # A kart that reads late must not find seconds of old states before the stop.
-        option(socket.SOL_SOCKET, socket.SO_SNDBUF, 2048)
 
     def order(self, state: RaceState, serial: int) -> None:
         """Send a new state at once; what has arrived by now is no answer to it."""
-        self._hearing.order(serial, self._in_kernel(termios.FIONREAD))
         self._frame = FRAMES[state]
-        self._write()
+        end = self._written + len(self._frame)
+        self._hearing.order(serial, state, end, self._in_kernel(termios.FIONREAD))
+        self._write(self._owner.now())
 
     def beat(self) -> None:
-        """Send the state again, unless the kart has not taken the last one yet."""
+        """
+        Send the state again, unless an earlier frame has not left yet.
+
+        So a stop is never behind more than one frame that waits here, in whatever buffer. What
+        has left and is not answered may be much: it is on its way, and a stop is not held up by
+        it but where the way is too narrow. Then every other beat is left out.
+        """
         now = self._owner.now()
         was_full = self._hearing.is_full
         floods = self._hearing.beat(now)
         if self._transport is None:
             return
-        if self._is_unanswered(now):
+        self._look()
+        age = now - self._unanswered[0][1] if self._unanswered else 0.0
+        if age >= self._send_timeout:
             self.drop('its network link stopped answering')
             return
         if floods:
@@ -180,8 +202,11 @@ class KartLink(asyncio.BufferedProtocol):
             return
         if was_full:
             self._transport.resume_reading()
-        if not self._transport.get_write_buffer_size():
-            self._write()
+        if age >= SLOW:
+            self._note_slow(age, now)
+        spare = age >= self._send_timeout / 2 and now - self._wrote_at < SPARING
+        if not spare and not self._unsent():
+            self._write(now)
 
     def drop(self, reason: str) -> None:
         """Give the connection up now; what waits to be written is thrown away."""
@@ -196,11 +221,13 @@ class KartLink(asyncio.BufferedProtocol):
             self._transport.write(FRAMES[RaceState.RED_RED])
             self._transport.close()
 
-    def _write(self) -> None:
+    def _write(self, now: float) -> None:
         if self._transport is None or self._socket is None:
             return
         frame = self._frame
         self._written += len(frame)
+        self._unanswered.append((self._written, now))
+        self._wrote_at = now
         if not self._transport.get_write_buffer_size():
             # What the kernel takes now goes out without giving the interpreter to the record.
             sent = _SEND(self._socket.fileno(), frame, len(frame), _NOW)
@@ -209,23 +236,38 @@ class KartLink(asyncio.BufferedProtocol):
             taken = max(sent, 0)
             frame = frame[taken:]  # the rest; or all of it, and asyncio meets the error
         self._transport.write(frame)
-        if self._transport.get_write_buffer_size() > UNSENT_BYTES:
-            self.drop('the kart does not read what it is sent')
 
-    def _is_unanswered(self, now: float) -> bool:
-        """Return whether the kart has answered nothing of what it was sent for too long (§4.D)."""
-        if self._transport is None or now < self._ask_at:
-            return False
-        self._ask_at = now + self._send_timeout / 8  # to ask the kernel at every beat is too dear
+    def _look(self) -> None:
+        """Take note of what the kart's TCP has answered."""
+        if self._transport is None:
+            return
+        # In this order: what had arrived while an order was unanswered was sent before it came.
+        unread = self._in_kernel(termios.FIONREAD) if self._hearing.waits else 0
         unanswered = self._transport.get_write_buffer_size() + self._in_kernel(termios.TIOCOUTQ)
         answered = self._written - unanswered
-        if not unanswered or answered > self._answered:
-            self._answered = answered
-            self._answered_at = now
-        return now - self._answered_at >= self._send_timeout
+        if self._hearing.waits:
+            self._hearing.look(answered, unread)
+        while self._unanswered and self._unanswered[0][0] <= answered:
+            self._unanswered.popleft()
+
+    def _unsent(self) -> int:
+        """Return how many bytes have not left yet, or may not have."""
+        if not self._unanswered or self._transport is None:
+            return 0
+        return self._transport.get_write_buffer_size() + self._in_kernel(SIOCOUTQNSD)
+
+    def _note_slow(self, age: float, now: float) -> None:
+        """Tell of a link that is slow again and again, but not too often."""
+        if now >= self._slow_until:
+            self._slow_beats, self._worst_age = 0, 0.0
+            self._slow_until = now + SLOW_WINDOW
+        self._slow_beats += 1
+        self._worst_age = max(self._worst_age, age)
+        if self._slow_beats == SLOW_BEATS:
+            self._owner.link_slow(self, self._worst_age)
 
     def _in_kernel(self, which: int) -> int:
-        """Return how many bytes lie in the kernel: FIONREAD unread, TIOCOUTQ unanswered."""
+        """Return how many bytes the kernel has: unread, unanswered or unsent (the constants)."""
         if self._socket is None or self._transport is None:
             return 0
         count = ctypes.c_int(0)

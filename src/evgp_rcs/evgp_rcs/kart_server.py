@@ -593,6 +593,15 @@ class KartServer:
             return
         self._take(inputs.Heard(now, link.number, serial, heard.state))
 
+    def link_slow(self, link: KartLink, age: float) -> None:
+        """Tell officials of a kart whose link is slow again and again."""
+        if self._links.get(link.number) is link:
+            text = (
+                f'{self._race.karts[link.number]} is slow to answer, up to {age:.1f} s: a stop may '
+                f'reach it that late. After {self._settings.send_timeout:g} s it counts as lost'
+            )
+            self._tell(Event(EventKind.SLOW_LINK, text, kart=link.number, success=False))
+
     def link_lost(self, link: KartLink) -> None:
         """Take note that a connection ended; one that was replaced has been told already."""
         if self._links.get(link.number) is link:

@@ -52,7 +52,13 @@ from evgp_rcs.runs import (
 )
 
 OF_THE_SERVER = frozenset(
-    kind.name for kind in (EventKind.MALFORMED, EventKind.REFUSED_CONNECTION, EventKind.ENDED)
+    kind.name
+    for kind in (
+        EventKind.MALFORMED,
+        EventKind.REFUSED_CONNECTION,
+        EventKind.SLOW_LINK,
+        EventKind.ENDED,
+    )
 )
 """Events that no input of the rules makes."""
 

@@ -822,6 +822,7 @@ _TAKES_OF_A_KART = {
     EventKind.WITHDRAWN.name: _Reading._withdrawn,
     EventKind.REPORTED.name: _Reading._mark,
     EventKind.MALFORMED.name: _Reading._mark,
+    EventKind.SLOW_LINK.name: _Reading._mark,
     EventKind.REFUSED_CONNECTION.name: _Reading._mark,
     EventKind.CONNECTED.name: _Reading._connected,
     EventKind.DISCONNECTED.name: _Reading._disconnected,

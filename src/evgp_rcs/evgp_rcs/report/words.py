@@ -67,6 +67,7 @@ KINDS = {
     'DISCONNECTED': 'Connection lost',
     'REFUSED_CONNECTION': 'Connection refused',
     'MALFORMED': 'Message that means nothing',
+    'SLOW_LINK': 'Slow to answer',
     'ALERT_RAISED': 'Alert',
     'ALERT_CLEARED': 'Alert ended',
     'ALL_ACKNOWLEDGED': 'Every kart has acknowledged',
