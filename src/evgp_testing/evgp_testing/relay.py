@@ -18,7 +18,7 @@ The air between the machines of a track: a switch that loses and delays what it 
 It runs as a process of its own, in the network namespace that has one end of every machine's
 cable, and needs nothing but the standard library. Ethernet frames (IPv4 and ARP) go from cable
 to cable by their destination, broadcasts and multicasts to each; for each machine and direction
-there is a share that is lost and a delay. Orders come as one line of JSON each on standard input,
+there is a share that is lost, a delay, and perhaps a rate, with a queue before it. Orders come as one line of JSON each on standard input,
 and each is answered by one on standard output; when the input ends, so does the relay.
 
 It also notes when new TCP data toward a machine last arrived there, and when the first came since
@@ -53,12 +53,27 @@ _TO_MANY = 0x01  # in the first byte of the destination: a broadcast, or a multi
 
 @dataclasses.dataclass
 class Air:
-    """What happens to frames in one direction; ``loss`` from 0 to 1, ``delay`` in seconds."""
+    """
+    What happens to frames in one direction.
+
+    :ivar loss: the share that is lost, from 0 to 1.
+    :ivar delay: how late they come, s.
+    :ivar rate: how fast they go, bit/s; 0: at once.
+    """
 
     loss: float = 0.0
     delay: float = 0.0
+    rate: float = 0.0
+    free_at: float = 0.0
     arrived: float | None = None
     came: float | None = None
+
+    def due(self, now: float, size: int) -> float:
+        """Return when a frame of so many bytes that comes now has passed."""
+        if self.rate:
+            now = max(now, self.free_at)
+            self.free_at = now = now + size * 8 / self.rate
+        return now + self.delay
 
 
 class Cable:
@@ -164,10 +179,10 @@ class Relay:
         return time.monotonic()
 
     def order_air(self, name: str, toward: list[float], back: list[float]) -> float:
-        """Set loss and delay toward a machine and back from it; return the time."""
+        """Set loss, delay and rate toward a machine and back from it; return the time."""
         cable = self._cables[name]
-        for air, (loss, delay) in ((cable.toward, toward), (cable.back, back)):
-            air.loss, air.delay, air.came = loss, delay, None
+        for air, (loss, delay, rate) in ((cable.toward, toward), (cable.back, back)):
+            air.loss, air.delay, air.rate, air.came = loss, delay, rate, None
         return time.monotonic()
 
     def order_times(self, name: str) -> dict[str, float | None]:
@@ -193,9 +208,9 @@ class Relay:
                 continue
             if self._dice.random() < target.toward.loss:
                 continue
-            delay = source.back.delay + target.toward.delay
-            if delay:
-                due = time.monotonic() + delay
+            now = time.monotonic()
+            due = target.toward.due(source.back.due(now, len(frame)), len(frame))
+            if due > now:
                 heapq.heappush(self._late, (due, next(self._order), target, frame))
             else:
                 self._deliver(target, frame)
