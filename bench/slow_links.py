@@ -109,12 +109,15 @@ class Owner:
 
     def __init__(self, fields: dict[str, Field], stops: int) -> None:
         self._fields = fields
-        self._wanted = stops
+        self.wanted = stops
         self._of: dict[KartLink, Field] = {}
         self._serial = 0
 
     def now(self) -> float:
         return time.monotonic()
+
+    def has_all(self) -> bool:
+        return all(len(kart.stops) >= self.wanted for kart in self._fields.values())
 
     def take_commands(self) -> None:
         pass
@@ -129,6 +132,7 @@ class Owner:
         kart = self._fields[address]
         if kart.link is not None:
             kart.link.drop('replaced')
+            self._note_dropped(kart)
         kart.link = link
         self._of[link] = kart
         link.set_up()
@@ -139,9 +143,12 @@ class Owner:
         kart = self._of[link]
         if kart.link is link:
             kart.link = None
-            if kart.stop is not None:
-                kart.stop.dropped = time.monotonic()
-                kart.stop = None
+            self._note_dropped(kart)
+
+    def _note_dropped(self, kart: Field) -> None:
+        if kart.stop is not None:
+            kart.stop.dropped = time.monotonic()
+            kart.stop = None
 
     def beat(self) -> None:
         loop = asyncio.get_running_loop()
@@ -160,7 +167,7 @@ class Owner:
 
     def _give_stop(self, link: KartLink) -> None:
         kart = self._of[link]
-        if kart.link is not link or len(kart.stops) >= self._wanted:
+        if kart.link is not link or len(kart.stops) >= self.wanted:
             return
         kart.stop = Stop(time.monotonic())
         kart.stops.append(kart.stop)
@@ -265,11 +272,10 @@ def measure(airs: tuple[Air, ...], stops: int, seconds: float, seed: int) -> int
             for thread in threads:
                 thread.start()
             until = time.monotonic() + seconds
-            while time.monotonic() < until:
+            while time.monotonic() < until and not owner.has_all():
                 await asyncio.sleep(0.5)
-                if all(len(kart.stops) >= stops for kart in fields.values()):
-                    await asyncio.sleep(2.0)
-                    break
+            owner.wanted = 0
+            await asyncio.sleep(2.0)
             server.close()
 
         asyncio.run(serve())

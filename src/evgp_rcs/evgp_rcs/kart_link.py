@@ -42,9 +42,10 @@ SLOW_BEATS = 10
 SLOW_WINDOW = 30.0
 """Time in which officials are told of a slow link once at most, in seconds."""
 
-SPARING = 0.075
-"""Minimum time between two frames to a kart that is very slow to answer, in seconds: of 20 beats a
-second every other one (§4.C wants 10 states a second), of 10 every one."""
+LATE = 0.2
+"""Time by which an answer is later than the quickest of a link, in seconds: for each, frames are
+0.1 s further apart. So a long way is no reason to send less (§4.C wants 10 states a second), but a
+narrow one is, on which a stop would wait behind them."""
 
 TCP_THIN_LINEAR_TIMEOUTS = 16
 """An option of Linux (since 2.6.34) that Python does not name."""
@@ -113,6 +114,7 @@ class KartLink(asyncio.BufferedProtocol):
         self._written = 0
         self._unanswered: deque[tuple[int, float]] = deque()
         self._wrote_at = 0.0
+        self._quickest: float | None = None  # answer, s
         self._slow_beats = 0
         self._slow_until = 0.0
         self._worst_age = 0.0
@@ -136,7 +138,7 @@ class KartLink(asyncio.BufferedProtocol):
         """Take what was read; more than a flood's worth waits for the next beat."""
         self._hearing.read(nbytes)
         if self._hearing.waits:
-            self._look()
+            self._look(self._owner.now())
         self._owner.take_commands()
         for heard, serial in self._hearing.decode(memoryview(self._buffer)[:nbytes]):
             self._owner.link_heard(self, heard, serial)
@@ -183,16 +185,15 @@ class KartLink(asyncio.BufferedProtocol):
         """
         Send the state again, unless an earlier frame has not left yet.
 
-        So a stop is never behind more than one frame that waits here, in whatever buffer. What
-        has left and is not answered may be much: it is on its way, and a stop is not held up by
-        it but where the way is too narrow. Then every other beat is left out.
+        So a stop is never behind more than one frame that waits here, in whatever buffer. Where
+        answers become late, fewer are sent: see `LATE`.
         """
         now = self._owner.now()
         was_full = self._hearing.is_full
         floods = self._hearing.beat(now)
         if self._transport is None:
             return
-        self._look()
+        self._look(now)
         age = now - self._unanswered[0][1] if self._unanswered else 0.0
         if age >= self._send_timeout:
             self.drop('its network link stopped answering')
@@ -204,8 +205,9 @@ class KartLink(asyncio.BufferedProtocol):
             self._transport.resume_reading()
         if age >= SLOW:
             self._note_slow(age, now)
-        spare = age >= self._send_timeout / 2 and now - self._wrote_at < SPARING
-        if not spare and not self._unsent():
+        late = age - (self._quickest or 0.0)
+        apart = int(late / LATE) * 0.1 - 0.025  # beats are not exact
+        if now - self._wrote_at >= apart and not self._unsent():
             self._write(now)
 
     def drop(self, reason: str) -> None:
@@ -237,7 +239,7 @@ class KartLink(asyncio.BufferedProtocol):
             frame = frame[taken:]  # the rest; or all of it, and asyncio meets the error
         self._transport.write(frame)
 
-    def _look(self) -> None:
+    def _look(self, now: float) -> None:
         """Take note of what the kart's TCP has answered."""
         if self._transport is None:
             return
@@ -248,7 +250,8 @@ class KartLink(asyncio.BufferedProtocol):
         if self._hearing.waits:
             self._hearing.look(answered, unread)
         while self._unanswered and self._unanswered[0][0] <= answered:
-            self._unanswered.popleft()
+            took = now - self._unanswered.popleft()[1]
+            self._quickest = took if self._quickest is None else min(took, self._quickest)
 
     def _unsent(self) -> int:
         """Return how many bytes have not left yet, or may not have."""
