@@ -121,6 +121,23 @@ def test_where_a_third_is_lost_a_kart_that_is_lost_comes_back_held(
     record_property('30 % and 200 ms', [each.text for each in lost])
 
 
+def test_a_link_that_answers_all_the_time_but_too_late_is_a_lost_link(race: NetworkRace) -> None:
+    race.green()
+    began = time.monotonic()
+    for delay in (0.2, 0.4, 0.6):  # so that no second passes without an answer
+        race.machine.air(delay=delay)
+        race.good.wait_for_frames(20)
+    race.wait_for_lost(began)
+    check_the_other_kart_raced_on(race)
+
+
+def test_officials_are_told_of_a_link_that_is_slow_again_and_again(race: NetworkRace) -> None:
+    began = time.monotonic()
+    race.machine.air(delay=0.2)
+    race.wait_for(Event.SLOW_LINK, FAULTY, began, 'a slow link')
+    assert not race.events(Event.SLOW_LINK, GOOD)
+
+
 # ----- the kart's machine ------------------------------------------------------------------
 
 

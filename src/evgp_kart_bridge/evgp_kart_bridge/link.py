@@ -302,7 +302,12 @@ class Link:
         if isinstance(event, StateFrame):
             if not self._status.heard_anything:
                 self._status = dataclasses.replace(self._status, heard_anything=True)
-            self._take(lambda arbiter, now: arbiter.heard(event.state, now))
+            before = self._arbiter.verdict.order
+            verdict = self._take(lambda arbiter, now: arbiter.heard(event.state, now)).verdict
+            if verdict.commanded is RaceState.IN_GARAGE and verdict.order != before:
+                # Nothing has to be reached. Race control knows by it that what is said from now
+                # on is no answer to what was commanded before.
+                connection.send(RaceState.IN_GARAGE)
         else:
             self._status = dataclasses.replace(
                 self._status,

@@ -333,7 +333,7 @@ class Wire:
         self._state: RaceState | None = None
         self._serial = 0
         self._taken = self._read = self._answered = 0  # frames: by its TCP, by it, seen by us
-        self._answers_seen = [0] * (self.pause + 1)  # at the last beats
+        self._answers_seen = [0] * self.pause  # at the last beats
         self._said = b''
         self._arrived = self._taken_in = 0
         self._quiet = 0
@@ -360,10 +360,10 @@ class Wire:
                     self.listen(len(self._said))
                 else:
                     self._read = max(self._read, self._answers_seen[0])
+            self.hearing.beat(0.0)
+            self.look()
             if self._state is not None:
                 self._send()
-            self.look()
-            self.hearing.beat(0.0)
             self._quiet += 1
             self._answers_seen = [*self._answers_seen[1:], self._answered]
 
@@ -490,7 +490,7 @@ def test_a_prompt_kart_answers_every_order_at_once(says: str) -> None:
             if not silent:
                 assert [serial for _, serial in wire.pairs()][-1] == len(wire.not_before)
             # Nothing but its silence shows that it has read IN_GARAGE.
-            for _ in range(round(PAUSE * 20.0) + 2 if silent else 2):
+            for _ in range(round(PAUSE * 20.0) + 4 if silent else 2):
                 wire.beat(0)
                 wire.carry(0)
                 wire.answer(7)

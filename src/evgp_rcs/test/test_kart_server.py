@@ -536,6 +536,24 @@ def test_a_kart_that_goes_on_flooding_is_dropped(run: Run, connect: Connect) -> 
     assert 'floods' in event.text
 
 
+def test_an_answer_that_is_under_way_is_no_answer_to_a_later_stop(
+    run: Run, connect: Connect
+) -> None:
+    running = run()
+    client = connect(running, 3)
+    running.give(CommandKind.KART_RED_RED, 3)
+    read_until(client, RED_RED)
+    client.sendall(encode(RED_RED))
+    running.wait_for(EventKind.ACKNOWLEDGED, 3)
+    assert running.give(CommandKind.KART_IN_GARAGE, 3).success
+    running.give(CommandKind.KART_RED_RED, 3)
+    client.sendall(encode(RED_RED) + b'.')  # an echo of the first
+    running.wait_for(EventKind.MALFORMED, 3)
+    assert not running.race.karts[3].acknowledged
+    client.sendall(encode(IN_GARAGE) + encode(RED_RED))
+    running.wait_for(EventKind.ACKNOWLEDGED, 3, count=2)
+
+
 def test_a_release_right_behind_a_stop_does_not_undo_it(run: Run, connect: Connect) -> None:
     running = run(pause=PATIENCE)
     clients = [connect(running, kart) for kart in (1, 2)]
