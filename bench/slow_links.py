@@ -17,10 +17,10 @@ Measure what becomes of stops on slow, narrow and lossy links; ``--help`` says h
 
     setup/in-workspace python bench/slow_links.py
 
-Real sockets and race control's own links (``evgp_rcs.kart_link``), each to a kart on a machine with a
-network of its own. Each kart says back every frame, stops itself after 1 s without one, and connects
-again. A stop is covered if the kart has read it within 1 s, or had stopped itself by then, or race
-control had given the link up by then (with at most a beat more).
+Real sockets and race control's own links (``evgp_rcs.kart_link``), each to a kart on a machine
+with a network of its own. Each kart says back every frame, stops itself after 1 s without one, and
+connects again. A stop is covered if the kart has read it within 1 s, or had stopped itself by
+then, or race control had given the link up by then (with at most a beat more).
 """
 
 from __future__ import annotations
@@ -110,14 +110,12 @@ class Owner:
     def __init__(self, fields: dict[str, Field], stops: int) -> None:
         self._fields = fields
         self.wanted = stops
+        self.has_all = asyncio.Event()
         self._of: dict[KartLink, Field] = {}
         self._serial = 0
 
     def now(self) -> float:
         return time.monotonic()
-
-    def has_all(self) -> bool:
-        return all(len(kart.stops) >= self.wanted for kart in self._fields.values())
 
     def take_commands(self) -> None:
         pass
@@ -171,6 +169,8 @@ class Owner:
             return
         kart.stop = Stop(time.monotonic())
         kart.stops.append(kart.stop)
+        if all(len(each.stops) >= self.wanted for each in self._fields.values()):
+            self.has_all.set()
         self._order(link, RED_RED)
         asyncio.get_running_loop().call_later(1.6, self._green_again, link)
 
@@ -271,9 +271,8 @@ def measure(airs: tuple[Air, ...], stops: int, seconds: float, seed: int) -> int
             owner.beat()
             for thread in threads:
                 thread.start()
-            until = time.monotonic() + seconds
-            while time.monotonic() < until and not owner.has_all():
-                await asyncio.sleep(0.5)
+            with contextlib.suppress(asyncio.TimeoutError):
+                await asyncio.wait_for(owner.has_all.wait(), seconds)
             owner.wanted = 0
             await asyncio.sleep(2.0)
             server.close()

@@ -31,9 +31,9 @@ from typing import Any
 
 from evgp_kart_bridge.node import read_settings as read_bridge_settings
 from evgp_protocol.frames import MAX_FRAME_BYTES
-from evgp_rcs.hearing import DEAF, FLOOD, FLOOD_BYTES, PAUSE
+from evgp_rcs.hearing import DEAF, FLOOD, FLOOD_BYTES, QUIET
 from evgp_rcs.kart_client import KART_SERVER_SILENCE
-from evgp_rcs.kart_link import SLOW
+from evgp_rcs.kart_link import SLOW_ANSWER
 from evgp_rcs.kart_server import ROS_HALF_SILENCE
 from evgp_rcs.race import RaceTimes
 from evgp_rcs.settings import read_settings as read_race_control_settings
@@ -162,10 +162,10 @@ WRITTEN = [
     ('docs/wire.md', r'nothing for \*\*(\d+) s\*\*', SILENCE_OF_RACE_CONTROL),
     ('docs/wire.md', r'heard_at >= ([\d.]+):', SILENCE_OF_RACE_CONTROL),
     ('docs/wire.md', r'That is (\d+) missed frames', RATE * SILENCE_OF_RACE_CONTROL),
-    ('docs/wire.md', r'silent for (\d+) s after its TCP', PAUSE),
-    ('docs/wire.md', r'take more than ([\d.]+) s again', SLOW),
-    ('docs/rules.md', r'silent for (\d+) s in between', PAUSE),
-    ('docs/rules.md', r'answers after more than ([\d.]+) s', SLOW),
+    ('docs/wire.md', r'silent for (\d+) s after its TCP', QUIET),
+    ('docs/wire.md', r'take more than ([\d.]+) s again', SLOW_ANSWER),
+    ('docs/rules.md', r'silent for (\d+) s in between', QUIET),
+    ('docs/rules.md', r'answers after more than ([\d.]+) s', SLOW_ANSWER),
     ('docs/wire.md', r'reads about (\d+) bytes a beat', FLOOD_BYTES),
     ('docs/wire.md', r'during the flood and for (\d+) s after', DEAF),
     ('docs/wire.md', r'drops it after (\d+) s', FLOOD),

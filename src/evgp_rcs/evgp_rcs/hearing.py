@@ -28,22 +28,22 @@ read yet. So a word answers the *earliest* order that it can answer:
 - It is not earlier than the order that the kart's words have reached: the order that the last
   word answered, or one that a pause has shown to be read (below).
 - The word's first byte had not arrived when race control last saw that the kart's TCP had not
-  answered the whole order. TCP brings the answer with the word, or before it: a byte that was there
-  without it was sent before the kart had the order.
+  answered the whole order. TCP brings the answer with the word, or before it: a byte that was
+  there without it was sent before the kart had the order.
 
 ============================= ========================= ======================================
 the kart was sent             it says                   which answers
 ============================= ========================= ======================================
 RED_RED                       RED_RED                   RED_RED
-RED_RED, garage, RED_RED      RED_RED, RED_RED, ...     the first RED_RED, as often as it says it
+RED_RED, garage, RED_RED      RED_RED, RED_RED, ...     the first RED_RED, each time
 RED_RED, garage, RED_RED      IN_GARAGE, RED_RED        IN_GARAGE, then the second RED_RED
-RED_RED, garage, `PAUSE`      nothing for `PAUSE`
-..., RED_RED                  RED_RED                   the second RED_RED
+RED_RED, garage for `QUIET`   nothing
+... and then RED_RED          RED_RED                   the second RED_RED
 RED_RED                       GRID_ACTIVE               nothing
 ============================= ========================= ======================================
 
 *A pause.* IN_GARAGE need not be said back. When the kart's TCP has answered an order, and for
-`PAUSE` after that nothing came from the kart, then it has read that order. A kart that reads and
+`QUIET` after that nothing came from the kart, then it has read that order. A kart that reads and
 says each frame late is not silent; one that reads nothing for 1 s gives its connection up.
 
 What a flood queued answers nothing either. A kart that sends faster than it is read has more bytes
@@ -71,7 +71,7 @@ DEAF = 1.0
 """Time after a flood during which nothing a kart says counts as an answer, in seconds. What floods
 again before it is over goes on flooding: a flood that comes in pieces is one."""
 
-PAUSE = 2.0
+QUIET = 2.0
 """Time of silence after which a kart has read what its TCP had answered before, in seconds. A kart
 reads something every second, or gives its connection up; its words have another second to come."""
 
@@ -123,7 +123,7 @@ class Hearing:
         # Times are in beats: while race control is held up, it reads nothing of the rest.
         self._beats = 0
         self._heard_in = 0
-        self._pause_beats = math.ceil(PAUSE * beat_rate)
+        self._pause_beats = math.ceil(QUIET * beat_rate)
         self._floods_since: float | None = None
         self._beats_after_flood = math.ceil(DEAF * beat_rate)
         self._deaf_beats = 0
@@ -225,7 +225,7 @@ class Hearing:
         return NO_ORDER
 
     def _paused_after(self, order: _Order) -> bool:
-        """Return whether nothing came for `PAUSE` since the kart's TCP had answered an order."""
+        """Return whether nothing came for `QUIET` since the kart's TCP had answered an order."""
         if order.answered_in is None:
             return False
         return self._beats - max(order.answered_in, self._heard_in) > self._pause_beats

@@ -33,7 +33,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.hearing import FLOOD_BYTES, Heard, Hearing
 from evgp_rcs.inputs import CLOSED_BY_KART
 
-SLOW = 0.3
+SLOW_ANSWER = 0.3
 """Age of the oldest unanswered byte from which on a link is slow, in seconds."""
 
 SLOW_BEATS = 10
@@ -42,7 +42,7 @@ SLOW_BEATS = 10
 SLOW_WINDOW = 30.0
 """Time in which officials are told of a slow link once at most, in seconds."""
 
-LATE = 0.2
+ANSWER_STEP = 0.2
 """Time by which an answer is later than the quickest of a link, in seconds: for each, frames are
 0.1 s further apart. So a long way is no reason to send less (§4.C wants 10 states a second), but a
 narrow one is, on which a stop would wait behind them."""
@@ -51,7 +51,7 @@ TCP_THIN_LINEAR_TIMEOUTS = 16
 """An option of Linux (since 2.6.34) that Python does not name."""
 
 SIOCOUTQNSD = 0x894B
-"""Linux's request for the number of bytes that have not been sent yet; TIOCOUTQ's are not answered."""
+"""Linux's request for the number of bytes not sent yet; TIOCOUTQ's have not been answered."""
 
 FRAMES = {state: encode(state) for state in RaceState}
 
@@ -186,7 +186,7 @@ class KartLink(asyncio.BufferedProtocol):
         Send the state again, unless an earlier frame has not left yet.
 
         So a stop is never behind more than one frame that waits here, in whatever buffer. Where
-        answers become late, fewer are sent: see `LATE`.
+        answers become late, fewer are sent: see `ANSWER_STEP`.
         """
         now = self._owner.now()
         was_full = self._hearing.is_full
@@ -203,10 +203,10 @@ class KartLink(asyncio.BufferedProtocol):
             return
         if was_full:
             self._transport.resume_reading()
-        if age >= SLOW:
+        if age >= SLOW_ANSWER:
             self._note_slow(age, now)
         late = age - (self._quickest or 0.0)
-        apart = int(late / LATE) * 0.1 - 0.025  # beats are not exact
+        apart = int(late / ANSWER_STEP) * 0.1 - 0.025  # beats are not exact
         if now - self._wrote_at >= apart and not self._unsent():
             self._write(now)
 

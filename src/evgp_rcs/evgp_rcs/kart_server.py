@@ -597,8 +597,9 @@ class KartServer:
         """Tell officials of a kart whose link is slow again and again."""
         if self._links.get(link.number) is link:
             text = (
-                f'{self._race.karts[link.number]} is slow to answer, up to {age:.1f} s: a stop may '
-                f'reach it that late. After {self._settings.send_timeout:g} s it counts as lost'
+                f'The link to {self._race.karts[link.number]} is slow: answers take up to '
+                f'{age:.1f} s, and a stop may come that late; after '
+                f'{self._settings.send_timeout:g} s it counts as lost'
             )
             self._tell(Event(EventKind.SLOW_LINK, text, kart=link.number, success=False))
 

@@ -23,7 +23,7 @@ import itertools
 from evgp_protocol.frames import encode, FrameDecoder, StateFrame
 from evgp_protocol.states import RaceState
 from evgp_rcs import hearing
-from evgp_rcs.hearing import DEAF, FLOOD, FLOOD_BYTES, Heard, Hearing, NO_ORDER, PAUSE
+from evgp_rcs.hearing import DEAF, FLOOD, FLOOD_BYTES, Heard, Hearing, NO_ORDER, QUIET
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -39,7 +39,7 @@ class OneKart:
     def __init__(self, beat_rate: float = 20.0) -> None:
         """Begin without an order."""
         self.hearing = Hearing(beat_rate)
-        self.pause = round(PAUSE * beat_rate) + 1
+        self.pause = round(QUIET * beat_rate) + 1
         self._sent = 0
         self._serial = 0
 
@@ -107,9 +107,7 @@ def test_what_was_there_while_the_karts_tcp_had_not_answered_the_order_does_not_
     assert kart.hearing.waits
     kart.hearing.read(len(encode(GRID)))
     kart.answer(lacking=1)
-    assert [
-        serial for _, serial in kart.hearing.decode(memoryview(encode(GRID)))
-    ] == [NO_ORDER]
+    assert [serial for _, serial in kart.hearing.decode(memoryview(encode(GRID)))] == [NO_ORDER]
     kart.answer()
     assert not kart.hearing.waits
     assert kart.say(GRID) == [2]
@@ -123,9 +121,7 @@ def test_what_lay_unread_while_the_order_was_unanswered_does_not_answer_it(kart:
 
 
 @pytest.mark.parametrize('begun', range(1, len(encode(GRID))))
-def test_a_frame_that_began_before_the_order_does_not_answer_it(
-    kart: OneKart, begun: int
-) -> None:
+def test_a_frame_that_began_before_the_order_does_not_answer_it(kart: OneKart, begun: int) -> None:
     word = encode(GRID)
     assert kart.say(word[:begun]) == []
     kart.order(GRID)
@@ -285,8 +281,8 @@ def test_a_frame_that_began_while_nothing_counted_does_not_count(kart: OneKart) 
 
 # ----- the wire: bytes under way in both directions, and a kart that reads when it likes ---------
 
-SHORT_PAUSE = 0.2
-"""In place of `PAUSE`, so that Hypothesis meets pauses, s: 4 beats."""
+SHORT_QUIET = 0.2
+"""In place of `QUIET`, so that Hypothesis meets pauses, s: 4 beats."""
 
 SMALL_FLOOD = 40
 """In place of `FLOOD_BYTES`, so that Hypothesis meets floods, bytes."""
@@ -319,12 +315,12 @@ class Wire:
     TCP loses nothing and keeps the order, and a byte from the kart brings the answer to at least
     what the kart's TCP had when the byte was said. Nothing else is certain: frames and words may
     take any time, answers may come before words that are older, and the kart may leave any number
-    of frames unread. But a kart that was silent for `PAUSE` has read what had been answered before.
+    of frames unread. But a kart that was silent for `QUIET` has read what was answered before.
     """
 
     def __init__(self) -> None:
         self.hearing = Hearing(20.0)
-        self.pause = round(SHORT_PAUSE * 20.0)
+        self.pause = round(SHORT_QUIET * 20.0)
         self.frames: list[tuple[int, RaceState]] = []  # sent, each with its order's serial
         self.ends: list[int] = []
         self.words: list[Word] = []
@@ -451,7 +447,7 @@ def steps(*more: str) -> st.SearchStrategy[list[tuple[str, int]]]:
 def wire_after(steps: list[tuple[str, int]]) -> Wire:
     """Return a wire on which all this has happened, and everything has been heard."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(hearing, 'PAUSE', SHORT_PAUSE)
+        patch.setattr(hearing, 'QUIET', SHORT_QUIET)
         wire = Wire()
         for what, how in steps:
             getattr(wire, what)(how)
@@ -490,7 +486,7 @@ def test_a_prompt_kart_answers_every_order_at_once(says: str) -> None:
             if not silent:
                 assert [serial for _, serial in wire.pairs()][-1] == len(wire.not_before)
             # Nothing but its silence shows that it has read IN_GARAGE.
-            for _ in range(round(PAUSE * 20.0) + 4 if silent else 2):
+            for _ in range(round(QUIET * 20.0) + 4 if silent else 2):
                 wire.beat(0)
                 wire.carry(0)
                 wire.answer(7)

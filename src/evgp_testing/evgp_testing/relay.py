@@ -18,8 +18,9 @@ The air between the machines of a track: a switch that loses and delays what it 
 It runs as a process of its own, in the network namespace that has one end of every machine's
 cable, and needs nothing but the standard library. Ethernet frames (IPv4 and ARP) go from cable
 to cable by their destination, broadcasts and multicasts to each; for each machine and direction
-there is a share that is lost, a delay, and perhaps a rate, with a queue before it. Orders come as one line of JSON each on standard input,
-and each is answered by one on standard output; when the input ends, so does the relay.
+there is a share that is lost, a delay, and perhaps a rate, with a queue before it. Orders come as
+one line of JSON each on standard input, and each is answered by one on standard output; when the
+input ends, so does the relay.
 
 It also notes when new TCP data toward a machine last arrived there, and when the first came since
 its air was last changed: that is what a test measures from. All times are CLOCK_MONOTONIC, which
