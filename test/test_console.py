@@ -394,6 +394,39 @@ def test_all_kill_by_key_whichever_widget_has_the_focus(
     kart.wait_for_state(RED_RED)
 
 
+@pytest.mark.parametrize(
+    ('layout', 'variant'), [('fr', 'bepo'), ('ca', ''), ('de', 'neo'), ('bt', '')]
+)
+def test_the_space_bar_is_all_kill_on_every_layout_whatever_is_held_with_it(
+    start_race_control: StartRaceControl,
+    open_console: OpenConsole,
+    join_official: JoinOfficial,
+    layout: str,
+    variant: str,
+) -> None:
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
+    console = open_console(control)
+    console.wait_for('kart_1')
+    console.screen.lay_out(layout, variant)
+    held = ('shift', 'altgr', 'shift+altgr', 'ctrl', 'caps', 'shift+caps', 'caps+altgr')
+
+    pressed = ('space', *(f'{each}+space' for each in held), 'ctrl+altgr+F12')
+    for count, keys in enumerate(pressed, 1):
+        console.key(keys)
+
+        official.wait_until(
+            lambda count=count: count_of(official, msg.CommandAvailability.ALL_KILL) >= count,
+            lambda keys=keys: f'no ALL KILL by {keys}',
+        )
+        console.wait_for('kill_hint', text='SPACE BAR')  # accepted: not the one before once more
+
+
+def count_of(official: Official, command: int) -> int:
+    """Return how often a command was given, as far as heard."""
+    return sum(event.command == command for event in official.events)
+
+
 def tab_to(console: Console, name: str) -> None:
     """Press Tab until a widget has the focus."""
     for _ in range(60):

@@ -60,7 +60,7 @@ class Keyboard:
         """Return whether a key is used up: no widget gets it then."""
         age = self._late.age(event)
         repeated = event.isAutoRepeat()
-        if _alone(event) in keys.KILL_KEYS:
+        if keys.is_kill(_alone(event), event.nativeScanCode()):
             if not repeated:
                 self._presses.kill()
             return True

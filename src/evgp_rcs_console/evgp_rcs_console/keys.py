@@ -30,8 +30,9 @@ from evgp_rcs_console import words
 from evgp_rcs_console.commands import asks
 from evgp_rcs_console.view import Cell, CHOSEN_KART_KEYS, FINISH_KEYS, KEYS, Tone
 
-KILL_KEYS = frozenset({'Space', 'F12'})
-"""The keys of ALL KILL, also with any modifier held."""
+_KILL_NAMES = frozenset({'Space', 'F12'})
+_KILL_CODES = frozenset({65, 96})
+"""The keys of ALL KILL, and their places on a keyboard as Linux numbers them."""
 
 FORGOTTEN = 5.0
 """Time after the last digit when the number of a kart is cleared, in seconds."""
@@ -61,6 +62,18 @@ def key_name(name: str, text: str, code: int) -> str:
     if len(last) == 1 and not last.isascii():
         return f'{modifiers}{plus}{_LETTER_AT.get(code, last)}'
     return name
+
+
+def is_kill(name: str, code: int) -> bool:
+    """
+    Return whether a key is one of ALL KILL, whatever modifier is held and whatever it types.
+
+    With a modifier, the space bar of some layouts types a no-break space, a digit or another sign.
+
+    :param name: its name in Qt, without modifiers.
+    :param code: the number of its place on the keyboard, from the display server.
+    """
+    return name in _KILL_NAMES or name.isspace() or code in _KILL_CODES
 
 
 NAME_SIGNS = '-._'

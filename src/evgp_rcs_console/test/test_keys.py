@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs_console.keys import Act, FORGOTTEN, KartField, key_name, KILL_KEYS, meaning
+from evgp_rcs_console.keys import Act, FORGOTTEN, is_kill, KartField, key_name, meaning
 from evgp_rcs_console.view import ANSWER_KEYS, CHOSEN_KART_KEYS, FINISH_KEYS, KEYS, Tone
 import pytest
 
@@ -28,13 +28,20 @@ def test_no_key_means_two_things() -> None:
         *FINISH_KEYS,
         *(f'Ctrl+{letter}' for letter in CHOSEN_KART_KEYS),
         *ANSWER_KEYS,
-        *KILL_KEYS,
         *(key for key in ('F1', 'F10', 'F11', 'Up', 'Down', 'Return', 'Enter', 'Esc')),
         *(key for key in ('Ctrl+L', 'Backspace')),
     ]
 
     assert len(every) == len(set(every))
-    assert not KILL_KEYS & set(every[: -len(KILL_KEYS) - 10])
+    assert not any(is_kill(key, 0) for key in every)
+
+
+@pytest.mark.parametrize(
+    ('name', 'code'),
+    [('Space', 0), ('F12', 0), ('\u00a0', 0), ('\u202f', 0), ('_', 65), ('0', 65), ('', 96)],
+)
+def test_a_key_of_all_kill_is_known_by_its_name_or_its_place(name: str, code: int) -> None:
+    assert is_kill(name, code)
 
 
 def test_a_letter_is_the_finish_of_the_kart_that_shows_it() -> None:

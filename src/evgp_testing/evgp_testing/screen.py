@@ -31,11 +31,20 @@ _POINTER_ROOT = 1
 _SUBSTRUCTURE_NOTIFY = 1 << 19
 _MAP_NOTIFY = 19
 
+_MODIFIERS = {
+    'ctrl': 'Control_L',
+    'shift': 'Shift_L',
+    'altgr': 'Alt_R',
+    'caps': 'Caps_Lock',
+}
+"""Keys that are held down with another one, by their names on the screen's first layout."""
+
 
 def why_no_screen() -> str:
     """Return what is missing for a screen, and how to install it; empty if nothing is."""
-    if shutil.which('Xvfb') is None:
-        return "there is no Xvfb: 'apt-get install xvfb'"
+    for program, package in (('Xvfb', 'xvfb'), ('setxkbmap', 'x11-xkb-utils')):
+        if shutil.which(program) is None:
+            return f"there is no {program}: 'apt-get install {package}'"
     missing = [name for name in ('X11', 'Xtst') if ctypes.util.find_library(name) is None]
     return f"there is no lib{missing[0]}: 'apt-get install libxtst6'" if missing else ''
 
@@ -119,6 +128,20 @@ class Screen(Part):
         self._x.XChangeKeyboardMapping(self._open, code, len(codes), many, 1)
         self._x.XSync(self._open, 0)
 
+    def lay_out(self, layout: str, variant: str = '') -> None:
+        """
+        Have another layout of the keyboard, as xkb-data names it.
+
+        ``key`` still finds the space bar, F12 and the modifiers where they were.
+        """
+        for name in ('space', 'F12', *_MODIFIERS.values()):
+            self._code(name)
+        self.is_remapped = True
+        subprocess.run(
+            ['setxkbmap', '-display', self.display, '-layout', layout, '-variant', variant],
+            check=True,
+        )
+
     def release_button(self) -> None:
         """Release the left mouse button."""
         self._button(0)
@@ -132,7 +155,7 @@ class Screen(Part):
     def key(self, name: str) -> None:
         """Press and release a key by its X name, as 'space' or 'F2'; 'ctrl+r' with a modifier."""
         *modifiers, last = name.split('+')
-        codes = [self._code({'ctrl': 'Control_L', 'shift': 'Shift_L'}[m]) for m in modifiers]
+        codes = [self._code(_MODIFIERS[each]) for each in modifiers]
         codes.append(self._code(last))
         for code in codes:
             self._test.XTestFakeKeyEvent(self._open, code, 1, ctypes.c_ulong(0))
