@@ -554,6 +554,8 @@ def test_the_banner_of_race_control_is_at_the_top_of_every_window(
     banner = open_console(start_race_control(banner='REHEARSAL'))
     top = banner.wait_for('top_line', text='^REHEARSAL$')
     assert top['y'] < banner.wait_for('state')['y']
+    banner.wait_for('kart_1')
+    banner.press('F4', see='status', text='✓ REHEARSAL: ')
     none = open_console(start_race_control())
     none.wait_for('kart_1')
     assert 'top_line' not in none.widgets()

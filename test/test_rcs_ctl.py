@@ -576,6 +576,26 @@ def test_watch_says_the_banner_of_race_control_first(
         assert shown.stdout.splitlines()[0] == '=== REHEARSAL ==='
 
 
+@pytest.mark.parametrize(
+    ('words', 'code'),
+    [
+        (('all-kill',), ACCEPTED),
+        (('green-green', '1'), REFUSED),
+        (('kart-red-red', '99'), REFUSED),
+        (('in-garage', '--track-is-safe'), USAGE),  # nothing was sent
+    ],
+)
+def test_every_answer_says_the_banner_so_that_no_rehearsal_is_taken_for_a_race(
+    start_race_control: StartRaceControl, words: tuple[str, ...], code: int
+) -> None:
+    control = start_race_control(banner='REHEARSAL', in_race=(1,))
+
+    done = run(control.domain, *words, '--wait', str(PATIENCE))
+
+    assert done.returncode == code
+    assert 'REHEARSAL' in (done.stdout + done.stderr).splitlines()[0]
+
+
 def test_a_heat_is_put_into_the_race_by_its_name_and_watch_lists_the_heats(
     start_race_control: StartRaceControl, join_official: JoinOfficial
 ) -> None:

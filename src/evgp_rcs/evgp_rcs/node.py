@@ -116,11 +116,12 @@ class RcsNode(StrictNode):
             'The ROS graph may be reached from where karts connect, without SROS2: whoever is on '
             'their network can then start them (docs/security.md).',
         )
-        banner = parameters.declare(
+        self._banner = parameters.declare(
             'banner',
             '',
-            'What every screen says at its top, such as REHEARSAL; empty: nothing. Screens that '
-            'say it are trusted to be in no race: never set it for one.',
+            'What every screen says at its top, and every answer at its beginning, such as '
+            'REHEARSAL; empty: nothing. Screens that say it are trusted to be in no race: never set '
+            'it for one.',
         )
         begin = read_settings(parameters)
         refuse_open_graph(begin.settings.host, accepted=accept_open_graph)
@@ -131,7 +132,9 @@ class RcsNode(StrictNode):
         self._closing = threading.Event()
         self._calls = self._heard = 0
         self._asking = threading.Thread(target=self._ask, name='asking', daemon=True)
-        self._teller = Teller(self, begin.roster, self._teller_failed, self._published, banner)
+        self._teller = Teller(
+            self, begin.roster, self._teller_failed, self._published, self._banner
+        )
         self._server = KartServerClient(
             begin,
             on_events=self._teller.events,
@@ -251,7 +254,8 @@ class RcsNode(StrictNode):
         def serve(request: Any, response: Any) -> Any:
             answer = self._command(_asked_for(kinds, request))
             response.success = answer.success
-            response.message = answer.message
+            # In a rehearsal nobody must believe that a real kart was stopped.
+            response.message = ': '.join(filter(None, (self._banner, answer.message)))
             return response
 
         # Also below another node a name is what it is in this one, remapped or not.

@@ -124,7 +124,8 @@ def attend(given: Sequence[str], wanted: argparse.Namespace, began: float, repor
         if wanted.command == 'watch':
             report(last=True, **_watch(client, desk, wanted, until, report))
         else:
-            report(last=True, **_give(client, desk, wanted, until, ready - began))
+            told = _give(client, desk, wanted, until, ready - began)
+            report(last=True, **_under_banner(told, desk.race))
     finally:
         client.close()
         rclpy.try_shutdown()
@@ -189,6 +190,17 @@ def _give(
     desk.wait_for(lambda: desk.race is not None, min(until, now() + SETTLED))
     steps = [] if desk.race is None else _next_step(wanted, order, desk.race)
     return {'code': Exit.REFUSED, 'error': '\n'.join([answer.message, *steps])}
+
+
+def _under_banner(told: Told, race: Race | None) -> Told:
+    """Put race control's banner above what is said, if its answer does not have it."""
+    banner = race.banner if race is not None else ''
+    return {
+        key: f'{words.BANNER.format(banner=banner)}\n{said}'
+        if isinstance(said, str) and banner and f'{banner}: ' not in said
+        else said
+        for key, said in told.items()
+    }
 
 
 def _next_step(wanted: argparse.Namespace, order: Order, race: Race) -> list[str]:
