@@ -262,7 +262,7 @@ def test_a_whole_race_by_keys_only(
     console.ask('F7')
     console.press('y', see='track', text='OPEN')
     console.wait_for('close_track', barred='false')
-    console.press('F8', see='track', text='closed')
+    console.press('F8', see='track', text='not open')
 
     for kart in karts:
         kart.wait_for_state(IN_GARAGE)
@@ -879,6 +879,54 @@ def test_whether_humans_may_be_on_the_track_is_always_shown_with_the_reason(
     console.wait_for('humans', text='HUMANS ALLOWED')
 
 
+def test_a_race_of_lost_karts_is_no_green_one_in_the_largest_words(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 2))
+    console = open_console(control)
+    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2)]
+    see_karts(console, 1, 2)
+    console.start_race()
+    console.wait_for('state_since', text='2 driving')
+    console.wait_for('humans', tone='wait')
+
+    karts[0].close()
+    console.wait_for('state_since', text='1 driving, 1 lost')
+    console.wait_for('state', text='GREEN GREEN', tone='green')
+    karts[1].close()
+
+    console.wait_for('state', text='ALL KARTS LOST', tone='bad')
+    console.wait_for('state_since', text='race in GREEN GREEN')
+    console.wait_for('humans', text='NO HUMANS', tone='bad')
+
+
+def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(
+    speak: Callable[..., Speaker], open_console: OpenConsole
+) -> None:
+    kart = msg.KartStatus(number=7, in_race=True, may_be_moving=True)
+    kart.sent.state = kart.hold.state = msg.RaceState.RED_RED
+    race = msg.Race(karts=[kart], state_cause='RECORD_MSR by Anna')
+    race.state.state = msg.RaceState.RED_RED
+    race.track = msg.TrackAccess(open=True, allowed=True, reason='the MSR', msr_used=True)
+    race.alerts = [msg.Alert(kind=msg.Alert.LOST_IN_MOTION, kart=7, text='Kart 7 was lost')]
+    speaker = speak(race=race)
+    console = open_console(speaker)
+
+    console.wait_for('humans', text='ALLOWED BY THE MSR', tone='wait')
+    console.wait_for('humans_reason', text='it alone stops kart 7')
+    console.wait_for('kart_7', text='only the MSR stops it')
+    console.wait_for('state_since', text='RECORD_MSR by Anna')
+    console.wait_for('track', text='OPEN', tone='wait')
+    assert 'USE THE MSR' not in console.wait_for('banner', text='Kart 7 was lost')['text']
+
+    race.alerts[0].use_msr = True
+    speaker.tell(race)
+
+    console.wait_for('banner', text='USE THE MSR')
+    console.wait_for('humans', text='NO HUMANS', tone='bad')
+    console.wait_for('track', text='OPEN', tone='bad')
+
+
 def test_the_use_of_the_msr_is_recorded_by_a_statement(
     start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
 ) -> None:
@@ -1274,6 +1322,22 @@ def test_a_question_that_lets_humans_near_says_in_red_what_the_screen_says_again
     console.wait_for('question_problem', text='begin again')
     console.wait_for('question_consequence', visible=False)
     console.wait_for('question_statement', visible=False)
+
+
+def test_the_way_from_the_grid_to_the_garage_has_no_warning(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,))
+    console = open_console(control)
+    connect_kart(control, 1, EACH_CHANGE)
+    see_karts(console, 1)
+    console.ask('F2')
+    console.press('y', see='state', text='GRID ACTIVE')
+
+    console.wait_for('in_garage', barred='false')
+    console.ask('F6', text='safe')
+
+    console.wait_for('question_warning', visible=False)
 
 
 def test_the_bottom_line_does_not_say_what_another_official_has_changed_since(

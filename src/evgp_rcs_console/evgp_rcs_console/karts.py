@@ -209,7 +209,8 @@ class Overview(QtWidgets.QWidget):
         width = self.width() / count
         for place, row in enumerate(self._rows):
             box = QtCore.QRectF(place * width, 0, width - 2, self.height() - 1)
-            fore, back = style.STALE if self._stale else style.TONES[row.sent.tone]
+            tone = row.link.tone if row.link.tone is Tone.BAD else row.sent.tone
+            fore, back = style.STALE if self._stale else style.TONES[tone]
             if not row.in_race and row.sent.tone is Tone.GARAGE and not self._stale:
                 fore, back = style.TONES[Tone.FAINT][0], '#FFFFFF'
             painter.fillRect(box, QtGui.QColor(back))

@@ -47,13 +47,13 @@ class NowPanel(QtWidgets.QWidget):
     def __init__(self, pressed: Pressed) -> None:
         """Wait to be told."""
         super().__init__()
-        self._state = Label('state')
-        self._since = Label('state_since')
+        self._state = Fitted('state', (46, 40, 34, 30, 26))
+        self._since = Fitted('state_since', (17, 15, 14, 13, 12, 11))
         for label in (self._state, self._since):
             label.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
         self._humans = Label('humans', fill='true')
         self._humans_reason = Fitted('humans_reason', (15, 14, 13, 12, 11))
-        self._track = Label('track')
+        self._track = Label('track', fill='true')
         self._track_button = CommandButton(pressed)
         left = QtWidgets.QVBoxLayout()
         left.setSpacing(2)
@@ -76,15 +76,17 @@ class NowPanel(QtWidgets.QWidget):
         """Take the size of a scale."""
         self.setFixedHeight(round(TOP_HEIGHT * by))
         self._track_button.setFixedSize(round(170 * by), round(36 * by))
-        self._humans_reason.fit(by)
+        self._since.setFixedHeight(round(44 * by))
+        for text in (self._state, self._since, self._humans_reason):
+            text.fit(by)
 
     def show_screen(self, screen: Screen, stale: bool) -> None:
         """Show the race as it is now."""
         self._state.show_cell(screen.state, stale)
-        set_text(self._since, screen.since)
+        self._since.show_text('\n'.join(filter(None, (screen.since, screen.tally))))
         self._humans.show_cell(screen.humans, stale)
         self._humans_reason.show_text(screen.humans_reason)
-        set_text(self._track, screen.track)
+        self._track.show_cell(screen.track, stale)
         if screen.track_button is not None:
             self._track_button.show_button(screen.track_button)
 

@@ -69,6 +69,8 @@ def read_race(race: msg.Race) -> Race:
         ),
         heats=tuple(Heat(heat.name, tuple(heat.karts)) for heat in race.heats),
         banner=race.banner,
+        state_cause=race.state_cause,
+        state_clock=_clock(race.state_since),
     )
 
 
@@ -76,7 +78,7 @@ def read_event(event: msg.RaceEvent) -> Event:
     """Return the event of a message."""
     return Event(
         sequence=event.sequence,
-        clock=time.strftime('%H:%M:%S', time.localtime(event.stamp.sec)),
+        clock=_clock(event.stamp),
         kart=event.kart,
         success=event.success,
         text=event.text,
@@ -124,6 +126,10 @@ def _availability(commands: Iterable[msg.CommandAvailability], stamp: float) -> 
 
 def _state(message: msg.RaceState) -> State:
     return _STATES.get(message.state, State.UNKNOWN)
+
+
+def _clock(stamp: Any) -> str:
+    return time.strftime('%H:%M:%S', time.localtime(stamp.sec))
 
 
 def _seconds(message: Any) -> float:

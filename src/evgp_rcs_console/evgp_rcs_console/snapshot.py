@@ -79,6 +79,11 @@ class Kart:
     commands: Availability
     inspected: str = ''
 
+    @property
+    def in_doubt(self) -> bool:
+        """Return whether it may be moving although it is not to, or without being heard."""
+        return self.may_be_moving and not (self.connected and self.sent is State.GREEN_GREEN)
+
 
 @dataclass(frozen=True)
 class Track:
@@ -113,6 +118,8 @@ class Race:
     """
     One consistent snapshot of the race.
 
+    :param state_cause: what brought the state about, and who; empty if that is not known.
+    :param state_clock: when, by race control's wall clock, as hours:minutes:seconds.
     :param banner: what every screen says at its top; empty: nothing.
     """
 
@@ -125,6 +132,8 @@ class Race:
     alerts: tuple[Alert, ...]
     heats: tuple[Heat, ...] = ()
     banner: str = ''
+    state_cause: str = ''
+    state_clock: str = ''
 
     def kart(self, number: int) -> Kart | None:
         """Return the kart with this number, if the roster has it."""

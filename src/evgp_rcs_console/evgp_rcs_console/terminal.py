@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from evgp_rcs_console import words
+from evgp_rcs_console.notices import Notice
 from evgp_rcs_console.snapshot import Alert
 from evgp_rcs_console.view import Button, Screen
 
@@ -28,8 +29,9 @@ def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
     lines = [
         *([words.BANNER.format(banner=screen.banner)] if screen.banner else []),
         f'Race: {screen.state.text}  ({screen.since})',
-        f'{screen.humans.text}: {screen.humans_reason}.  {screen.track}.',
-        *(f'! {alert.text}' for alert in alerts),
+        *([f'Karts: {screen.tally}'] if screen.tally else []),
+        f'{screen.humans.text}: {screen.humans_reason}.  {screen.track.text}.',
+        *(str(Notice(0, alert)) for alert in alerts),
         *([f'{words.RESULTS}: {screen.places}'] if screen.places else []),
         '',
     ]

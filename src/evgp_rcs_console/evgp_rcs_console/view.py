@@ -241,6 +241,10 @@ class Screen:
     All that a screen shows of the race itself.
 
     :param banner: what it says at its top; empty: nothing.
+    :param state: the state of the race, in the largest type; or what is true of its karts, if none
+        of them is sent it.
+    :param since: for how long it has been in that state, and by whom.
+    :param tally: how many karts of the race do what; empty if there is none.
     :param heat_button: offers the choice of a heat; None if the roster names none.
     :param heats: one button for each heat of the roster.
     :param places: the places of the race, or of the last one; empty if there are none.
@@ -249,12 +253,13 @@ class Screen:
     banner: str
     state: Cell
     since: str
+    tally: str
     heat_button: Button | None
     heats: tuple[Button, ...]
     places: str
     humans: Cell
     humans_reason: str
-    track: str
+    track: Cell
     race: tuple[Button, ...]
     all_karts: tuple[Button, ...]
     track_button: Button | None
@@ -400,19 +405,20 @@ def show(
     """
     barred = danger.barred if danger else ''
     buttons = _Buttons(race, pending, age, barred, reasons or {})
-    since = words.STATE_SINCE.format(age=words.age(race.state_for + age))
-    track = race.track
     humans, reason = _humans(race)
+    if danger is not None:
+        humans, reason = Cell(words.HUMANS_NOT_KNOWN, Tone.BAD), danger.title
     return Screen(
         banner=race.banner,
-        state=_state_cell(race.state),
-        since=f'{since}, {words.OVER}' if race.over else since,
+        state=_headline(race),
+        since=_since(race, age),
+        tally=words.tally(race.karts),
         heat_button=buttons.race(CommandKind.SET_HEAT) if race.heats else None,
         heats=tuple(buttons.heat(heat) for heat in race.heats),
         places=_places(race),
         humans=humans,
         humans_reason=reason,
-        track=words.TRACK_OPEN if track.is_open else words.TRACK_CLOSED,
+        track=_track(race),
         race=tuple(buttons.race(command) for command in RACE_COMMANDS),
         all_karts=(buttons.race(CommandKind.RECORD_MSR),),
         track_button=buttons.race(_offered(CommandKind.OPEN_TRACK, race, None)),
@@ -420,13 +426,69 @@ def show(
     )
 
 
+def _headline(race: Race) -> Cell:
+    """
+    Return what is said in the largest type: what is true of the karts of the race.
+
+    A kart without a link stops by itself: RED RED is true of it.
+    """
+    karts = [kart for kart in race.karts if kart.in_race] or race.karts
+    there = [kart for kart in karts if kart.connected]
+    sent = {kart.sent for kart in there}
+    if race.state in sent:
+        return _state_cell(race.state)
+    if sent:
+        red = race.state in (State.RED_FLAG, State.RED_RED)
+        if red and len(sent) == 1:
+            return _state_cell(*sent)
+        return Cell(words.OTHERWISE[race.state], Tone.WAIT)
+    if race.state is State.GRID_ACTIVE:
+        return Cell(words.NONE_CONNECTED, Tone.WAIT)
+    if race.state in (State.GREEN_GREEN, State.RED_FLAG):
+        return Cell(words.ALL_LOST, Tone.BAD)
+    return _state_cell(race.state)
+
+
+def _since(race: Race, age: float) -> str:
+    """Return for how long the race has been in its state, by whom, and whether it is over."""
+    since = words.STATE_SINCE.format(age=words.age(race.state_for + age))
+    if race.state_cause:
+        since = words.STATE_CAUSE.format(since=since, cause=race.state_cause)
+    if race.state_clock:
+        since = words.STATE_AT.format(since=since, clock=race.state_clock)
+    if _headline(race) != _state_cell(race.state):
+        since = words.STATE_OF_RACE.format(state=words.STATES[race.state], since=since)
+    return f'{since}, {words.OVER}' if race.over else since
+
+
 def _humans(race: Race) -> tuple[Cell, str]:
-    """Return whether humans are allowed on the track, and why or why not."""
+    """
+    Return whether humans are allowed on the track, and why or why not.
+
+    They are not while anything else on the screen speaks against it.
+    """
+    against, under_way = words.against_humans(race), words.under_way(race)
+    if against or under_way or not race.track.allowed:
+        wrong = against or race.track.is_open
+        reason = '' if race.track.allowed else race.track.reason
+        if under_way or not reason:
+            reason = against or reason or under_way
+        return Cell(words.HUMANS_NOT_ALLOWED, Tone.BAD if wrong else Tone.WAIT), reason
     if nobody_is_heard(race):
         return Cell(words.HUMANS_UNKNOWN), words.HUMANS_UNKNOWN_REASON
-    if race.track.allowed:
-        return Cell(words.HUMANS_ALLOWED, Tone.GOOD), race.track.reason
-    return Cell(words.HUMANS_NOT_ALLOWED, Tone.BAD), race.track.reason
+    doubtful = words.in_doubt(race)
+    if doubtful:
+        reason = words.HUMANS_BY_MSR_REASON.format(reason=race.track.reason, karts=doubtful)
+        return Cell(words.HUMANS_BY_MSR, Tone.WAIT), reason
+    return Cell(words.HUMANS_ALLOWED, Tone.GOOD), race.track.reason
+
+
+def _track(race: Race) -> Cell:
+    """Return whether the track is open; in red if nobody may be there."""
+    if not race.track.is_open:
+        return Cell(words.TRACK_CLOSED)
+    unsafe = _humans(race)[0].text == words.HUMANS_NOT_ALLOWED
+    return Cell(words.TRACK_OPEN, Tone.BAD if unsafe else Tone.WAIT)
 
 
 def _places(race: Race) -> str:
@@ -436,14 +498,17 @@ def _places(race: Race) -> str:
 
 
 def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
+    race = buttons.snapshot
     notes = []
-    if kart.may_be_moving and (kart.sent is not State.GREEN_GREEN or not kart.connected):
-        notes.append(words.MAY_MOVE)
+    if kart.in_doubt:
+        notes.append(words.MSR_STOPS_IT if race.track.msr_used else words.MAY_MOVE)
     if kart.hold is not State.UNKNOWN:
         notes.append(words.HELD.format(reason=kart.hold_reason))
     asks = kart.sent is not State.IN_GARAGE
     if not kart.connected or not asks:
         acknowledged = Cell(words.NOTHING_ASKED, Tone.FAINT)
+    elif kart.acknowledged and kart.in_doubt:
+        acknowledged = Cell(words.SETTLING, Tone.WAIT)
     elif kart.acknowledged:
         acknowledged = Cell(words.YES, Tone.GOOD)
     else:
@@ -451,7 +516,9 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
     says = Cell(words.STATES[kart.reported], Tone.PLAIN)
     if kart.reported not in (State.UNKNOWN, kart.sent):
         says = Cell(words.STATES[kart.reported], Tone.WAIT)
-    missing = Tone.BAD if kart.in_race or kart.may_be_moving else Tone.FAINT
+    missing = Tone.WAIT if kart.in_race else Tone.FAINT  # in the garage it may come yet
+    if kart.may_be_moving or (kart.in_race and race.state is not State.IN_GARAGE):
+        missing = Tone.BAD
     key = FINISH_KEYS[place] if place < len(FINISH_KEYS) else ''
     finish = buttons.kart(CommandKind.KART_FINISH, kart, key)
     return Row(
@@ -460,7 +527,8 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
         in_race=kart.in_race,
         race=Cell(words.RACING) if kart.in_race else Cell(words.NOT_RACING, Tone.FAINT),
         link=Cell(words.LINKED) if kart.connected else Cell(words.NOT_LINKED, missing),
-        sent=_state_cell(kart.sent),
+        # Without a link it is sent nothing: it would be.
+        sent=_state_cell(kart.sent) if kart.connected else _faint(_state_cell(kart.sent)),
         since=words.age(kart.sent_for + age),
         acknowledged=acknowledged,
         says=says,
@@ -469,7 +537,7 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
         note=', '.join(notes) or words.inspected(kart),
         buttons=tuple(
             finish if command is finish.command else buttons.kart(command, kart)
-            for command in (_offered(each, buttons.snapshot, kart) for each in KART_COMMANDS)
+            for command in (_offered(each, race, kart) for each in KART_COMMANDS)
         ),
         finish=finish,
     )
@@ -485,6 +553,10 @@ def _offered(command: CommandKind, race: Race, kart: Kart | None) -> CommandKind
 
 def _state_cell(state: State) -> Cell:
     return Cell(f'{words.SYMBOLS[state]} {words.STATES[state]}'.strip(), STATE_TONES[state])
+
+
+def _faint(cell: Cell) -> Cell:
+    return replace(cell, tone=Tone.FAINT)
 
 
 @dataclass(frozen=True)

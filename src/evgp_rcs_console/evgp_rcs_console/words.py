@@ -69,18 +69,34 @@ NOT_RACING = '○ out'
 LINKED = '✓ linked'
 NOT_LINKED = '✗ NO LINK'
 MAY_MOVE = 'may be moving'
+MSR_STOPS_IT = 'only the MSR stops it: make it safe'
 HELD = 'held: {reason}'
 YES = '✓ yes'
 WAITING = '… not yet'
+SETTLING = '… yes, wait'
 NOTHING_ASKED = '-'
 OVER = 'race over'
+ALL_LOST = '✗ ALL KARTS LOST'
+NONE_CONNECTED = '? NO KART CONNECTED'
+OTHERWISE = {
+    State.IN_GARAGE: '… ALL KARTS HELD',
+    State.GRID_ACTIVE: '… NO KART ON THE GRID',
+    State.GREEN_GREEN: '… NO KART IS RACING',
+    State.RED_FLAG: '… NO KART IN RED FLAG',
+    State.RED_RED: '… NO KART IN RED RED',
+    State.UNKNOWN: '',
+}
+"""What is said instead of a state of the race that no kart of it is sent."""
 
 HUMANS_ALLOWED = '✓ HUMANS ALLOWED'
+HUMANS_BY_MSR = '✓ HUMANS ALLOWED BY THE MSR'
+HUMANS_BY_MSR_REASON = '{reason}, and it alone stops {karts}: leave it on'
 HUMANS_NOT_ALLOWED = '✗ NO HUMANS ON TRACK'
+HUMANS_NOT_KNOWN = '? NO HUMANS: NOT KNOWN'
 HUMANS_UNKNOWN = '? NO KART CONNECTED'
 HUMANS_UNKNOWN_REASON = 'race control cannot tell what the karts do: check each one'
-TRACK_OPEN = 'Track is OPEN'
-TRACK_CLOSED = 'Track is closed'
+TRACK_OPEN = '⚠ TRACK IS OPEN'
+TRACK_CLOSED = 'Track is not open'
 
 ALERTS_UNKNOWN = 'Alerts: not known'
 NO_ALERT = '✓ No alerts'
@@ -133,6 +149,9 @@ TWO_DETAIL = 'Two race controls are running in this ROS domain.'
 TWO_WHAT_TO_DO = 'Stops go to both. No other command can be sent.'
 TWO_REASON = 'two race controls are running: shut one down'
 STATE_SINCE = 'for {age}'
+STATE_CAUSE = '{since}: {cause}'
+STATE_AT = '{since}, {clock}'
+STATE_OF_RACE = 'race in {state} {since}'
 KILL_HINT = 'SPACE BAR or F12'
 KILL_UNANSWERED = 'SENT {count} times in {age}: no answer'
 KILL_NOTE_GONE = 'Press a stop once: it is sent again until race control accepts it.'
@@ -305,16 +324,45 @@ def condition(command: CommandKind, kart: Kart | None, race: Race, statement: st
     return f'{CATALOGUE[command].label} is what I want'
 
 
+def in_doubt(race: Race) -> str:
+    """Return the karts that may be moving although they are not to; empty if there is none."""
+    return kart_numbers([kart.number for kart in race.karts if kart.in_doubt])
+
+
+def against_humans(race: Race) -> str:
+    """Return what keeps humans off the track in every state of the race; empty if nothing does."""
+    told = next((alert.text for alert in race.alerts if alert.use_msr), '')
+    if told or race.track.msr_used:
+        return told
+    doubtful = in_doubt(race)
+    return f'{doubtful} may be moving' if doubtful else ''
+
+
+def under_way(race: Race) -> str:
+    """Return that the race is under way, or a kart is sent onto the track; empty if neither is."""
+    if race.state in UNDER_WAY:
+        return f'the race is in {STATES[race.state]}'
+    sent = [kart for kart in race.karts if kart.connected and kart.sent in UNDER_WAY]
+    return f'{kart_name(sent[0])} is sent {STATES[sent[0].sent]}' if sent else ''
+
+
 def warning(command: CommandKind, race: Race, nobody_heard: bool) -> str:
     """
     Return why an official should not confirm a command; empty if nothing is known against it.
+
+    That a race is under way is nothing wrong, and no warning.
 
     :param nobody_heard: humans are allowed on the track only because no kart is connected.
     """
     track = race.track
     if command in (CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE, CommandKind.OPEN_TRACK):
-        if not track.allowed:
-            return f'humans must stay off the track now: {track.reason}'
+        barred = not track.allowed and race.state not in UNDER_WAY
+        why = track.reason if barred else against_humans(race)
+        if why:
+            return f'humans must stay off the track now: {why}'
+        doubtful = in_doubt(race)
+        if doubtful and command is not CommandKind.KART_IN_GARAGE:
+            return f'only the MSR stops {doubtful}: leave it on'
         return f'no kart is connected; {HUMANS_UNKNOWN_REASON}' if nobody_heard else ''
     if command in (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN) and track.is_open:
         return 'the track is open to humans now'
@@ -355,6 +403,8 @@ def consequences(command: CommandKind, does: Effects, race: Race, kart: Kart | N
     if kart is not None:
         if entry.names_hold and kart.in_race and race.state is not State.IN_GARAGE:
             said.append('Takes it out of the race.')
+        if entry.names_hold and (why := under_way(race)):
+            said.append(f'Humans stay off the track: {why}.')
         return said
     if does.held:
         stays = 'Stays' if len(does.held) == 1 else 'Stay'
@@ -369,6 +419,9 @@ def consequences(command: CommandKind, does: Effects, race: Race, kart: Kart | N
     return said
 
 
+UNDER_WAY = (State.GRID_ACTIVE, State.GREEN_GREEN)
+"""The states of the race in which no human may be on the track, as a matter of course."""
+
 FEW = 4
 """Maximum number of held karts whose reasons are given; if there are more, only their numbers."""
 
@@ -377,6 +430,29 @@ _THEN = {
     CommandKind.IN_GARAGE: (' The team has its kart back.', ' The teams have their karts back.'),
 }
 """What happens then, if the command is sent to one kart, and if it is sent to several."""
+
+
+def tally(karts: Sequence[Kart]) -> str:
+    """Return how many karts of the race do what; empty if none is in it."""
+    does = [_does(kart) for kart in karts if kart.in_race]
+    return ', '.join(f'{does.count(each)} {each}' for each in _DOES if each in does)
+
+
+def _does(kart: Kart) -> str:
+    if not kart.connected:
+        return 'lost' if kart.in_doubt else 'not connected'
+    done, not_yet = _WHEN_SENT.get(kart.sent, _STOPS)
+    return done if kart.acknowledged and not kart.in_doubt else not_yet
+
+
+_STOPS = ('stopped', 'not stopped yet')
+_WHEN_SENT = {
+    State.IN_GARAGE: ('in the garage',) * 2,
+    State.GRID_ACTIVE: ('ready', 'not ready yet'),
+    State.GREEN_GREEN: ('driving', 'not driving yet'),
+}
+_DOES = (*(each for pair in _WHEN_SENT.values() for each in dict.fromkeys(pair)), *_STOPS)
+_DOES += ('not connected', 'lost')
 
 
 def held(kart: Kart) -> str:
@@ -389,9 +465,13 @@ def now_so(order: Order, race: Race) -> str:
     if CATALOGUE[order.command].result.track_open is not None:
         return 'the track is open' if race.track.is_open else 'the track is closed'
     kart = race.kart(order.kart)
+    by = f' ({race.state_cause})' if race.state_cause else ''
     if kart is None:
-        return f'the race is in {STATES[race.state]}'
+        return f'the race is in {STATES[race.state]}{by}'
     sent = f'{kart_name(kart)} is sent {STATES[kart.sent]}'
-    sent += f', held: {kart.hold_reason}' if kart.hold is not State.UNKNOWN else ''
+    if kart.hold is not State.UNKNOWN:
+        sent += f', held: {kart.hold_reason}'
+    elif kart.in_race and kart.sent is race.state:
+        sent += by
     sent += f', place {kart.place}' if kart.place else ''
     return f'{sent}, in the race' if kart.in_race else f'{sent}, not in the race'

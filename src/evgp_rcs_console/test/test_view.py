@@ -198,12 +198,16 @@ def test_a_question_about_other_karts_or_another_statement_is_another_question(
     assert asked.asks_the_same(replace(asked, reason='not now', label='other'))
 
 
-def offering(command: CommandKind, karts: tuple[Kart, ...], track: Track = RACE.track) -> Button:
+def offering(
+    command: CommandKind,
+    karts: tuple[Kart, ...],
+    track: Track = RACE.track,
+    state: State = RACE.state,
+) -> Button:
     """Return the button of a command to the race which race control offers for kart 7."""
     commands = {**EVERYTHING, command: Available(True, karts=(7,))}
-    button = show(replace(RACE, commands=commands, karts=karts, track=track), 0.0, {}).button(
-        command
-    )
+    race = replace(RACE, state=state, commands=commands, karts=karts, track=track)
+    button = show(race, 0.0, {}).button(command)
     assert button is not None
     return button
 
@@ -231,8 +235,8 @@ def test_what_speaks_against_a_command_is_said_and_makes_it_another_question() -
     fine = replace(RACE.track, allowed=True, reason='all stand')
     bad = replace(RACE.track, allowed=False, reason='kart 4 was lost in motion: use the MSR')
 
-    before = offering(CommandKind.IN_GARAGE, (KART,), fine)
-    after = offering(CommandKind.IN_GARAGE, (KART,), bad)
+    before = offering(CommandKind.IN_GARAGE, (KART,), fine, State.RED_RED)
+    after = offering(CommandKind.IN_GARAGE, (KART,), bad, State.RED_RED)
 
     assert (before.warning, bad.reason in after.warning) == ('', True)
     assert not before.asks_the_same(after)
@@ -242,8 +246,8 @@ def test_what_speaks_against_a_command_is_said_and_makes_it_another_question() -
     ('connected', 'allowed', 'msr', 'text', 'tone'),
     [
         (True, True, False, words.HUMANS_ALLOWED, Tone.GOOD),
-        (True, False, False, words.HUMANS_NOT_ALLOWED, Tone.BAD),
-        (False, False, False, words.HUMANS_NOT_ALLOWED, Tone.BAD),
+        (True, False, False, words.HUMANS_NOT_ALLOWED, Tone.WAIT),
+        (False, False, False, words.HUMANS_NOT_ALLOWED, Tone.WAIT),
         (False, True, False, words.HUMANS_UNKNOWN, Tone.PLAIN),
         (False, True, True, words.HUMANS_ALLOWED, Tone.GOOD),
     ],
@@ -253,7 +257,8 @@ def test_that_humans_are_allowed_is_no_good_news_while_no_kart_is_connected(
 ) -> None:
     track = Track(is_open=False, allowed=allowed, reason='so it is', msr_used=msr)
 
-    screen = show(replace(RACE, karts=(replace(KART, connected=connected),), track=track), 0.0, {})
+    karts = (replace(KART, connected=connected, sent=State.RED_RED),)
+    screen = show(replace(RACE, state=State.RED_RED, karts=karts, track=track), 0.0, {})
 
     assert (screen.humans.text, screen.humans.tone) == (text, tone)
     assert (screen.humans_reason == 'so it is') is (text != words.HUMANS_UNKNOWN)
@@ -494,7 +499,7 @@ def test_the_terminal_shows_the_same() -> None:
     lines = '\n'.join(table(show(race, 0.0, {}), race.alerts))
 
     assert 'Race: ▦ GRID ACTIVE  (for 40 s)' in lines
-    assert '! Use the MSR: kart 7' in lines
+    assert '⚠ USE THE MSR: Kart 7\n' in lines
     assert 'GREEN GREEN  waiting for kart 7\n' in lines
     assert '7     Purdue  ● in race' in lines
 

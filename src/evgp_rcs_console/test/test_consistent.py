@@ -1,0 +1,271 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+No two statements of one screen contradict each other, whatever race control says.
+
+The snapshots are any at all, also such as the rules never come to: a screen may be wrong in one
+way only, too careful.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs_console import words
+from evgp_rcs_console.commands import Order
+from evgp_rcs_console.notices import AlertBook
+from evgp_rcs_console.snapshot import Alert, Kart, Race, State, Track
+from evgp_rcs_console.terminal import table
+from evgp_rcs_console.view import danger, Danger, Screen, show, silence, Tone
+from example_race import EVERYTHING, KART, RACE
+from hypothesis import given, settings, strategies as st
+
+STATES = [state for state in State if state is not State.UNKNOWN]
+RED = (State.RED_FLAG, State.RED_RED)
+ALLOWED = (words.HUMANS_ALLOWED, words.HUMANS_BY_MSR)
+many = settings(max_examples=300, deadline=None)
+MSR_KINDS = ('LOST_IN_MOTION', 'RED_UNACKNOWLEDGED', 'TRACK_UNSAFE', 'KART_LOST', 'NOT_READY')
+
+
+@st.composite
+def karts(draw: st.DrawFn, number: int) -> Kart:
+    """Return any kart."""
+    hold = draw(st.sampled_from((State.UNKNOWN, *RED)))
+    return replace(
+        KART,
+        number=number,
+        in_race=draw(st.booleans()),
+        connected=draw(st.booleans()),
+        sent=hold if hold is not State.UNKNOWN else draw(st.sampled_from(STATES)),
+        acknowledged=draw(st.booleans()),
+        reported=draw(st.sampled_from(State)),
+        hold=hold,
+        hold_reason='' if hold is State.UNKNOWN else 'ALL_KILL by Anna',
+        may_be_moving=draw(st.booleans()),
+    )
+
+
+@st.composite
+def races(draw: st.DrawFn) -> Race:
+    """Return any snapshot, with up to four karts and three alerts."""
+    alert = st.builds(
+        Alert,
+        kind=st.sampled_from(MSR_KINDS),
+        kart=st.integers(0, 4),
+        use_msr=st.booleans(),
+        text=st.just('it is so'),
+    )
+    track = st.builds(
+        Track,
+        is_open=st.booleans(),
+        allowed=st.booleans(),
+        reason=st.just('it is so'),
+        msr_used=st.booleans(),
+    )
+    return Race(
+        state=draw(st.sampled_from(STATES)),
+        state_for=1.0,
+        over=draw(st.booleans()),
+        karts=tuple(draw(karts(number)) for number in range(1, draw(st.integers(0, 4)) + 1)),
+        commands=EVERYTHING,
+        track=draw(track),
+        alerts=tuple(draw(st.lists(alert, max_size=3))),
+        state_cause='ALL_KILL by Anna',
+        state_clock='22:33:23',
+    )
+
+
+def dangers(race: Race) -> list[Danger | None]:
+    """Return what can be said of race control while this is the newest snapshot."""
+    gone = silence(5.0, 60.0, 'here', race.state)
+    return [danger(race, two=False), danger(race, two=True), gone]
+
+
+def statements(race: Race, screen: Screen, shown_danger: Danger | None) -> list[str]:
+    """Return what is said against humans on the track, anywhere on the screen."""
+    book = AlertBook()
+    book.update(race.alerts)
+    said = [str(notice) for notice in book.shown if notice.use_msr]
+    said += [row.note for row in screen.rows if words.MAY_MOVE in row.note]
+    said += [shown_danger.title] if shown_danger else []
+    states = [screen.state.text, screen.since]
+    states += [row.sent.text for row in screen.rows if row.link.text == words.LINKED]
+    under_way = words.STATES[State.GRID_ACTIVE], words.STATES[State.GREEN_GREEN]
+    return said + [text for text in states if any(state in text for state in under_way)]
+
+
+@many
+@given(races())
+def test_humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against_it(
+    race: Race,
+) -> None:
+    for shown in dangers(race):
+        screen = show(race, 0.0, {}, shown)
+
+        if screen.humans.text in ALLOWED or screen.humans.tone is Tone.GOOD:
+            assert race.track.allowed
+            assert not statements(race, screen, shown)
+        if screen.humans.tone is Tone.GOOD:
+            assert not any(kart.in_doubt for kart in race.karts)
+
+
+@many
+@given(races())
+def test_what_is_largest_is_true_of_a_kart_of_the_race(race: Race) -> None:
+    screen = show(race, 0.0, {})
+    concerned = [row for row in screen.rows if row.in_race] or screen.rows
+    sent = {row.sent.text for row in concerned if row.link.text == words.LINKED}
+
+    shown = {f'{words.SYMBOLS[each]} {words.STATES[each]}': each for each in STATES}
+    state = shown.get(screen.state.text)
+    if state in (State.RED_RED, State.IN_GARAGE) and not sent:
+        assert state is race.state  # a kart without a link stops, and in the garage it may come yet
+    elif state is not None:
+        assert screen.state.text in sent
+    else:
+        assert not any(words.STATES[race.state] in each for each in sent)
+    # The state of the race is told in any case, and who brought it about.
+    assert words.STATES[race.state] in f'{screen.state.text} {screen.since}'
+    assert race.state_cause in screen.since
+    assert race.state_clock in screen.since
+
+
+@many
+@given(races())
+def test_all_karts_are_lost_only_if_none_is_connected(race: Race) -> None:
+    screen = show(race, 0.0, {})
+    racing = [kart for kart in race.karts if kart.in_race] or race.karts
+
+    if screen.state.text == words.ALL_LOST:
+        assert not any(kart.connected for kart in racing)
+
+
+@many
+@given(races())
+def test_an_open_track_never_looks_like_a_closed_one(race: Race) -> None:
+    screen = show(race, 0.0, {})
+
+    closed = show(replace(race, track=replace(race.track, is_open=False)), 0.0, {}).track
+    if race.track.is_open:
+        assert screen.track.text != closed.text
+        assert screen.track.tone is not closed.tone
+        assert (screen.track.tone is Tone.BAD) is (screen.humans.text == words.HUMANS_NOT_ALLOWED)
+
+
+@many
+@given(races())
+def test_red_is_only_what_is_wrong(race: Race) -> None:
+    wrong = any(alert.use_msr for alert in race.alerts)
+    doubtful = any(kart.in_doubt for kart in race.karts)
+    screen = show(race, 0.0, {})
+
+    if screen.humans.tone is Tone.BAD:
+        assert wrong or doubtful or race.track.is_open
+    if screen.track.tone is Tone.BAD:
+        assert race.track.is_open
+    for kart, row in zip(race.karts, screen.rows, strict=True):
+        assert row.sent.tone is not Tone.RED or kart.connected
+        if row.link.tone is Tone.BAD:
+            assert not kart.connected
+            assert kart.may_be_moving or (kart.in_race and race.state is not State.IN_GARAGE)
+
+
+@many
+@given(races())
+def test_the_ordinary_way_out_of_the_grid_has_no_warning(race: Race) -> None:
+    quiet = replace(
+        race,
+        state=State.GRID_ACTIVE,
+        alerts=(),
+        karts=tuple(replace(kart, connected=True, may_be_moving=False) for kart in race.karts),
+        track=Track(False, False, 'the race is in GRID_ACTIVE', False),
+    )
+
+    button = show(quiet, 0.0, {}).button(CommandKind.IN_GARAGE)
+
+    assert button is not None
+    assert button.condition
+    assert not button.warning
+
+
+@many
+@given(races(), st.sampled_from((CommandKind.IN_GARAGE, CommandKind.OPEN_TRACK)))
+def test_a_question_that_lets_humans_near_warns_of_what_the_screen_says(
+    race: Race, command: CommandKind
+) -> None:
+    race = replace(race, track=replace(race.track, is_open=False))
+    screen = show(race, 0.0, {})
+    button = screen.button(command)
+
+    assert button is not None
+    if screen.humans.tone is Tone.BAD or screen.humans.text == words.HUMANS_BY_MSR:
+        assert button.warning
+
+
+@many
+@given(races())
+def test_a_kart_that_may_be_moving_is_not_shown_as_stopped(race: Race) -> None:
+    screen = show(race, 0.0, {})
+
+    for kart, row in zip(race.karts, screen.rows, strict=True):
+        if kart.in_doubt:
+            assert row.acknowledged.tone is not Tone.GOOD
+            assert (words.MAY_MOVE in row.note) is not race.track.msr_used
+    stopped = [kart for kart in race.karts if kart.in_race and kart.sent in RED]
+    sure = sum(kart.connected and kart.acknowledged and not kart.in_doubt for kart in stopped)
+    told = dict(reversed(each.split(' ', 1)) for each in screen.tally.split(', ') if each)
+    assert int(told.get('stopped', 0)) == sure
+    assert sum(map(int, told.values())) == sum(kart.in_race for kart in race.karts)
+
+
+@many
+@given(races())
+def test_the_terminal_says_what_the_window_says(race: Race) -> None:
+    for shown in dangers(race):
+        screen = show(race, 0.0, {}, shown)
+
+        lines = '\n'.join(table(screen, race.alerts))
+
+        for each in (screen.state.text, screen.since, screen.tally, screen.humans.text):
+            assert each in lines
+        assert screen.track.text in lines
+        assert lines.count(words.ALERT_MSR) == sum(alert.use_msr for alert in race.alerts)
+
+
+def test_an_alert_asks_for_the_msr_by_its_own_word_and_not_by_its_kind() -> None:
+    book = AlertBook()
+    alert = Alert('LOST_IN_MOTION', 7, True, 'kart 7 was lost')
+    book.update((alert,))
+    book.see(book.shown[0].number)
+    before = book.shown[0].heading
+
+    book.update((replace(alert, use_msr=False),))
+
+    assert (before, book.shown[0].heading) == (words.ALERT_MSR, words.ALERT_OTHER)
+
+
+def test_a_change_names_who_brought_it_about() -> None:
+    order = Order(CommandKind.GREEN_GREEN)
+    by = 'ALL_KILL by Anna'
+    race = replace(RACE, state=State.RED_RED, state_cause=by)
+    flagged = replace(RACE, state=State.RED_FLAG, state_cause='RED_FLAG by Bob')
+    kart = replace(KART, sent=State.RED_FLAG)
+
+    assert by in words.now_so(order, race)
+    to_kart = replace(order, command=CommandKind.KART_FINISH, kart=7)
+    assert 'RED_FLAG by Bob' in words.now_so(to_kart, replace(flagged, karts=(kart,)))
+    held = replace(kart, hold=State.RED_RED, sent=State.RED_RED, hold_reason=by)
+    assert words.now_so(to_kart, replace(flagged, karts=(held,))).count(' by ') == 1
