@@ -120,8 +120,8 @@ class RcsNode(StrictNode):
             'banner',
             '',
             'What every screen says at its top, and every answer at its beginning, such as '
-            'REHEARSAL; empty: nothing. Screens that say it are trusted to be in no race: never set '
-            'it for one.',
+            'REHEARSAL; empty: nothing. Screens that say it are trusted to be in no race: never '
+            'set it for one.',
         )
         begin = read_settings(parameters)
         refuse_open_graph(begin.settings.host, accepted=accept_open_graph)

@@ -29,9 +29,10 @@ from evgp_rcs_console.commands import Order
 from evgp_rcs_console.notices import AlertBook
 from evgp_rcs_console.snapshot import Alert, Kart, Race, State, Track
 from evgp_rcs_console.terminal import table
-from evgp_rcs_console.view import danger, Danger, Screen, show, silence, Tone
+from evgp_rcs_console.view import Danger, danger, Screen, show, silence, Tone
 from example_race import EVERYTHING, KART, RACE
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 STATES = [state for state in State if state is not State.UNKNOWN]
 RED = (State.RED_FLAG, State.RED_RED)
@@ -132,7 +133,8 @@ def test_what_is_largest_is_true_of_a_kart_of_the_race(race: Race) -> None:
     shown = {f'{words.SYMBOLS[each]} {words.STATES[each]}': each for each in STATES}
     state = shown.get(screen.state.text)
     if state in (State.RED_RED, State.IN_GARAGE) and not sent:
-        assert state is race.state  # a kart without a link stops, and in the garage it may come yet
+        # A kart without a link stops, and in the garage it may come yet.
+        assert state is race.state
     elif state is not None:
         assert screen.state.text in sent
     else:
