@@ -1357,10 +1357,11 @@ def test_the_bottom_line_does_not_say_what_another_official_has_changed_since(
     official.command('red_flag')
 
     console.wait_for('state', text='RED FLAG')
-    assert 'GREEN' not in console.wait_for('status', text='RED FLAG')['text']
-    # What comes after that is said too.
+    assert 'GREEN' not in console.wait_for('status', text='RED FLAG.*RED_FLAG by ')['text']
+    # What comes after that is said too, and who did it.
     official.command('all_kill')
-    assert 'FLAG' not in console.wait_for('status', text='RED RED')['text']
+    assert 'FLAG' not in console.wait_for('status', text='RED RED.*ALL_KILL by ')['text']
+    console.wait_for('state_since', text=r'ALL_KILL by .*, \d\d:\d\d:\d\d')
 
 
 def test_the_places_stay_in_sight_until_the_next_grid(

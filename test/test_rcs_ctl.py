@@ -559,6 +559,7 @@ def test_watch_shows_the_race_and_what_happens(
     assert shown.returncode == ACCEPTED
     assert 'Race: ■ RED RED' in shown.stdout
     assert 'held: ALL_KILL' in shown.stdout
+    assert 'ALL_KILL by ' in shown.stdout.splitlines()[0]
     assert events.returncode == ACCEPTED
     assert 'Kart 1 (Team 1) acknowledged RED_RED' in events.stdout
     assert 'Kart 2' not in events.stdout

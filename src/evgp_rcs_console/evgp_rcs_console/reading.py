@@ -106,6 +106,7 @@ def _kart(kart: msg.KartStatus, stamp: float) -> Kart:
         may_be_moving=kart.may_be_moving,
         place=kart.place,
         inspected=kart.inspected,
+        settles_in=max(0.0, _seconds(kart.settles_at) - stamp),
         commands=_availability(kart.commands, stamp),
     )
 

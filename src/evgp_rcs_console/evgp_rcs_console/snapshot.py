@@ -40,6 +40,9 @@ class State(enum.Enum):
     RED_RED = 'RED_RED'
 
 
+RED = (State.RED_FLAG, State.RED_RED)
+
+
 @dataclass(frozen=True)
 class Available:
     """
@@ -62,7 +65,12 @@ Availability = Mapping[CommandKind, Available]
 
 @dataclass(frozen=True)
 class Kart:
-    """One kart of the roster; the meanings are those of `KartStatus.msg`."""
+    """
+    One kart of the roster; the meanings are those of `KartStatus.msg`.
+
+    :param settles_in: time from the snapshot until its stop counts, if it stands by its word, in
+        seconds; 0 when nothing is pending.
+    """
 
     number: int
     team: str
@@ -78,11 +86,22 @@ class Kart:
     place: int
     commands: Availability
     inspected: str = ''
+    settles_in: float = 0.0
 
     @property
     def in_doubt(self) -> bool:
         """Return whether it may be moving although it is not to, or without being heard."""
         return self.may_be_moving and not (self.connected and self.sent is State.GREEN_GREEN)
+
+    @property
+    def settles(self) -> bool:
+        """Return whether it has said that it stopped, and only must stand for a while yet."""
+        return self.in_doubt and self.connected and self.acknowledged and self.sent in RED
+
+    @property
+    def is_stopping(self) -> bool:
+        """Return whether it is in doubt in the ordinary way: it is told to stop, and hears it."""
+        return self.in_doubt and self.connected and self.sent in RED
 
 
 @dataclass(frozen=True)

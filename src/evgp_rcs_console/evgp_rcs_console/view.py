@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 import enum
+import math
 import string
 
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
@@ -38,6 +39,7 @@ from evgp_rcs_console.snapshot import (
     Heat,
     Kart,
     Race,
+    RED,
     State,
     Track,
 )
@@ -438,8 +440,7 @@ def _headline(race: Race) -> Cell:
     if race.state in sent:
         return _state_cell(race.state)
     if sent:
-        red = race.state in (State.RED_FLAG, State.RED_RED)
-        if red and len(sent) == 1:
+        if race.state in RED and len(sent) == 1:
             return _state_cell(*sent)
         return Cell(words.OTHERWISE[race.state], Tone.WAIT)
     if race.state is State.GRID_ACTIVE:
@@ -469,7 +470,9 @@ def _humans(race: Race) -> tuple[Cell, str]:
     """
     against, under_way = words.against_humans(race), words.under_way(race)
     if against or under_way or not race.track.allowed:
-        wrong = against or race.track.is_open
+        told = any(alert.use_msr for alert in race.alerts)
+        doubtful = any(kart.in_doubt and not kart.is_stopping for kart in race.karts)
+        wrong = told or doubtful or race.track.is_open
         reason = '' if race.track.allowed else race.track.reason
         if under_way or not reason:
             reason = against or reason or under_way
@@ -500,7 +503,7 @@ def _places(race: Race) -> str:
 def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
     race = buttons.snapshot
     notes = []
-    if kart.in_doubt:
+    if kart.in_doubt and not kart.settles:
         notes.append(words.MSR_STOPS_IT if race.track.msr_used else words.MAY_MOVE)
     if kart.hold is not State.UNKNOWN:
         notes.append(words.HELD.format(reason=kart.hold_reason))
@@ -508,7 +511,8 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
     if not kart.connected or not asks:
         acknowledged = Cell(words.NOTHING_ASKED, Tone.FAINT)
     elif kart.acknowledged and kart.in_doubt:
-        acknowledged = Cell(words.SETTLING, Tone.WAIT)
+        left = max(1, math.ceil(kart.settles_in - age))
+        acknowledged = Cell(words.SETTLING.format(seconds=left), Tone.WAIT)
     elif kart.acknowledged:
         acknowledged = Cell(words.YES, Tone.GOOD)
     else:

@@ -73,7 +73,7 @@ MSR_STOPS_IT = 'only the MSR stops it: make it safe'
 HELD = 'held: {reason}'
 YES = '✓ yes'
 WAITING = '… not yet'
-SETTLING = '… yes, wait'
+SETTLING = '… wait {seconds} s'
 NOTHING_ASKED = '-'
 OVER = 'race over'
 ALL_LOST = '✗ ALL KARTS LOST'
@@ -310,11 +310,10 @@ def condition(command: CommandKind, kart: Kart | None, race: Race, statement: st
 
     :param statement: what race control asks the official to state; empty if nothing.
     """
-    if command is CommandKind.GREEN_GREEN:
-        start = 'the race may start, and the track is clear of humans'
-        return f'{start}; {statement}' if statement else start
     if statement:
         return statement
+    if command is CommandKind.GREEN_GREEN:
+        return 'the race may start, and the track is clear of humans'
     if command is CommandKind.RECORD_MSR:
         return 'the Master Safety Remote was used'
     if command is CommandKind.OPEN_TRACK:
@@ -364,8 +363,6 @@ def warning(command: CommandKind, race: Race, nobody_heard: bool) -> str:
         if doubtful and command is not CommandKind.KART_IN_GARAGE:
             return f'only the MSR stops {doubtful}: leave it on'
         return f'no kart is connected; {HUMANS_UNKNOWN_REASON}' if nobody_heard else ''
-    if command in (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN) and track.is_open:
-        return 'the track is open to humans now'
     return ''
 
 
@@ -441,6 +438,8 @@ def tally(karts: Sequence[Kart]) -> str:
 def _does(kart: Kart) -> str:
     if not kart.connected:
         return 'lost' if kart.in_doubt else 'not connected'
+    if kart.settles:
+        return 'just stopped'
     done, not_yet = _WHEN_SENT.get(kart.sent, _STOPS)
     return done if kart.acknowledged and not kart.in_doubt else not_yet
 
@@ -452,7 +451,7 @@ _WHEN_SENT = {
     State.GREEN_GREEN: ('driving', 'not driving yet'),
 }
 _DOES = (*(each for pair in _WHEN_SENT.values() for each in dict.fromkeys(pair)), *_STOPS)
-_DOES += ('not connected', 'lost')
+_DOES += ('just stopped', 'not connected', 'lost')
 
 
 def held(kart: Kart) -> str:
@@ -465,12 +464,14 @@ def now_so(order: Order, race: Race) -> str:
     if CATALOGUE[order.command].result.track_open is not None:
         return 'the track is open' if race.track.is_open else 'the track is closed'
     kart = race.kart(order.kart)
-    by = f' ({race.state_cause})' if race.state_cause else ''
+    cause = race.state_cause
+    by = f' ({cause})' if cause else ''
     if kart is None:
         return f'the race is in {STATES[race.state]}{by}'
     sent = f'{kart_name(kart)} is sent {STATES[kart.sent]}'
     if kart.hold is not State.UNKNOWN:
-        sent += f', held: {kart.hold_reason}'
+        reason = kart.hold_reason
+        sent += f', held: {cause if cause.startswith(f"{reason} by ") else reason}'
     elif kart.in_race and kart.sent is race.state:
         sent += by
     sent += f', place {kart.place}' if kart.place else ''

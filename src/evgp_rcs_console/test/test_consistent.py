@@ -27,7 +27,7 @@ from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console import words
 from evgp_rcs_console.commands import Order
 from evgp_rcs_console.notices import AlertBook
-from evgp_rcs_console.snapshot import Alert, Kart, Race, State, Track
+from evgp_rcs_console.snapshot import Alert, Kart, Race, RED, State, Track
 from evgp_rcs_console.terminal import table
 from evgp_rcs_console.view import Danger, danger, Screen, show, silence, Tone
 from example_race import EVERYTHING, KART, RACE
@@ -35,7 +35,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 STATES = [state for state in State if state is not State.UNKNOWN]
-RED = (State.RED_FLAG, State.RED_RED)
 ALLOWED = (words.HUMANS_ALLOWED, words.HUMANS_BY_MSR)
 many = settings(max_examples=300, deadline=None)
 MSR_KINDS = ('LOST_IN_MOTION', 'RED_UNACKNOWLEDGED', 'TRACK_UNSAFE', 'KART_LOST', 'NOT_READY')
@@ -56,6 +55,7 @@ def karts(draw: st.DrawFn, number: int) -> Kart:
         hold=hold,
         hold_reason='' if hold is State.UNKNOWN else 'ALL_KILL by Anna',
         may_be_moving=draw(st.booleans()),
+        settles_in=draw(st.sampled_from((0.0, 2.5))),
     )
 
 
@@ -121,6 +121,10 @@ def test_humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against
             assert not statements(race, screen, shown)
         if screen.humans.tone is Tone.GOOD:
             assert not any(kart.in_doubt for kart in race.karts)
+        elif screen.humans.text == words.HUMANS_NOT_ALLOWED:
+            assert screen.humans.tone is Tone.BAD or not any(
+                alert.use_msr for alert in race.alerts
+            )
 
 
 @many
@@ -171,7 +175,10 @@ def test_an_open_track_never_looks_like_a_closed_one(race: Race) -> None:
 @given(races())
 def test_red_is_only_what_is_wrong(race: Race) -> None:
     wrong = any(alert.use_msr for alert in race.alerts)
-    doubtful = any(kart.in_doubt for kart in race.karts)
+    # To be told to stop, and not to have stopped yet, is nothing wrong.
+    doubtful = any(
+        kart.in_doubt and not (kart.connected and kart.sent in RED) for kart in race.karts
+    )
     screen = show(race, 0.0, {})
 
     if screen.humans.tone is Tone.BAD:
@@ -225,7 +232,9 @@ def test_a_kart_that_may_be_moving_is_not_shown_as_stopped(race: Race) -> None:
     for kart, row in zip(race.karts, screen.rows, strict=True):
         if kart.in_doubt:
             assert row.acknowledged.tone is not Tone.GOOD
-            assert (words.MAY_MOVE in row.note) is not race.track.msr_used
+            settling = kart.connected and kart.acknowledged and kart.sent in RED
+            told = words.MSR_STOPS_IT if race.track.msr_used else words.MAY_MOVE
+            assert (told in row.note) is not settling
     stopped = [kart for kart in race.karts if kart.in_race and kart.sent in RED]
     sure = sum(kart.connected and kart.acknowledged and not kart.in_doubt for kart in stopped)
     told = dict(reversed(each.split(' ', 1)) for each in screen.tally.split(', ') if each)
