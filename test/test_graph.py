@@ -16,12 +16,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import contextlib
 import os
 import pathlib
 import re
 import signal
 import subprocess
+import sys
 from xml.etree import ElementTree
 
 from ament_index_python.packages import get_package_prefix
@@ -279,6 +281,40 @@ def test_an_official_on_the_officials_network_gets_in_and_a_stranger_on_the_kart
     assert (console.returncode, 'Team 1' in printed) == (0, True)
 
 
+@pytest.mark.own_process
+def test_an_official_is_back_once_the_interfaces_are_plugged_in_again_under_other_numbers(
+    networks: TwoNetworks,
+    start_race_control: StartRaceControl,
+    parts: contextlib.ExitStack,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with networks.own.inside():
+        monkeypatch.setenv(graph.INTERFACE, OFFICIALS)
+        control = start_race_control(in_race=[1], address=KARTS)
+    with networks.official.inside():
+        monkeypatch.setenv(graph.INTERFACE, OFFICIAL)
+        official = join(control, parts)
+    official.command('kart/red_flag', kart=1)
+
+    networks.own.ip('link del officials')
+    control.wait_for_line(f'No interface of this machine has the address {OFFICIALS} now')
+    networks.own.ip(
+        f'link add officials type veth peer name eth0 netns {networks.official.path}',
+        f'addr add {OFFICIALS}/24 dev officials',
+        'link set officials up',
+    )
+    networks.official.ip(
+        f'addr add {OFFICIAL}/24 dev eth0', 'link set eth0 up', 'route add 239.0.0.0/8 dev eth0'
+    )
+
+    control.wait_for_line('graph is in order again')
+    official.command('all_kill')
+    with networks.official.inside():
+        console = watch(control.domain, seconds=40)
+        printed, _ = console.communicate(timeout=60)
+    assert (console.returncode, 'Team 1' in printed) == (0, True)
+
+
 def make(domain: int, *words: str) -> subprocess.Popen[str]:
     """Start make as an official does, who has set the ROS domain and nothing else."""
     environment = {name: value for name, value in os.environ.items() if name not in NOT_SET}
@@ -369,6 +405,71 @@ def test_a_node_with_ross_own_settings_on_this_machine_finds_its_bridge_and_is_a
     print(f'found after {found.after:.2f} s')
     assert '/kart_bridge/acknowledge' in found.answered
     assert '/kart_bridge/race_state' in found.heard
+
+
+CROWD = """
+import sys
+from evgp_node.graph import bind_graph
+bind_graph()
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+nodes = []
+for number in range(int(sys.argv[1])):
+    context = Context()
+    rclpy.init(context=context)
+    nodes.append(Node(f'crowd_{number}', context=context, start_parameter_services=False))
+print('all are there', flush=True)
+sys.stdin.read()
+"""
+
+
+@contextlib.contextmanager
+def crowd(domain: int, count: int) -> Iterator[None]:
+    """Have so many ROS contexts in a domain; each is to DDS what a process is."""
+    with subprocess.Popen(
+        [sys.executable, '-c', CROWD, str(count)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+    ) as process:
+        assert process.stdout is not None
+        try:
+            assert process.stdout.readline()
+            yield
+        finally:
+            process.kill()
+
+
+def test_a_console_reaches_a_race_control_that_started_after_many_other_ros_processes(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    parts.enter_context(crowd(domain, 33))
+    control = parts.enter_context(RaceControl(tmp_path, domain, [1]))
+
+    console = watch(control.domain, seconds=40)
+    printed, _ = console.communicate(timeout=60)
+
+    assert (console.returncode, 'Team 1' in printed) == (0, True), printed
+
+
+@pytest.mark.long
+def test_officials_are_told_that_too_many_ros_processes_run_and_until_then_they_are_served(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    control = parts.enter_context(RaceControl(tmp_path, domain, [1]))
+    official = join(control, parts)
+    official.wait_for_race(lambda race: race.karts and not race.alerts, 'a race without an alert')
+
+    parts.enter_context(crowd(domain, graph.CROWDED))
+
+    official.wait_for_race(
+        lambda race: [each.kind for each in race.alerts] == [msg.Alert.GRAPH_TROUBLE],
+        'the alert that there are too many',
+    )
+    official.command('all_kill')
 
 
 # ----- what is refused --------------------------------------------------------------------

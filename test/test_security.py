@@ -89,7 +89,7 @@ def test_race_control_is_allowed_what_it_does_and_nothing_else(
     check_fits(allowed('/rcs', 'services', 'reply'), services)
     assert published == allowed('/rcs', 'topics', 'publish')
     assert subscribed <= allowed('/rcs', 'topics', 'subscribe')
-    assert allowed('/rcs', 'services', 'request') == set()
+    assert allowed('/rcs', 'services', 'request') == {'/rcs/sign_of_life'}
 
 
 def test_officials_may_give_every_command_and_publish_nothing_of_race_controls() -> None:

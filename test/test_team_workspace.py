@@ -55,7 +55,8 @@ find_package(ament_cmake REQUIRED)
 find_package(rosidl_default_generators REQUIRED)
 find_package(evgp_rcs_msgs REQUIRED)
 find_package(std_msgs REQUIRED)
-rosidl_generate_interfaces(${PROJECT_NAME} "msg/Lap.msg" DEPENDENCIES evgp_rcs_msgs std_msgs)
+rosidl_generate_interfaces(${PROJECT_NAME} "msg/Lap.msg" DEPENDENCIES evgp_rcs_msgs std_msgs
+  ADD_LINTER_TESTS)
 ament_package()
 """,
     'msg/Lap.msg': 'std_msgs/Header header\nevgp_rcs_msgs/RaceState state\nfloat64 seconds\n',

@@ -380,6 +380,7 @@ class KartBridge(StrictNode):
             # Nothing is wrong yet.
             if told is None:
                 self.get_logger().info(f'Starting: {obeyed} until {self._peer} is heard')
+                self.get_logger().info(where_reachable())
         else:
             text = f'{obeyed}: {verdict.reason}'
             now = clock.now()

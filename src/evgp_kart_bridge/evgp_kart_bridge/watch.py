@@ -390,7 +390,8 @@ class RaceStateWatch:
                 return
             reason = (
                 f'no bridge is heard on {self._subscription.topic_name} in {self._graph}: '
-                'is it running, with the same ROS_DOMAIN_ID?'
+                'is it running, with the same ROS_DOMAIN_ID? On another machine of the kart, both '
+                'need EVGP_GRAPH_INTERFACE'
             )
         if not reason:
             self._logged_last = ''

@@ -64,7 +64,7 @@ PROCESSES = 120
 """Maximum number of ROS processes on this machine, in one domain: a domain has no more ports."""
 
 CROWDED = 60
-"""Number of ROS processes on this machine, in one domain, from which officials are warned. Each
+"""Number of ROS processes on this machine, in one domain, beyond which officials are warned. Each
 announces itself to each: with 115, that took 1.6 processors."""
 
 HEARTBEAT = 0.1
@@ -262,12 +262,11 @@ def trouble_of_graph(domain: int) -> str:
             f'No interface of this machine has the address {named} now, so consoles on other '
             'machines cannot reach race control: plug it in, or stop karts from this machine'
         )
-    count = count_processes(domain)
-    if count < CROWDED:
+    if count_processes(domain) <= CROWDED:
         return ''
     return (
-        f'{count} ROS processes run on this machine in domain {domain}, and there is room for '
-        f'{PROCESSES}: end those that are not needed, or a console may find no place'
+        f'More than {CROWDED} ROS processes run on this machine in domain {domain}, and there is '
+        f'room for {PROCESSES}: end those that are not needed, or a console may find no place'
     )
 
 
