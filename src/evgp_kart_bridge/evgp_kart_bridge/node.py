@@ -40,6 +40,7 @@ from evgp_kart_bridge.link import (
 )
 from evgp_kart_bridge.watch import LEASE, LOG_AGAIN, race_state_qos
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
+from evgp_node.graph import where_reachable
 from evgp_node.last_words import wait_until_heard
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node

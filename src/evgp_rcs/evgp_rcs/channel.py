@@ -92,7 +92,7 @@ class Withdraw:
 
 @dataclass(frozen=True)
 class Alive:
-    """The ROS half goes on and hears officials. Also says whether it hears another race control."""
+    """The ROS half goes on and hears officials. Also: whether it hears another race control."""
 
     rival: bool
 

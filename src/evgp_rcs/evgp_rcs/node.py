@@ -75,8 +75,8 @@ ALIVE_EVERY = 0.2
 RED_RED to every kart. Also the time between two calls of race control to itself."""
 
 MOST_UNHEARD = 10
-"""Number of these calls in a row that may not have come in, or of looks that find something unread:
-what is more ends race control, after 2 s. They are counted, not timed: a process that was stopped
+"""Maximum number of these calls in a row that have not come in, or of looks in a row that find the
+same datagram unread; one more ends race control, after 2 s. They are counted, not timed: a process that was stopped
 called nobody."""
 
 SERVICE_QOS = QoSProfile(
