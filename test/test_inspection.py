@@ -24,6 +24,7 @@ import os
 import pathlib
 import pty
 import re
+import shlex
 import shutil
 import socket
 import subprocess
@@ -33,13 +34,15 @@ import time
 from typing import Any
 from xml.etree import ElementTree
 
+from evgp_inspection.inspection import Exit
 from evgp_inspection.traces import Kind
 from evgp_protocol.states import RaceState
+from evgp_testing.base import SimulatedBase
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from evgp_testing.kart import Bridge, ExampleStack
+from evgp_testing.kart import Bridge
 from evgp_testing.patience import PATIENCE
-from evgp_testing.process import Program
+from evgp_testing.process import Process, Program
 from evgp_testing.race_control import address_of, RaceControl
 from evgp_testing.wire_kart import Acknowledges
 import pytest
@@ -101,22 +104,50 @@ def wait_to_end(program: Program) -> int:
     return program.wait()
 
 
+def kills(folder: pathlib.Path, **programs: Program) -> None:
+    """Write down the programs that the inspection kills."""
+    for part, program in programs.items():
+        (folder / part).write_text(f'{program.pid}', encoding='utf-8')
+
+
+def killing(folder: pathlib.Path) -> list[str]:
+    """Return the options with which the inspection kills the programs written down."""
+    return [
+        word
+        for part in ('bridge', 'stack')
+        for word in (f'--kill-{part}', f'kill -9 $(cat {shlex.quote(str(folder / part))})')
+    ]
+
+
 @pytest.mark.early
-def test_our_bridge_with_the_example_stack_passes_every_clause(tmp_path: pathlib.Path) -> None:
+@pytest.mark.timeout(400)
+def test_our_bridge_with_the_stack_of_readme_passes_every_clause(tmp_path: pathlib.Path) -> None:
     def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
         domain = parts.enter_context(Domain()).number
-        words = ['--odometry', 'ros:/kart_bridge/odom', *UNATTENDED]
+        words = ['--odometry', 'ros:/odom', *UNATTENDED, *killing(tmp_path)]
         program = parts.enter_context(inspection(folder, *words, domain=domain))
-        parts.enter_context(
-            Bridge(domain, port_of(program), address_of(1), {'odometry_required': True})
-        )
-        parts.enter_context(ExampleStack(domain))
+        port = port_of(program)
+
+        def start_bridge() -> Bridge:
+            remap = ('-r', '~/odom:=/odom')
+            return parts.enter_context(Bridge(domain, port, address_of(1), arguments=remap))
+
+        bridge = start_bridge()
+        parts.enter_context(SimulatedBase(domain))
+        stack = parts.enter_context(Process('evgp_kart_bridge', 'shortest_stack', domain))
+        kills(tmp_path, bridge=bridge, stack=stack)
+        bridge.process.wait(200)
+        start_bridge()  # as make bridge does
         return wait_to_end(program)
 
     report, code = undisturbed(tmp_path, inspect)
     assert those(report, 'fail') == {}
     assert those(report, 'not judged') == {}
     assert code == 0
+
+
+# Whose wheels are turned by the very program that is to be killed.
+KILLED = {'K-3E-09', 'K-3E-10'}
 
 
 def client_of_the_document(port: int, udp: int) -> str:
@@ -126,20 +157,21 @@ def client_of_the_document(port: int, udp: int) -> str:
     client = client.replace("('10.0.0.1', 12017)", f"('127.0.0.1', {port})")
     wheels = f"""
 import threading
-wheels = {{'speed': 0.0, 'target': 0.0}}
+wheels = {{'speed': 0.0, 'target': 0.0, 'braking': 0.2}}
 
 
 def turn():
     told = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     while True:
         change = wheels['target'] - wheels['speed']
-        wheels['speed'] += max(-0.2, min(0.2, change))
+        wheels['speed'] += max(-wheels['braking'], min(0.2, change))
         told.sendto(b'%f %f' % (now(), wheels['speed']), ('127.0.0.1', {udp}))
         time.sleep(0.02)
 
 
 def drive(state):
     wheels['target'] = 5.0 if state == b'GREEN_GREEN' else 0.0
+    wheels['braking'] = 0.08 if state == b'RED_FLAG' else 0.2
     return (wheels['speed'] > 0) == (state == b'GREEN_GREEN')
 
 
@@ -155,7 +187,7 @@ def free_udp_port() -> int:
 
 
 @pytest.mark.early
-def test_the_client_of_the_document_passes_every_clause(tmp_path: pathlib.Path) -> None:
+def test_the_client_of_the_document_passes_every_clause_but_that_nobody_kills_it(tmp_path: pathlib.Path) -> None:
     def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
         udp = free_udp_port()
         program = parts.enter_context(inspection(folder, '--odometry', f'udp:{udp}', *UNATTENDED))
@@ -166,8 +198,8 @@ def test_the_client_of_the_document_passes_every_clause(tmp_path: pathlib.Path) 
 
     report, code = undisturbed(tmp_path, inspect)
     assert those(report, 'fail') == {}
-    assert those(report, 'not judged') == {}
-    assert code == 0
+    assert set(those(report, 'not judged')) == KILLED
+    assert (report['verdict'], code) == ('not judged', 2)
     *_, junit = sorted(tmp_path.glob('*/*.xml'))
     suite = ElementTree.parse(junit).getroot()  # noqa: S314 - our own file
     assert int(suite.attrib['tests']) == len(report['checks'])
@@ -209,7 +241,7 @@ def example_of_the_c_kit(folder: pathlib.Path, udp: int) -> pathlib.Path:
 
 
 @pytest.mark.early
-def test_the_example_of_the_c_kit_passes_every_clause(tmp_path: pathlib.Path) -> None:
+def test_the_example_of_the_c_kit_passes_every_clause_but_that_nobody_kills_it(tmp_path: pathlib.Path) -> None:
     udp = free_udp_port()
     kart = example_of_the_c_kit(tmp_path, udp)
 
@@ -221,8 +253,8 @@ def test_the_example_of_the_c_kit_passes_every_clause(tmp_path: pathlib.Path) ->
 
     report, code = undisturbed(tmp_path, inspect)
     assert those(report, 'fail') == {}
-    assert those(report, 'not judged') == {}
-    assert code == 0
+    assert set(those(report, 'not judged')) == KILLED
+    assert (report['verdict'], code) == ('not judged', 2)
 
 
 class Terminal:
@@ -291,7 +323,7 @@ def test_nothing_listens_before_the_inspector_has_typed_the_word(
     terminal = at_terminal()
     terminal.wait_for('OFF THE GROUND')
     terminal.press('yes\n')
-    assert terminal.process.wait(PATIENCE) == 3
+    assert terminal.process.wait(PATIENCE) == 2
     assert 'on port' not in terminal.text
 
 
@@ -302,7 +334,7 @@ def test_an_inspector_who_sees_the_wheels_turn_after_a_stop_fails_the_kart(
     terminal.press('ready\n')
     start_client(parts, terminal)
     terminal.answer = lambda question: 'n'
-    assert terminal.process.wait(PATIENCE) == 1
+    assert terminal.process.wait(PATIENCE) == 2
     report = report_in(tmp_path)
     assert set(those(report, 'fail')) == {'K-3A-10'}
     assert report['inspector'] == 'Ada <&>'
@@ -379,7 +411,7 @@ def test_the_space_bar_stops_the_kart_and_ends_the_inspection(
     began = time.monotonic()
     terminal.press(' ')
     terminal.wait_for('the kart says that it stands')
-    assert terminal.process.wait(PATIENCE) == 3
+    assert terminal.process.wait(PATIENCE) == 2
     assert time.monotonic() - began < PATIENCE
 
 
@@ -404,6 +436,17 @@ def test_a_wrong_use_is_told_and_nothing_begins(words: list[str], tmp_path: path
     assert done.returncode == 2
     assert done.stderr
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize('target', ['inspect-kart', 'inspect-rcs'])
+def test_make_ends_with_the_exit_code_of_the_inspection(target: str) -> None:
+    makes = [
+        subprocess.run(
+            ['make', '-C', str(ROOT), target, f'ARGS={words}'], capture_output=True, check=False
+        ).returncode
+        for words in ('--list', '--only K-9')
+    ]
+    assert makes == [Exit.PASSED, Exit.NOT_PASSED]
 
 
 def test_it_runs_from_a_clone_with_the_standard_library_only() -> None:

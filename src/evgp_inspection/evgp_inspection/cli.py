@@ -77,7 +77,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if words and words[0] in programs:
         return programs[words[0]](words[1:])
     print('Say what to inspect: kart or rcs. "kart --help" says more.', file=sys.stderr)
-    return Exit.USAGE
+    return Exit.NOT_PASSED
 
 
 def inspect_rcs(arguments: Sequence[str] | None = None) -> int:
@@ -105,7 +105,7 @@ def inspect_rcs(arguments: Sequence[str] | None = None) -> int:
         inspection = asyncio.run(_inspect_rcs(options, chosen, limits, addresses, printer))
     except (OSError, ImportError) as error:
         print(f'The inspection cannot start: {error}', file=sys.stderr)
-        return Exit.USAGE
+        return Exit.NOT_PASSED
     finally:
         printer.close()
     header = Header(
@@ -183,7 +183,7 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
         inspection = asyncio.run(_inspect_kart(options, chosen, limits, printer))
     except (OSError, ValueError, ImportError) as error:
         print(f'The inspection cannot start: {error}', file=sys.stderr)
-        return Exit.USAGE
+        return Exit.NOT_PASSED
     finally:
         printer.close()
     header = Header(
@@ -263,8 +263,8 @@ def _parser(
     parser = argparse.ArgumentParser(
         prog=prog,
         description=description,
-        epilog='Exit codes: 0 all judged checks passed, 1 a check failed, 2 wrong usage, '
-        '3 not finished (stopped, or there was nothing to inspect).',
+        epilog='Exit codes: 0 passed; 2 not: a check failed, or not all of it was done or judged, '
+        'or wrong usage. The last lines and the report say which.',
     )
     add = parser.add_argument
     add('--list', action='store_true', help='print the clauses and end')

@@ -34,6 +34,7 @@ class Act(enum.Enum):
     RACE_OVER = 'RACE_OVER'
     IN_GARAGE = 'IN_GARAGE'
     KART_RED_RED = 'KART_RED_RED'
+    KART_IN_GARAGE = 'KART_IN_GARAGE'
     KART_FINISH = 'KART_FINISH'
 
 
@@ -81,6 +82,7 @@ ASKED = {
     Act.RACE_OVER: 'Press RACE OVER',
     Act.IN_GARAGE: 'Press IN GARAGE for the race',
     Act.KART_RED_RED: 'Press RED RED for kart {kart} alone',
+    Act.KART_IN_GARAGE: 'Give kart {kart} alone back to its team (GARAGE in its row)',
     Act.KART_FINISH: 'Press FINISH for kart {kart}',
 }
 """What a person is asked to press."""
@@ -113,7 +115,7 @@ class Human:
         others = ' and '.join(map(str, outside))
         done = await self._inspector.ask(
             f'Put karts {racing} into the race, and no other; kart {others} is in the list, but '
-            'not in the race. The race is in IN_GARAGE. Done?',
+            'not in the race. The race is in IN_GARAGE, the track is closed. Done?',
             self._seconds,
         )
         self._prepared = bool(done)

@@ -23,12 +23,10 @@ from evgp_inspection.verdicts import Result, Verdict, verdict_on
 
 
 class Exit(enum.IntEnum):
-    """The exit codes, for scripts."""
+    """The exit codes, for scripts: those two that `make` hands on as they are."""
 
-    PASSED = 0  # every check that was judged passed
-    FAILED = 1  # a check failed
-    USAGE = 2
-    NOT_FINISHED = 3  # stopped, or there was nothing to inspect; no check failed
+    PASSED = 0
+    NOT_PASSED = 2  # a check failed, or not all was judged, or wrong usage: see the report
 
 
 @dataclasses.dataclass
@@ -52,9 +50,5 @@ class Inspection:
     @property
     def exit_code(self) -> Exit:
         """Return the exit code."""
-        verdict = verdict_on(self.results)
-        if self.came and verdict is Verdict.FAIL:
-            return Exit.FAILED
-        if self.came and self.finished and verdict is Verdict.PASS:
-            return Exit.PASSED
-        return Exit.NOT_FINISHED
+        good = self.came and self.finished and verdict_on(self.results) is Verdict.PASS
+        return Exit.PASSED if good else Exit.NOT_PASSED

@@ -562,7 +562,8 @@ class KartSteps:
             await self._until(
                 lambda: killing.done() or section.of(Kind.CLOSED), limits.connect + limits.answer
             )
-            if section.of(Kind.CLOSED):
+            ends = part == 'bridge'  # its connection, in this moment or never
+            if ends and await self._until(lambda: section.of(Kind.CLOSED), limits.slack):
                 self._wire.send(nothing())  # to a new connection, for now
             done = await killing
         finally:

@@ -77,7 +77,7 @@ class RcsLimits:
     gap: float = _limit(0.5, 'maximum time between two frames')
     half_open: float = _limit(5.0, 'maximum time until a kart that vanished counts as lost')
     watch: float = _limit(1.5, 'time for which the karts watch that nothing changes')
-    settle: float = _limit(2.0, 'time after a stop before the next command')
+    settle: float = _limit(4.0, 'time after a stop before the next command')
     away: float = _limit(0.6, 'time for which a kart that lost its connection is away')
     slack: float = _limit(1.0, 'delay allowed to the end of a connection')
     patience: float = _limit(15.0, 'maximum time to repeat a command that must be possible')

@@ -18,7 +18,10 @@ from __future__ import annotations
 
 from evgp_inspection.clauses import Clause, PROPOSAL, WIRE
 
-RCS_STEPS = ('connect', 'grid', 'lost', 'race', 'again', 'flag', 'stop', 'vanish', 'absent')
+RCS_STEPS = (
+    *('connect', 'grid', 'halves', 'last', 'lost', 'race', 'again', 'flag', 'held', 'stop'),
+    *('vanish', 'absent'),
+)
 """The steps of `inspect_rcs`, in their order."""
 
 RULES_DOCUMENT = 'docs/rules.md'
@@ -31,6 +34,7 @@ _UNTIL = (
     'The RCS will not permit the race to be started until all karts in the race have '
     'acknowledged the GRID_ACTIVE command.'
 )
+_COUNTS = 'An acknowledgement counts if it is the state that the kart is being sent'
 _HELD = (
     'If a kart has disconnected (as described in Connection status) during the race, the kart '
     'shall immediately enter the RED_RED state.'
@@ -60,6 +64,17 @@ RCS: tuple[Clause, ...] = (
         unless=('R-4B-01',),
     ),
     Clause(
+        'R-3A-03',
+        'RED_FLAG does not loosen a kart that is held in RED_RED',
+        RULES_DOCUMENT,
+        '§3.A',
+        'A hold can only get stricter.',
+        'RED_RED is commanded for one kart in GREEN_GREEN, then RED_FLAG for the race.',
+        'Fail: that kart is sent anything but RED_RED.',
+        ('held',),
+        unless=('R-3A-02', 'R-4B-03'),
+    ),
+    Clause(
         'R-3B-01',
         'no GREEN_GREEN without acknowledgements',
         PROPOSAL,
@@ -74,8 +89,7 @@ RCS: tuple[Clause, ...] = (
         'no GREEN_GREEN on what a kart said before GRID_ACTIVE',
         WIRE,
         '§3.B',
-        'An acknowledgement counts if it is the state that the kart is being sent, and its first '
-        'byte reached race control after that command was sent on this connection.',
+        _COUNTS,
         'One kart says GRID_ACTIVE in IN_GARAGE and not after; the other acknowledges.',
         _GREEN,
         ('grid',),
@@ -137,6 +151,18 @@ RCS: tuple[Clause, ...] = (
         ('race',),
         'reach',
         ('R-3B-06',),
+    ),
+    Clause(
+        'R-3B-08',
+        'no GREEN_GREEN on a word that was begun before GRID_ACTIVE',
+        WIRE,
+        '§3.B',
+        _COUNTS,
+        'One kart says the first half of $GRID_ACTIVE; in IN_GARAGE and the other half in '
+        'GRID_ACTIVE; the other acknowledges.',
+        _GREEN,
+        ('halves',),
+        unless=('R-3B-01', 'R-3B-02'),
     ),
     Clause(
         'R-3C-01',
@@ -278,13 +304,14 @@ RCS: tuple[Clause, ...] = (
     ),
     Clause(
         'R-3F-01',
-        'a kart outside the race: IN_GARAGE, or RED_RED after ALL_KILL',
+        'a kart outside the race: IN_GARAGE, or RED_RED once it is stopped',
         PROPOSAL,
         '§3.F',
         'Any Kart that connects to the RCS that is not in the race will be kept in the IN GARAGE '
         'state and will only receive the message `$IN_GARAGE`;',
         'A kart that is not in the race is connected during the whole inspection.',
-        'Fail: it is sent another state; RED_RED counts as one unless ALL_KILL was commanded.',
+        'Fail: it is sent another state; RED_RED counts as one unless ALL_KILL was commanded, or '
+        'RED_RED for it alone.',
         (),
     ),
     Clause(
@@ -375,6 +402,18 @@ RCS: tuple[Clause, ...] = (
         _BACK_RED,
         ('absent',),
         unless=('R-3E-05', 'R-4B-01'),
+    ),
+    Clause(
+        'R-4B-06',
+        'no GREEN_GREEN unless GRID_ACTIVE was the last button pressed',
+        PROPOSAL,
+        '§4.B',
+        'Requires GRID_ACTIVE to be the last button pressed',
+        'Both karts acknowledge GRID_ACTIVE; RED_RED is commanded for the kart outside the race, '
+        'then GREEN_GREEN.',
+        _GREEN,
+        ('last',),
+        unless=('R-3B-01',),
     ),
     Clause(
         'R-4C-01',

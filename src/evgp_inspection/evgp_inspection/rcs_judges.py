@@ -226,6 +226,24 @@ def _comes_back(phase: str, allowed: frozenset[RaceState], places: Iterable[int]
     return judge_phase
 
 
+def _stays_red(phase: str, place: int) -> Judge:
+    """Judge whether a kart that is sent RED_RED is sent nothing else in a phase."""
+
+    def judge_phase(trace: Trace, limits: RcsLimits) -> Finding:
+        section = trace.called(phase)
+        if section is None or not section.of(Kind.COMMAND):
+            return NOT_DONE
+        name = kart(trace, place)
+        if before(trace, section, name) is not RED_RED:
+            return not_judged(f'{name or "The kart"} was not in RED_RED before.', section)
+        for word in said_to(trace, section, name):
+            if word.state is not None and word.state is not RED_RED:
+                return failed(f'{word.state.value} was sent to {name}.', section)
+        return _stayed(section, limits)
+
+    return judge_phase
+
+
 _JUST_RED = frozenset({RED_RED})
 
 # ----- judges of one clause -------------------------------------------------------------------
@@ -320,8 +338,13 @@ def _outside(trace: Trace, limits: RcsLimits) -> Finding:
     name = kart(trace, OUT)
     links = {link for link, owner in owners(trace).items() if owner == name and name}
     killed = seen = False
-    for section in trace.sections:
-        kills = [e.at for e in section.of(Kind.COMMAND) if e.text == 'ALL_KILL']
+    stops = ('ALL_KILL', f'KART_RED_RED {name.removeprefix("kart ")}')
+    first = trace.called('connect/first')
+    if first is None:
+        return NOT_DONE
+    # Before that, race control was brought to IN_GARAGE from wherever it was.
+    for section in trace.sections[trace.sections.index(first) :]:
+        kills = [e.at for e in section.of(Kind.COMMAND) if e.text in stops]
         stopped = False
         for word in section.words:
             killed = killed or any(at <= word.at for at in kills)
@@ -338,7 +361,7 @@ def _outside(trace: Trace, limits: RcsLimits) -> Finding:
         killed = killed or bool(kills)
     if not seen:
         return NOT_DONE
-    return passed('It was sent IN_GARAGE, and RED_RED after ALL_KILL.')
+    return passed('It was sent IN_GARAGE, and RED_RED once it was stopped.')
 
 
 def _spans(trace: Trace) -> dict[int, list[Event]]:
@@ -416,6 +439,7 @@ def _notices(trace: Trace, limits: RcsLimits) -> Finding:
 RCS_JUDGES: dict[str, Judge] = {
     'R-3A-01': _comes_back('connect/first', frozenset({IN_GARAGE}), (ONE, TWO, OUT)),
     'R-3A-02': _unchanged('stop/flag'),
+    'R-3A-03': _stays_red('held/flag', ONE),
     'R-3B-01': _no_green('grid/silent'),
     'R-3B-02': _no_green('grid/early'),
     'R-3B-03': _no_green('lost/green'),
@@ -423,6 +447,7 @@ RCS_JUDGES: dict[str, Judge] = {
     'R-3B-05': _no_green('again/silent'),
     'R-3B-06': _reaches('race/order', 'reach', GRID_ACTIVE, ONE, TWO),
     'R-3B-07': _reaches('race/started', 'reach', GREEN_GREEN, ONE, TWO),
+    'R-3B-08': _no_green('halves/green'),
     'R-3C-01': _alone(
         _reaches('race/finish_one', 'finish', RED_FLAG, ONE), 'race/finish_one', TWO, GREEN_GREEN
     ),
@@ -448,6 +473,7 @@ RCS_JUDGES: dict[str, Judge] = {
         'connect/green', 'race/grid_again', 'race/garage_in_race', 'stop/grid', 'stop/green'
     ),
     'R-4B-05': _comes_back('absent/back', _JUST_RED, (OUT,)),
+    'R-4B-06': _no_green('last/green'),
     'R-4C-01': _rate,
     'R-4C-02': _gap,
     'R-4C-03': _well_formed,

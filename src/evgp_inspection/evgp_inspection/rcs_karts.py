@@ -79,8 +79,11 @@ class Link(asyncio.Protocol):
 
     def say(self, state: RaceState) -> None:
         """Say a state."""
+        self.write(encode(state))
+
+    def write(self, data: bytes) -> None:
+        """Write bytes."""
         if self._transport is not None and self.open:
-            data = encode(state)
             self._kart.field.recording.note(Kind.SENT, self.number, data)
             self._transport.write(data)
 
@@ -158,6 +161,11 @@ class PlayedKart:
         """Say a state on its newest connection."""
         if self.link is not None:
             self.link.say(state)
+
+    def write(self, data: bytes) -> None:
+        """Write bytes on its newest connection."""
+        if self.link is not None:
+            self.link.write(data)
 
     def end(self, reset: bool = False) -> None:
         """End its newest connection."""

@@ -30,6 +30,7 @@ from evgp_inspection.limits import RcsLimits
 from evgp_inspection.rcs_karts import Field, PlayedKart
 from evgp_inspection.recording import Recording
 from evgp_inspection.traces import Kind
+from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 
 IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
@@ -79,10 +80,13 @@ class RcsSteps:
         self._doing = {
             'connect': self._connect,
             'grid': self._grid,
+            'halves': self._halves,
+            'last': self._last,
             'lost': self._lost,
             'race': self._drive,
             'again': self._again,
             'flag': self._flag,
+            'held': self._held,
             'stop': self._stop,
             'vanish': self._vanish,
             'absent': self._absent,
@@ -109,7 +113,21 @@ class RcsSteps:
     # ----- the steps ----------------------------------------------------------------------
 
     async def _connect_first(self) -> None:
-        """Connect every kart."""
+        """
+        Connect every kart for the first time that counts.
+
+        Race control may begin in RED_RED, and may need a statement that the track is safe. So it
+        is brought to IN_GARAGE before.
+        """
+        self._phase('begin')
+        for kart in self._all:
+            await kart.connect()
+        if not self._field.count:
+            return
+        await self._to_the_garage()
+        for kart in self._all:
+            kart.end()
+        await asyncio.sleep(self._limits.away)
         self._phase('first')
         for kart in self._all:
             await kart.connect()
@@ -144,6 +162,27 @@ class RcsSteps:
         self._two.answers = ALL
         await asyncio.sleep(self._limits.watch / 2)
         await self._refused('early', Act.GREEN_GREEN)
+
+    async def _halves(self) -> None:
+        self._one.answers = self._two.answers = NOTHING
+        self._phase('before')
+        word = encode(GRID_ACTIVE)
+        self._one.write(word[: len(word) // 2])
+        await asyncio.sleep(self._limits.watch / 2)
+        await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._race)
+        self._one.write(word[len(word) // 2 :])
+        self._two.answers = ALL
+        await asyncio.sleep(self._limits.watch / 2)
+        await self._refused('green', Act.GREEN_GREEN)
+
+    async def _last(self) -> None:
+        self._one.answers = self._two.answers = ALL
+        await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._race)
+        await asyncio.sleep(self._limits.watch / 2)
+        out = self._numbers[2]
+        await self._reach('stop', Act.KART_RED_RED, RED_RED, self._out, kart=out)
+        await asyncio.sleep(self._limits.settle)
+        await self._refused('green', Act.GREEN_GREEN)
 
     async def _lost(self) -> None:
         self._one.answers = self._two.answers = ALL
@@ -199,6 +238,11 @@ class RcsSteps:
         await self._start()
         await self._reach('flag', Act.RED_FLAG, RED_FLAG, *self._race)
         await self._back('back', self._one)
+
+    async def _held(self) -> None:
+        await self._start()
+        await self._reach('one', Act.KART_RED_RED, RED_RED, self._one, kart=self._numbers[0])
+        await self._reach('flag', Act.RED_FLAG, RED_FLAG, self._two, more=True)
 
     async def _stop(self) -> None:
         await self._start()
@@ -274,7 +318,10 @@ class RcsSteps:
         await self._give(Act.ALL_KILL)
         await self._wait(self._all_are(RED_RED, self._all), self._limits.reach)
         await asyncio.sleep(self._limits.settle)
-        return await self._insist(Act.IN_GARAGE, IN_GARAGE, self._all)
+        await self._insist(Act.IN_GARAGE, IN_GARAGE, self._race)
+        if self._out.sent is RED_RED:  # it was stopped alone, and is released alone
+            await self._insist(Act.KART_IN_GARAGE, IN_GARAGE, (self._out,), self._numbers[2])
+        return await self._wait(self._all_are(IN_GARAGE, self._all), self._limits.reach)
 
     async def _reach(
         self,
@@ -313,9 +360,10 @@ class RcsSteps:
             accepted = await self._give(act, kart)
             if accepted or self._all_are(state, karts)():
                 return await self._wait(self._all_are(state, karts), seconds or self._limits.reach)
-            if loop.time() > deadline or act is Act.ALL_KILL or not self._driver.exact:
+            if loop.time() > deadline or act is Act.ALL_KILL:
                 return await self._wait(self._all_are(state, karts), self._limits.reach)
-            await asyncio.sleep(0.2)
+            # A refusal may be for a time: until a kart has stood long enough, for example.
+            await asyncio.sleep(0.2 if self._driver.exact else self._limits.settle)
 
     async def _refused(self, phase: str, act: Act) -> None:
         """Give a command that must change nothing, and watch."""

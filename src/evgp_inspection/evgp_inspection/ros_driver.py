@@ -64,7 +64,7 @@ class RosDriver:
         )
         self._node.create_subscription(messages.Race, 'rcs/race', self._hear, latched)
         # All of them now: to load a service later would hold up the karts that are played.
-        for kind in (*(act.value for act in Act), 'JOIN_RACE', 'LEAVE_RACE'):
+        for kind in (*(act.value for act in Act), 'JOIN_RACE', 'LEAVE_RACE', 'CLOSE_TRACK'):
             self._connect(catalogue.CATALOGUE[catalogue.CommandKind[kind]])
         self._executor = executors.SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
@@ -85,6 +85,7 @@ class RosDriver:
         missing = {*in_race, *outside} - known
         if missing:
             return f'Race control has no kart {min(missing)} in its roster.'
+        await self._call('CLOSE_TRACK', 0, lambda: None)  # it may be open since an earlier run
         for kart in self._race.karts:
             wanted = kart.number in in_race
             if kart.in_race is not wanted:
@@ -136,6 +137,8 @@ class RosDriver:
             setattr(request, entry.statement, True)
         if entry.to_one_kart:
             request.kart = kart
+        if entry.names_hold and self._race is not None:
+            request.hold = next(each.hold for each in self._race.karts if each.number == kart)
         if entry.names_karts:
             request.karts = self._seen(getattr(self._messages.CommandAvailability, kind))
         loop = asyncio.get_running_loop()

@@ -178,7 +178,7 @@ def test_a_good_kart_passes_and_each_fault_is_found_by_its_own_clause_and_no_oth
     seen, unseen = inspections[:2]
     assert seen.exit_code is Exit.PASSED
     assert not those(seen, Verdict.NOT_JUDGED)
-    assert unseen.exit_code is Exit.NOT_FINISHED
+    assert unseen.exit_code is Exit.NOT_PASSED
     # What nobody sees is neither passed nor failed; what the wire shows is judged.
     blind = set(those(unseen, Verdict.NOT_JUDGED))
     assert {'K-3A-05', 'K-3A-07', 'K-3A-10', 'K-3E-01', 'K-3E-06'} <= blind
@@ -202,7 +202,7 @@ def test_an_inspection_that_is_stopped_while_the_kart_drives_stops_the_kart() ->
     assert one.kart is not None
     assert one.kart.speed == 0.0
     assert one.kart.last_heard == b'$RED_RED;'
-    assert inspection.exit_code is Exit.NOT_FINISHED
+    assert inspection.exit_code is Exit.NOT_PASSED
 
 
 def test_an_inspection_that_fails_while_the_kart_drives_stops_the_kart(
@@ -294,7 +294,7 @@ def test_a_kart_that_never_comes_is_not_judged() -> None:
         return await inspect(Unattended(lambda line: None), limits, KART, asyncio.Event())
 
     inspection = asyncio.run(alone())
-    assert inspection.exit_code is Exit.NOT_FINISHED
+    assert inspection.exit_code is Exit.NOT_PASSED
     assert 'K-4A-01' in those(inspection, Verdict.FAIL)
 
 

@@ -44,13 +44,13 @@ SHORT = RcsLimits(
     stagger=0.15,
     half_open=1.5,
     watch=0.5,
-    settle=0.3,
+    settle=0.6,
     away=0.3,
     slack=0.5,
-    patience=3.0,
+    patience=6.0,
 )
 
-TIMES: dict[str, Any] = {'finish_delays': (0.8, 0.4), 'pause': 0.1}
+TIMES: dict[str, Any] = {'finish_delays': (0.8, 0.4), 'pause': 0.1, 'settle': 0.3}
 # So many at once: at 20 Hz they would hold each other up.
 SETTINGS: dict[str, Any] = {
     'host': '127.0.0.1',
@@ -107,9 +107,8 @@ FLAWS = {
     'GREEN_GREEN does not wait': Flaw(
         'R-3B-01',
         race,
-        "        if missing:\n            return f'waiting for {_cut(missing)}'\n"
-        "        return 'another",
-        "        return 'another",
+        "        if missing:\n            return f'waiting for {_cut(missing)}'\n",
+        '',
     ),
     'what was said before the command counts': Flaw(
         'R-3B-02',
@@ -148,6 +147,24 @@ FLAWS = {
     ),
     'GREEN_GREEN is for one kart only': Flaw(
         'R-3B-07', race, TO_THE_RACE, for_the_first_kart_only('GREEN_GREEN')
+    ),
+    'RED_FLAG loosens a kart held in RED_RED': Flaw(
+        'R-3A-03',
+        race,
+        '        self._go(stricter(self.state, RED_FLAG), now)\n',
+        '        for each in self.racing():\n'
+        '            if self.state is not RED_RED:\n'
+        '                self._unhold(each)\n'
+        '        self._go(stricter(self.state, RED_FLAG), now)\n',
+    ),
+    'acknowledgements count under any number': Flaw(
+        'R-3B-08',
+        race,
+        '        counts = state is kart.sent and serial == kart.serial\n',
+        '        counts = state is kart.sent\n',
+    ),
+    'GREEN_GREEN whatever was pressed last': Flaw(
+        'R-4B-06', race, '        if not self.grid_was_last:\n', '        if False:\n'
     ),
     'RED_FLAG loosens ALL_KILL': Flaw(
         'R-3A-02',
@@ -192,7 +209,7 @@ FLAWS = {
         race,
         COMES_BACK,
         COMES_BACK + '        if kart.in_race and self.state is GRID_ACTIVE:\n'
-        '            self._go(GREEN_GREEN, now)\n',
+        '            self._go(GREEN_GREEN, now, 'it is back')\n',
     ),
     'a new connection ends ALL_KILL': Flaw(
         'R-3E-05',
@@ -222,15 +239,15 @@ FLAWS = {
     'ALL_KILL forgets who is away': Flaw(
         'R-4B-05',
         race,
-        "            self._hold(each, RED_RED, 'ALL_KILL', now)\n",
+        '            self._hold(each, RED_RED, self._cause(), now)\n',
         '            if each.connected:\n'
-        "                self._hold(each, RED_RED, 'ALL_KILL', now)\n",
+        '                self._hold(each, RED_RED, self._cause(), now)\n',
     ),
     'IN_GARAGE does not wait': Flaw(
         'R-3C-04',
         race,
-        "        if not missing:\n            return ''\n        how",
-        "        return ''\n        how",
+        '        if not missing:\n            # That',
+        '        if True:\n            # That',
     ),
     'a kart lost in RED_FLAG is not held': Flaw(
         'R-3E-04',
@@ -285,8 +302,8 @@ FLAWS = {
     'ALL_KILL is for the race only': Flaw(
         'R-4B-01',
         race,
-        "for each in self.karts.values():\n            self._hold(each, RED_RED, 'ALL_KILL', now)",
-        "for each in self.racing():\n            self._hold(each, RED_RED, 'ALL_KILL', now)",
+        'for each in self.karts.values():\n            self._hold(each, RED_RED, self._cause(),',
+        'for each in self.racing():\n            self._hold(each, RED_RED, self._cause(),',
     ),
     'RED_FLAG is for one kart only': Flaw(
         'R-4B-02', race, TO_THE_RACE, for_the_first_kart_only('RED_FLAG')
@@ -384,7 +401,8 @@ class OurRaceControl:
         offered = self.race.availability(kind, kart, self.server.now())
         karts = offered.karts or tuple(each.number for each in self.race.racing())
         given()
-        command = race.Command(kind, kart or None, True, frozenset(karts))
+        hold = self.race.karts[kart].hold if kart else None
+        command = race.Command(kind, kart or None, True, frozenset(karts), hold)
         self.server.submit(command, answered.set_result)
         self.server.take_commands()
         answer = await answered
@@ -466,7 +484,7 @@ class AtTheScreen:
             self._control = OurRaceControl(self._flaw, self._where[1])
             await self._control.start()
             return True
-        for act, kart in itertools.product(ASKED, (0, 1, 2)):
+        for act, kart in itertools.product(ASKED, (0, 1, 2, 3)):
             if question.startswith(ASKED[act].format(kart=kart)):
                 reply = await self._control.give(act, kart, lambda: None)
                 if not reply.accepted:

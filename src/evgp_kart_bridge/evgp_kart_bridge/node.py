@@ -38,6 +38,7 @@ from evgp_kart_bridge.link import (
     peer_of,
     REPEAT,
 )
+from evgp_kart_bridge.motion import Motion, NEVER_MOVED
 from evgp_kart_bridge.watch import LEASE, LOG_AGAIN, race_state_qos
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.graph import where_reachable
@@ -151,6 +152,7 @@ class KartBridge(StrictNode):
         self._told: Verdict | None = None
         self._logged: dict[str, float] = {}  # what is wrong, and when it was logged
         self._logged_last = ''
+        self._motion = Motion()  # in the executor's thread
         self._odometry_at: float | None = None
         self._odometry_missed_at: float | None = None
         self._odometry_was_missed = False
@@ -303,8 +305,23 @@ class KartBridge(StrictNode):
             )
 
     def _odometry(self, message: Odometry) -> None:
-        velocity = message.twist.twist.linear
-        speed = math.hypot(velocity.x, velocity.y)
+        velocity, place = message.twist.twist.linear, message.pose.pose.position
+        twist, now = math.hypot(velocity.x, velocity.y), clock.now()
+        speed = self._motion.speed(twist, place.x, place.y, now)
+        if self._motion.contradiction:
+            self.get_logger().warning(
+                f'The kart counts as moving: {self._motion.contradiction}',
+                throttle_duration_sec=5.0,
+                throttle_time_source_type=self._steady,
+            )
+        told = self._told
+        green = told is not None and told.state is RaceState.GREEN_GREEN
+        if self._motion.never_moves(green, speed, now):
+            self.get_logger().warning(
+                f'GREEN_GREEN for {NEVER_MOVED:g} s, and odometry on {self._odometry_topic} says '
+                '0.00 m/s. If the kart drives, its twist is not filled in: it would acknowledge '
+                'stops while it rolls'
+            )
 
         def take(arbiter: Arbiter, now: float) -> Outcome:
             self._odometry_at = now  # in the link's thread, as all that reads it

@@ -38,6 +38,7 @@ class Stack(Node):
         super().__init__('stack')
         self.watch = RaceStateWatch(self)
         self.speed = math.nan  # m/s
+        self.wanted = 0.0  # m/s
         self.driving = False
         self.heard_at = -math.inf  # s, the last odometry
         self.still_since = math.inf  # s; infinite: the kart moves
@@ -56,8 +57,14 @@ class Stack(Node):
         """Drive or brake; return whether the kart has reached the state. Yours goes here."""
         fresh = time.monotonic() - self.heard_at < ODOMETRY_GAP
         self.driving = fresh and state is RaceState.GREEN_GREEN  # never blind
+        if self.driving:
+            self.wanted = 6.0
+        elif fresh and state is RaceState.RED_FLAG:  # gently: 3 m/s²
+            self.wanted = max(0.0, min(self.speed, self.wanted) - 0.15)
+        else:
+            self.wanted = 0.0
         command = Twist()
-        command.linear.x = 6.0 if self.driving else 0.0
+        command.linear.x = self.wanted
         self.motors.publish(command)
         if self.driving:
             self.still_since = math.inf  # a standstill counts from the first command to stop

@@ -1,0 +1,95 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What odometry says about motion: its twist and its pose, compared.
+
+Pure: each input brings its time. Odometry whose twist is not filled in, or stuck, says 0.00 m/s at
+any speed, and the bridge would acknowledge a stop of a kart that rolls. So the way that the pose
+went is compared with the way that the twist explains.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+import math
+
+WINDOW = 1.0
+"""Time over which pose and twist are compared, seconds."""
+
+POSE_NOISE = 0.1
+"""Way that the pose of a standing kart may go within `WINDOW`, metres."""
+
+NEVER_MOVED = 5.0
+"""Time under GREEN_GREEN at 0.00 m/s after which the bridge warns, seconds."""
+
+
+class Motion:
+    """
+    The kart's speed from odometry.
+
+    :ivar contradiction: how pose and twist contradict each other, a sentence; empty: they do not.
+    """
+
+    def __init__(self) -> None:
+        self.contradiction = ''
+        self._seen: deque[tuple[float, float, float, float]] = deque()  # time, x, y, way by twist
+        self._zero_since: float | None = None
+        self._warned = False
+
+    def speed(self, twist: float, x: float, y: float, now: float) -> float:
+        """
+        Return the speed that counts, m/s: that of the pose where the twist does not explain it.
+
+        :param twist: the speed that the twist says, m/s.
+        :param x: where the pose is, m; a pose that is no number says nothing.
+        """
+        if not (math.isfinite(x) and math.isfinite(y)):
+            self._seen.clear()
+            self.contradiction = ''
+            return twist
+        way = 0.0
+        if self._seen:
+            then, *_, before = self._seen[-1]
+            way = before + (abs(twist) * (now - then) if math.isfinite(twist) else 0.0)
+        self._seen.append((now, x, y, way))
+        while now - self._seen[0][0] > WINDOW:
+            self._seen.popleft()
+        went, explained = max(
+            (
+                (math.hypot(x - then_x, y - then_y), way - before)
+                for _, then_x, then_y, before in self._seen
+            ),
+            key=lambda each: each[0] - 2 * each[1],
+        )
+        if went <= 2 * explained + POSE_NOISE:  # a twist may be off by a half
+            self.contradiction = ''
+            return twist
+        self.contradiction = (
+            f'the pose of odometry went {went:.1f} m within {WINDOW:g} s, its twist '
+            f'explains {explained:.1f} m: is the twist filled in?'
+        )
+        return math.nan if math.isnan(twist) else max(abs(twist), went / WINDOW)
+
+    def never_moves(self, green: bool, speed: float, now: float) -> bool:
+        """Return True, once each time, if the kart is at 0.00 m/s for too long in GREEN_GREEN."""
+        if not green or not speed < 0.005:
+            self._zero_since, self._warned = None, False
+            return False
+        if self._zero_since is None:
+            self._zero_since = now
+        if self._warned or now < self._zero_since + NEVER_MOVED:
+            return False
+        self._warned = True
+        return True

@@ -1,0 +1,68 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Odometry whose pose and twist contradict each other."""
+
+from __future__ import annotations
+
+import math
+
+from evgp_kart_bridge.motion import Motion, NEVER_MOVED, WINDOW
+from hypothesis import given
+from hypothesis import strategies as st
+
+SPEEDS = st.lists(st.floats(0.0, 20.0), min_size=1, max_size=200)
+
+
+@given(SPEEDS, st.floats(0.02, 0.2), st.floats(0.0, 0.04))
+def test_an_honest_twist_is_believed_as_it_is(
+    speeds: list[float], step: float, noise: float
+) -> None:
+    motion, x = Motion(), 0.0
+    for turn, speed in enumerate(speeds):
+        x += speed * step if turn else 0.0
+        assert motion.speed(speed, x + noise * (turn % 2), 0.0, turn * step) == speed
+        assert not motion.contradiction
+
+
+@given(st.floats(0.2, 20.0), st.floats(0.02, 0.1))
+def test_a_pose_that_moves_is_a_speed_whatever_the_twist_says(speed: float, step: float) -> None:
+    motion = Motion()
+    turns = math.ceil((WINDOW + step) / step) + 1
+    found = [motion.speed(0.0, 0.0, speed * turn * step, turn * step) for turn in range(turns)]
+    assert found[-1] > 0.05
+    assert motion.contradiction
+    # It stands, and has stood for long enough.
+    after = [
+        motion.speed(0.0, 0.0, speed * (turns - 1) * step, (turns + turn) * step)
+        for turn in range(turns)
+    ]
+    assert after[-1] == 0.0
+
+
+@given(SPEEDS, st.sampled_from([0.0, 7.0, math.nan]))
+def test_a_pose_that_is_not_filled_in_says_nothing(speeds: list[float], x: float) -> None:
+    motion = Motion()
+    for turn, speed in enumerate(speeds):
+        assert motion.speed(speed, x, x, turn * 0.02) == speed
+
+
+def test_a_kart_that_never_moves_in_green_green_is_told_once_each_time() -> None:
+    motion = Motion()
+    for _ in range(2):
+        told = [motion.never_moves(True, 0.0, at / 10) for at in range(round(NEVER_MOVED * 20))]
+        assert told.count(True) == 1
+        assert told.index(True) == round(NEVER_MOVED * 10)
+        assert not motion.never_moves(False, 0.0, 0.0)
+    assert not motion.never_moves(True, 0.5, 100.0)
