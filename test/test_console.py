@@ -880,13 +880,16 @@ def test_whether_humans_may_be_on_the_track_is_always_shown_with_the_reason(
 
 
 def test_a_race_of_lost_karts_is_no_green_one_in_the_largest_words(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    open_console: OpenConsole,
+    connect_kart: ConnectKart,
 ) -> None:
     control = start_race_control(in_race=(1, 2))
     console = open_console(control)
     karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2)]
     see_karts(console, 1, 2)
-    console.start_race()
+    join_official(control).bring_to(GREEN_GREEN)
     console.wait_for('state_since', text='2 driving')
     console.wait_for('humans', tone='wait')
 
@@ -1325,14 +1328,16 @@ def test_a_question_that_lets_humans_near_says_in_red_what_the_screen_says_again
 
 
 def test_the_way_from_the_grid_to_the_garage_has_no_warning(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    open_console: OpenConsole,
+    connect_kart: ConnectKart,
 ) -> None:
     control = start_race_control(in_race=(1,))
     console = open_console(control)
     connect_kart(control, 1, EACH_CHANGE)
     see_karts(console, 1)
-    console.ask('F2')
-    console.press('y', see='state', text='GRID ACTIVE')
+    join_official(control).bring_to(GRID_ACTIVE)
 
     console.wait_for('in_garage', barred='false')
     console.ask('F6', text='safe')
