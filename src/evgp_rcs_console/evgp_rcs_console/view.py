@@ -479,9 +479,9 @@ def _humans(race: Race) -> tuple[Cell, str]:
         return Cell(words.HUMANS_NOT_ALLOWED, Tone.BAD if wrong else Tone.WAIT), reason
     if nobody_is_heard(race):
         return Cell(words.HUMANS_UNKNOWN), words.HUMANS_UNKNOWN_REASON
-    doubtful = words.in_doubt(race)
-    if doubtful:
-        reason = words.HUMANS_BY_MSR_REASON.format(reason=race.track.reason, karts=doubtful)
+    karts = words.in_doubt(race)
+    if karts:
+        reason = words.HUMANS_BY_MSR_REASON.format(reason=race.track.reason, karts=karts)
         return Cell(words.HUMANS_BY_MSR, Tone.WAIT), reason
     return Cell(words.HUMANS_ALLOWED, Tone.GOOD), race.track.reason
 
