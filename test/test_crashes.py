@@ -63,7 +63,7 @@ class Event:
 
     def __init__(self, folder: pathlib.Path) -> None:
         self.record = folder / 'record.sqlite3'
-        self._folder = folder
+        self.folder = folder
         self._stack = contextlib.ExitStack()
         self._domain = self._stack.enter_context(Domain())
         self._port = 0
@@ -71,16 +71,27 @@ class Event:
         self.racing = RACING
         self.start()
 
-    def start(self, connect: tuple[int, ...] = (*RACING, OUTSIDE)) -> None:
+    def start(
+        self,
+        connect: tuple[int, ...] = (*RACING, OUTSIDE),
+        proven: bool = True,
+        **parameters: object,
+    ) -> None:
         """Start race control, and have these karts and the official with it."""
         self.run = contextlib.ExitStack()
         self.control = self.run.enter_context(
             RaceControl(
-                self._folder,
+                self.folder,
                 self._domain.number,
                 self.racing,
                 [OUTSIDE],
-                {'port': self._port, 'finish_delays': '[0.05]', 'auto_race_over': False},
+                {
+                    'port': self._port,
+                    'finish_delays': '[0.05]',
+                    'auto_race_over': False,
+                    **parameters,
+                },
+                proven=proven,
             )
         )
         self._port = self.control.port
@@ -139,6 +150,7 @@ class Event:
         self.official.wait_for_race(
             lambda race: all(state_of(kart.hold) is None for kart in race.karts), 'no kart held'
         )
+        self.official.command('set_track_open', open=False)
 
     def kill_all(self) -> None:
         self.official.command('all_kill')
@@ -178,7 +190,7 @@ def check_restart(meeting: Event) -> None:
     assert state_of(race.state) is RED_RED
     assert {state_of(kart.hold) for kart in race.karts} == {RED_RED}
     assert [kart.in_race for kart in race.karts] == [True, True, False]
-    assert not race.track.open
+    assert race.track.open
     for kart in meeting.karts.values():
         assert [state for _, state in kart.changes] == [RED_RED]
     refused = meeting.official.call('green_green')
@@ -267,20 +279,89 @@ def test_a_crash_is_not_forgotten_when_what_lies_beside_the_record_was_deleted(
     assert not meeting.official.call('in_garage', track_safe=True).success
 
 
-@pytest.mark.parametrize('harm', [b'', b'no record any more, but something else' * 100])
-def test_a_record_that_was_destroyed_keeps_no_race_control_from_starting_and_every_kart_red(
-    meeting: Event, harm: bytes
+def destroy(record: pathlib.Path) -> None:
+    record.write_bytes(b'no record any more, but something else' * 100)
+
+
+def empty(record: pathlib.Path) -> None:
+    record.write_bytes(b'')
+
+
+@pytest.mark.parametrize('harm', [destroy, empty, pathlib.Path.unlink])
+def test_without_the_record_of_a_race_the_next_race_control_stops_karts_and_asks_for_one_look(
+    meeting: Event, harm: Callable[[pathlib.Path], None]
 ) -> None:
     crashed_in_green(meeting)
     meeting.harmed = True
     for beside in meeting.record.parent.glob(f'{meeting.record.name}-*'):
         beside.unlink()
-    meeting.record.write_bytes(harm)
-    meeting.start(connect=())
+    harm(meeting.record)
+    meeting.start(proven=False, settle_time=2.0)
     race = meeting.official.wait_for_race(lambda race: True, 'the race')
     assert state_of(race.state) is RED_RED
     assert {state_of(kart.hold) for kart in race.karts} == {RED_RED}
+    assert race.track.open
     assert not race.track.allowed
+    assert msg.Alert.TRACK_UNSAFE in {alert.kind for alert in race.alerts}
+    for kart in meeting.karts.values():
+        assert [state for _, state in kart.changes] == [RED_RED]
+    assert not meeting.official.call('in_garage', track_safe=False).success
+    # A kart that says at once that it stands must stand by it.
+    meeting.official.wait_for_acks(RED_RED, *RACING, OUTSIDE)
+    assert not meeting.official.call('in_garage', track_safe=True).success
+    meeting.official.wait_for_race(
+        lambda race: not any(kart.may_be_moving for kart in race.karts), 'every kart has stood'
+    )
+    meeting.home()
+
+
+def test_another_race_control_with_an_empty_record_stops_karts_that_race(
+    meeting: Event, tmp_path: pathlib.Path
+) -> None:
+    crashed_in_green(meeting)
+    meeting.harmed = True
+    meeting.folder = tmp_path / 'another computer'
+    meeting.folder.mkdir()
+    meeting.start(proven=False)
+    race = meeting.official.wait_for_race(lambda race: True, 'the race')
+    assert state_of(race.state) is RED_RED
+    assert race.track.open
+    for kart in meeting.karts.values():
+        assert [state for _, state in kart.changes] == [RED_RED]
+    meeting.official.wait_for_acks(RED_RED, *RACING, OUTSIDE)
+    meeting.official.wait_for_race(
+        lambda race: not any(kart.may_be_moving for kart in race.karts), 'every kart has stood'
+    )
+    meeting.home()
+
+
+@pytest.mark.parametrize('dies', [False, True], ids=['ended', 'killed'])
+def test_an_open_track_is_remembered_and_only_an_orderly_end_begins_in_the_garage(
+    meeting: Event, dies: bool
+) -> None:
+    meeting.official.command('set_track_open', open=True)
+    if dies:
+        meeting.kill()
+    else:
+        meeting.run.close()
+    meeting.start()
+    race = meeting.official.wait_for_race(lambda race: True, 'the race')
+    assert state_of(race.state) is (RED_RED if dies else IN_GARAGE)
+    assert race.track.open
+
+
+def test_the_statement_that_the_msr_was_used_is_remembered(meeting: Event) -> None:
+    meeting.kill_all()
+    meeting.official.command('record_msr')
+    with contextlib.closing(open_read_only(meeting.record)) as database:
+        until = time.monotonic() + 20.0
+        while database.execute('SELECT msr_used FROM memory').fetchall()[-1] != (1,):
+            assert time.monotonic() < until
+            time.sleep(0.01)  # a disk has no event to await
+    meeting.kill()
+    meeting.start(connect=())
+    race = meeting.official.wait_for_race(lambda race: True, 'the race')
+    assert race.track.msr_used
 
 
 def test_a_kart_that_left_the_roster_after_a_crash_is_named_and_keeps_the_track_closed(

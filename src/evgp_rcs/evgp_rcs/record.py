@@ -451,6 +451,7 @@ class Record:
         try:
             return self._orderly_end.take()
         except OSError as error:
+            self._release()
             raise RecordError(
                 f'{self._path} cannot be used: what proves that the last run ended in good order '
                 f'stands beside it and cannot be removed ({_in_words(error)}). Choose another '

@@ -61,8 +61,9 @@ MEMORIES = st.builds(
     RaceMemory,
     state=STATES,
     karts=st.dictionaries(KARTS, st.builds(KartMemory)),
-    known=FLAGS,
-    every_start=FLAGS,
+    track_open=FLAGS,
+    msr_used=FLAGS,
+    final=FLAGS,
 )
 ORDERS = st.builds(Order, kart=KARTS, state=STATES, serial=KARTS)
 NUMBERS = st.integers(0, 2**64 - 1)
@@ -76,9 +77,8 @@ ENTRIES = st.one_of(
     st.builds(inputs.Rival, TIMES, FLAGS),
     st.builds(inputs.RecordTrouble, TIMES, TEXTS),
     st.builds(inputs.Journal, TIMES, FLAGS, FLAGS),
-    st.builds(inputs.StartNoted, TIMES, FLAGS),
     st.builds(inputs.Withdrawn, TIMES),
-    st.builds(inputs.Recovered, TIMES, MEMORIES),
+    st.builds(inputs.Recovered, TIMES, st.none() | MEMORIES),
     st.builds(inputs.Ordered, st.lists(ORDERS).map(tuple)),
     st.builds(inputs.Told, NUMBERS, NUMBERS),
     st.builds(inputs.Shown, TIMES, NUMBERS),

@@ -46,6 +46,7 @@ from evgp_rcs.kart_server import (
 from evgp_rcs.race import (
     Answer,
     Command,
+    Doubt,
     Event,
     EventKind,
     Kart,
@@ -555,7 +556,7 @@ def test_an_answer_that_is_under_way_is_no_answer_to_a_later_stop(
 
 
 def test_a_release_right_behind_a_stop_does_not_undo_it(run: Run, connect: Connect) -> None:
-    running = run(pause=PATIENCE)
+    running = run(pause=PATIENCE, settle=0.0)
     clients = [connect(running, kart) for kart in (1, 2)]
     running.give(CommandKind.ALL_KILL)
     for kart, client in enumerate(clients, 1):
@@ -799,7 +800,7 @@ def test_a_start_goes_out_once_the_disk_knows_that_karts_may_move(ready: Green) 
     starting = running.submit(running.command(CommandKind.GREEN_GREEN))
     memory, done = running.wait_for_memory()
     assert memory.state is GREEN_GREEN
-    assert memory.karts[1].may_be_moving
+    assert memory.karts[1].doubt is Doubt.MOVING
     assert running.race.state is GRID_ACTIVE
     done(True)
     assert starting.result(PATIENCE).success
@@ -846,7 +847,7 @@ def test_nothing_older_takes_the_place_of_what_a_start_has_written(ready: Green)
     assert running.remembered[-1].state is GREEN_GREEN
 
 
-def test_a_start_that_the_disk_does_not_take_is_refused_unless_it_may_go_without(
+def test_a_start_that_the_disk_does_not_take_is_refused_until_the_record_works(
     ready: Green,
 ) -> None:
     running, one, _ = ready
@@ -859,6 +860,7 @@ def test_a_start_that_the_disk_does_not_take_is_refused_unless_it_may_go_without
     assert running.race.state is GRID_ACTIVE
     running.record_trouble = ''
     running.record_works_at_once = True
+    running.race_was_shown(2)
     assert running.give(CommandKind.GREEN_GREEN).success
     read_until(one, GREEN_GREEN)
 
