@@ -259,7 +259,7 @@ def test_karts_that_never_got_green_are_lost_on_the_grid_and_not_in_motion(
     assert state_of(race.state) is RED_RED
     assert {state_of(kart.hold) for kart in race.karts} == {RED_RED}
     assert [kart.may_be_moving for kart in race.karts] == [False, False, False]
-    assert {alert.kind for alert in race.alerts} == {msg.Alert.KART_LOST}
+    assert {alert.kind for alert in race.alerts} == {msg.Alert.KART_LOST, msg.Alert.TRACK_UNSAFE}
     assert not race.track.allowed
     assert not meeting.official.call('set_track_open', open=True).success
 

@@ -21,6 +21,7 @@ One has ROS (``rcs_node``), the other the rules and the karts' sockets. Neither 
 from __future__ import annotations
 
 from collections.abc import Iterator
+import contextlib
 import os
 import pathlib
 import signal
