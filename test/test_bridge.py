@@ -292,6 +292,29 @@ def test_odometry_acknowledges_a_stop_only_once_the_kart_stands(start_race: Star
     race.official.wait_for_acks(RED_RED, 1)
 
 
+def test_no_red_is_acknowledged_while_the_pose_moves_whatever_the_twist_says(
+    start_race: StartRace,
+) -> None:
+    race = start_race(auto_acknowledge_stop=True)
+    race.green()
+    race.team.roll_at(6.0)
+    race.bridge.wait_for_line('counts as moving: the pose')
+    race.official.command('all_kill')
+    race.team.wait_for_state(RED_RED)
+    assert not race.team.acknowledge(RED_RED).success
+    race.team.roll_at(0.0)
+    race.official.wait_for_acks(RED_RED, 1)
+
+
+def test_a_kart_that_odometry_never_sees_move_in_green_green_is_told(
+    start_race: StartRace,
+) -> None:
+    race = start_race()
+    race.green()
+    race.team.drive_at(0.0)
+    race.bridge.wait_for_line('GREEN_GREEN for 5 s, and odometry')
+
+
 def test_no_red_is_acknowledged_while_the_odometry_that_was_asked_for_does_not_come(
     start_race_control: StartRaceControl,
     join_official: JoinOfficial,

@@ -209,7 +209,7 @@ FLAWS = {
         race,
         COMES_BACK,
         COMES_BACK + '        if kart.in_race and self.state is GRID_ACTIVE:\n'
-        '            self._go(GREEN_GREEN, now, 'it is back')\n',
+        '            self._go(GREEN_GREEN, now, str(kart))\n',
     ),
     'a new connection ends ALL_KILL': Flaw(
         'R-3E-05',

@@ -30,7 +30,7 @@ from evgp_inspection.limits import Limits, RcsLimits
 from evgp_inspection.rcs_clauses import RCS, RCS_BY_NAME, RCS_STEPS
 from evgp_inspection.report import as_html, as_json, as_junit, Header
 from evgp_inspection.traces import describe, Event, Kind, Trace
-from evgp_inspection.verdicts import Finding, Result, Verdict
+from evgp_inspection.verdicts import Finding, Result, Verdict, verdict_on
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 from hypothesis import given, settings
@@ -48,7 +48,7 @@ PHASES = [
         'wait', 'quiet', 'garage', 'grid', 'green', 'red', 'red_flag', 'lost', 'back', 'stays',
         'first', 'stranger', 'second', 'silent', 'early', 'order', 'started', 'finish_one',
         'finish_two', 'over', 'unacknowledged', 'released', 'one', 'flag', 'all_kill',
-        'malformed', 'glued', 'bytes', 'many', 'late', 'slow', 'away', 'after', 'flag_green',
+        'kill', 'halves', 'malformed', 'glued', 'bytes', 'many', 'late', 'slow', 'away', 'after', 'flag_green',
     )
 ]  # fmt: skip
 FRAMES = [encode(state) for state in RaceState]
@@ -195,6 +195,8 @@ def test_no_failure_has_two_causes_that_excuse_each_other() -> None:
 
 def test_the_document_has_the_clauses_and_limits_as_they_are() -> None:
     text = DOCUMENT.read_text(encoding='utf-8')
+    stars = re.findall(r'^\| ([KR]-\w+-\d+)\* \|', text, re.MULTILINE)
+    assert stars == [each.name for each in (*KART, *RCS) if each.starred]
     rows = re.findall(r'^\| ([KR]-\w+-\d+)\*? \| (.*) \| (.*) \| (.*) \|$', text, re.MULTILINE)
     assert rows == [(each.name, each.title, each.done, each.judged) for each in (*KART, *RCS)]
     limits = re.findall(r'^\| `--(\S+)` \| ([\d.]+) \| (.*) \|$', text, re.MULTILINE)
@@ -242,6 +244,15 @@ def test_clauses_are_chosen_by_the_beginnings_of_their_names() -> None:
     assert select(KART, '') == KART
     with pytest.raises(ValueError, match='K-9'):
         select(KART, 'K-3A-07,K-9')
+
+
+def test_an_inspection_is_no_pass_while_a_starred_clause_was_not_judged() -> None:
+    for clause in (*KART, *RCS):
+        found = [
+            Result(each, Finding(Verdict.NOT_JUDGED if each is clause else Verdict.PASS, 'so'))
+            for each in (*KART, *RCS)
+        ]
+        assert (verdict_on(found) is Verdict.PASS) != clause.starred
 
 
 # ----- the report --------------------------------------------------------------------------

@@ -112,6 +112,7 @@ class Team(RosSide):
         self._bridge = bridge
         self._remote: Publisher | None = None
         self._driven = 0.0
+        self._rolls = self._place = 0.0
         self._driving: Timer | None = None
         self._acknowledge = self.node.create_client(srv.Acknowledge, f'{bridge}/acknowledge')
         self._team_stop = self.node.create_client(SetBool, f'{bridge}/team_stop')
@@ -189,6 +190,15 @@ class Team(RosSide):
         # The bridge, and this node itself.
         self.wait_until(lambda: self._odometry.get_subscription_count() > 1, lambda: 'a bridge')
         self.wait_for_speed(lambda heard: heard == speed or math.isnan(speed))
+
+    def roll_at(self, speed: float) -> None:
+        """
+        Publish a pose that moves at this speed, m/s, and a twist that says 0, from now on.
+
+        :raises AssertionError: if the bridge does not listen to it in time.
+        """
+        self._rolls = speed
+        self.drive_at(0.0)
 
     def lose_odometry(self) -> None:
         """Publish no speed any more, as a base that died."""
@@ -274,6 +284,8 @@ class Team(RosSide):
     def _publish_speed(self) -> None:
         odometry = Odometry()
         odometry.twist.twist.linear.x = self._driven
+        self._place += self._rolls * 0.02
+        odometry.pose.pose.position.x = self._place
         self._odometry.publish(odometry)
 
     def _hear_state(self, state: msg.KartRaceState) -> None:
