@@ -1600,10 +1600,13 @@ class Race:
         assert kart is not None
         msr = 'The MSR was used' if self.msr_used else 'Use the MSR'
         if kind is AlertKind.LOST_IN_MOTION:
-            text = f'{msr}: {kart} lost its connection while it may have been moving'
-            if kart.stopped:
-                return f'{text}; it is back and has stopped: wait until it has stood for a while'
-            return f'{text}; it is back and has not stopped yet' if kart.connected else text
+            text = f'{kart} lost its connection while it may have been moving'
+            if not kart.connected:
+                return f'{msr}: {text}'
+            if not kart.stopped:
+                return f'{msr}: {text}; it is back and has not stopped yet'
+            rolls = '' if self.msr_used else ' if it still rolls'
+            return f'{msr}{rolls}: {text}; it is back, and says that it has stopped'
         if kind is AlertKind.KART_LOST:
             return f'{_capital(kart)} lost its connection'
         if kind is AlertKind.MOVING_UNASKED:
