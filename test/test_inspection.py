@@ -187,7 +187,9 @@ def free_udp_port() -> int:
 
 
 @pytest.mark.early
-def test_the_client_of_the_document_passes_every_clause_but_that_nobody_kills_it(tmp_path: pathlib.Path) -> None:
+def test_the_client_of_the_document_passes_every_clause_but_that_nobody_kills_it(
+    tmp_path: pathlib.Path,
+) -> None:
     def inspect(folder: pathlib.Path, parts: contextlib.ExitStack) -> int:
         udp = free_udp_port()
         program = parts.enter_context(inspection(folder, '--odometry', f'udp:{udp}', *UNATTENDED))
@@ -241,7 +243,9 @@ def example_of_the_c_kit(folder: pathlib.Path, udp: int) -> pathlib.Path:
 
 
 @pytest.mark.early
-def test_the_example_of_the_c_kit_passes_every_clause_but_that_nobody_kills_it(tmp_path: pathlib.Path) -> None:
+def test_the_example_of_the_c_kit_passes_every_clause_but_that_nobody_kills_it(
+    tmp_path: pathlib.Path,
+) -> None:
     udp = free_udp_port()
     kart = example_of_the_c_kit(tmp_path, udp)
 

@@ -48,10 +48,10 @@ from evgp_inspection.inspector import AtTerminal, Inspector, Printer, RCS_FIRST,
 from evgp_inspection.judging import steps_for
 from evgp_inspection.kart_judges import judge
 from evgp_inspection.kart_steps import (
-    Kill,
-    KILL,
     KartNeverCameError,
     KartSteps,
+    KILL,
+    Kill,
     NotStoppedError,
 )
 from evgp_inspection.kart_wire import KartWire
@@ -394,9 +394,7 @@ async def _inspect_kart(
         )
 
 
-def _kills(
-    options: argparse.Namespace, inspector: Inspector, limits: Limits
-) -> dict[str, Kill]:
+def _kills(options: argparse.Namespace, inspector: Inspector, limits: Limits) -> dict[str, Kill]:
     """Return what kills the parts of the kart's program: commands, or the inspector's hand."""
 
     async def ask(part: str) -> bool:

@@ -328,7 +328,9 @@ def _brakes_harder(trace: Trace, limits: Limits) -> Finding:
         return not_judged('No two stops could be measured.', flag, red)
     hardly, gently = max(compared, key=lambda each: each[0] / max(each[1], 1e-9))
     shown = [each for each in (flag, red, both) if each is not None]
-    why = f'From the same speed it stops in {hardly:.2f} s for RED_RED, {gently:.2f} s for RED_FLAG.'
+    why = (
+        f'From the same speed it stops in {hardly:.2f} s for RED_RED, {gently:.2f} s for RED_FLAG.'
+    )
     if hardly > limits.harder * gently:
         return failed(why, *shown, measured=hardly)
     return passed(why, *shown, measured=hardly)
@@ -342,7 +344,9 @@ def _says_so_sooner(flag: Section, red: Section) -> Finding:
         if order is None or word is None:
             return not_judged('It did not acknowledge.', section)
         took.append(word.at - order.at)
-    why = f'It says that it stands after {took[0]:.2f} s for RED_FLAG, {took[1]:.2f} s for RED_RED.'
+    why = (
+        f'It says that it stands after {took[0]:.2f} s for RED_FLAG, {took[1]:.2f} s for RED_RED.'
+    )
     if took[1] > SOONER * took[0]:
         return failed(why, flag, red, measured=took[1])
     return passed(why, flag, red, measured=took[1])

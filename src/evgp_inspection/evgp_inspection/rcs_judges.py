@@ -343,7 +343,8 @@ def _outside(trace: Trace, limits: RcsLimits) -> Finding:
     if first is None:
         return NOT_DONE
     # Before that, race control was brought to IN_GARAGE from wherever it was.
-    for section in trace.sections[trace.sections.index(first) :]:
+    place = trace.sections.index(first)
+    for section in trace.sections[place:]:
         kills = [e.at for e in section.of(Kind.COMMAND) if e.text in stops]
         stopped = False
         for word in section.words:

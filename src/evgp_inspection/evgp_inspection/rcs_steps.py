@@ -30,13 +30,12 @@ from evgp_inspection.limits import RcsLimits
 from evgp_inspection.rcs_karts import Field, PlayedKart
 from evgp_inspection.recording import Recording
 from evgp_inspection.traces import Kind
-from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 
 IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
 GREEN_GREEN, RED_FLAG, RED_RED = RaceState.GREEN_GREEN, RaceState.RED_FLAG, RaceState.RED_RED
 
-ALL = frozenset({GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED})
+ALL = frozenset(RaceState)
 NOTHING: frozenset[RaceState] = frozenset()
 
 
@@ -116,18 +115,18 @@ class RcsSteps:
         """
         Connect every kart for the first time that counts.
 
-        Race control may begin in RED_RED, and may need a statement that the track is safe. So it
-        is brought to IN_GARAGE before.
+        Race control may begin in RED_RED, until an official says that the track is safe. Then it
+        is brought to IN_GARAGE, and every kart connects again.
         """
-        self._phase('begin')
-        for kart in self._all:
-            await kart.connect()
-        if not self._field.count:
-            return
-        await self._to_the_garage()
-        for kart in self._all:
-            kart.end()
-        await asyncio.sleep(self._limits.away)
+        await self._connect_all()
+        if self._field.count and any(kart.sent is RED_RED for kart in self._all):
+            await self._to_the_garage()
+            for kart in self._all:
+                kart.end()
+            await asyncio.sleep(self._limits.away)
+            await self._connect_all()
+
+    async def _connect_all(self) -> None:
         self._phase('first')
         for kart in self._all:
             await kart.connect()
@@ -166,11 +165,10 @@ class RcsSteps:
     async def _halves(self) -> None:
         self._one.answers = self._two.answers = NOTHING
         self._phase('before')
-        word = encode(GRID_ACTIVE)
-        self._one.write(word[: len(word) // 2])
+        self._one.write(b'$GRID_')
         await asyncio.sleep(self._limits.watch / 2)
         await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._race)
-        self._one.write(word[len(word) // 2 :])
+        self._one.write(b'ACTIVE;')
         self._two.answers = ALL
         await asyncio.sleep(self._limits.watch / 2)
         await self._refused('green', Act.GREEN_GREEN)
@@ -226,6 +224,7 @@ class RcsSteps:
 
     async def _again(self) -> None:
         self._one.answers = self._two.answers = NOTHING
+        await asyncio.sleep(self._limits.watch / 2)  # what they have said arrives
         await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._race)
         await self._refused('silent', Act.GREEN_GREEN)
         await self._green()

@@ -61,7 +61,8 @@ def summary(results: Sequence[Result]) -> str:
     """Return the whole in one line."""
     many = counts(results)
     return (
-        f'{verdict_on(results).value.upper()}: {many[Verdict.PASS]} passed, {many[Verdict.FAIL]} failed, '
+        f'{verdict_on(results).value.upper()}: '
+        f'{many[Verdict.PASS]} passed, {many[Verdict.FAIL]} failed, '
         f'{many[Verdict.NOT_JUDGED]} not judged'
     )
 

@@ -298,13 +298,14 @@ class InspectedKart:
         self._lost_how = how
         self._closed = self._closed or how == 'closed'
         self._goes_on = (
-            (how == 'closed' and self._is['drives on after FIN'])
-            or (how == 'silent' and self._is['drives on in silence'])
-            or (how == 'reset' and self._is['drives on after RST'])
-            or (how == 'killed' and self._is['drives on without its bridge'])
-        ) and self._obeyed is GREEN_GREEN or (
-            self._goes_on and self._is['drives on without its bridge']
-        )
+            (
+                (how == 'closed' and self._is['drives on after FIN'])
+                or (how == 'silent' and self._is['drives on in silence'])
+                or (how == 'reset' and self._is['drives on after RST'])
+                or (how == 'killed' and self._is['drives on without its bridge'])
+            )
+            and self._obeyed is GREEN_GREEN
+        ) or (self._goes_on and self._is['drives on without its bridge'])
 
     def _take_in(self, data: bytes) -> bool:
         now = self._loop.time()
@@ -441,10 +442,7 @@ class InspectedKart:
         if self._is['says that it drives before it does'] and obeyed is GREEN_GREEN:
             reached = True
         if obeyed is RED_RED and (
-            (
-                self._is['acknowledges RED_RED while RED_FLAG brakes']
-                and self._before is RED_FLAG
-            )
+            (self._is['acknowledges RED_RED while RED_FLAG brakes'] and self._before is RED_FLAG)
             or (
                 self._is['acknowledges RED_RED on a new connection while it rolls']
                 and self._orders == 1

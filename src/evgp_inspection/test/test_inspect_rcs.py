@@ -101,7 +101,7 @@ FLAWS = {
         'R-3A-01',
         race,
         COMES_BACK,
-        '        if kart.in_race and not kart.serial:\n'
+        '        if kart.in_race and self.state is IN_GARAGE:\n'
         "            self._hold(kart, RED_RED, '', now)\n" + COMES_BACK,
     ),
     'GREEN_GREEN does not wait': Flaw(
@@ -324,11 +324,10 @@ FLAWS = {
     'now and then it pauses': Flaw(
         'R-4C-02',
         kart_link,
-        '        if not self._transport.get_write_buffer_size():\n            self._write()\n',
+        '        if now - self._wrote_at >= apart and not self._unsent():\n',
         # Not at the beginning: a short connection would have too few frames as well.
-        "        age = now - self.__dict__.setdefault('since', now)\n"
-        '        if not self._transport.get_write_buffer_size() and not 2.5 < age % 4 < 3.1:\n'
-        '            self._write()\n',
+        "        since = now - self.__dict__.setdefault('since', now)\n"
+        '        if not self._unsent() and not 2.5 < since % 4 < 3.1:\n',
         settings={'beat_rate': 50.0},
     ),
     'bytes between the frames': Flaw(
@@ -517,6 +516,17 @@ def test_our_race_control_passes_and_each_fault_is_found_by_its_own_clause_and_n
     assert not those(inspections[''], Verdict.FAIL)
     assert not those(inspections[''], Verdict.NOT_JUDGED)
     assert inspections[''].exit_code is Exit.PASSED
+
+
+def test_a_race_control_that_begins_in_red_red_is_brought_to_in_garage_first() -> None:
+    def begin(name: str) -> Callable[[], Awaitable[Inspection]]:
+        control = OurRaceControl(None)
+        control.race.command(race.Command(CommandKind.ALL_KILL), control.server.now())
+        return control.inspect
+
+    (inspection,) = inspect_all([''], begin)
+    assert not those(inspection, Verdict.FAIL)
+    assert not those(inspection, Verdict.NOT_JUDGED)
 
 
 @pytest.mark.early

@@ -48,7 +48,8 @@ PHASES = [
         'wait', 'quiet', 'garage', 'grid', 'green', 'red', 'red_flag', 'lost', 'back', 'stays',
         'first', 'stranger', 'second', 'silent', 'early', 'order', 'started', 'finish_one',
         'finish_two', 'over', 'unacknowledged', 'released', 'one', 'flag', 'all_kill',
-        'kill', 'halves', 'malformed', 'glued', 'bytes', 'many', 'late', 'slow', 'away', 'after', 'flag_green',
+        'kill', 'halves',
+        'malformed', 'glued', 'bytes', 'many', 'late', 'slow', 'away', 'after', 'flag_green',
     )
 ]  # fmt: skip
 FRAMES = [encode(state) for state in RaceState]
