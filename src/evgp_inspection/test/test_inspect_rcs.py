@@ -521,8 +521,16 @@ def test_our_race_control_passes_and_each_fault_is_found_by_its_own_clause_and_n
 def test_a_race_control_that_begins_in_red_red_is_brought_to_in_garage_first() -> None:
     def begin(name: str) -> Callable[[], Awaitable[Inspection]]:
         control = OurRaceControl(None)
-        control.race.command(race.Command(CommandKind.ALL_KILL), control.server.now())
-        return control.inspect
+
+        async def stopped_before() -> Inspection:
+            where = await control.start()
+            await control.give(Act.ALL_KILL, 0, lambda: None)
+            try:
+                return await inspected(Unattended(lambda line: None), control, where)
+            finally:
+                await control.end()
+
+        return stopped_before
 
     (inspection,) = inspect_all([''], begin)
     assert not those(inspection, Verdict.FAIL)
