@@ -29,7 +29,6 @@ import subprocess
 import sys
 import threading
 
-from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
 from evgp_testing import nursery

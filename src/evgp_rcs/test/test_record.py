@@ -398,7 +398,7 @@ def test_a_proof_that_cannot_be_removed_refuses_the_start(
         proof(path).mkdir()
     else:
         subprocess.run(['mount', '-o', 'remount,ro', str(small_disk)], check=True)
-    with pytest.raises(RecordError, match='cannot be removed.*parameter record'):
+    with pytest.raises(RecordError, match=r'cannot be removed.*parameter record'):
         Record(path)
 
 

@@ -30,9 +30,8 @@ from evgp_testing.process import freeze, Process
 from evgp_testing.usage import family
 import yaml
 
-
 SETTLE_TIME = 0.5
-"""Time for which a kart must stand in tests, in seconds: less than in a race, for they have many."""
+"""Time for which a kart must stand in tests, in seconds; they have many races."""
 
 
 def address_of(number: int) -> str:
