@@ -133,13 +133,17 @@ class Author:
 
     def event(self, kind: str, state: str | None = None, kart: int = 0) -> None:
         """Write an event."""
-        self.race.events.append(RecordedEvent(0, 0, self.now, kind, kart, None, True, state, TEXT))
+        self._write(kind, kart, None, True, state)
 
     def command(self, name: str, kart: int = 0, success: bool = True) -> None:
         """Write an official's command."""
-        self.race.events.append(
-            RecordedEvent(0, 0, self.now, 'COMMAND', kart, name, success, None, TEXT)
-        )
+        self._write('COMMAND', kart, name, success, None)
+
+    def _write(
+        self, kind: str, kart: int, command: str | None, success: bool, state: str | None
+    ) -> None:
+        event = (0, 0, self.now, kind, kart, command, success, state, TEXT, '', None)
+        self.race.events.append(RecordedEvent(*event))
 
     def order(self, state: str, *karts: int) -> None:
         """Write that karts are sent a state, see it and acknowledge it."""

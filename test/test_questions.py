@@ -32,6 +32,7 @@ from evgp_rcs.inputs import offers
 from evgp_rcs.messages import race_message
 from evgp_rcs.race import (
     Command,
+    Doubt,
     Kart,
     KartMemory,
     Race,
@@ -124,10 +125,12 @@ class Walk:
             return self.dice.random() < 0.5
 
         karts = {
-            number: KartMemory(perhaps(), perhaps(), 0, perhaps(), perhaps(), perhaps())
+            number: KartMemory(perhaps(), perhaps(), 0, self.dice.choice(list(Doubt)), perhaps())
             for number in NUMBERS
         }
-        return RaceMemory(self.dice.choice(list(RaceState)), karts, known=perhaps())
+        return RaceMemory(
+            self.dice.choice(list(RaceState)), karts, perhaps(), perhaps(), perhaps()
+        )
 
     def step(self) -> None:
         """Do one thing, most often what a race is made of."""

@@ -210,10 +210,10 @@ def kept(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> pathlib.Pat
 def senders(official: Official, number: int) -> list[str]:
     """Return who sent the commands, in order, once there are so many."""
     official.wait_until(
-        lambda: sum(event.command > 0 for event in official.events) >= number,
+        lambda: sum(event.kind == event.COMMAND for event in official.events) >= number,
         lambda: f'{number} commands; heard: {[event.text for event in official.events]}',
     )
-    return [event.official for event in official.events if event.command]
+    return [event.official for event in official.events if event.kind == event.COMMAND]
 
 
 def test_an_official_at_a_terminal_is_asked_for_a_name_once_and_never_before_a_stop(

@@ -32,7 +32,12 @@ from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
 from evgp_testing.ports import free_port
 from evgp_testing.process import freeze, PATIENCE, Process, wait_until_ended
-from evgp_testing.race_control import address_of, settings, write_roster
+from evgp_testing.race_control import (
+    address_of,
+    end_in_good_order,
+    settings,
+    write_roster,
+)
 from evgp_testing.usage import family
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
@@ -50,15 +55,13 @@ class Kept(Process):
     def __init__(self, folder: pathlib.Path, domain: int, **parameters: object) -> None:
         """Start it."""
         self.port = free_port()
+        own = settings(folder, write_roster(folder, [1]))
+        end_in_good_order(pathlib.Path(str(own['record'])))
         super().__init__(
             'evgp_rcs',
             'rcs_node',
             domain,
-            {
-                **settings(folder, write_roster(folder, [1])),
-                'port': self.port,
-                **parameters,
-            },
+            {**own, 'port': self.port, **parameters},
             under=KEPT,
         )
 
@@ -219,6 +222,7 @@ class Terminal:
         """Start it."""
         self.port = free_port()
         roster, parameters = write_roster(folder, [1]), folder / 'rcs.yaml'
+        end_in_good_order(folder / 'record.sqlite3')
         own = {'record': str(folder / 'record.sqlite3'), 'port': self.port, 'address': '127.0.0.1'}
         parameters.write_text(yaml.safe_dump({'/**': {'ros__parameters': own}}), encoding='utf-8')
         self.screen, inside = pty.openpty()

@@ -50,8 +50,8 @@ from evgp_inspection.kart_judges import judge
 from evgp_inspection.kart_steps import (
     KartNeverCameError,
     KartSteps,
-    KILL,
     Kill,
+    KILL_PART,
     NotStoppedError,
 )
 from evgp_inspection.kart_wire import KartWire
@@ -398,7 +398,7 @@ def _kills(options: argparse.Namespace, inspector: Inspector, limits: Limits) ->
     """Return what kills the parts of the kart's program: commands, or the inspector's hand."""
 
     async def ask(part: str) -> bool:
-        return bool(await inspector.ask(KILL[part], limits.connect))
+        return bool(await inspector.ask(KILL_PART[part], limits.connect))
 
     async def run(command: str) -> bool:
         running = await asyncio.create_subprocess_shell(command, stdin=asyncio.subprocess.DEVNULL)

@@ -100,7 +100,7 @@ FLAG_ALONE = 1.0
 Kill: TypeAlias = Callable[[], Awaitable[bool]]
 """Kills a part of the kart's program; returns whether it is killed."""
 
-KILL = {
+KILL_PART = {
     'bridge': "Kill (kill -9) the kart's program that is connected to race control. Killed?",
     'stack': "Kill (kill -9) the kart's program that commands the motors. Killed?",
 }

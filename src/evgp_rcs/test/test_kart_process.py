@@ -57,6 +57,7 @@ from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs.roster import Roster, RosterEntry
 from evgp_testing.niceness import may_come_first
 from evgp_testing.process import freeze
+from evgp_testing.race_control import end_in_good_order
 from evgp_testing.replaying import replay_without_difference
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
 import pytest
@@ -70,6 +71,7 @@ IN_GARAGE = RaceState.IN_GARAGE
 
 @pytest.fixture
 def begin(tmp_path: pathlib.Path) -> Begin:
+    end_in_good_order(tmp_path / 'record.sqlite3')
     return Begin(
         Roster((RosterEntry(1, 'A', '127.0.3.1', True), RosterEntry(2, 'B', '127.0.3.2', False))),
         RaceTimes(),
