@@ -217,20 +217,13 @@ def questions(dice: random.Random) -> list[Question]:
     return asked
 
 
-STARTS = (CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN)
-
-
 def has_all(questions: list[Question]) -> bool:
     """Return whether there is every situation that a test here is about."""
-    asked = {(each.button.command, each.shown.track.is_open) for each in questions}
+    asked = {each.button.command for each in questions}
     let_near = {
         each.shown.track.allowed for each in questions if each.button.command in LETS_HUMANS_NEAR
     }
-    return (
-        {command for command, _ in asked} == set(ASKING)
-        and any((command, True) in asked for command in STARTS)
-        and False in let_near
-    )
+    return asked == set(ASKING) and False in let_near
 
 
 def check(question: Question) -> None:
@@ -293,12 +286,3 @@ def test_a_question_that_lets_humans_near_says_what_the_screen_says_against_it(
         else:
             assert button.warning
     assert against
-
-
-def test_a_start_under_an_open_track_says_so(questions: list[Question]) -> None:
-    opened = 0
-    for button, _, shown, _, _ in questions:
-        if button.command in STARTS:
-            opened += shown.track.is_open
-            assert bool(button.warning) is shown.track.is_open
-    assert opened

@@ -76,8 +76,8 @@ RED_RED to every kart. Also the time between two calls of race control to itself
 
 MOST_UNHEARD = 10
 """Maximum number of these calls in a row that have not come in, or of looks in a row that find the
-same datagram unread; one more ends race control, after 2 s. They are counted, not timed: a process that was stopped
-called nobody."""
+same datagram unread; one more ends race control, after 2 s. They are counted, not timed: a process
+that was stopped called nobody."""
 
 SERVICE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,

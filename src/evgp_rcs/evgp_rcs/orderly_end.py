@@ -15,8 +15,8 @@
 """
 The proof that a run ended in good order: one small file beside the record.
 
-It says when the run ended, as the record does. Race control writes it last, and the next start takes it away before any kart can
-connect. So a run that did not end in good order leaves none, also where the disk was full, the
+It says when the run ended, as the record does. Race control writes it last, and the next start
+takes it away before any kart can connect. So a run that did not end in good order leaves none, also where the disk was full, the
 record was deleted, or the machine lost its power.
 """
 
@@ -45,7 +45,7 @@ class OrderlyEnd:
         """
         try:
             # Others may have put a pipe there, for whose other end one waits.
-            with open(os.open(self._path, os.O_RDONLY | os.O_NONBLOCK), 'rb') as file:
+            with os.fdopen(os.open(self._path, os.O_RDONLY | os.O_NONBLOCK), 'rb') as file:
                 ended = file.read(100).decode(errors='replace')
         except (FileNotFoundError, NotADirectoryError):
             return ''
