@@ -16,8 +16,8 @@
 The proof that a run ended in good order: one small file beside the record.
 
 It says when the run ended, as the record does. Race control writes it last, and the next start
-takes it away before any kart can connect. So a run that did not end in good order leaves none, also where the disk was full, the
-record was deleted, or the machine lost its power.
+takes it away before any kart can connect. So a run that did not end in good order leaves none,
+also where the disk was full, the record was deleted, or the machine lost its power.
 """
 
 from __future__ import annotations
