@@ -298,7 +298,8 @@ def main() -> int:
     uncovered = 0
     try:
         for first in range(0, len(AIRS), options.links):
-            airs = AIRS[first : first + options.links]
+            last = first + options.links
+            airs = AIRS[first:last]
             uncovered += measure(airs, options.stops, options.seconds, options.seed)
     except NetworkError as error:
         print(error, file=sys.stderr)

@@ -186,7 +186,8 @@ class Hearing:
             place = at if self._deaf_beats == 0 else _TOO_OLD
             if not self._decoder.in_frame:
                 self._began = place
-            for each in self._decoder.feed(data[at - begin : cut - begin]):
+            part = slice(at - begin, cut - begin)
+            for each in self._decoder.feed(data[part]):
                 heard.append((each, self._answered_by(each)))
                 self._began = place
             at = cut
