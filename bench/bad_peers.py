@@ -30,7 +30,7 @@ import tempfile
 import time
 
 from evgp_protocol.states import RaceState
-from evgp_testing.bad_peers import attacked_race, attacking, ATTACKS
+from evgp_testing.bad_peers import attacked_race, attacking, ATTACKS, end_race
 from evgp_testing.usage import resident
 from evgp_testing.wire_race import WireRace
 
@@ -58,7 +58,7 @@ def measure(race: WireRace, name: str, repetitions: int) -> None:
             kills.append(
                 max(kart.wait_for_state(RaceState.RED_RED) for kart in race.karts) - called
             )
-            race.bring_to(RaceState.IN_GARAGE)
+            end_race(race)
         took = time.monotonic() - began_all
     columns = (
         name or 'none',

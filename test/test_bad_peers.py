@@ -27,7 +27,7 @@ import time
 
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from evgp_testing.bad_peers import attacked_race, attacking, ATTACKS, BAD
+from evgp_testing.bad_peers import attacked_race, attacking, ATTACKS, BAD, end_race
 from evgp_testing.race_control import address_of
 from evgp_testing.usage import open_files, resident
 from evgp_testing.wire_kart import kart_socket, WireKart
@@ -99,7 +99,7 @@ def test_a_bad_peer_costs_only_itself(
     record_property(attack, figures)
     assert len(told) <= MOST_LINES, '\n'.join(told)
     assert more <= MOST_MEMORY
-    attacked.bring_to(RaceState.IN_GARAGE)
+    end_race(attacked)
 
 
 def test_out_of_files_the_race_goes_on_and_karts_come_back_later(tmp_path: pathlib.Path) -> None:

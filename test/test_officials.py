@@ -243,10 +243,12 @@ def test_the_stops_have_the_name_that_race_control_was_given(
 
 
 def test_every_command_tells_who_gave_it_accepted_or_refused(
-    start_race_control: StartRaceControl, join_official: JoinOfficial
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
 ) -> None:
     control = start_race_control(in_race=(1,))
     official = join_official(control)
+    connect_kart(control, 1, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1)
     given: dict[int, tuple[bool, str]] = {}
     for kind, entry in CATALOGUE.items():
         request = {**entry.fixed, **({'kart': 1} if entry.to_one_kart else {})}
@@ -258,12 +260,18 @@ def test_every_command_tells_who_gave_it_accepted_or_refused(
     told = {
         event.command: (event.success, event.official)
         for event in official.events
-        if event.command
+        if event.kind == msg.RaceEvent.COMMAND
+    }
+    caused = {
+        (event.kind, given[event.command][1] == event.official)
+        for event in official.events
+        if event.command and event.kind != msg.RaceEvent.COMMAND
     }
     others = {event.official for event in official.events if not event.command}
 
     assert told == given
     assert {success for success, _ in given.values()} == {True, False}
+    assert caused == {(msg.RaceEvent.RACE_STATE, True), (msg.RaceEvent.KART_STATE, True)}
     assert others == {''}
     for _, name in given.values():
         control.wait_for_line(rf'\[{name}\]')

@@ -23,6 +23,8 @@ import select
 import subprocess
 import sys
 
+from evgp_node.states import state_of
+from evgp_protocol.states import RaceState
 from evgp_testing.process import PATIENCE
 from evgp_testing.race_control import address_of
 from evgp_testing.wire_race import WireRace
@@ -53,6 +55,14 @@ _SCRIPT = pathlib.Path(__file__).with_name('bad_peer.py')
 def attacked_race(folder: pathlib.Path) -> WireRace:
     """Start a race with two good karts, and one in the roster that is not good."""
     return WireRace(folder, RACING, [BAD], absent=[BAD])
+
+
+def end_race(race: WireRace) -> None:
+    """Bring the race to IN_GARAGE, and have the bad kart made safe if it is held until then."""
+    race.bring_to(RaceState.IN_GARAGE)
+    bad = race.official.wait_for_kart(BAD, lambda kart: True, 'its status')
+    if state_of(bad.hold) is not None:
+        race.official.command('kart/in_garage', kart=BAD, made_safe_by_hand=True)
 
 
 @contextlib.contextmanager
