@@ -397,7 +397,8 @@ class Wire:
     def listen(self, count: int) -> None:
         """Have race control read some of what has arrived."""
         end = min(self._taken_in + count, self._arrived)
-        data = self._said[self._taken_in : end]
+        begin = self._taken_in
+        data = self._said[begin:end]
         if not data or self.hearing.is_full:
             return
         self._taken_in += len(data)
