@@ -347,6 +347,7 @@ def test_an_inspector_who_sees_the_wheels_turn_after_a_stop_fails_the_kart(
 
 
 @pytest.mark.early
+@pytest.mark.timeout(300)
 def test_our_race_control_passes_every_clause(tmp_path: pathlib.Path) -> None:
     times = {'pause': 0.5, 'finish_delays': [1.0, 0.5]}
 
