@@ -39,8 +39,7 @@ def main() -> None:
     allow it. ``gaps SECONDS`` answers with the frames of each kart in that time and its longest
     gap (s).
 
-    The third argument says what karts say: ``mute`` nothing, ``acknowledge`` each change, ``echo``
-    every frame.
+    The third argument says what karts say: ``mute`` nothing, ``acknowledge`` each change.
 
     What a kart acknowledges while a state is watched for it says when all have seen the state:
     each would have a processor of its own, and none takes time from another that reads.
@@ -97,9 +96,7 @@ def main() -> None:
                 selector.unregister(kart.socket)
                 continue
             for state, change in heard:
-                if manner == 'echo':
-                    kart.say(state)
-                elif change and manner == 'acknowledge':
+                if change and manner == 'acknowledge':
                     unsaid.append(kart)
                 if state is wanted and kart in waiting:
                     waiting.discard(kart)

@@ -22,9 +22,6 @@ ROS half, for less than its limit and for more. Meanwhile another official sends
 A gap is measured on the wire, by the kernel's times (`arrivals`), since the process that plays the
 karts here shares the processors with all others. What that process read stands beside it, and
 counts where the kernel tells nothing, as it does for others than root.
-
-Below the table it says, of each gap and stop that took too long, for how long the computer itself
-stood still (`witness`; only root learns it). They count all the same.
 """
 
 from __future__ import annotations
@@ -44,7 +41,6 @@ from arrivals import Arrivals
 from evgp_protocol.states import RaceState
 from evgp_testing.process import executable, Program
 from evgp_testing.wire_race import WireRace
-from witness import Witness
 
 KARTS = range(1, 6)
 
@@ -71,43 +67,11 @@ def worst(values: list[float]) -> str:
     return f'{statistics.median(values) * 1e3:.1f} / {max(values) * 1e3:.1f}'
 
 
-class TooLate:
-    """What took too long, and for how long the computer itself stood still then."""
+class Gaps:
+    """Worst gap of all karts at each freeze, s: on the wire (where it is known), and as read."""
 
     def __init__(self) -> None:
-        """Begin to watch the computer."""
-        self._witness: Witness | None = None
-        with contextlib.suppress(PermissionError):
-            self._witness = Witness()
-        self._seen: list[str] = []
-
-    def look(self, what: str, took: float, limit: float, since: float) -> None:
-        """Take note if this took longer (s) than it may, in the time since then."""
-        if took > limit:
-            still = 'for an unknown time'
-            if self._witness is not None:
-                seconds = self._witness.stood_still(since, time.monotonic())
-                still = f'for {seconds * 1e3:.0f} ms'
-            self._seen.append(f'{what}: {took * 1e3:.0f} ms; the computer stood still {still}')
-
-    def tell(self) -> None:
-        """Print it, and end."""
-        if self._witness is not None:
-            self._witness.close()
-        for each in self._seen:
-            print(each)
-
-
-class Gaps:
-    """
-    The worst gap of all karts at each freeze, s: on the wire, if the kernel tells, and as read.
-
-    :param what: is frozen.
-    """
-
-    def __init__(self, what: str, late_ones: TooLate) -> None:
         """Begin."""
-        self._what, self._late_ones = what, late_ones
         self._wire: list[float] = []
         self._read: list[float] = []
 
@@ -132,8 +96,6 @@ class Gaps:
         )
         self._read.append(max(gaps, default=0.0))
         self._wire += self._worst_on_wire()
-        gap = (self._wire or self._read)[-1]
-        self._late_ones.look(f'a gap beside {self._what}', gap, GAP, since - gap)
 
     def _worst_on_wire(self) -> list[float]:
         if self._arrivals is None:
@@ -153,9 +115,9 @@ def race(stack: contextlib.ExitStack, folder: pathlib.Path) -> WireRace:
     return stack.enter_context(WireRace(folder, KARTS, parameters={'pause': 0.5}))
 
 
-def freeze_others(folder: pathlib.Path, times: int, what: str, late_ones: TooLate) -> None:
+def freeze_others(folder: pathlib.Path, times: int, what: str) -> None:
     """Freeze a program that race control's ROS half talks to."""
-    stops, gaps = [], Gaps(what, late_ones)
+    stops, gaps = [], Gaps()
     with contextlib.ExitStack() as stack:
         parts = race(stack, folder)
         domain, official = parts.domain, parts.official
@@ -176,7 +138,6 @@ def freeze_others(folder: pathlib.Path, times: int, what: str, late_ones: TooLat
                 began = time.monotonic()
                 assert official.call('all_kill').success
                 stops.append(time.monotonic() - began)
-                late_ones.look(f'a stop beside {what}', stops[-1], STOP, began)
             program.signal(signal.SIGCONT)
             gaps.note()
             assert not any(kart.ended for kart in parts.karts), 'a kart was dropped'
@@ -187,9 +148,9 @@ def freeze_others(folder: pathlib.Path, times: int, what: str, late_ones: TooLat
     )
 
 
-def freeze_ros_half(folder: pathlib.Path, times: int, late_ones: TooLate) -> None:
+def freeze_ros_half(folder: pathlib.Path, times: int) -> None:
     """Freeze the ROS half, for less than its limit: no kart may notice."""
-    gaps = Gaps('the ROS half', late_ones)
+    gaps = Gaps()
     with contextlib.ExitStack() as stack:
         parts = race(stack, folder)
         control = parts.control
@@ -205,9 +166,9 @@ def freeze_ros_half(folder: pathlib.Path, times: int, late_ones: TooLate) -> Non
     print(f'| ROS half, up to 0.5 s | {times} | {gaps} | - | - |', flush=True)
 
 
-def freeze_ros_half_for_good(folder: pathlib.Path, times: int, late_ones: TooLate) -> None:
+def freeze_ros_half_for_good(folder: pathlib.Path, times: int) -> None:
     """Freeze the ROS half for more than its limit: every kart gets RED_RED, and when."""
-    took, gaps = [], Gaps('the ROS half, for good', late_ones)
+    took, gaps = [], Gaps()
     for number in range(times):
         with contextlib.ExitStack() as stack:
             own = folder / f'run{number}'
@@ -238,15 +199,13 @@ def main() -> None:
         "| as read | another official's stop, call to answer, ms | over 50 ms |"
     )
     print('|---|---|---|---|---|---|---|', flush=True)
-    late_ones = TooLate()
     for what in ('client', 'watch'):
         with tempfile.TemporaryDirectory() as folder:
-            freeze_others(pathlib.Path(folder), times, what, late_ones)
+            freeze_others(pathlib.Path(folder), times, what)
     with tempfile.TemporaryDirectory() as folder:
-        freeze_ros_half(pathlib.Path(folder), times, late_ones)
+        freeze_ros_half(pathlib.Path(folder), times)
     with tempfile.TemporaryDirectory() as folder:
-        freeze_ros_half_for_good(pathlib.Path(folder), max(1, times // 50), late_ones)
-    late_ones.tell()
+        freeze_ros_half_for_good(pathlib.Path(folder), max(1, times // 50))
 
 
 if __name__ == '__main__':

@@ -37,7 +37,6 @@ import sys
 import tempfile
 import threading
 import time
-from types import FrameType
 from typing import Any
 
 from evgp_protocol.frames import encode
@@ -45,8 +44,7 @@ from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
 from evgp_testing.kart import Bridge, Team
 from evgp_testing.official import Official
-from evgp_testing.race_control import address_of, RaceControl
-from evgp_testing.replaying import replay_without_difference
+from evgp_testing.race_control import RaceControl
 from evgp_testing.usage import cpu_seconds, family, resident
 from std_srvs.srv import Trigger
 
@@ -105,19 +103,13 @@ def control_of(folder: pathlib.Path, domain: int, count: int) -> RaceControl:
 
 
 @contextlib.contextmanager
-def racing(
-    folder: pathlib.Path, count: int, manner: str = 'acknowledge'
-) -> Iterator[tuple[RaceControl, Official, Party]]:
-    """
-    Have race control, an official, and so many karts.
-
-    :param manner: what the karts say; see ``crowd.py``.
-    """
+def racing(folder: pathlib.Path, count: int) -> Iterator[tuple[RaceControl, Official, Party]]:
+    """Have race control, an official, and so many karts."""
     with (
         Domain() as domain,
         control_of(folder, domain.number, count) as control,
         Official(domain.number) as official,
-        Party('crowd.py', control.port, count, manner) as crowd,
+        Party('crowd.py', control.port, count, 'acknowledge') as crowd,
     ):
         assert crowd.hear() == 'ready'
         official.wait_for_race(
@@ -484,160 +476,6 @@ def frames_to_callbacks(
         return result
 
 
-def acknowledgement(folder: pathlib.Path, times: int) -> None:
-    """Measure from the stack's acknowledgement to the official's event and snapshot."""
-    answers, heard, shown = [], [], []
-    with (
-        Domain() as domain,
-        control_of(folder, domain.number, 1) as control,
-        Official(domain.number) as official,
-        Domain() as kart_domain,
-        Bridge(kart_domain.number, control.port, address_of(1)),
-        Team(kart_domain.number) as team,
-    ):
-        official.wait_for_connected(1)
-        for _ in range(times):
-            official.command('all_kill')
-            team.wait_for_state(RED_RED)
-            since = len(official.events)
-            began = time.monotonic()
-            assert team.acknowledge(RED_RED).success
-            answers.append(time.monotonic() - began)
-            official.wait_until(
-                lambda since=since: any(
-                    event.kind == event.ACKNOWLEDGED for event in official.events[since:]
-                ),
-                lambda: 'the event',
-            )
-            heard.append(time.monotonic() - began)
-            official.wait_for_acks(RED_RED, 1)
-            shown.append(time.monotonic() - began)
-            official.command('in_garage', track_safe=True)
-            team.wait_for_state(IN_GARAGE)
-    table(
-        f'Acknowledgement, ms after the call of the stack, median / p99 of {times}',
-        ('answered by the bridge', 'event at the official', 'in ~/race at the official'),
-        [(spread(answers), spread(heard), spread(shown))],
-    )
-
-
-# ----- 6: the record -----------------------------------------------------------------------
-
-
-def record_size(folder: pathlib.Path, counts: Sequence[int], seconds: float) -> None:
-    """Measure how fast the record grows with racing karts, and how long its replay takes."""
-    table(
-        f'The record of {seconds:g} s of racing',
-        ('karts', 'they say', 'kB', 'MB an hour', 'kart server, of one core', 'replay, s', ''),
-        (
-            record_of(pathlib.Path(tempfile.mkdtemp(dir=folder)), count, manner, seconds)
-            for count in counts
-            for manner in ('acknowledge', 'echo')
-        ),
-    )
-
-
-def record_of(folder: pathlib.Path, count: int, manner: str, seconds: float) -> tuple[object, ...]:
-    """Return the row of one number of karts; with a stop and what leads to green before it."""
-    with racing(folder, count, manner) as (control, official, crowd):
-        official.bring_to(RaceState.GREEN_GREEN)
-        began, before = time.monotonic(), cpu_seconds(control.kart_server_pid)
-        crowd.tell('gaps', seconds)
-        crowd.hear()
-        cpu = cpu_seconds(control.kart_server_pid) - before
-        lasted = time.monotonic() - began
-    (file,) = folder.glob('*/record.sqlite3')
-    size = file.stat().st_size
-    began = time.monotonic()
-    (replayed,) = replay_without_difference(file)
-    return (
-        count,
-        'every frame' if manner == 'echo' else 'each change',
-        f'{size / 1e3:.0f}',
-        f'{size / 1e6 / lasted * 3600:.1f}',
-        f'{cpu / lasted * 100:.1f} %',
-        f'{time.monotonic() - began:.1f}',
-        replayed,
-    )
-
-
-# ----- 7: growth ---------------------------------------------------------------------------
-
-
-def growth(counts: Sequence[int]) -> None:
-    """Measure what a snapshot and an event of the rules cost with N karts."""
-    from evgp_rcs.catalogue import CommandKind
-    from evgp_rcs.inputs import offers
-    from evgp_rcs.messages import race_message
-    from evgp_rcs.race import Command, Kart, Race
-    from rclpy.serialization import serialize_message
-
-    costs, steps = [], []
-    for count in counts:
-        race = Race([Kart(number, f'Team {number}', True) for number in range(1, count + 1)])
-        for number in race.karts:
-            race.connected(number, 0.0)
-        addresses = {number: address_of(number) for number in race.karts}
-        message = race_message(race, 1.0, time.time_ns(), addresses, offers(race, 1.0))
-        rules: tuple[Callable[[], object], ...] = (
-            lambda r=race: r.tick(1.0),
-            lambda r=race: r.heard(1, r.karts[1].serial, IN_GARAGE, 1.0),
-            lambda r=race: r.command(Command(CommandKind.KART_RED_RED, 1), 1.0),
-            lambda r=race: r.command(Command(CommandKind.ALL_KILL), 1.0),
-            race.copy,
-        )
-        steps.append((count, *(instructions(work) for work in rules)))
-        costs.append(
-            (
-                count,
-                f'{len(serialize_message(message)) / 1e3:.1f}',
-                micro(
-                    lambda r=race, a=addresses: race_message(
-                        r, 1.0, time.time_ns(), a, offers(r, 1.0)
-                    )
-                ),
-                micro(lambda m=message: serialize_message(m)),
-                *(micro(work) for work in rules),
-            )
-        )
-    of_rules = ('tick', 'acknowledgement', 'stop of one', 'ALL_KILL', 'copy')
-    table(
-        'Growth with the karts; µs, median',
-        ('karts', '`~/race`, kB', 'message', 'serialise', *of_rules),
-        costs,
-    )
-    table('Growth of the rules; instructions of Python', ('karts', *of_rules), steps)
-
-
-def instructions(work: Callable[[], object]) -> int:
-    """Return how many instructions of Python's virtual machine some work takes."""
-    count = 0
-
-    def trace(frame: FrameType, event: str, argument: object) -> Any:
-        nonlocal count
-        frame.f_trace_opcodes, frame.f_trace_lines = True, False
-        count += event == 'opcode'
-        return trace
-
-    sys.settrace(trace)
-    try:
-        work()
-    finally:
-        sys.settrace(None)
-    return count
-
-
-def micro(work: Callable[[], object]) -> str:
-    """Return the median time of some work, µs."""
-    samples = []
-    until = time.monotonic() + 0.3
-    while time.monotonic() < until or len(samples) < 5:
-        began = time.perf_counter()
-        work()
-        samples.append(time.perf_counter() - began)
-    return f'{statistics.median(samples) * 1e6:.1f}'
-
-
 def main() -> None:
     """Run the measurements asked for."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -646,15 +484,10 @@ def main() -> None:
         'beat': lambda folder, given: beat_and_cost(folder, given.karts, given.seconds),
         'bridge': lambda folder, given: bridge_cost(given.seconds / 3),
         'kart': lambda folder, given: kart_side(10 * given.times),
-        'acknowledge': lambda folder, given: acknowledgement(folder, given.times),
-        'record': lambda folder, given: record_size(folder, given.karts, given.seconds),
-        'growth': lambda folder, given: growth(given.karts),
     }
     parser = argparse.ArgumentParser(prog='bench/performance.py', description=__doc__)
     parser.add_argument('what', nargs='*', help=f'of {", ".join(measurements)}; all of them')
-    parser.add_argument(
-        '--karts', type=int, nargs='+', default=[1, 10, 20, 50, 100, 200, 500, 1000]
-    )
+    parser.add_argument('--karts', type=int, nargs='+', default=[1, 10, 20, 100])
     parser.add_argument('--times', type=int, default=50, help='repetitions of each latency')
     parser.add_argument(
         '--seconds', type=float, default=60.0, help='of a beat with commands; at rest a third'

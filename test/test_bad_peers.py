@@ -15,7 +15,7 @@
 """
 Bad peers: while one does its worst, the karts of the race and the officials do not notice.
 
-``bench/bad_peers.py`` measures how little; here, frames are counted.
+docs/performance.md says how little; here, frames are counted.
 """
 
 from __future__ import annotations
