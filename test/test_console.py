@@ -59,6 +59,7 @@ RED_RED = RaceState.RED_RED
 EACH_CHANGE = Acknowledges.EACH_CHANGE
 
 OpenConsole = Callable[..., Console]
+OpenBesideAKart = Callable[..., tuple[Console, WireKart]]
 
 T = TypeVar('T')
 
@@ -102,6 +103,22 @@ def open_console(
         console = Console(tmp_path, control.domain, screen, environment, arguments)
         parts.callback(console.close)
         return console
+
+    return open_
+
+
+@pytest.fixture
+def open_beside_a_kart(
+    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+) -> OpenBesideAKart:
+    """Return a function that opens a window which shows kart 1 in the race, connected."""
+
+    def open_(acknowledges: Acknowledges = EACH_CHANGE) -> tuple[Console, WireKart]:
+        control = start_race_control(in_race=(1,))
+        console = open_console(control)
+        kart = connect_kart(control, 1, acknowledges)
+        see_karts(console, 1)
+        return console, kart
 
     return open_
 
@@ -291,12 +308,9 @@ def test_one_kart_is_stopped_and_released_by_keys(
 
 
 def test_releasing_a_kart_that_did_not_acknowledge_asks_for_the_statement_of_race_control(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+    open_beside_a_kart: OpenBesideAKart,
 ) -> None:
-    control = start_race_control(in_race=(1,))
-    console = open_console(control)
-    kart = connect_kart(control, 1)
-    see_karts(console, 1)
+    console, kart = open_beside_a_kart(Acknowledges.NEVER)
     console.click('kart_red_red_1')
     kart.wait_for_state(RED_RED)
     console.wait_for('kart_1', text='■ RED RED')
@@ -326,15 +340,9 @@ def test_all_kill_is_one_click(
 
 @pytest.mark.parametrize('key', ['space', 'F12'])
 def test_all_kill_by_key_while_a_question_is_open(
-    start_race_control: StartRaceControl,
-    open_console: OpenConsole,
-    connect_kart: ConnectKart,
-    key: str,
+    open_beside_a_kart: OpenBesideAKart, key: str
 ) -> None:
-    control = start_race_control(in_race=(1,))
-    console = open_console(control)
-    kart = connect_kart(control, 1, EACH_CHANGE)
-    see_karts(console, 1)
+    console, kart = open_beside_a_kart()
     console.wait_for('grid_active', barred='false')
     console.press_on('grid_active', see='no', focus=True)
 
@@ -348,13 +356,8 @@ def test_all_kill_by_key_while_a_question_is_open(
     assert kart.state is RED_RED
 
 
-def test_all_kill_by_click_while_a_question_is_open(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1,))
-    console = open_console(control)
-    kart = connect_kart(control, 1, EACH_CHANGE)
-    see_karts(console, 1)
+def test_all_kill_by_click_while_a_question_is_open(open_beside_a_kart: OpenBesideAKart) -> None:
+    console, kart = open_beside_a_kart()
     console.ask('F2')
 
     console.click('all_kill')
@@ -362,13 +365,8 @@ def test_all_kill_by_click_while_a_question_is_open(
     kart.wait_for_state(RED_RED)
 
 
-def test_red_flag_by_key_while_a_question_is_open(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1,))
-    console = open_console(control)
-    kart = connect_kart(control, 1, EACH_CHANGE)
-    see_karts(console, 1)
+def test_red_flag_by_key_while_a_question_is_open(open_beside_a_kart: OpenBesideAKart) -> None:
+    console, kart = open_beside_a_kart()
     console.ask('F2')
 
     console.key('F4')
@@ -378,15 +376,9 @@ def test_red_flag_by_key_while_a_question_is_open(
 
 @pytest.mark.parametrize('where', ['filter', 'log', 'mute', 'kart_finish_1', 'official'])
 def test_all_kill_by_key_whichever_widget_has_the_focus(
-    start_race_control: StartRaceControl,
-    open_console: OpenConsole,
-    connect_kart: ConnectKart,
-    where: str,
+    open_beside_a_kart: OpenBesideAKart, where: str
 ) -> None:
-    control = start_race_control(in_race=(1,))
-    console = open_console(control)
-    kart = connect_kart(control, 1, EACH_CHANGE)
-    see_karts(console, 1)
+    console, kart = open_beside_a_kart()
     tab_to(console, where)
 
     console.key('space')
@@ -489,15 +481,9 @@ def test_a_name_is_typed_once_and_goes_with_every_command_also_of_the_next_windo
 
 @pytest.mark.parametrize('keys', [('space',), ('F12',), ('1', 'ctrl+r'), ('ctrl+space',)])
 def test_a_stop_by_key_acts_while_the_name_is_typed_and_is_no_part_of_it(
-    start_race_control: StartRaceControl,
-    open_console: OpenConsole,
-    connect_kart: ConnectKart,
-    keys: tuple[str, ...],
+    open_beside_a_kart: OpenBesideAKart, keys: tuple[str, ...]
 ) -> None:
-    control = start_race_control(in_race=(1,))
-    console = open_console(control)
-    kart = connect_kart(control, 1, EACH_CHANGE)
-    see_karts(console, 1)
+    console, kart = open_beside_a_kart()
     open_name(console)
     console.press('a', see='name', text=r'^a\W')
 
@@ -733,12 +719,9 @@ def test_a_window_that_is_killed_changes_nothing_and_the_next_one_stops_the_kart
 
 
 def test_a_command_that_is_not_allowed_says_why_on_hover_on_focus_and_when_tapped(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+    open_beside_a_kart: OpenBesideAKart,
 ) -> None:
-    control = start_race_control(in_race=(1,))
-    console = open_console(control)
-    kart = connect_kart(control, 1)
-    see_karts(console, 1)
+    console, kart = open_beside_a_kart(Acknowledges.NEVER)
     console.ask('F2')
     console.press('y', see='state', text='GRID ACTIVE')
     kart.wait_for_state(GRID_ACTIVE)
@@ -864,12 +847,9 @@ def test_a_long_event_hides_no_other_one(
 
 
 def test_whether_humans_may_be_on_the_track_is_always_shown_with_the_reason(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+    open_beside_a_kart: OpenBesideAKart,
 ) -> None:
-    control = start_race_control(in_race=(1,))
-    console = open_console(control)
-    kart = connect_kart(control, 1)
-    see_karts(console, 1)
+    console, kart = open_beside_a_kart(Acknowledges.NEVER)
     console.wait_for('humans', text='HUMANS ALLOWED')
 
     console.key('space')
@@ -931,12 +911,9 @@ def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(
 
 
 def test_the_use_of_the_msr_is_recorded_by_a_statement(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+    open_beside_a_kart: OpenBesideAKart,
 ) -> None:
-    control = start_race_control(in_race=(1,))
-    console = open_console(control)
-    kart = connect_kart(control, 1)
-    see_karts(console, 1)
+    console, kart = open_beside_a_kart(Acknowledges.NEVER)
 
     console.ask('F9', text='does not trigger the MSR')
     console.wait_for('yes', barred='false', text='Master Safety Remote was used')
