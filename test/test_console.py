@@ -1861,33 +1861,26 @@ def test_nothing_that_opens_takes_a_stop(
     console.wait_for('all_kill', pressing='true')
 
 
-def test_a_stop_acts_when_the_button_goes_down_and_stops_the_kart_that_stood_there(
-    speak: Callable[..., Speaker], open_console: OpenConsole
+@pytest.mark.parametrize(
+    ('button', 'said'),
+    [
+        ('kart_red_red_8', 'RED RED kart 8: sent'),
+        ('kart_finish_8', 'FINISH kart 8 WAS NOT SENT: the list'),
+    ],
+    ids=['a stop acts when it goes down', 'all else when it is let go, unless the rows moved'],
+)
+def test_a_button_held_down_while_the_rows_move_goes_to_no_other_kart(
+    speak: Callable[..., Speaker], open_console: OpenConsole, button: str, said: str
 ) -> None:
     control = speak(race=race_of(range(1, 9)))
     console = open_console(control)
-    hold_down(console, 'kart_red_red_8')
+    hold_down(console, button)
 
     control.tell(race_of((1, 2, *range(4, 10))))  # kart 9 stands where kart 8 stood
-    console.wait_for('kart_red_red_9')
+    console.wait_for(button.replace('8', '9'))
     console.screen.release_button()
 
-    said = console.wait_for('status', text='RED RED kart 8: sent')['text']
-    assert 'kart 9' not in said
-
-
-def test_a_command_is_not_given_to_what_has_come_below_a_button_held_down(
-    speak: Callable[..., Speaker], open_console: OpenConsole
-) -> None:
-    control = speak(race=race_of(range(1, 9)))
-    console = open_console(control)
-    hold_down(console, 'kart_finish_8')
-
-    control.tell(race_of((1, 2, *range(4, 10))))
-    console.wait_for('kart_finish_9')
-    console.screen.release_button()
-
-    console.wait_for('status', text='FINISH kart 8 WAS NOT SENT: the list')
+    assert 'kart 9' not in console.wait_for('status', text=said)['text']
 
 
 @pytest.mark.parametrize('between', ['Escape', 'ctrl+g', 'ctrl+j'])
@@ -1981,26 +1974,25 @@ def test_the_sheet_of_heats_closes_when_the_heats_change(
     console.press_on('set_heat', see='heat_1', text='Heat C')
 
 
-def test_digits_that_need_shift_are_digits(
-    speak: Callable[..., Speaker], open_console: OpenConsole
+@pytest.mark.parametrize(
+    ('remapped', 'keys'),
+    [
+        (('7', 'egrave', '7'), ('shift+7', 'ctrl+r')),
+        (('r', 'Cyrillic_ka', 'Cyrillic_KA'), ('7', 'ctrl+r')),
+    ],
+    ids=['digits that need shift', 'without latin letters'],
+)
+def test_a_kart_is_stopped_on_a_keyboard_of_another_country(
+    speak: Callable[..., Speaker],
+    open_console: OpenConsole,
+    remapped: tuple[str, ...],
+    keys: tuple[str, ...],
 ) -> None:
     console = open_console(speak(race=race_of((2, 7))))
     console.wait_for('kart_7')
-    console.screen.remap('7', 'egrave', '7')  # as on a French keyboard
+    console.screen.remap(*remapped)
 
-    console.key('shift+7', 'ctrl+r')
-
-    console.wait_for('status', text='RED RED kart 7: sent')
-
-
-def test_the_letters_with_ctrl_work_on_a_keyboard_without_latin_letters(
-    speak: Callable[..., Speaker], open_console: OpenConsole
-) -> None:
-    console = open_console(speak(race=race_of((2, 7))))
-    console.wait_for('kart_7')
-    console.screen.remap('r', 'Cyrillic_ka', 'Cyrillic_KA')
-
-    console.key('7', 'ctrl+r')
+    console.key(*keys)
 
     console.wait_for('status', text='RED RED kart 7: sent')
 

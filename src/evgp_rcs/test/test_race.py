@@ -722,16 +722,6 @@ def test_all_kill_does_not_hide_that_an_official_held_a_kart_alone(
     assert officials.all_sent() == [IN_GARAGE, IN_GARAGE, RED_RED]
 
 
-def test_the_garage_keeps_lost_and_silent_karts_held_and_says_so(officials: Officials) -> None:
-    officials.to_green().does('ALL_KILL')
-    officials.acknowledge(1)
-    officials.drop(2)
-    officials.does('RECORD_MSR')
-    answer = officials.does('IN_GARAGE').answer
-    assert officials.all_sent() == [IN_GARAGE, RED_RED, RED_RED]
-    assert 'still held until released alone: kart 2 (Volta); kart 3 (Tesla)' in str(answer)
-
-
 # ----- IN_GARAGE for one kart -------------------------------------------------------------
 
 
