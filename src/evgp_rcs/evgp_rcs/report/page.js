@@ -54,23 +54,27 @@
   const LEFT = 92, AXIS = 26, COMMANDS = 5, COMMAND_ROW = 17, ALERTS = 3, ALERT_ROW = 17, ROW = 34;
   const APART = 13;  // what is nearer to the next one is drawn without its sign
   const SHORTEST = 0.2, OVERVIEW = 16;
+  const PAPER = 1400, SHEET = 20;  // width of a sheet, and the most karts on it
 
   const canvas = element('lines'), tip = element('tip'), detail = element('detail');
-  const pen = canvas.getContext('2d');
+  let pen = canvas.getContext('2d');
   const first = data.start, last = Math.max(data.end, data.start + SHORTEST);
   let from = first, to = last, width = 0, chosen = null, cursor = null;
 
-  const lines = [
-    {name: 'Commands', kind: 'commands', height: COMMANDS * COMMAND_ROW + 6},
-    {name: 'Alerts', kind: 'alerts', height: ALERTS * ALERT_ROW + 6},
-    {name: 'Race', kind: 'lane', height: ROW, lane: {bands: data.race, holds: [], marks: []}},
-    ...data.lanes.map((lane) => (
-      {name: 'Kart ' + lane.kart, kind: 'lane', height: ROW, lane, kart: lane.kart, team: lane.team})),
-  ];
-  let bottom = AXIS;
-  for (const line of lines) { line.top = bottom; bottom += line.height; }
+  let lines = [], bottom = 0, unseenAlerts = 0;
+  const arrange = (lanes) => {
+    lines = [
+      {name: 'Commands', kind: 'commands', height: COMMANDS * COMMAND_ROW + 6},
+      {name: 'Alerts', kind: 'alerts', height: ALERTS * ALERT_ROW + 6},
+      {name: 'Race', kind: 'lane', height: ROW, lane: {bands: data.race, holds: [], marks: []}},
+      ...lanes.map((lane) => (
+        {name: 'Kart ' + lane.kart, kind: 'lane', height: ROW, lane, kart: lane.kart, team: lane.team})),
+    ];
+    bottom = AXIS;
+    for (const line of lines) { line.top = bottom; bottom += line.height; }
+  };
+  arrange(data.lanes);
   const height = bottom + OVERVIEW + 6;
-  let unseenAlerts = 0;
   let drawn = [];  // the commands and alerts where they were drawn: [left, top, right, bottom, thing]
 
   const x = (at) => LEFT + (at - from) / (to - from) * (width - LEFT);
@@ -102,6 +106,13 @@
       canvas.style.height = height + 'px';
     }
     pen.setTransform(scale, 0, 0, scale, 0, 0);
+    paintLines();
+    paintOverview();
+    canvas.dataset.from = from;
+    canvas.dataset.to = to;
+  };
+
+  const paintLines = () => {
     pen.fillStyle = '#fff';
     pen.fillRect(0, 0, width, height);
     pen.save();
@@ -121,10 +132,35 @@
     }
     pen.restore();
     paintNames();
-    paintOverview();
-    canvas.dataset.from = from;
-    canvas.dataset.to = to;
   };
+
+  /** Return a part of the timeline for paper, which cannot be zoomed. */
+  const picture = (name, start, end, lanes) => {
+    const figure = document.createElement('figure'), paper = document.createElement('canvas');
+    const seen = [pen, width, from, to, chosen, cursor];
+    [pen, width, from, to, chosen, cursor] = [paper.getContext('2d'), PAPER, start, end, null, null];
+    arrange(lanes);
+    paper.width = width * 2;
+    paper.height = bottom * 2;
+    pen.scale(2, 2);
+    paintLines();
+    [pen, width, from, to, chosen, cursor] = seen;
+    arrange(data.lanes);
+    figure.append(Object.assign(document.createElement('h3'), {textContent: name}), paper);
+    return figure;
+  };
+  window.addEventListener('beforeprint', () => {
+    // Where a race is most of what there is, it is seen well enough.
+    const parts = [['', first, last], ...data.races.map(([start, end], n) => {
+      const margin = (end - start) * 0.03;
+      return ['Race ' + (n + 1), Math.max(first, start - margin), Math.min(last, end + margin)];
+    }).filter(([, start, end]) => end > start && end - start < 0.6 * (last - first))];
+    const pictures = parts.flatMap(([name, start, end]) =>
+      Array.from({length: Math.ceil(data.lanes.length / SHEET) || 1}, (_, n) =>
+        picture(name, start, end, data.lanes.slice(n * SHEET, (n + 1) * SHEET))));
+    element('pictures').replaceChildren(...pictures);
+    draw();
+  });
 
   const paintAxis = () => {
     const step = STEPS.find((each) => (to - from) / each <= (width - LEFT) / 90) || 86400;
@@ -356,7 +392,7 @@
       pen.font = '12px ' + FONT;
       pen.fillStyle = '#a0001c';
       pen.fillText(unseenAlerts + ' more:', LEFT - 8, lines[1].top + 31);
-      pen.fillText('zoom in', LEFT - 8, lines[1].top + 46);
+      pen.fillText('see Alerts', LEFT - 8, lines[1].top + 46);
     }
     pen.textAlign = 'left';
     pen.fillStyle = '#000';

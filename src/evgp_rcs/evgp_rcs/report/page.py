@@ -35,7 +35,7 @@ from evgp_rcs.inputs import CLOSED_BY_KART
 from evgp_rcs.plain import plain
 from evgp_rcs.race import EventKind
 from evgp_rcs.record import RecordedEvent, Session
-from evgp_rcs.report import drawing, words
+from evgp_rcs.report import words
 from evgp_rcs.report.model import (
     Account,
     Alert,
@@ -533,22 +533,6 @@ acknowledgement is what the kart said, not what it did.</p></section>"""
     # ----- the timeline -------------------------------------------------------------------
 
     def _timeline(self) -> str:
-        start, end = self._start, self._end
-        spans = [('', start, end)]
-        for race in self._account.races:
-            begins = max(start, race.began)
-            ends = min(end, self._whole.length if race.garage is None else race.garage)
-            # Where the race is most of what there is, it is seen well enough.
-            if ends - begins < 0.6 * (end - start) and ends > begins:
-                margin = 0.03 * (ends - begins)
-                spans.append(
-                    (f'Race {race.number}', max(start, begins - margin), min(end, ends + margin))
-                )
-        figures = []
-        for name, begins, ends in spans:
-            heading = f'<h3>{name}</h3>' if name else ''
-            for picture in drawing.pictures(self._account, begins, ends, self._clock):
-                figures.append(f'<figure>{heading}{picture}</figure>')
         buttons = ''.join(
             f'<button type="button" data-do="{do}"{extra}>{text}</button>'
             for do, text, extra in (
@@ -587,7 +571,9 @@ aria-label="Timeline; the arrow keys go from event to event"></canvas>
 <div id="tip" hidden></div></div>
 <p id="detail" role="status"></p>
 </div>
-<div id="pictures">{''.join(figures)}</div></section>"""
+<div id="pictures"></div>
+<noscript><p>The timeline is drawn by a script, and scripts are switched off.</p></noscript>
+</section>"""
 
     # ----- the table ----------------------------------------------------------------------
 
