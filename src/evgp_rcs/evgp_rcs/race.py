@@ -194,6 +194,9 @@ class Event(NamedTuple):
     :param command: for a change of state, the command that caused it; None: no command did.
     :param official: who gave the command, by their own word (``official``).
     :param alert: for an alert that was raised or has ended, which.
+    :param hold: the hold of this kart then; of kart 0, the one that every kart had.
+    :param race: the number of the race that was under way; 0: none was.
+    :param heat: the name of the heat that was last put into the race; empty: none was.
     """
 
     kind: EventKind
@@ -205,6 +208,9 @@ class Event(NamedTuple):
     chatter: bool = False
     official: str = ''
     alert: AlertKind | None = None
+    hold: RaceState | None = None
+    race: int = 0
+    heat: str = ''
 
 
 class StampedEvent(NamedTuple):
@@ -502,6 +508,10 @@ class Race:
         self.grid_was_last = False
         self.grids = 0
         """How many times GRID_ACTIVE was accepted."""
+        self.number = 0
+        """Number of the race that is under way, from GRID_ACTIVE to IN_GARAGE; 0: none is."""
+        self.heat = ''
+        """The name of the heat that was last put into the race; empty: none was."""
         self.track_open = False
         self.msr_used = False
         self.restarted = False
@@ -586,6 +596,7 @@ class Race:
                 self.starters = tuple(
                     kart.number for kart in self.karts.values() if kart.in_race or kart.place
                 )
+                self.grids = self.number = 1
         self._go(RED_RED, now, why)
         for kart in gone:
             text = f'{_capital(kart)} is held in RED_RED; find it, make it safe, release it alone'
@@ -1013,6 +1024,7 @@ class Race:
 
     def _grid_active(self, kart: Kart | None, command: Command, now: float) -> str:
         self.grids += 1
+        self.number = self.grids
         self.msr_used = False
         self.starters = ()
         self.places_given = 0
@@ -1139,6 +1151,7 @@ class Race:
         for each in self.karts.values():
             each.in_race = each.number in heat.karts
             self._redirect(each, now)
+        self.heat = heat.name
         chosen = list(self.racing())
         text = f'"{heat.name}" is in the race ({_numbers(heat.karts)}), and no other kart'
         absent = [each for each in chosen if not each.connected]
@@ -1662,10 +1675,23 @@ class Race:
         answer: Answer | None = None,
         write_first: RaceMemory | None = None,
     ) -> Outcome:
-        outcome = Outcome(tuple(self._orders), tuple(self._events), answer, write_first)
+        events = [
+            event._replace(hold=self._hold_of(event.kart), race=self.number, heat=self.heat)
+            for event in self._events
+        ]
+        outcome = Outcome(tuple(self._orders), tuple(events), answer, write_first)
         self._orders = []
         self._events = []
+        if self.state is IN_GARAGE:
+            self.number = 0  # from now on: IN_GARAGE itself is of the race that it ends
         return outcome
+
+    def _hold_of(self, number: int) -> RaceState | None:
+        """Return the hold of a kart; of number 0, the one that every kart has."""
+        if number:
+            return self.karts[number].hold if number in self.karts else None
+        holds = {kart.hold for kart in self.karts.values()}
+        return holds.pop() if len(holds) == 1 else None
 
 
 _NEXT: dict[RaceState, tuple[CommandKind, str]] = {

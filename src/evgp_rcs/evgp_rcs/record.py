@@ -31,7 +31,7 @@ is `final` only where a file beside the record proves that the last run ended in
 (``orderly_end``). What a GREEN_GREEN leaves behind is on the disk, in the file itself and not only
 in SQLite's ``-wal`` beside it, before it goes out.
 
-The schema (``PRAGMA user_version`` 3):
+The schema (``PRAGMA user_version`` 4):
 
 ======== =================== ======================================================================
 table    column              meaning
@@ -49,6 +49,9 @@ event    session, sequence   the run, and the number of the event in it: from 1,
 ..       text                one sentence for the official
 ..       official            who gave the command, by their own word; empty: unnamed
 ..       alert               for an alert, a name of ``AlertKind``; null: none
+..       hold                how the kart is held, of kart 0 every kart: a ``RaceState``; null: not
+..       race                the number of the race in the run; 0: none is under way
+..       heat                the heat that was last put into the race; empty: none
 memory   session             the run
 ..       sequence            the last event that this comes after
 ..       state               the race's state
@@ -87,7 +90,7 @@ from evgp_rcs.inputs import Block, joined, Setup
 from evgp_rcs.orderly_end import OrderlyEnd
 from evgp_rcs.race import Doubt, EventKind, KartMemory, RaceMemory, StampedEvent
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 
 MOST_UNWRITTEN = 100_000
 """Maximum backlog of events while the disk takes none; what comes after them is lost."""
@@ -129,6 +132,9 @@ CREATE TABLE event (
     text TEXT NOT NULL,
     official TEXT NOT NULL,
     alert TEXT,
+    hold TEXT,
+    race INTEGER NOT NULL,
+    heat TEXT NOT NULL,
     PRIMARY KEY (session, sequence)
 ) WITHOUT ROWID;
 CREATE TABLE memory (
@@ -545,7 +551,7 @@ class Record:
         sequence = events[-1].sequence if events else self._written
         with _transaction(self._database):
             self._database.executemany(
-                'INSERT INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)', rows
+                'INSERT INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)', rows
             )
             if self._begin is not None:
                 self._database.execute(
@@ -638,6 +644,9 @@ def _row(stamped: StampedEvent) -> tuple[Any, ...]:
         _without_nul(event.text),
         _without_nul(event.official),
         event.alert.name if event.alert is not None else None,
+        event.hold.name if event.hold is not None else None,
+        event.race,
+        _without_nul(event.heat),
     )
 
 
@@ -693,7 +702,10 @@ class RecordedEvent:
     state: str | None
     text: str
     official: str
-    alert: str | None
+    alert: str | None = None
+    hold: str | None = None
+    race: int = 0
+    heat: str = ''
 
     @staticmethod
     def of(stamped: StampedEvent) -> RecordedEvent:
@@ -784,12 +796,9 @@ def events(
     :param backwards: the last one first.
     :raises sqlite3.DatabaseError: where the record is damaged.
     """
-    query = (
-        'SELECT sequence, wall_ns, monotonic, kind, kart, command, success, state, text, '
-        'official, alert FROM event WHERE session = ? AND sequence > ? ORDER BY sequence'
-    )
+    query = 'SELECT * FROM event WHERE session = ? AND sequence > ? ORDER BY sequence'
     rows = database.execute(f'{query} DESC' if backwards else query, (session, after))
-    for row in rows:
+    for _, *row in rows:
         # SQLite takes any value for any column.
         damaged = (
             not all(map(isinstance, row, _TYPES))
@@ -807,5 +816,8 @@ def events(
 MOST_SECONDS = 1e10
 """Maximum time on the clock of the rules that is no damage, in seconds."""
 
-_TYPES = (int, int, float, str, int, str | None, int, str | None, str, str, str | None)
+_TYPES = (
+    *(int, int, float, str, int, str | None, int, str | None, str, str),
+    *(str | None, str | None, int, str),
+)
 """Of what type the columns of an event are."""

@@ -407,8 +407,7 @@ class Kept:
         """Return what its events say."""
         if self.setup is None:
             return read(self.happened)
-        teams = {kart.number: kart.team for kart in self.setup.karts}
-        return read(self.happened, teams, self.setup.heats)
+        return read(self.happened, {kart.number: kart.team for kart in self.setup.karts})
 
     def replay(self) -> Replayed:
         """

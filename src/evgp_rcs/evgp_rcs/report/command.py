@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable, Sequence
+import dataclasses
 import datetime
 import hashlib
 from importlib import metadata
@@ -45,21 +46,6 @@ from evgp_rcs.runs import (
 
 CHUNK = 1 << 20
 """Maximum part of a file that is read at a time, in bytes."""
-
-SUMMED = (
-    'sequence',
-    'wall_ns',
-    'monotonic',
-    'kind',
-    'kart',
-    'command',
-    'success',
-    'state',
-    'text',
-    'official',
-    'alert',
-)
-"""The fields of each event that its sum is of, in this order, as a line of JSON."""
 
 
 def options() -> argparse.ArgumentParser:
@@ -154,8 +140,7 @@ def _sums(runs: Runs, happened: Iterable[RecordedEvent]) -> list[tuple[str, str]
     """
     digest = hashlib.sha256()
     for event in happened:
-        fields = [getattr(event, name) for name in SUMMED]
-        digest.update(json.dumps(fields).encode() + b'\n')
+        digest.update(json.dumps(dataclasses.astuple(event)).encode() + b'\n')
     sums = [('SHA-256 of the events of this run, as they were read', digest.hexdigest())]
     if runs.present is None:
         files = [runs.file, runs.file.with_name(f'{runs.file.name}-wal')]

@@ -29,8 +29,8 @@ import enum
 from itertools import pairwise
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE, CommandKind, Entry
-from evgp_rcs.race import EventKind, Heat
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.race import EventKind
 from evgp_rcs.record import RecordedEvent
 
 IN_GARAGE = RaceState.IN_GARAGE.name
@@ -46,14 +46,10 @@ NOT_KNOWN = 'NOT_KNOWN'
 """In the place of a state: the record does not say what the kart was sent."""
 
 
-def _are(which: Callable[[Entry], bool]) -> frozenset[str]:
-    return frozenset(kind.name for kind, entry in CATALOGUE.items() if which(entry))
-
-
-STOPS = _are(lambda entry: entry.stop)
-HOLDS_ONE = _are(lambda entry: entry.stop and entry.to_one_kart)
-HOLDS_ALL = _are(lambda entry: entry.stop and entry.result.race == (RaceState.RED_RED,))
-SENDS_RED = STOPS | _are(lambda entry: entry.result.race == (RaceState.RED_RED,))
+STOPS = frozenset(kind.name for kind, entry in CATALOGUE.items() if entry.stop)
+SENDS_RED = STOPS | {
+    kind.name for kind, entry in CATALOGUE.items() if entry.result.race == (RaceState.RED_RED,)
+}
 
 
 @dataclass
@@ -76,10 +72,9 @@ class Band:
 @dataclass
 class Hold:
     """
-    A time in which a kart is known to have been held on its own account.
+    A time in which a kart was held on its own account, as far as the events say.
 
-    :param command: the name of the command that it began with; empty: it began with none, or that
-        is not known.
+    :param command: the name of the stop that it began with; empty: it began with none.
     """
 
     start: float
@@ -271,12 +266,12 @@ class Race:
     """
     One race, from GRID_ACTIVE to IN_GARAGE.
 
+    :param began: the first time that is known of it.
+    :param heat: the name of the heat that an official had put into the race; empty: none.
     :param changes: of its state, in order.
     :param starters: who was sent GREEN_GREEN.
     :param finished: in the order of their places.
     :param out: why each starter that dropped out did so, before it finished.
-    :param heats: the heat that an official had put into the race, by its name; several if it can
-        have been any of them.
     :param results: race control's own sentence; empty: none was recorded.
     :param incidents: the numbers of the events that a jury asks about first.
     :param stops: the numbers of the events that are stops, of all or of one kart.
@@ -286,11 +281,12 @@ class Race:
     """
 
     number: int
+    began: float
+    heat: str
     changes: list[Change] = field(default_factory=list)
     starters: list[int] = field(default_factory=list)
     finished: list[Finish] = field(default_factory=list)
     out: dict[int, Out] = field(default_factory=dict)
-    heats: list[str] = field(default_factory=list)
     results: str = ''
     incidents: list[int] = field(default_factory=list)
     stops: list[int] = field(default_factory=list)
@@ -318,11 +314,6 @@ class Race:
         """Return when it went back to IN_GARAGE; None: it had not."""
         change = self.first(IN_GARAGE)
         return change.at if change is not None else None
-
-    @property
-    def began(self) -> float:
-        """Return the first time that is known of it."""
-        return self.changes[0].at if self.changes else 0.0
 
 
 @dataclass(frozen=True)
@@ -466,18 +457,13 @@ def clock_steps(events: Sequence[RecordedEvent]) -> list[ClockStep]:
     return steps
 
 
-def read(
-    events: Iterable[RecordedEvent],
-    teams: Mapping[int, str] | None = None,
-    heats: Iterable[Heat] = (),
-) -> Account:
+def read(events: Iterable[RecordedEvent], teams: Mapping[int, str] | None = None) -> Account:
     """
     Return what the events of one run, in order, say.
 
     :param teams: the teams of the roster, by the numbers of their karts, if they are recorded.
-    :param heats: its heats, if they are recorded.
     """
-    return _Reading(list(events), teams or {}, tuple(heats)).account
+    return _Reading(list(events), teams or {}).account
 
 
 class _Kart:
@@ -496,14 +482,7 @@ class _Kart:
 class _Reading:
     """One pass over the events."""
 
-    def __init__(
-        self, events: list[RecordedEvent], teams: Mapping[int, str], heats: Sequence[Heat]
-    ) -> None:
-        self._heats = heats
-        # Who was put in and out since a heat was put into the race; None: none was.
-        self._changed: dict[int, bool] | None = None
-        # The same when each race was started, by its number.
-        self._put_in: dict[int, dict[int, bool] | None] = {}
+    def __init__(self, events: list[RecordedEvent], teams: Mapping[int, str]) -> None:
         self._first = events[0].monotonic if events else 0.0
         self._length = events[-1].monotonic - self._first if events else 0.0
         whole = not events or events[0].sequence == 1
@@ -520,11 +499,9 @@ class _Reading:
         state = IN_GARAGE if whole else NOT_KNOWN
         self._race_bands = [Band(0.0, self._length, state)]
         self._race: Race | None = None
-        # That race control was restarted, until it is known whether a race was under way.
-        self._restart: list[Change] = []
         self._alerts = _Alerts()
         self._before: RecordedEvent | None = None
-        self._command: tuple[float, RecordedEvent] | None = None
+        self._command: RecordedEvent | None = None  # the last that was accepted
         self.account = Account(
             events,
             events[0] if events else None,
@@ -543,7 +520,6 @@ class _Reading:
             self.account.gaps.append(Gap(0.0, 0.0, events[0].sequence - 1))
         for event in events:
             self._take(event)
-        self._name_heats()
         for kart in self._karts.values():
             kart.lane.bands = _lasting(kart.lane.bands)
             kart.lane.holds = [hold for hold in kart.lane.holds if hold.end > hold.start]
@@ -560,11 +536,14 @@ class _Reading:
         if self._before is not None:
             self._compare(self._before, event, at)
         self._before = event
+        self._race = self._race_of(event, at)
         take: Callable[[_Reading, RecordedEvent, float], object] | None = _TAKES.get(event.kind)
         if take is None and event.kart in self._karts:
             take = _TAKES_OF_A_KART.get(event.kind)
         if take is not None:
             take(self, event, at)
+        if event.kind not in _OF_THE_SERVER:
+            self._see_holds(event, at)
 
     def _compare(self, before: RecordedEvent, event: RecordedEvent, at: float) -> None:
         """Look for missing events."""
@@ -578,9 +557,9 @@ class _Reading:
             _change(kart.lane.bands, since, NOT_KNOWN)
             self._release(kart, since)
         self._alerts.lose_sight()
-        self._changed = None
-        if self._race is not None:
-            self._race.incomplete = True
+        self._command = None
+        for race in self.account.races[-1:]:
+            race.incomplete |= race.garage is None
 
     # ----- karts --------------------------------------------------------------------------
 
@@ -594,10 +573,7 @@ class _Reading:
         _change(self._mark(event, at).lane.bands, at, NOT_KNOWN, event.sequence)
 
     def _disconnected(self, event: RecordedEvent, at: float) -> None:
-        kart = self._mark(event, at)
-        if kart.sent == GREEN_GREEN:
-            self._hold(kart, at, '')  # lost while it may be moving
-        _change(kart.lane.bands, at, NOT_CONNECTED, event.sequence)
+        _change(self._mark(event, at).lane.bands, at, NOT_CONNECTED, event.sequence)
         if self.account.ended is None:
             if self._race is not None:
                 self._incident(event)
@@ -614,7 +590,6 @@ class _Reading:
                 self._race.starters.append(event.kart)
         elif self._state == GREEN_GREEN:
             self._drops_out(event, at, Why.STOPPED)
-        self._judge_hold(kart, at)
 
     def _acknowledged(self, event: RecordedEvent, at: float) -> None:
         kart = self._mark(event, at)
@@ -622,7 +597,6 @@ class _Reading:
         if kart.sent == NOT_KNOWN:
             # Only what a kart is being sent can be acknowledged.
             _change(kart.lane.bands, at, state)
-            self._judge_hold(kart, at)
         band = kart.lane.bands[-1]
         if band.what == state and band.acknowledged is None:
             band.acknowledged = at
@@ -632,22 +606,15 @@ class _Reading:
         if kart.sent in (RED_FLAG, RED_RED):
             self._incident(event)  # it had stopped, by its own word
 
-    def _judge_hold(self, kart: _Kart, at: float) -> None:
-        """See by what a kart is sent whether it is certain that it is held, or is not."""
-        if kart.sent in (NOT_CONNECTED, NOT_KNOWN):
-            return
-        if not RaceState[kart.sent].is_red:
-            self._release(kart, at)
-        elif self._state != NOT_KNOWN and (
-            # A kart is sent the stricter of the race's state and its hold.
-            RaceState[kart.sent].strictness > RaceState[self._state].strictness
-        ):
-            self._hold(kart, at, '')
-
-    def _hold(self, kart: _Kart, at: float, command: str) -> None:
-        if kart.hold is None:
-            kart.hold = Hold(at, self._length, command)
-            kart.lane.holds.append(kart.hold)
+    def _see_holds(self, event: RecordedEvent, at: float) -> None:
+        """Take note of how the event says that its kart is held, or every kart."""
+        command = event.command if event.success and event.command in STOPS else ''
+        for number, kart in self._karts.items():
+            if event.hold and event.kart in (0, number) and kart.hold is None:
+                kart.hold = Hold(at, self._length, command or '')
+                kart.lane.holds.append(kart.hold)
+            elif event.hold is None and event.kart == number:
+                self._release(kart, at)
 
     def _release(self, kart: _Kart, at: float) -> None:
         if kart.hold is not None:
@@ -658,55 +625,37 @@ class _Reading:
 
     def _race_state(self, event: RecordedEvent, at: float) -> None:
         before = self._state
-        restarted = event.sequence == 1
         state = _state_of(event)
         _change(self._race_bands, at, state, event.sequence)
-        if state == GRID_ACTIVE:
-            self._race = self._new_race()
-        # ALL_KILL in the garage is no race.
-        elif (
-            self._race is None
-            and state in (GREEN_GREEN, RED_FLAG, RED_RED)
-            and before == NOT_KNOWN
-        ):
-            self._race = self._new_race()
-            self._race.taken_up = self._race.incomplete = True
-        # The command stands before what came of it.
-        by = self._command[1].sequence if event.command and self._command else 0
+        cause = self._cause(event)
+        by = cause.sequence if cause is not None else 0
         change = Change(at, state, event.sequence, by)
-        if restarted:
-            self._restart.append(change)
         race = self._race
         if race is not None:
             race.changes.append(change)
-            if state == GREEN_GREEN:
-                self._put_in[race.number] = self._changed
-            elif state == IN_GARAGE:
-                self._race = None
-            elif change is race.stop and change.by:
+            if change is race.stop and change.by:
                 # Who was stopped with all others was not stopped alone.
                 race.out = {
                     kart: out for kart, out in race.out.items() if out.sequence != change.by
                 }
-            goes_on = not restarted and before != NOT_KNOWN
+            goes_on = event.sequence != 1 and before != NOT_KNOWN
             if state in (RED_FLAG, RED_RED) and goes_on and by not in race.stops:
                 race.stops.append(event.sequence)
-        for kart in self._karts.values():
-            if restarted:
-                self._hold(kart, at, '')  # every kart of the roster
-            elif state != GREEN_GREEN:
-                self._judge_hold(kart, at)
 
-    def _new_race(self) -> Race:
-        race = Race(len(self.account.races) + 1)
-        self.account.races.append(race)
-        return race
+    def _race_of(self, event: RecordedEvent, at: float) -> Race | None:
+        """Return the race that was under way; None: none was."""
+        if not event.race:
+            return None
+        if not self.account.races or self.account.races[-1].number != event.race:
+            race = Race(event.race, at, event.heat)
+            race.taken_up = event.command != CommandKind.GRID_ACTIVE.name
+            race.incomplete = race.taken_up and event.sequence != 1
+            self.account.races.append(race)
+        return self.account.races[-1]
 
-    def _cause(self, at: float) -> int:
-        """Return the event of the command that this comes from; what comes of it is no later."""
-        if self._command is not None and self._command[0] == at:
-            return self._command[1].sequence
-        return 0
+    def _cause(self, event: RecordedEvent) -> RecordedEvent | None:
+        """Return the event of the command that caused this one: it stands before its effects."""
+        return self._command if event.command else None
 
     def _commanded(self, event: RecordedEvent, at: float) -> None:
         self.account.commands.append(event)
@@ -714,49 +663,20 @@ class _Reading:
             self._race.refused.append(event.sequence)
         if not event.success or event.command is None:
             return
-        self._command = (at, event)
+        self._command = event
         if event.command in SENDS_RED and self._race is not None:
             self._race.stops.append(event.sequence)
         if event.command in STOPS:
             self._incident(event)
-        if event.command in HOLDS_ALL:
-            for kart in self._karts.values():
-                self._hold(kart, at, event.command)
-        self._note_who_races(event)
-        kart_named = self._karts.get(event.kart)
-        if kart_named is None:
+        if self._race is None or event.kart not in self._karts:
             return
-        if event.command in HOLDS_ONE:
-            self._hold(kart_named, at, event.command)
-        elif event.command == CommandKind.KART_IN_GARAGE.name:
-            self._release(kart_named, at)
-        elif self._race is not None:
-            if event.command == CommandKind.KART_FINISH.name:
-                self._race.finished.append(Finish(event.kart, at))
-            elif event.command == CommandKind.KART_UNDO_FINISH.name:
-                # Later places move up.
-                self._race.finished = [
-                    each for each in self._race.finished if each.kart != event.kart
-                ]
-                if kart_named.sent != GREEN_GREEN:
-                    self._drops_out(event, at, Why.FINISH_UNDONE)
-
-    def _note_who_races(self, event: RecordedEvent) -> None:
-        if event.command == CommandKind.SET_HEAT.name:
-            self._changed = {}
-        elif self._changed is not None and event.command in _INTO_RACE:
-            self._changed = {**self._changed, event.kart: _INTO_RACE[event.command]}
-
-    def _name_heats(self) -> None:
-        """Find what heats the races can have been: the events do not name them."""
-        for race in self.account.races:
-            changed = self._put_in.get(race.number)
-            if changed is None:
-                continue
-            for heat in self._heats:
-                racing = dict.fromkeys(heat.karts, True) | changed
-                if {kart for kart, is_in in racing.items() if is_in} == set(race.starters):
-                    race.heats.append(heat.name)
+        if event.command == CommandKind.KART_FINISH.name:
+            self._race.finished.append(Finish(event.kart, at))
+        elif event.command == CommandKind.KART_UNDO_FINISH.name:
+            # Later places move up.
+            self._race.finished = [each for each in self._race.finished if each.kart != event.kart]
+            if self._karts[event.kart].sent != GREEN_GREEN:
+                self._drops_out(event, at, Why.FINISH_UNDONE)
 
     def _drops_out(self, event: RecordedEvent, at: float, why: Why) -> None:
         race = self._race
@@ -765,12 +685,11 @@ class _Reading:
         if event.kart not in race.starters or event.kart in race.out:
             return
         if all(each.kart != event.kart for each in race.finished):
-            cause = self._cause(at) if why is Why.STOPPED else 0
-            by = self._command[1] if self._command is not None and cause else None
-            if by is not None and by.kart == event.kart:
+            cause = self._cause(event)
+            if why is Why.STOPPED and cause is not None and cause.kart:
                 why = Why.STOPPED_ALONE
-            race.out[event.kart] = Out(why, at, cause or event.sequence)
-            self._incident(by or event)
+            race.out[event.kart] = Out(why, at, (cause or event).sequence)
+            self._incident(cause or event)
 
     def _incident(self, event: RecordedEvent) -> None:
         race = self._race
@@ -779,14 +698,8 @@ class _Reading:
             incidents.append(event.sequence)
 
     def _results(self, event: RecordedEvent, at: float) -> None:
-        if self._race is None:
-            self._race = self._new_race()
-            self._race.taken_up = True
-            self._race.incomplete = not self._restart
-            # Now it is known that there was a race.
-            self._race.changes += self._restart
-        self._restart.clear()
-        self._race.results = event.text
+        if self._race is not None:
+            self._race.results = event.text
 
     # ----- the rest -----------------------------------------------------------------------
 
@@ -804,8 +717,10 @@ class _Reading:
                 _change(kart.lane.bands, at, RED_RED, event.sequence)
 
 
-_INTO_RACE = {CommandKind.JOIN_RACE.name: True, CommandKind.LEAVE_RACE.name: False}
-"""Whether a command puts its kart into the race, or out."""
+_OF_THE_SERVER = {
+    kind.name for kind in (EventKind.MALFORMED, EventKind.REFUSED_CONNECTION, EventKind.ENDED)
+}
+"""Events that say nothing of holds: the rules do not make them."""
 
 _TAKES = {
     EventKind.COMMAND.name: _Reading._commanded,

@@ -438,8 +438,7 @@ acknowledgement is what the kart said, not what it did.</p></section>"""
         return f'<h4>Refused commands</h4>{_table("refusals", head, rows)}{rest}'
 
     def _heat(self, race: Race) -> str:
-        heats = ' or '.join(_safe(words.name(heat)) for heat in race.heats)
-        return f' ({heats})' if heats else ''
+        return f' ({_safe(words.name(race.heat))})' if race.heat else ''
 
     def _changes(self, race: Race) -> str:
         """Return each state that it went to: who brought it there, with what, and when."""

@@ -140,7 +140,7 @@ def _rows(account: Account, race: Race, clock: Clock, damaged: bool) -> Iterator
         out = result.out
         yield (
             str(race.number),
-            defused(' or '.join(race.heats)),
+            defused(race.heat),
             str(result.place or ''),
             str(result.kart),
             defused(teams.get(result.kart, '')),
