@@ -28,7 +28,7 @@ import sqlite3
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.inputs import CLOSED_BY_KART
-from evgp_rcs.race import Kart, Race, RaceMemory
+from evgp_rcs.race import Heat, Kart, Race, RaceMemory
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record import Record, RecordedEvent
 from evgp_rcs.report import words
@@ -63,7 +63,7 @@ TEAMS = {7: 'Purdue', 8: 'Michigan', 9: 'Kennesaw'}
 @pytest.fixture
 def paper() -> PaperRace:
     """Return a race with three karts, all connected."""
-    race = PaperRace(TEAMS)
+    race = PaperRace(TEAMS, [Heat('Heat A', (7, 8, 9)), Heat('Heat B', (7, 8, 9))])
     race.connect(*TEAMS)
     race.wait(1.0)
     return race
@@ -510,6 +510,26 @@ def test_after_a_gap_nothing_is_known_until_the_record_says_it_again(paper: Pape
 
 
 RED = RaceState.RED_RED
+
+
+def test_two_races_are_told_apart_where_what_was_between_them_is_missing(paper: PaperRace) -> None:
+    paper.command(CommandKind.SET_HEAT, heat='Heat A')
+    paper.drive()
+    paper.wait(10.0)
+    paper.command(CommandKind.RACE_OVER)
+    before = len(paper.stamped)
+    paper.go_home()
+    paper.command(CommandKind.SET_HEAT, heat='Heat B')
+    paper.command(CommandKind.GRID_ACTIVE)
+    after = len(paper.stamped) + 1
+    paper.acknowledge()
+    paper.command(CommandKind.GREEN_GREEN)
+    paper.wait(1.0)
+    first, second = read(without(paper.events, before + 1, after - 1)).races
+    assert [(each.number, each.heat) for each in (first, second)] == [(1, 'Heat A'), (2, 'Heat B')]
+    assert first.incomplete
+    assert second.incomplete
+    assert second.starters == [7, 8, 9]
 
 
 def test_a_record_without_its_beginning_says_so(paper: PaperRace) -> None:

@@ -151,9 +151,9 @@
   };
   window.addEventListener('beforeprint', () => {
     // Where a race is most of what there is, it is seen well enough.
-    const parts = [['', first, last], ...data.races.map(([start, end], n) => {
+    const parts = [['', first, last], ...data.races.map(([start, end, number]) => {
       const margin = (end - start) * 0.03;
-      return ['Race ' + (n + 1), Math.max(first, start - margin), Math.min(last, end + margin)];
+      return ['Race ' + number, Math.max(first, start - margin), Math.min(last, end + margin)];
     }).filter(([, start, end]) => end > start && end - start < 0.6 * (last - first))];
     const pictures = parts.flatMap(([name, start, end]) =>
       Array.from({length: Math.ceil(data.lanes.length / SHEET) || 1}, (_, n) =>

@@ -681,6 +681,7 @@ aria-label="Timeline; the arrow keys go from event to event"></canvas>
                 [
                     short(race.began),
                     short(self._whole.length if race.garage is None else race.garage),
+                    race.number,
                 ]
                 for race in account.races
             ],
