@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
+import random
 import threading
 import time
 
@@ -92,7 +93,8 @@ class BareBridge(RosSide):
 
     def __init__(self, domain: int, name: str, says: RaceState, keeps: int = 1) -> None:
         super().__init__(name, domain)
-        self.message = KartRaceState(state=state_message(says))
+        self._identity = random.getrandbits(53)
+        self.say(says)
         qos = race_state_qos(LEASE)
         qos.depth = keeps
         self._publisher = self.node.create_publisher(KartRaceState, '/kart_bridge/race_state', qos)
@@ -102,12 +104,15 @@ class BareBridge(RosSide):
         self.spin()
 
     def say(self, state: RaceState) -> None:
-        self.message = KartRaceState(state=state_message(state))
+        self.message = KartRaceState(bridge=self._identity, state=state_message(state))
 
     def command(self, state: RaceState, order: int, obeyed: RaceState | None = None) -> None:
         """Say that race control commands a state, and that this or another is to be obeyed."""
         self.message = KartRaceState(
-            state=state_message(obeyed or state), commanded=state_message(state), order=order
+            bridge=self._identity,
+            state=state_message(obeyed or state),
+            commanded=state_message(state),
+            order=order,
         )
         self._publisher.publish(self.message)
 
@@ -392,6 +397,24 @@ def test_a_grid_active_of_a_second_bridge_starts_no_kart(
     stack.wait_for_message(GRID_ACTIVE)
     stack.wait_for_reason('2 bridges speak; there must be one')
     second.close()
+    stack.wait_for_reason('no GRID_ACTIVE was heard before GREEN_GREEN')
+    assert GREEN_GREEN not in stack.told
+
+
+def test_a_second_bridge_that_came_and_went_while_the_stack_was_busy_starts_no_kart(
+    stack: Stack, idle_stack: Stack, start_bare: StartBare, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(watch, 'FORGIVEN', 60.0)  # however slow this machine is
+    stack.busy_at = RaceState.IN_GARAGE
+    with stack.busy:
+        first = start_bare(says=RaceState.IN_GARAGE)
+        stack.wait_for_state(RaceState.IN_GARAGE)  # and from now on its executor is busy
+        second = start_bare('second')
+        idle_stack.wait_for_message(GRID_ACTIVE)
+        second.close()
+        first.say(GREEN_GREEN)
+        idle_stack.wait_for_reason('no GRID_ACTIVE was heard before GREEN_GREEN')
+    stack.wait_for_message(GREEN_GREEN)
     stack.wait_for_reason('no GRID_ACTIVE was heard before GREEN_GREEN')
     assert GREEN_GREEN not in stack.told
 

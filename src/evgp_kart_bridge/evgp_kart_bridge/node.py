@@ -184,6 +184,7 @@ class KartBridge(StrictNode):
         # At random, so that a number of the bridge before this one fits no order of this one. The
         # time would not do: a kart's computer without a battery starts at the same one each time.
         first_order = random.SystemRandom().randint(1, MOST_FIRST_ORDER)
+        self._identity = first_order  # which no other bridge has either
         names = Names(self._peer, self._odometry_topic, self._graph)
         # The link owns it; from here it is only read, in the link's thread.
         self._arbiter = arbiter = Arbiter(settings, first_order, names)
@@ -366,6 +367,7 @@ class KartBridge(StrictNode):
     def _publish(self, verdict: Verdict) -> None:
         message = KartRaceState(
             stamp=stamp(self.get_clock()),
+            bridge=self._identity,
             state=state_message(verdict.state),
             commanded=state_message(verdict.commanded),
             order=verdict.order,

@@ -139,7 +139,8 @@ class RaceStateWatch:
         if self.drive(order.state):  # True once the kart has reached that state
             self.watch.acknowledge(order)
 
-    GREEN_GREEN must be armed here too: by a GRID_ACTIVE that this watch has heard. So a stack that
+    GREEN_GREEN must be armed here too: by a GRID_ACTIVE that this watch has heard from the same
+    bridge. So a stack that
     is started again in mid-race, or one whose bridge was gone, does not drive off by itself.
 
     :ivar message: the bridge's last message; None: there was none.
@@ -162,7 +163,7 @@ class RaceStateWatch:
         self._lease = lease
         self._heard_at = -math.inf
         self._bridges_alive: int | None = None  # None: the middleware has not said yet
-        self._armed = False
+        self._armed_by: int | None = None  # the bridge whose GRID_ACTIVE was heard
         self._sure_at = -math.inf  # when there was no doubt last
         # Of its own, so that subscription and alarm wait for the same things: see `_hear`.
         group = MutuallyExclusiveCallbackGroup()
@@ -308,7 +309,10 @@ class RaceStateWatch:
         return ''
 
     def _is_armed(self, now: float) -> bool:
-        return self._armed and now - self._sure_at <= FORGIVEN
+        message = self.message
+        if message is None or self._armed_by != message.bridge:
+            return False
+        return now - self._sure_at <= FORGIVEN
 
     def _hear(self, message: KartRaceState) -> None:
         # All that waits is taken now: a stop must not wait behind what was said before it.
@@ -324,7 +328,7 @@ class RaceStateWatch:
             now = clock.now()
             for each in heard:
                 self.message = each
-                self._follow(state_of(each.state), now)
+                self._follow(each, now)
                 self._order = self.order
         self._look()
 
@@ -350,31 +354,33 @@ class RaceStateWatch:
     def _hear_liveliness(self, liveliness: Any) -> None:
         self._bridges_alive = liveliness.alive_count
         if self._bridges_alive > 1:
-            self._armed = False  # perhaps by a GRID_ACTIVE of the other one
+            self._armed_by = None
         self._look()
 
-    def _follow(self, said: RaceState | None, now: float) -> None:
+    def _follow(self, message: KartRaceState, now: float) -> None:
         """
         Arm or disarm by one message, however late it is taken.
 
         A GRID_ACTIVE that waited for a busy stack counts as long as the doubt is forgiven. One
-        of two bridges does not: the other may say GREEN_GREEN.
+        of two bridges does not: the other may say GREEN_GREEN. The middleware may tell of a second
+        bridge after what that said, or, of one that came and went, never: so a GRID_ACTIVE counts
+        for the bridge that said it alone.
         """
+        said = state_of(message.state)
         doubt = self._doubt(now)
         forgiven = now - self._sure_at <= FORGIVEN and self._bridges_alive in (None, 1)
         if said is RaceState.GRID_ACTIVE:
-            self._armed = forgiven or not doubt
-        elif said is RaceState.GREEN_GREEN:
-            self._armed = self._is_armed(now)
-        else:
-            self._armed = False
+            self._armed_by = message.bridge if forgiven or not doubt else None
+        elif said is not RaceState.GREEN_GREEN or not self._is_armed(now):
+            self._armed_by = None
         if not doubt:
             self._sure_at = now
 
     def _look(self) -> None:
         now = clock.now()
         if not self._doubt(now):
-            self._armed = self._is_armed(now)
+            if not self._is_armed(now):
+                self._armed_by = None
             self._sure_at = now
         self._log_reason(now)
         state = self.order.state
