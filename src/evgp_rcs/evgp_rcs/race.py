@@ -1008,8 +1008,9 @@ class Race:
     # ----- the effects of the commands ----------------------------------------------------
 
     def _all_kill(self, kart: Kart | None, command: Command, now: float) -> str:
+        cause = self._cause()
         for each in self.karts.values():
-            self._hold(each, RED_RED, self._cause(), now)
+            self._hold(each, RED_RED, cause, now)
         self._go(RED_RED, now)
         return f'RED_RED is sent to {_receivers(self.karts.values())}'
 
@@ -1675,11 +1676,12 @@ class Race:
         answer: Answer | None = None,
         write_first: RaceMemory | None = None,
     ) -> Outcome:
-        events = [
-            event._replace(hold=self._hold_of(event.kart), race=self.number, heat=self.heat)
-            for event in self._events
-        ]
-        outcome = Outcome(tuple(self._orders), tuple(events), answer, write_first)
+        of_race = (self.number, self.heat)
+        # Not `_replace`, which is slow: a stop to a hundred karts would wait for it 0.3 ms.
+        events = tuple(
+            Event(*each[:-3], self._hold_of(each.kart), *of_race) for each in self._events
+        )
+        outcome = Outcome(tuple(self._orders), events, answer, write_first)
         self._orders = []
         self._events = []
         if self.state is IN_GARAGE:
