@@ -240,6 +240,7 @@ class KartBridge(StrictNode):
         try:
             outcome = given.result(LINK_ANSWER_TIMEOUT)
             answer = outcome.answer
+            assert answer is not None  # an acknowledgement always has one
             response.success, response.message = answer.accepted, answer.message
             if not answer.accepted and outcome.verdict.commanded not in (None, state):
                 response.message += f'. `reached.state` is one of {_NUMBERS}'

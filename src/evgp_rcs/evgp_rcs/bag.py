@@ -93,7 +93,7 @@ class Bag:
 
     def close(self) -> None:
         """Finish the bag; without this, readers must search it for its messages."""
-        self._writer.finish()
+        self._writer.finish()  # type: ignore[no-untyped-call]
 
 
 @contextlib.contextmanager

@@ -146,7 +146,8 @@ class SidePanel(QtWidgets.QWidget):
     def fit(self, by: float) -> None:
         """Take the size of a scale."""
         self.setFixedWidth(round(250 * by))
-        for part in (self.number_field, *self._race, self._all_karts):
+        self.number_field.fit(by)
+        for part in (*self._race, self._all_karts):
             part.fit(by)
         self._heat_button.setFixedHeight(round(26 * by))
 

@@ -170,7 +170,7 @@ def _handler(rehearsal: Rehearsal) -> type[http.server.BaseHTTPRequestHandler]:
             """Log nothing: the terminal is the instructor's."""
 
         def _is_here(self) -> bool:
-            port = self.server.server_address[1]
+            port = self.connection.getsockname()[1]
             if self.headers.get('Host') in (f'{HERE}:{port}', f'localhost:{port}'):
                 return True
             self.send_error(403)

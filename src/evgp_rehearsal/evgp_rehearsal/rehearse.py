@@ -31,6 +31,7 @@ import signal
 import sys
 import tempfile
 import threading
+from typing import Any
 import webbrowser
 
 from ament_index_python.packages import get_package_share_directory
@@ -96,7 +97,7 @@ def load_plan(file: pathlib.Path | None, seed: int | None, karts: int | None) ->
     for cue in plan.script:
         if cue.incident not in INCIDENTS:
             raise PlanError(f'{file}: there is no incident {cue.incident}')
-    changes = {'seed': seed, 'karts': karts}
+    changes: dict[str, Any] = {'seed': seed, 'karts': karts}
     return dataclasses.replace(
         plan, **{name: value for name, value in changes.items() if value is not None}
     )

@@ -134,7 +134,7 @@ class Browser(Part):
         ]
         for domain in ('Page', 'Runtime', 'Log', 'Network'):
             self.call(f'{domain}.enable')
-        self.resize(**size)
+        self.resize(self._width, self._height)
         self.complaints.clear()
         self.requested.clear()
 

@@ -103,7 +103,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         items[:] = [
             each
             if each.get_closest_marker('own_process') is None
-            else _InOwnProcess.from_parent(each.parent, name=each.name, item=each)
+            else _InOwnProcess.from_parent(each.parent or each.session, name=each.name, item=each)
             for each in items
         ]
 
