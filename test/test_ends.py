@@ -111,7 +111,7 @@ sys.exit(run_node('hanging', Hanging, ()))
 @pytest.mark.parametrize(
     ('where', 'code', 'most'),
     [
-        (['teardown'], 0, TEARDOWN_TIMEOUT),
+        (['teardown'], 1, TEARDOWN_TIMEOUT),
         (['close'], 1, CLOSE_TIMEOUT),
         (['fails', 'teardown'], 1, TEARDOWN_TIMEOUT),
         (['fails'], 1, TEARDOWN_TIMEOUT),

@@ -17,14 +17,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import faulthandler
 import gc
+import os
 import signal
 import socket
 import sys
 import traceback
-from typing import Protocol
+from typing import NoReturn, Protocol
 
-from evgp_node.ending import end_within
 from evgp_node.graph import bind_graph, GraphError, NotNowError
 from evgp_node.output import unwaiting_output
 from evgp_node.restarting import ENDING, IN_THE_WAY, WRONG_SETTING
@@ -42,7 +43,8 @@ CLOSE_TIMEOUT = 8.0
 because their connections are gone."""
 
 TEARDOWN_TIMEOUT = 2.0
-"""Maximum time for ROS to be taken down after that, seconds. Then the process ends anyway."""
+"""Maximum time for ROS to be taken down after that, seconds. Then the process ends with exit code
+1."""
 
 OnFailure = Callable[[BaseException], None]
 
@@ -69,44 +71,40 @@ def run_node(
     refusals: tuple[type[Exception], ...],
     args: list[str] | None = None,
     obstacles: tuple[type[Exception], ...] = (),
-) -> int:
+) -> NoReturn:
     """
-    Run a node until a signal of `ENDING`, then `close` it; the process must end then.
+    Run a node until a signal of `ENDING`, then `close` it and end the process.
 
-    The end takes no longer than `CLOSE_TIMEOUT` and `TEARDOWN_TIMEOUT`, whatever DDS does.
+    The end takes no longer than `CLOSE_TIMEOUT` and `TEARDOWN_TIMEOUT`, whatever DDS does, also
+    where it holds the interpreter's lock: the thread of ``faulthandler`` is none of Python's.
+
+    The exit code is 0 after an orderly end, 1 if the node could not go on (a traceback on stderr
+    says why) or ROS could not be taken down in time, `WRONG_SETTING` or `IN_THE_WAY`.
 
     :param name: stands before the sentence on stderr that says what is wrong.
     :param make_node: makes the node; what it is given is called, in any thread, when the node
         cannot go on.
     :param refusals: what `make_node` raises when a setting is wrong.
     :param obstacles: what it raises when something else is in the way, which may go away.
-    :return: 0 after an orderly end, 1 if the node could not go on (a traceback on stderr says
-        why), `WRONG_SETTING` or `IN_THE_WAY`.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
     # Any thread may be the one that the kernel interrupts with a signal, and only the main one
     # runs Python's handlers. So it waits for a byte, which whoever is interrupted writes.
     ending, end = socket.socketpair()
-    with ending, end:
-        end.setblocking(False)
-        signal.set_wakeup_fd(end.fileno(), warn_on_full_buffer=False)
-        for number in ENDING:
-            signal.signal(number, lambda *_: None)
-        # Ctrl-Z would leave the karts with what they were sent last.
-        signal.signal(signal.SIGTSTP, signal.SIG_IGN)
-        try:
-            with unwaiting_output():
-                code, take_down = _run(name, make_node, refusals, args, obstacles, ending, end)
-            # All that was printed is out by now: while ROS hangs, no thread could print it.
-            end_within(TEARDOWN_TIMEOUT, code)
-            # Python gives up its handlers before the process is gone; a signal would then change
-            # the exit code.
-            for number in ENDING:
-                signal.signal(number, signal.SIG_IGN)
-            take_down()
-            return code
-        finally:
-            signal.set_wakeup_fd(-1)
+    end.setblocking(False)
+    signal.set_wakeup_fd(end.fileno(), warn_on_full_buffer=False)
+    for number in ENDING:
+        signal.signal(number, lambda *_: None)
+    # Ctrl-Z would leave the karts with what they were sent last.
+    signal.signal(signal.SIGTSTP, signal.SIG_IGN)
+    with unwaiting_output():
+        code, take_down = _run(name, make_node, refusals, args, obstacles, ending, end)
+    # Not to stderr: a terminal that was held by Ctrl-S would hold up the end too.
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    faulthandler.dump_traceback_later(TEARDOWN_TIMEOUT, exit=True, file=nowhere)
+    take_down()
+    # At once: a library's own end could hang too, when nobody watches any more.
+    os._exit(code)
 
 
 def _run(
@@ -147,9 +145,9 @@ def _run(
     except (RCLError, GraphError, *refusals) as error:
         print(f'{name}: {error}', file=sys.stderr)
         return WRONG_SETTING, rclpy.try_shutdown
-    except BaseException:
-        end_within(CLOSE_TIMEOUT, 1)
-        raise
+    except BaseException:  # noqa: BLE001 - as an interpreter does at the end of a program
+        traceback.print_exc()
+        return 1, rclpy.try_shutdown
     spinning = [
         Spinning(node, fail),
         *(Spinning(each, fail, only_serves=True) for each in node.beside),
@@ -158,14 +156,13 @@ def _run(
     gc.collect()
     gc.freeze()
     ending.recv(1)
-    end_within(CLOSE_TIMEOUT, 1)
+    faulthandler.dump_traceback_later(CLOSE_TIMEOUT, exit=True)
     node.close()
     code = 0
     if failures:
         print(f'{name} could not go on:', file=sys.stderr)
         traceback.print_exception(failures[0])
         code = 1
-    end_within(CLOSE_TIMEOUT, code)
 
     def take_down() -> None:
         ended = [each.stop(TEARDOWN_TIMEOUT) for each in spinning]

@@ -23,7 +23,6 @@ import signal
 import sys
 from typing import Any
 
-from evgp_node.ending import end_within
 from evgp_node.graph import GraphError
 from evgp_rcs_console import words
 from evgp_rcs_console.client import Client, join_graph, looking
@@ -91,13 +90,14 @@ def main(
     try:
         application.exec()
     finally:
-        # Whatever DDS does, and also while the interpreter tears down what is left.
-        faulthandler.dump_traceback_later(END_TIMEOUT - 0.5)
-        end_within(END_TIMEOUT, 1)
+        # Whatever DDS does: this thread needs no lock of the interpreter.
+        faulthandler.dump_traceback_later(END_TIMEOUT, exit=True)
         window.close()
         client.close()
         rclpy.try_shutdown()
-    return 0
+    sys.stdout.flush()
+    # At once: a library's own end could hang too, when nobody watches any more.
+    os._exit(0)
 
 
 _OFFICIAL = 'Who commands from this window; empty: the name that is kept, or asked for.'
