@@ -79,8 +79,9 @@ def test_a_spinning_thread_that_is_stopped_amid_callbacks_ends_without_an_error(
 
 PROGRAM = """
 import ctypes, signal, sys, time
+from evgp_node import process
 from evgp_node.parameters import StrictNode
-from evgp_node.process import run_node
+process.HANGS = 2.0
 
 def hang():  # as DDS may: holding the interpreter's lock, whatever signals come
     signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
@@ -90,6 +91,8 @@ class Hanging(StrictNode):
     def __init__(self, on_failure):
         super().__init__('hanging')
         print('runs', flush=True)
+        if 'running' in sys.argv:
+            self.create_timer(0.01, hang)
         if 'fails' in sys.argv:
             on_failure(ArithmeticError('of its own'))
 
@@ -104,7 +107,7 @@ class Hanging(StrictNode):
             hang()
         super().destroy_node()
 
-sys.exit(run_node('hanging', Hanging, ()))
+process.run_node('hanging', Hanging, ())
 """
 
 
@@ -113,11 +116,19 @@ sys.exit(run_node('hanging', Hanging, ()))
     [
         (['teardown'], 1, TEARDOWN_TIMEOUT),
         (['close'], 1, CLOSE_TIMEOUT),
+        (['running'], 1, 2.0),
         (['fails', 'teardown'], 1, TEARDOWN_TIMEOUT),
         (['fails'], 1, TEARDOWN_TIMEOUT),
         ([], 0, TEARDOWN_TIMEOUT),
     ],
-    ids=['in the teardown', 'in close', 'after a failure', 'a failure', 'nothing'],
+    ids=[
+        'in the teardown',
+        'in close',
+        'while it runs',
+        'after a failure',
+        'a failure',
+        'nothing',
+    ],
 )
 def test_a_process_ends_in_time_and_with_its_exit_code_whatever_hangs_however_often_it_is_told(
     where: list[str], code: int, most: float, parts: contextlib.ExitStack, tmp_path: pathlib.Path
@@ -139,12 +150,13 @@ def test_a_process_ends_in_time_and_with_its_exit_code_whatever_hangs_however_of
     began = time.monotonic()
     while process.poll() is None:
         assert time.monotonic() - began < CLOSE_TIMEOUT + TEARDOWN_TIMEOUT + PATIENCE
-        process.terminate()  # also in its last moment
+        if 'running' not in where:
+            process.terminate()  # also in its last moment
         time.sleep(0.001)
 
     took = time.monotonic() - began
     printed, errors = process.stdout.read(), process.stderr.read()
     assert process.returncode == code, errors
-    assert printed == 'closed\n'
+    assert printed == ('' if 'running' in where else 'closed\n')
     assert ('ArithmeticError: of its own' in errors) == ('fails' in where)
     assert took < most + 2.0  # of which all but the first part is the machine's load

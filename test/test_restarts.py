@@ -27,17 +27,12 @@ import subprocess
 import sys
 import time
 
-from evgp_node.restarting import delay_before, DELAYS, Ends, FIRST_TRIES
+from evgp_node.restarting import Ends, FIRST_TRIES
 from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
 from evgp_testing.ports import free_port
-from evgp_testing.process import freeze, PATIENCE, Process, wait_until_ended
-from evgp_testing.race_control import (
-    address_of,
-    end_in_good_order,
-    settings,
-    write_roster,
-)
+from evgp_testing.process import PATIENCE, Process, wait_until_ended
+from evgp_testing.race_control import address_of, end_in_good_order, settings, write_roster
 from evgp_testing.usage import family
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
@@ -137,26 +132,11 @@ def test_race_control_that_was_killed_comes_back_in_red_red(
     print(f'back in RED_RED after {took}')
     record_property('back', took)
     assert not {*halves} & {*kept.halves}
-    assert len([line for line in kept.lines if 'started again' in line]) == 1
+    assert 'started again' in kept.output
     before.close()
 
 
-def test_a_kart_server_that_hangs_does_not_keep_race_control_from_coming_back(
-    start_kept: Callable[..., Kept],
-) -> None:
-    kept = start_kept()
-    kept.wait_for_line('listens for')
-    ros_half, kart_server = kept.halves
-    freeze(kart_server)
-
-    os.kill(ros_half, signal.SIGKILL)
-
-    wait_until_ended(kart_server)
-    with kept.connect() as kart:
-        kart.wait_for_state(RED_RED)
-
-
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT])
+@pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_to_the_one_that_keeps_it_running_ends_race_control_in_order_and_for_good(
     number: signal.Signals, start_kept: Callable[..., Kept]
 ) -> None:
@@ -295,14 +275,6 @@ def test_closing_the_terminal_ends_all(terminal: Terminal) -> None:
 # ----- when, and how soon -------------------------------------------------------------------
 
 
-def test_the_first_restart_waits_for_nothing_and_the_further_ones_ever_longer() -> None:
-    delays = [delay_before(failures) for failures in range(1, 20)]
-
-    assert delays[0] == 0.0
-    assert delays == sorted(delays)
-    assert delays[-1] == DELAYS[-1]
-
-
 def test_at_first_only_an_orderly_end_and_a_wrong_setting_are_final() -> None:
     assert [code for code in range(-20, 20) if Ends(0.0).is_final(code, 0.0)] == [0, 2]
 
@@ -337,7 +309,10 @@ def test_a_program_that_dies_again_and_again_is_tried_again_and_ends_with_ctrl_c
 ) -> None:
     log = tmp_path / 'log'
     with subprocess.Popen(
-        [*KEPT, sys.executable, '-c', PROGRAM, str(log)], stderr=subprocess.PIPE, text=True
+        # As a shell that ignores SIGCHLD has its programs do.
+        ['env', '--ignore-signal=CHLD', *KEPT, sys.executable, '-c', PROGRAM, str(log)],
+        stderr=subprocess.PIPE,
+        text=True,
     ) as kept:
         assert kept.stderr is not None
         told = [kept.stderr.readline() for _ in range(3)]
@@ -347,43 +322,6 @@ def test_a_program_that_dies_again_and_again_is_tried_again_and_ends_with_ctrl_c
 
     assert log.read_text().splitlines() == ['run'] * 3
     assert all('SIGKILL' in line and 'started again' in line for line in told)
-
-
-def test_a_program_that_dies_is_started_again_although_nobody_was_to_hear_of_it(
-    tmp_path: pathlib.Path,
-) -> None:
-    log = tmp_path / 'log'
-    with subprocess.Popen(
-        # As a shell that ignores SIGCHLD has its programs do.
-        ['env', '--ignore-signal=CHLD', *KEPT, sys.executable, '-c', PROGRAM, str(log)],
-        stderr=subprocess.PIPE,
-        text=True,
-    ) as kept:
-        assert kept.stderr is not None
-        told = [kept.stderr.readline() for _ in range(2)]
-        kept.send_signal(signal.SIGTERM)
-        rest = kept.stderr.read()
-
-        assert kept.wait(PATIENCE) == 0
-
-    assert all('started again' in line for line in told)
-    assert 'Traceback' not in rest
-
-
-def test_a_ros_half_that_is_frozen_is_killed_and_race_control_comes_back(
-    start_kept: Callable[..., Kept],
-) -> None:
-    kept = start_kept()
-    kept.connect().close()
-    ros_half, kart_server = kept.halves
-
-    freeze(ros_half)
-
-    kept.wait_for_line('rcs_node hangs: it is killed')
-    wait_until_ended(ros_half)
-    with kept.connect() as kart:
-        kart.wait_for_state(RED_RED)
-    assert kart_server not in kept.halves
 
 
 def test_a_second_race_control_that_is_started_by_mistake_ends_and_does_not_take_over(
@@ -397,13 +335,6 @@ def test_a_second_race_control_that_is_started_by_mistake_ends_and_does_not_take
         Kept(folder, parts.enter_context(Domain()).number, port=first.port)
     )
 
-    second.wait_for_line('is not started again')
     assert second.wait() == 3
     assert 'another race control still running here?' in second.output
     first.connect().close()
-
-
-def test_a_program_that_is_not_there_is_refused() -> None:
-    done = subprocess.run([*KEPT, '/nowhere'], capture_output=True, text=True, timeout=PATIENCE)
-
-    assert (done.returncode, done.stderr.count('\n')) == (2, 1)

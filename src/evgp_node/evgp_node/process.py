@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import contextlib
 import faulthandler
 import gc
 import os
@@ -37,6 +38,13 @@ from rclpy.node import Node
 SWITCH_INTERVAL = 0.0002
 """How long one thread keeps the interpreter from another that wants it, seconds. With Python's
 usual 5 ms, a stop waits for as long while another thread makes a message."""
+
+LOOK = 1.0
+"""Time between two looks of the main thread whether it still runs, seconds."""
+
+HANGS = 10.0
+"""Time without such a look after which the process ends with exit code 1, seconds: something holds
+the interpreter's lock, as DDS may, and the node does nothing until it is started again."""
 
 CLOSE_TIMEOUT = 8.0
 """Maximum time for a node to close, seconds. Then the process ends with exit code 1; karts stop
@@ -148,6 +156,7 @@ def _run(
     except BaseException:  # noqa: BLE001 - as an interpreter does at the end of a program
         traceback.print_exc()
         return 1, rclpy.try_shutdown
+    faulthandler.dump_traceback_later(HANGS, exit=True)
     spinning = [
         Spinning(node, fail),
         *(Spinning(each, fail, only_serves=True) for each in node.beside),
@@ -155,8 +164,12 @@ def _run(
     # The node and ROS stay. To search them for garbage takes 20 ms, in which nothing else can run.
     gc.collect()
     gc.freeze()
-    ending.recv(1)
-    faulthandler.dump_traceback_later(CLOSE_TIMEOUT, exit=True)
+    ending.settimeout(LOOK)
+    told = b''
+    while not told:
+        with contextlib.suppress(TimeoutError):
+            told = ending.recv(1)
+        faulthandler.dump_traceback_later(CLOSE_TIMEOUT if told else HANGS, exit=True)
     node.close()
     code = 0
     if failures:
