@@ -107,14 +107,14 @@ class Hanging(StrictNode):
             hang()
         super().destroy_node()
 
-process.run_node('hanging', Hanging, ())
+sys.exit(process.run_node('hanging', Hanging, ()))
 """
 
 
 @pytest.mark.parametrize(
     ('where', 'code', 'most'),
     [
-        (['teardown'], 1, TEARDOWN_TIMEOUT),
+        (['teardown'], 0, TEARDOWN_TIMEOUT),
         (['close'], 1, CLOSE_TIMEOUT),
         (['running'], 1, 2.0),
         (['fails', 'teardown'], 1, TEARDOWN_TIMEOUT),

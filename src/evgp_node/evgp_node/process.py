@@ -18,14 +18,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import contextlib
+import ctypes
 import faulthandler
 import gc
-import os
 import signal
 import socket
+import struct
 import sys
+import time
 import traceback
-from typing import NoReturn, Protocol
+from typing import Protocol
 
 from evgp_node.graph import bind_graph, GraphError, NotNowError
 from evgp_node.output import unwaiting_output
@@ -51,8 +53,10 @@ CLOSE_TIMEOUT = 8.0
 because their connections are gone."""
 
 TEARDOWN_TIMEOUT = 2.0
-"""Maximum time for ROS to be taken down after that, seconds. Then the process ends with exit code
-1."""
+"""Maximum time for ROS to be taken down after that, seconds. Then the process ends anyway, with the
+exit code that it has by then."""
+
+_SIGEV_THREAD = 2  # of signal.h
 
 OnFailure = Callable[[BaseException], None]
 
@@ -79,21 +83,20 @@ def run_node(
     refusals: tuple[type[Exception], ...],
     args: list[str] | None = None,
     obstacles: tuple[type[Exception], ...] = (),
-) -> NoReturn:
+) -> int:
     """
-    Run a node until a signal of `ENDING`, then `close` it and end the process.
+    Run a node until a signal of `ENDING`, then `close` it; the process must end then.
 
     The end takes no longer than `CLOSE_TIMEOUT` and `TEARDOWN_TIMEOUT`, whatever DDS does, also
-    where it holds the interpreter's lock: the thread of ``faulthandler`` is none of Python's.
-
-    The exit code is 0 after an orderly end, 1 if the node could not go on (a traceback on stderr
-    says why) or ROS could not be taken down in time, `WRONG_SETTING` or `IN_THE_WAY`.
+    where it holds the interpreter's lock.
 
     :param name: stands before the sentence on stderr that says what is wrong.
     :param make_node: makes the node; what it is given is called, in any thread, when the node
         cannot go on.
     :param refusals: what `make_node` raises when a setting is wrong.
     :param obstacles: what it raises when something else is in the way, which may go away.
+    :return: 0 after an orderly end, 1 if the node could not go on (a traceback on stderr says
+        why), `WRONG_SETTING` or `IN_THE_WAY`.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
     # Any thread may be the one that the kernel interrupts with a signal, and only the main one
@@ -107,12 +110,22 @@ def run_node(
     signal.signal(signal.SIGTSTP, signal.SIG_IGN)
     with unwaiting_output():
         code, take_down = _run(name, make_node, refusals, args, obstacles, ending, end)
-    # Not to stderr: a terminal that was held by Ctrl-S would hold up the end too.
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    faulthandler.dump_traceback_later(TEARDOWN_TIMEOUT, exit=True, file=nowhere)
+    _end_within(TEARDOWN_TIMEOUT, code)
+    # Python gives up its handlers before the process is gone; a signal would then change the code.
+    for number in ENDING:
+        signal.signal(number, signal.SIG_IGN)
     take_down()
-    # At once: a library's own end could hang too, when nobody watches any more.
-    os._exit(code)
+    return code
+
+
+def _end_within(seconds: float, code: int) -> None:
+    """Have the C library end this process: `faulthandler` knows no exit code but 1."""
+    libc, timer = ctypes.CDLL(None), ctypes.c_void_p()
+    end = ctypes.cast(libc._exit, ctypes.c_void_p).value
+    event = struct.pack('qiiPP32x', code, 0, _SIGEV_THREAD, end, 0)
+    libc.timer_create(time.CLOCK_MONOTONIC, event, ctypes.byref(timer))
+    libc.timer_settime(timer, 0, struct.pack('qqqq', 0, 0, int(seconds), 0), None)
+    faulthandler.cancel_dump_traceback_later()
 
 
 def _run(
