@@ -102,9 +102,7 @@ def test_every_kart_hears_red_red_when_the_ros_half_hangs(scene: WireRace) -> No
     for kart in scene.karts:
         kart.wait_for_end()
         assert kart.state is RED_RED
-    wait_until_ended(scene.control.kart_server_pid)
-    scene.control.signal(signal.SIGCONT)
-    assert scene.control.wait() == 1
+    assert scene.control.wait() == 1  # the kart server wakes it when it ends
 
 
 @pytest.mark.parametrize('port', [UNICAST_DISCOVERY, UNICAST_CALLS], ids=['discovery', 'calls'])

@@ -31,7 +31,7 @@ from evgp_node.restarting import Ends, FIRST_TRIES
 from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
 from evgp_testing.ports import free_port
-from evgp_testing.process import PATIENCE, Process, wait_until_ended
+from evgp_testing.process import freeze, PATIENCE, Process, wait_until_ended
 from evgp_testing.race_control import address_of, end_in_good_order, settings, write_roster
 from evgp_testing.usage import family
 from evgp_testing.wire_kart import Acknowledges, WireKart
@@ -134,6 +134,23 @@ def test_race_control_that_was_killed_comes_back_in_red_red(
     assert not {*halves} & {*kept.halves}
     assert 'started again' in kept.output
     before.close()
+
+
+@pytest.mark.parametrize('half', [0, 1], ids=['the ROS half', 'the kart server'])
+def test_a_half_that_is_frozen_does_not_keep_race_control_from_coming_back(
+    half: int, start_kept: Callable[..., Kept]
+) -> None:
+    kept = start_kept()
+    kept.connect().close()
+    halves = kept.halves
+    freeze(halves[half])
+    if half == 1:
+        os.kill(halves[0], signal.SIGKILL)
+
+    for pid in halves:
+        wait_until_ended(pid)
+    with kept.connect() as kart:
+        kart.wait_for_state(RED_RED)
 
 
 @pytest.mark.parametrize('number', [signal.SIGTERM, signal.SIGHUP])

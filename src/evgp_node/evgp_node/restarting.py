@@ -111,6 +111,7 @@ def keep_running(command: Sequence[str]) -> int:
         os.close(ended)
         if is_told:
             program.terminate()
+            program.send_signal(signal.SIGCONT)  # a stopped one could not end
         code = program.wait()
         now = time.monotonic()
         failures = 1 if now - began >= HEALTHY else failures + 1

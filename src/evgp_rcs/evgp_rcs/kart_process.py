@@ -28,7 +28,9 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 import contextlib
+import ctypes
 import gc
+import os
 import signal
 import socket
 import sys
@@ -79,6 +81,8 @@ TO_ROS_HALF_BYTES = 64 * 2**20
 
 FROM_ROS_HALF_BYTES = 65536
 """Maximum read from the ROS half at a time, in bytes."""
+
+_PR_SET_PDEATHSIG = 1  # of linux/prctl.h
 
 
 class RosHalf:
@@ -322,6 +326,8 @@ def main(arguments: list[str] | None = None) -> int:
     :return: 0 after an orderly end, 1 after a failure, 2 if it could not start.
     """
     (descriptor,) = sys.argv[1:] if arguments is None else arguments
+    # One that was stopped goes on when the ROS half has died: it finds that out, and ends.
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGCONT)
     sys.setswitchinterval(LOOP_SWITCH_INTERVAL)
     priority.come_first(priority.RECORD)
     with socket.socket(fileno=int(descriptor)) as end:
@@ -347,6 +353,8 @@ def main(arguments: list[str] | None = None) -> int:
             ros_half.send_the_rest(Failed(_in_words(error)), timeout=LAST_WORDS_TIMEOUT)
             if not isinstance(error, RosHalfGoneError):
                 raise
+            with contextlib.suppress(PermissionError):  # it has died, and this is another
+                os.kill(os.getppid(), signal.SIGCONT)  # one that was stopped finds this, and ends
             return 1
         record.end(LAST_WORDS_TIMEOUT, in_order=True)
         ros_half.send_the_rest(timeout=LAST_WORDS_TIMEOUT)
