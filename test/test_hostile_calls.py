@@ -330,7 +330,6 @@ class Broken(RosSide):
         super().__init__('broken', domain)
         self.node.create_service(Trigger, '~/call', self._raise)
         self.node.create_service(Trigger, '~/unsendable', lambda *_: 'no response')
-        self.guard = self.node.create_guard_condition(self._raise)
         if not only_serves:
             self.node.create_subscription(Bool, '~/topic', self._raise, 10)
         # Whoever takes a request of it gets into trouble, as with one that cannot be read.
@@ -390,17 +389,6 @@ def test_a_call_that_cannot_be_read_or_answered_is_dropped_and_locks_no_other_ca
     hostile.wait_until_polled(lambda: said in capfd.readouterr().err, 'the line that says so')
     hostile.request(hostile.client('/broken/call', Trigger), Trigger.Request())
     assert not broken.failures
-
-
-@pytest.mark.parametrize('only_serves', [False, True])
-def test_a_guard_condition_that_fails_is_told_and_ends_the_spinning(only_serves: bool) -> None:
-    with Domain() as domain:
-        broken = Broken(domain.number, only_serves)
-        broken.guard.trigger()
-        broken.wait_until_polled(lambda: broken.failures, 'the failure is told')
-
-        with pytest.raises(AssertionError, match='broken'):
-            broken.close()
 
 
 @pytest.mark.parametrize('only_serves', [False, True])

@@ -50,8 +50,7 @@ class Spinning:
 
     :param node: with all its services; it is spun from now on.
     :param on_failure: is called, in the thread, when it cannot go on.
-    :param only_serves: the node has services and guard conditions, and nothing else; a call is
-        taken sooner then.
+    :param only_serves: the node has services and nothing else; a call is taken sooner then.
     """
 
     def __init__(
@@ -156,32 +155,26 @@ class _Server:
         self._log = node.get_logger()
         self._services = tuple(node.services)
         self._wake = GuardCondition(None, None, node.context)
-        self._guards = tuple(node.guards)
         # Its waitables are those of /parameter_events, which every node publishes.
-        others = (*node.subscriptions, *node.timers, *node.clients)
+        others = (*node.subscriptions, *node.timers, *node.clients, *node.guards)
         assert not others, f'{node.get_name()} has more than services'
         self._waits = rclpy_implementation.WaitSet(
-            0, len(self._guards) + 1, 0, 0, len(self._services), 0, node.context.handle
+            0, 1, 0, 0, len(self._services), 0, node.context.handle
         )
         node.context.on_shutdown(self.wake)
 
     def run_next(self, is_over: Callable[[], bool]) -> None:
-        """Wait for calls and guard conditions, and do what they ask for; see ``_Executor``."""
+        """Wait for calls and answer them; see ``_Executor``."""
         waits = self._waits
         waits.clear_entities()
         for service in self._services:
             waits.add_service(service.handle)
-        for guard in (*self._guards, self._wake):
-            waits.add_guard_condition(guard.handle)
+        waits.add_guard_condition(self._wake.handle)
         waits.wait(-1)
         called = waits.get_ready_entities('service')
         for service in self._services:
             if service.handle.pointer in called and not is_over():
                 self._answer(service)
-        triggered = waits.get_ready_entities('guard_condition')
-        for guard in self._guards:
-            if guard.handle.pointer in triggered and not is_over():
-                guard.callback()
         if not self._node.context.ok():
             raise ExternalShutdownException
 
