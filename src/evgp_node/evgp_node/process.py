@@ -34,7 +34,7 @@ from evgp_node.output import unwaiting_output
 from evgp_node.restarting import ENDING, IN_THE_WAY, WRONG_SETTING
 from evgp_node.spinning import Spinning
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
+from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 from rclpy.node import Node
 
 SWITCH_INTERVAL = 0.0002
@@ -154,17 +154,12 @@ def _run(
             args=[program, *own, *given], signal_handler_options=rclpy.SignalHandlerOptions.NO
         )
         node = make_node(fail)
-    except UnknownROSArgsError as error:
-        print(f'{name}: unknown ROS arguments: {error}', file=sys.stderr)
-        return WRONG_SETTING, rclpy.try_shutdown
-    except RCLInvalidROSArgsError as error:
-        print(f'{name}: {error}', file=sys.stderr)
-        return WRONG_SETTING, rclpy.try_shutdown
     except (NotNowError, *obstacles) as error:
         print(f'{name}: {error}', file=sys.stderr)
         return IN_THE_WAY, rclpy.try_shutdown
-    except (RCLError, GraphError, *refusals) as error:
-        print(f'{name}: {error}', file=sys.stderr)
+    except (UnknownROSArgsError, RCLError, GraphError, *refusals) as error:
+        unknown = 'unknown ROS arguments: ' if isinstance(error, UnknownROSArgsError) else ''
+        print(f'{name}: {unknown}{error}', file=sys.stderr)
         return WRONG_SETTING, rclpy.try_shutdown
     except BaseException:  # noqa: BLE001 - as an interpreter does at the end of a program
         traceback.print_exc()
