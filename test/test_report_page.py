@@ -24,11 +24,11 @@ import random
 import re
 from typing import Any
 
-from evgp_inspection.clauses import Clause, KART
+from evgp_inspection.kart_clauses import KART
 from evgp_inspection.limits import Limits, RcsLimits
 from evgp_inspection.rcs_clauses import RCS
 from evgp_inspection.report import as_html, Header
-from evgp_inspection.verdicts import Finding, Result, Verdict
+from evgp_inspection.verdicts import Clause, Finding, Result, Verdict
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.rcs_record import main as rcs_record

@@ -67,9 +67,8 @@ FAULTS = {
         ('stop refused',),
     ),
     'ALL_KILL is for the race only': Fault(
-        'for each in self.karts.values():\n'
-        '            self._hold(each, RED_RED, self._cause(), now)',
-        'for each in self.racing():\n            self._hold(each, RED_RED, self._cause(), now)',
+        'for each in self.karts.values():\n            self._hold(each, RED_RED, cause, now)',
+        'for each in self.racing():\n            self._hold(each, RED_RED, cause, now)',
         ('looser than a stop',),
     ),
     'a kart lost in the race is not held': Fault(

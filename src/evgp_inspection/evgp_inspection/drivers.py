@@ -37,6 +37,11 @@ class Act(enum.Enum):
     KART_IN_GARAGE = 'KART_IN_GARAGE'
     KART_FINISH = 'KART_FINISH'
 
+    @property
+    def to_one_kart(self) -> bool:
+        """Return whether it is for one kart."""
+        return self.value.startswith('KART_')
+
 
 @dataclasses.dataclass(frozen=True)
 class Reply:

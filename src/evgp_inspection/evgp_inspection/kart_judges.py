@@ -26,13 +26,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import math
-from typing import TypeAlias
 
-from evgp_inspection.clauses import Clause
-from evgp_inspection.judging import failed, judge_by, NOT_DONE, not_judged, passed
 from evgp_inspection.limits import Limits
-from evgp_inspection.traces import Event, Kind, Section, Trace, Word
-from evgp_inspection.verdicts import Finding, Result, Verdict
+from evgp_inspection.traces import Event, Kind, Section, Trace
+from evgp_inspection.verdicts import (
+    EARLY,
+    failed,
+    Finding,
+    Judge,
+    judge_of,
+    NOT_DONE,
+    not_judged,
+    passed,
+    Verdict,
+)
 from evgp_protocol.states import RaceState
 
 GRID_ACTIVE, GREEN_GREEN = RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN
@@ -53,15 +60,13 @@ ODOMETRY_VARIES = 0.15
 SOONER = 0.95
 """Part of the time of a RED_FLAG stop after which a kart that nobody sees must say RED_RED."""
 
-EARLY = 0.05
-"""A wait that ended this much before its limit was not cut short, s."""
+MOVES = 'Fail: it says GREEN_GREEN, or the wheels turn.'
+STOPS = 'Fail: the wheels still turn when red_red has passed, or begin to slow down too late.'
+LINK_STAYS = ' Fail also: it drops the connection.'
 
-Judge: TypeAlias = Callable[[Trace, Limits], Finding]
-
-
-def judge(clause: Clause, trace: Trace, limits: Limits) -> Result:
-    """Judge a clause of a kart."""
-    return judge_by(JUDGES, clause, trace, limits)
+NOT_DRIVEN = not_judged('The kart did not come to drive in this step.')
+SAID_NOTHING = not_judged('It said nothing at all.')
+UNSEEN = 'Nobody saw the wheels.'
 
 
 # ----- what several judges look at ------------------------------------------------------------
@@ -74,10 +79,10 @@ def moves(speed: float, limits: Limits) -> bool:
 
 def started(section: Section, limits: Limits) -> str:
     """Return how a kart that must stand has begun to drive, a sentence; empty: it has not."""
-    for word in section.words:
-        meant = word.order is not None and word.order.state is GREEN_GREEN
-        if word.state is GREEN_GREEN and (meant or word.at > section.began + limits.slack):
-            return f'It said $GREEN_GREEN; after {word.at - section.began:.2f} s.'
+    for said in section.said:
+        meant = said.sent is not None and said.sent.state is GREEN_GREEN
+        if said.state is GREEN_GREEN and (meant or said.at > section.began + limits.slack):
+            return f'It said $GREEN_GREEN; after {said.at - section.began:.2f} s.'
     stood = False
     for at, speed in section.speeds:
         if not moves(speed, limits):
@@ -91,18 +96,9 @@ def drove(trace: Trace, step: str, limits: Limits) -> bool:
     """Return whether the kart came to drive in a step."""
     green = trace.called(f'{step}/green')
     return green is not None and (
-        green.word(GREEN_GREEN) is not None
+        green.first_said(GREEN_GREEN) is not None
         or any(moves(speed, limits) for _, speed in green.speeds)
     )
-
-
-def _watched(section: Section, limits: Limits) -> bool:
-    """Return whether odometry was there to the end of a phase."""
-    speeds = section.speeds
-    return bool(speeds) and section.ended - speeds[-1][0] <= limits.slack
-
-
-NOT_DRIVEN = not_judged('The kart did not come to drive in this step.')
 
 
 def _worst(findings: list[Finding]) -> Finding:
@@ -118,87 +114,97 @@ def _acknowledges_in(
     section: Section, state: RaceState, seconds: float, link_stays: bool = False
 ) -> Finding:
     """Judge whether a kart acknowledges what it is sent in a phase, within so many seconds."""
-    order = section.order(state)
+    sent = section.first_sent(state)
     lost = section.of(Kind.CLOSED)
     if link_stays and lost:
         after = lost[0].at - section.began
         return failed(f'It dropped the connection after {after:.2f} s.', section)
-    if order is None:
+    if sent is None:
         return NOT_DONE
-    # A connection that is made meanwhile is sent the order, too.
-    words = [word for word in section.words if word.state is state]
-    word = next((each for each in words if _is_due(each, state)), None)
-    if word is not None:
-        took = word.at - order.at
+    # A connection that is made meanwhile is sent the state, too.
+    due = (each for each in section.said if each.sent and each.sent.state is state)
+    said = next((each for each in due if each.state is state), None)
+    if said is not None:
+        took = said.at - sent.at
         if took > seconds + EARLY:
             return failed(f'It took {took:.2f} s to say ${state.value};.', section, measured=took)
-        return passed(
-            f'${state.value}; came {took:.3f} s after the order.', section, measured=took
-        )
-    waited = section.ended - order.at
+        why = f'${state.value}; came {took:.3f} s after the order.'
+        return passed(why, section, measured=took)
+    waited = section.ended - sent.at
     if waited < seconds - EARLY:
         return not_judged(f'The wait was cut short after {waited:.1f} s.', section)
     return failed(f'No ${state.value}; in {waited:.1f} s.', section, measured=waited)
 
 
-def _acknowledges(state: RaceState, limit: str, *phases: str, link_stays: bool = False) -> Judge:
-    """Judge whether the order of this state is acknowledged in each phase, within a limit."""
+def acknowledges(state: RaceState, limit: str, phase: str, link_stays: bool = False) -> Judge:
+    """Judge whether the kart acknowledges this state in a phase, within a limit."""
+    judged = f'Time from the order to ${state.value};.{LINK_STAYS if link_stays else ""}'
 
-    def judge_phases(trace: Trace, limits: Limits) -> Finding:
-        sections = [section for name in phases if (section := trace.called(name)) is not None]
-        seconds: float = getattr(limits, limit)
-        findings = [_acknowledges_in(each, state, seconds, link_stays) for each in sections]
-        failed = [each for each in findings if each.verdict is Verdict.FAIL]
-        if failed:
-            return failed[0]
-        return _worst(findings) if len(findings) == len(phases) else NOT_DONE
+    @judge_of(phase, judged=judged, limit=limit)
+    def find(trace: Trace, limits: Limits, section: Section) -> Finding:
+        return _acknowledges_in(section, state, getattr(limits, limit), link_stays)
 
-    return judge_phases
+    return find
 
 
-def _is_due(word: Word, state: RaceState) -> bool:
-    return word.order is not None and word.order.state is state
+Needs = Callable[[Trace, Limits], bool]
 
 
-def _stands(*phases: str, needs: Callable[[Trace, Limits], bool] | None = None) -> Judge:
+def has_acknowledged(state: RaceState, phase: str) -> Needs:
+    """Judge only where the kart has said a state in a phase."""
+
+    def holds(trace: Trace, limits: Limits) -> bool:
+        section = trace.called(phase)
+        return section is not None and section.first_said(state) is not None
+
+    return holds
+
+
+def has_driven(*steps: str) -> Needs:
+    """Judge only where the kart came to drive in those of these steps in which it came back."""
+    return lambda trace, limits: all(
+        drove(trace, step, limits) for step in steps if trace.called(f'{step}/back') is not None
+    )
+
+
+def stands(*phases: str, needs: Needs = lambda trace, limits: True) -> Judge:
     """Judge whether a kart that stands does not begin to drive in any of the phases."""
 
-    def one(section: Section, limits: Limits) -> Finding:
-        why = started(section, limits)
-        if why:
-            return failed(why, section)
-        answer = section.answer(STANDS)
-        if answer is not None and not answer.value:
-            return failed('The inspector saw the wheels turn.', section)
-        took = section.ended - section.began
-        if answer is not None or _watched(section, limits):
-            who = 'odometry' if answer is None else 'the inspector'
-            return passed(f'It stood for {took:.1f} s; seen by {who}.', section)
-        return not_judged('It did not say $GREEN_GREEN;, but nobody saw the wheels.', section)
-
-    def judge_phases(trace: Trace, limits: Limits) -> Finding:
+    def find(trace: Trace, limits: Limits) -> Finding:
         sections = [section for name in phases if (section := trace.called(name)) is not None]
-        if not sections or (needs is not None and not needs(trace, limits)):
+        if not sections or not needs(trace, limits):
             return NOT_DONE
-        return _worst([one(section, limits) for section in sections])
+        return _worst([_stands_in(section, limits) for section in sections])
 
-    return judge_phases
+    return Judge(find, MOVES, phases, starred=True)
 
 
-def _stops(step: str, silent: bool) -> Judge:
+def _stands_in(section: Section, limits: Limits) -> Finding:
+    why = started(section, limits)
+    if why:
+        return failed(why, section)
+    answer = section.answer(STANDS)
+    if answer is not None and not answer.value:
+        return failed('The inspector saw the wheels turn.', section)
+    took, speeds = section.ended - section.began, section.speeds
+    if answer is not None or (speeds and section.ended - speeds[-1][0] <= limits.slack):
+        who = 'odometry' if answer is None else 'the inspector'
+        return passed(f'It stood for {took:.1f} s; seen by {who}.', section)
+    return not_judged('It did not say $GREEN_GREEN;, but nobody saw the wheels.', section)
+
+
+def stops(step: str, silent: bool = False) -> Judge:
     """Judge whether a kart that drives stops when it loses race control."""
 
-    def judge_stop(trace: Trace, limits: Limits) -> Finding:
-        lost = trace.called(f'{step}/lost')
-        if lost is None:
-            return NOT_DONE
+    @judge_of(f'{step}/lost', judged=STOPS, limit='red_red', starred=True)
+    def find(trace: Trace, limits: Limits, lost: Section) -> Finding:
         if not drove(trace, step, limits):
             return NOT_DRIVEN
         if lost.speeds and not any(moves(speed, limits) for _, speed in lost.speeds):
             return not_judged('The wheels did not turn when the connection was lost.', lost)
         return _stops_in(lost, lost.began, limits.silence if silent else 0.0, limits)
 
-    return judge_stop
+    return find
 
 
 def _stops_in(section: Section, since: float, grace: float, limits: Limits) -> Finding:
@@ -238,21 +244,20 @@ def _stops_in(section: Section, since: float, grace: float, limits: Limits) -> F
         return passed(why, section, measured=took)
     if speeds:
         return not_judged('Odometry fell silent, or the check was cut short.', section)
-    return not_judged('Nobody saw the wheels.', section)
+    return not_judged(UNSEEN, section)
 
 
-def _stops_early(trace: Trace, limits: Limits) -> Finding:
-    section = trace.called('early/red')
-    order = None if section is None else section.order(RED_RED)
-    if section is None or order is None:
-        return NOT_DONE
-    return _stops_in(section, order.at, 0.0, limits)
+@judge_of('early/red', judged=STOPS, limit='red_red', starred=True)
+def stops_early(trace: Trace, limits: Limits, section: Section) -> Finding:
+    """Judge whether a kart that has hardly begun to drive stops."""
+    sent = section.first_sent(RED_RED)
+    return NOT_DONE if sent is None else _stops_in(section, sent.at, 0.0, limits)
 
 
-def _killed(step: str) -> Judge:
+def stops_when_killed(step: str) -> Judge:
     """Judge whether a kart that drives stops when a part of its program is killed."""
 
-    def judge_stop(trace: Trace, limits: Limits) -> Finding:
+    def find(trace: Trace, limits: Limits) -> Finding:
         section = trace.called(f'{step}/kill')
         killed = [] if section is None else section.of(Kind.KILLED)
         if section is None or not killed:
@@ -263,7 +268,7 @@ def _killed(step: str) -> Judge:
         since = min(event.at for event in (killed[0], *section.of(Kind.CLOSED)))
         return _stops_in(section, since, limits.silence, limits)
 
-    return judge_stop
+    return Judge(find, STOPS, (f'{step}/kill',), 'red_red', starred=True)
 
 
 def _fell(speeds: list[tuple[float, float]], level: float) -> float | None:
@@ -309,10 +314,10 @@ def _brakes_harder(trace: Trace, limits: Limits) -> Finding:
     if not (flag.speeds and red.speeds):
         return _says_so_sooner(flag, red)
     both = trace.called('flag_red/red')
-    order = None if both is None else both.order(RED_RED)
+    sent = None if both is None else both.first_sent(RED_RED)
     gentle = _finite(flag)
     compared: list[tuple[float, float]] = []  # for RED_RED, for RED_FLAG
-    for section, since in ((red, red.began), (both, order.at if order else 0.0)):
+    for section, since in ((red, red.began), (both, sent.at if sent else 0.0)):
         if section is None or not since:
             continue
         begins = section.began if section is red else since + _lag(section, limits)
@@ -331,102 +336,102 @@ def _brakes_harder(trace: Trace, limits: Limits) -> Finding:
     why = (
         f'From the same speed it stops in {hardly:.2f} s for RED_RED, {gently:.2f} s for RED_FLAG.'
     )
-    if hardly > limits.harder * gently:
-        return failed(why, *shown, measured=hardly)
-    return passed(why, *shown, measured=hardly)
+    told = failed if hardly > limits.harder * gently else passed
+    return told(why, *shown, measured=hardly)
 
 
 def _says_so_sooner(flag: Section, red: Section) -> Finding:
     took: list[float] = []
     for section, state in ((flag, RED_FLAG), (red, RED_RED)):
-        order = section.order(state)
-        word = None if order is None else section.acknowledgement(order)
-        if order is None or word is None:
+        acknowledged = section.acknowledged(state)
+        if acknowledged is None:
             return not_judged('It did not acknowledge.', section)
-        took.append(word.at - order.at)
+        took.append(acknowledged[1].at - acknowledged[0].at)
     why = (
         f'It says that it stands after {took[0]:.2f} s for RED_FLAG, {took[1]:.2f} s for RED_RED.'
     )
-    if took[1] > SOONER * took[0]:
-        return failed(why, flag, red, measured=took[1])
-    return passed(why, flag, red, measured=took[1])
+    told = failed if took[1] > SOONER * took[0] else passed
+    return told(why, flag, red, measured=took[1])
 
 
-def _true(state: RaceState, step: str, phase: str) -> Judge:
+brakes_harder = Judge(
+    _brakes_harder,
+    'Fail: for RED_RED it takes more than a part (harder) of the time that it takes for RED_FLAG. '
+    'Without odometry, the times to its words count.',
+    ('race/red_flag', 'red/red', 'flag_red/red'),
+)
+
+
+def says_it_when_true(state: RaceState, step: str, phase: str) -> Judge:
     """Judge whether the kart says that it stands only when it does."""
+    judged = (
+        'Fail: the wheels turn after it, or it comes faster than a kart at speed can stop '
+        '(fastest_stop).'
+    )
 
-    def judge_word(trace: Trace, limits: Limits) -> Finding:
-        section = trace.called(f'{step}/{phase}')
-        if section is None:
-            return NOT_DONE
+    @judge_of(f'{step}/{phase}', judged=judged, starred=True)
+    def find(trace: Trace, limits: Limits, section: Section) -> Finding:
         if not drove(trace, step, limits):
             return NOT_DRIVEN
-        order = section.order(state)
-        word = None if order is None else section.acknowledgement(order)
-        if order is None or word is None:
+        acknowledged = section.acknowledged(state)
+        if acknowledged is None:
             return not_judged('It did not acknowledge.', section)
-        took = word.at - order.at
+        sent, said = acknowledged
+        took = said.at - sent.at
+        why = f'It said ${state.value}; after {took:.3f} s'
         speeds = section.speeds
-        late = [(at, speed) for at, speed in speeds if at > word.at + limits.slack]
+        late = [(at, speed) for at, speed in speeds if at > said.at + limits.slack]
         lag = _lag(section, limits)
         rolling = ROLLING * max((speed for _, speed in _finite(section)), default=0.0)
         for at, speed in speeds:
-            if (at > word.at + limits.slack and moves(speed, limits)) or (
-                at > word.at + lag and abs(speed) > max(rolling, limits.standstill)
+            if (at > said.at + limits.slack and moves(speed, limits)) or (
+                at > said.at + lag and abs(speed) > max(rolling, limits.standstill)
             ):
-                why = (
-                    f'It said ${state.value}; after {took:.3f} s; {at - word.at:.2f} s later, '
-                    f'odometry says {speed:.2f} m/s.'
-                )
+                why += f'; {at - said.at:.2f} s later, odometry says {speed:.2f} m/s.'
                 return failed(why, section, measured=took)
         before = [speed for at, speed in speeds if at <= section.began + limits.slack]
         at_speed = not speeds or (bool(before) and moves(before[0], limits))
-        if at_speed and word.at - section.began < limits.fastest_stop:
-            why = f'It said ${state.value}; after {took:.3f} s: no kart at speed stops that fast.'
+        if at_speed and said.at - section.began < limits.fastest_stop:
+            why += ': no kart at speed stops that fast.'
             return failed(why, section, measured=took)
         answer = section.answer(STANDS)
         if answer is not None and not answer.value:
-            why = f'It said ${state.value}; after {took:.3f} s; the inspector saw the wheels turn.'
-            return failed(why, section, measured=took)
+            return failed(f'{why}; the inspector saw the wheels turn.', section, measured=took)
         if late or answer is not None:
             who = 'odometry' if late else 'the inspector'
-            why = f'It said so after {took:.2f} s; {who} saw it stand.'
-            return passed(why, section, measured=took)
-        return not_judged(f'It said so after {took:.2f} s; nobody saw the wheels.', section)
+            return passed(f'{why}; {who} saw it stand.', section, measured=took)
+        return not_judged(f'{why}; nobody saw the wheels.', section)
 
-    return judge_word
+    return find
 
 
-def _connects_again(step: str, phase: str = 'lost', since: str = 'lost') -> Judge:
+def connects_again(step: str, phase: str = 'lost') -> Judge:
     """Judge whether the kart makes a new connection after a loss."""
 
-    def judge_connection(trace: Trace, limits: Limits) -> Finding:
-        lost, back = trace.called(f'{step}/{since}'), trace.called(f'{step}/back')
-        first = trace.called(f'{step}/{phase}')
-        if lost is None or first is None:
-            return NOT_DONE
-        sections = [section for section in (first, back) if section is not None]
+    @judge_of(f'{step}/{phase}', judged='Time to the next connection.', limit='reconnect')
+    def find(trace: Trace, limits: Limits, lost: Section) -> Finding:
+        back = trace.called(f'{step}/back')
+        sections = [lost] if back is None else [lost, back]
         opened = [event for section in sections for event in section.of(Kind.OPENED)]
         if opened:
             took = opened[0].at - lost.began
             if took > limits.reconnect + EARLY:
-                return failed(f'It connected after {took:.1f} s only.', first, measured=took)
-            return passed(f'It connected {took:.2f} s after the loss.', first, measured=took)
-        waited = first.ended - lost.began
+                return failed(f'It connected after {took:.1f} s only.', lost, measured=took)
+            return passed(f'It connected {took:.2f} s after the loss.', lost, measured=took)
+        waited = lost.ended - lost.began
         if waited < limits.reconnect - EARLY:
-            return not_judged(f'The wait was cut short after {waited:.1f} s.', first)
-        return failed(f'No new connection in {waited:.1f} s.', first, measured=waited)
+            return not_judged(f'The wait was cut short after {waited:.1f} s.', lost)
+        return failed(f'No new connection in {waited:.1f} s.', lost, measured=waited)
 
-    return judge_connection
+    return find
 
 
 # ----- the judges that stand alone ------------------------------------------------------------
 
 
-def _connects(trace: Trace, limits: Limits) -> Finding:
-    section = trace.called('connect/wait')
-    if section is None:
-        return NOT_DONE
+@judge_of('connect/wait', judged='Time from the start to the first connection.', limit='connect')
+def connects(trace: Trace, limits: Limits, section: Section) -> Finding:
+    """Judge whether the kart connects at all."""
     opened = section.of(Kind.OPENED)
     if opened:
         took = opened[0].at - section.began
@@ -437,59 +442,68 @@ def _connects(trace: Trace, limits: Limits) -> Finding:
     return failed(f'No connection in {waited:.0f} s.', section, measured=waited)
 
 
-def _drives(trace: Trace, limits: Limits) -> Finding:
-    section = trace.called('race/green')
-    order = None if section is None else section.order(GREEN_GREEN)
-    if section is None or order is None:
+@judge_of(
+    'race/green',
+    judged='Fail: the wheels stand still when it says $GREEN_GREEN;.',
+    limit='green',
+    starred=True,
+)
+def drives(trace: Trace, limits: Limits, section: Section) -> Finding:
+    """Judge whether the kart drives when it says so."""
+    if section.first_sent(GREEN_GREEN) is None:
         return NOT_DONE
-    word = section.acknowledgement(order)
-    if word is None:
+    acknowledged = section.acknowledged(GREEN_GREEN)
+    if acknowledged is None:
         return not_judged('It did not acknowledge.', section)
-    said = word.at - order.at
+    sent, word = acknowledged
+    said = word.at - sent.at
     turned = next((at for at, speed in section.speeds if moves(speed, limits)), None)
     if section.speeds:
         if turned is None or turned > word.at + limits.slack:
             why = f'It said $GREEN_GREEN; after {said:.2f} s, and its wheels stood still.'
             return failed(why, section, measured=said)
-        took = max(turned - order.at, 0.0)
+        took = max(turned - sent.at, 0.0)
         return passed(f'The wheels turned after {took:.2f} s.', section, measured=took)
     answer = section.answer(TURNS)
     if answer is None:
-        return not_judged('Nobody saw the wheels.', section)
+        return not_judged(UNSEEN, section)
     if not answer.value:
         why = 'It said $GREEN_GREEN;, and the inspector saw the wheels stand still.'
         return failed(why, section, measured=said)
     return passed('The inspector saw the wheels turn.', section, measured=said)
 
 
-def _waits_for_its_own_word(trace: Trace, limits: Limits) -> Finding:
-    section = trace.called('again/glued')
-    if section is not None:
-        said = section.word(GRID_ACTIVE)
-        green = section.word(GREEN_GREEN)
-        if said is not None and (green is None or said.at <= green.at):
-            return passed('It acknowledged GRID_ACTIVE in between.', section)
-    return _stands('again/glued')(trace, limits)
+@judge_of('again/glued', judged=f'{MOVES[:-1]}, and it has not said GRID_ACTIVE.', starred=True)
+def waits_for_its_own_word(trace: Trace, limits: Limits, section: Section) -> Finding:
+    """Judge whether GRID_ACTIVE that the kart has not acknowledged does not arm it."""
+    said, green = section.first_said(GRID_ACTIVE), section.first_said(GREEN_GREEN)
+    if said is not None and (green is None or said.at <= green.at):
+        return passed('It acknowledged GRID_ACTIVE in between.', section)
+    return _stands_in(section, limits)
 
 
 def _survives(trace: Trace, limits: Limits) -> Finding:
-    section = trace.called('ready/malformed')
+    section, red = trace.called('ready/malformed'), trace.called('ready/red')
     if section is None:
         return NOT_DONE
     lost = section.of(Kind.CLOSED)
     if lost:
         after = lost[0].at - section.began
         return failed(f'It dropped the connection after {after:.2f} s.', section)
-    return _acknowledges(RED_RED, 'red_red', 'ready/red', link_stays=True)(trace, limits)
+    return NOT_DONE if red is None else _acknowledges_in(red, RED_RED, limits.red_red, True)
 
 
-def _says_nothing_first(trace: Trace, limits: Limits) -> Finding:
-    section = trace.called('connect/quiet')
-    if section is None:
-        return NOT_DONE
-    if section.words:
-        return failed(f'It said {_what(section.words[0])}.', section)
-    return _stands('connect/quiet')(trace, limits)
+survives = Judge(
+    _survives, f'Time to $RED_RED;.{LINK_STAYS}', ('ready/malformed', 'ready/red'), 'red_red'
+)
+
+
+@judge_of('connect/quiet', judged='Fail: it says anything, or the wheels turn.', starred=True)
+def says_nothing_first(trace: Trace, limits: Limits, section: Section) -> Finding:
+    """Judge whether a kart that was sent nothing yet is quiet and stands."""
+    if section.said:
+        return failed(f'It said {section.said[0]}.', section)
+    return _stands_in(section, limits)
 
 
 def _says_nothing_old(trace: Trace, limits: Limits) -> Finding:
@@ -497,23 +511,25 @@ def _says_nothing_old(trace: Trace, limits: Limits) -> Finding:
     links = {event.link for each in sections for event in each.of(Kind.OPENED)}
     if not links:
         return NOT_DONE
-    for section in sections:
-        for word in section.words:
-            if word.link in links and word.order is None:
-                why = f'It said {_what(word)}; nothing was sent on this connection yet.'
-                return failed(why, *sections)
+    for said in (said for section in sections for said in section.said):
+        if said.link in links and said.sent is None:
+            why = f'It said {said}; nothing was sent on this connection yet.'
+            return failed(why, *sections)
     return passed('It said nothing before it was sent anything.', *sections)
 
 
-def _acknowledges_again(trace: Trace, limits: Limits) -> Finding:
-    if trace.called('fin/red') is None:
-        return NOT_DONE
-    if _connects_again('fin')(trace, limits).verdict is not Verdict.PASS:
+says_nothing_old = Judge(_says_nothing_old, 'Fail: it says anything.', ('fin/lost', 'fin/quiet'))
+
+
+@judge_of('fin/red', judged='Time from the order to $RED_RED;.', limit='red_red')
+def acknowledges_again(trace: Trace, limits: Limits, section: Section) -> Finding:
+    """Judge whether a kart that has come back by itself acknowledges a stop."""
+    if connects_again('fin').find(trace, limits).verdict is not Verdict.PASS:
         return not_judged('It did not connect again by itself.')
-    return _acknowledges(RED_RED, 'red_red', 'fin/red')(trace, limits)
+    return _acknowledges_in(section, RED_RED, limits.red_red)
 
 
-OWN_CLAUSE = ('ready/red', 'backlog/red', 'fin/red', 'end/red')
+OF_ANOTHER_CLAUSE = ('ready/red', 'backlog/red', 'fin/red', 'end/red')
 """The phases with a RED_RED that another clause is about."""
 
 
@@ -521,49 +537,55 @@ def _stops_when_told(trace: Trace, limits: Limits) -> Finding:
     sections = [
         section
         for section in trace.sections
-        if section.order(RED_RED) is not None
-        and section.name not in OWN_CLAUSE
+        if section.first_sent(RED_RED) is not None
+        and section.name not in OF_ANOTHER_CLAUSE
         and not section.name.startswith('pieces/')
     ]
-    if not sections:
-        return NOT_DONE
-    return _worst([_acknowledges_in(each, RED_RED, limits.red_red) for each in sections])
+    findings = [_acknowledges_in(each, RED_RED, limits.red_red) for each in sections]
+    return _worst(findings) if findings else NOT_DONE
 
 
-def _says_frames(trace: Trace, limits: Limits) -> Finding:
-    words = [word for section in trace.sections for word in section.words]
+stops_when_told = Judge(
+    _stops_when_told,
+    'The longest time from the order to $RED_RED;.',
+    ('first_stop/red', 'race/red', 'red/red'),
+    'red_red',
+)
+
+
+@judge_of(judged='Fail: bytes that are no frame.')
+def says_frames(trace: Trace, limits: Limits) -> Finding:
+    """Judge whether everything that the kart says is a frame."""
+    frames = 0
     for section in trace.sections:
-        for word in section.words:
-            if word.state is None:
-                return failed(f'It said {_what(word)}', section)
-    if not words:
-        return not_judged('It said nothing at all.')
-    return passed(f'It said {len(words)} frames.')
+        for said in section.said:
+            frames += 1
+            if said.state is None:
+                return failed(f'It said {said}', section)
+    return passed(f'It said {frames} frames.') if frames else SAID_NOTHING
 
 
-def _says_what_it_is_sent(trace: Trace, limits: Limits) -> Finding:
-    said = False
+@judge_of(judged='Fail: it says the state of an earlier order after slack.')
+def says_what_it_is_sent(trace: Trace, limits: Limits) -> Finding:
+    """Judge whether the kart says back nothing but what it is being sent."""
     for section in trace.sections:
-        for word in section.words:
-            said = True
-            if word.state is None or word.order is None or word.state is word.order.state:
+        for said in section.said:
+            if said.state is None or said.sent is None or said.state is said.sent.state:
                 continue
             # GREEN_GREEN that is not to be obeyed is RED_RED to the kart.
-            careful = word.order.state is GREEN_GREEN and word.state is RED_RED
-            since = word.at - word.order.at
+            careful = said.sent.state is GREEN_GREEN and said.state is RED_RED
+            since = said.at - said.sent.at
             if since > limits.slack and not careful:
-                why = f'It said {_what(word)} {since:.2f} s after it was sent '
-                return failed(f'{why}{word.order.state.value}.', section, measured=since)
-    if not said:
-        return not_judged('It said nothing at all.')
+                why = f'It said {said} {since:.2f} s after it was sent {said.sent.state.value}.'
+                return failed(why, section, measured=since)
+    if not any(section.said for section in trace.sections):
+        return SAID_NOTHING
     return passed('It said nothing but what it was being sent.')
 
 
-def _what(word: Word) -> str:
-    return f'bytes that are no frame: {word.reason}' if word.state is None else word.state.value
-
-
-def _does_not_flood(trace: Trace, limits: Limits) -> Finding:
+@judge_of(judged='Fail: more than 4096 bytes in 0.05 s, for 1 s.')
+def does_not_flood(trace: Trace, limits: Limits) -> Finding:
+    """Judge whether the kart says no more than race control can read."""
     said = [event for event in trace.events if event.kind is Kind.SAID]
     first, size, most = 0, 0, 0
     for event in said:
@@ -575,15 +597,16 @@ def _does_not_flood(trace: Trace, limits: Limits) -> Finding:
         if size > MOST_BYTES_A_SECOND:
             why = f'It said {size} bytes in one second.'
             return Finding(Verdict.FAIL, why, None, tuple(said[first:][-20:]))
-    if not said:
-        return not_judged('It said nothing at all.')
-    return passed(f'It said {most} bytes a second at most.')
+    return passed(f'It said {most} bytes a second at most.') if said else SAID_NOTHING
 
 
-def _one_connection(trace: Trace, limits: Limits) -> Finding:
+@judge_of(judged='Fail: it opens a connection and keeps another one open (slack).')
+def has_one_connection(trace: Trace, limits: Limits) -> Finding:
+    """Judge whether the kart never keeps two connections."""
     open_since: dict[int, float] = {}
     doubtful: dict[int, Event] = {}  # the older connection, and the event that opened the newer
     last = trace.events[-1].at if trace.events else 0.0
+    ended: list[tuple[int, Event, float]] = []
     for event in trace.events:
         if event.kind is Kind.OPENED:
             doubtful.update(dict.fromkeys(open_since, event))
@@ -592,87 +615,13 @@ def _one_connection(trace: Trace, limits: Limits) -> Finding:
             event.kind is Kind.ENDED and event.text != 'half-closed'
         ):
             open_since.pop(event.link, None)
-            newer = doubtful.pop(event.link, None)
-            if newer is not None and event.at > newer.at + limits.slack:
-                return _two(event.link, newer, event.at)
-    for link, newer in doubtful.items():
-        if last > newer.at + limits.slack:
-            return _two(link, newer, last)
+            if newer := doubtful.pop(event.link, None):
+                ended.append((event.link, newer, event.at))
+    for older, newer, until in (*ended, *((link, new, last) for link, new in doubtful.items())):
+        if until > newer.at + limits.slack:
+            why = f'It opened connection {newer.link} and kept connection {older} open '
+            why += f'for {until - newer.at:.1f} s.'
+            return Finding(Verdict.FAIL, why, None, (newer,))
     if not any(event.kind is Kind.OPENED for event in trace.events):
         return NOT_DONE
     return passed('It never had two connections.')
-
-
-def _two(older: int, newer: Event, until: float) -> Finding:
-    why = f'It opened connection {newer.link} and kept connection {older} open '
-    return Finding(Verdict.FAIL, f'{why}for {until - newer.at:.1f} s.', None, (newer,))
-
-
-def _acknowledged(state: RaceState, phase: str) -> Callable[[Trace, Limits], bool]:
-    def holds(trace: Trace, limits: Limits) -> bool:
-        section = trace.called(phase)
-        return section is not None and section.word(state) is not None
-
-    return holds
-
-
-def _drove(*steps: str) -> Callable[[Trace, Limits], bool]:
-    return lambda trace, limits: all(
-        drove(trace, step, limits) for step in steps if trace.called(f'{step}/back') is not None
-    )
-
-
-JUDGES: dict[str, Judge] = {
-    'K-3A-01': _stands('connect/garage', 'race/after'),
-    'K-3A-02': _acknowledges(GRID_ACTIVE, 'grid', 'ready/grid'),
-    'K-3A-03': _stands('ready/grid'),
-    'K-3A-04': _acknowledges(GREEN_GREEN, 'green', 'race/green'),
-    'K-3A-05': _drives,
-    'K-3A-06': _acknowledges(RED_FLAG, 'red_flag', 'race/red_flag'),
-    'K-3A-07': _true(RED_FLAG, 'race', 'red_flag'),
-    'K-3A-08': _stands('race/stays', needs=_drove('race')),
-    'K-3A-09': _stops_when_told,
-    'K-3A-10': _true(RED_RED, 'red', 'red'),
-    'K-3A-11': _acknowledges(GRID_ACTIVE, 'grid', 'again/grid'),
-    'K-3A-12': _true(RED_RED, 'flag_red', 'red'),
-    'K-3A-13': _brakes_harder,
-    'K-3A-14': _stops_early,
-    'K-3B-01': _stands('alone/green'),
-    'K-3B-02': _stands('again/green', needs=_acknowledged(GRID_ACTIVE, 'again/grid')),
-    'K-3B-03': _waits_for_its_own_word,
-    'K-3B-04': _stands('race/flag_green', needs=_drove('race')),
-    'K-3C-01': _stops('fin', silent=False),
-    'K-3E-01': _stops('silence', silent=True),
-    'K-3E-02': _stands('silence/back', needs=_drove('silence')),
-    'K-3E-03': _stops('reset', silent=False),
-    'K-3E-04': _stops('half', silent=False),
-    'K-3E-05': _stands(
-        'fin/back', 'reset/back', 'half/back', needs=_drove('fin', 'reset', 'half')
-    ),
-    'K-3E-06': _stands('restart/away', 'restart/back', needs=_drove('restart')),
-    'K-3E-07': _stops('noise', silent=True),
-    'K-3E-08': _true(RED_RED, 'cut', 'lost'),
-    'K-3E-09': _killed('bridge'),
-    'K-3E-10': _killed('stack'),
-    'K-4A-01': _connects,
-    'K-4A-02': _one_connection,
-    'K-4C-01': _says_frames,
-    'K-4C-02': _acknowledges(RED_RED, 'red_red', 'pieces/bytes', link_stays=True),
-    'K-4C-03': _acknowledges(RED_RED, 'red_red', 'pieces/many', link_stays=True),
-    'K-4C-04': _acknowledges(RED_RED, 'red_red', 'pieces/late', link_stays=True),
-    'K-4C-05': _acknowledges(RED_RED, 'red_red', 'pieces/slow', link_stays=True),
-    'K-4C-06': _acknowledges(RED_RED, 'red_red', 'backlog/red'),
-    'K-4C-07': _stands('ready/malformed', needs=_acknowledged(GRID_ACTIVE, 'ready/grid')),
-    'K-4C-08': _survives,
-    'K-4C-09': _says_what_it_is_sent,
-    'K-4C-10': _does_not_flood,
-    'K-4C-11': _says_nothing_first,
-    'K-4C-12': _says_nothing_old,
-    'K-4D-01': _connects_again('fin'),
-    'K-4D-02': _connects_again('reset'),
-    'K-4D-03': _connects_again('half'),
-    'K-4D-04': _connects_again('half_open'),
-    'K-4D-05': _connects_again('restart', phase='back', since='back'),
-    'K-4D-06': _acknowledges_again,
-}
-"""The judge of each clause."""

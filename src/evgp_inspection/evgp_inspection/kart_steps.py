@@ -32,22 +32,24 @@ import functools
 from types import MappingProxyType
 from typing import TypeAlias
 
-from evgp_inspection.clauses import DRIVING_STEPS, KART_STEPS, KILLING_STEPS
 from evgp_inspection.inspector import Inspector
+from evgp_inspection.kart_clauses import DRIVING_STEPS, KART_STEPS, KILLING_STEPS
 from evgp_inspection.kart_judges import drove, moves, STANDS, started, TURNS
 from evgp_inspection.kart_wire import (
     after,
+    BEAT_RATE,
     Beats,
     between,
     KartWire,
     late_halves,
+    MALFORMED,
     many_in_a_piece,
     nothing,
     single_bytes,
     whole,
 )
 from evgp_inspection.limits import Limits
-from evgp_inspection.recording import Recording
+from evgp_inspection.recording import EndedError, Recording
 from evgp_inspection.traces import Kind
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
@@ -56,28 +58,11 @@ IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN
 RED_FLAG, RED_RED = RaceState.RED_FLAG, RaceState.RED_RED
 
-MALFORMED = (
-    b'$GREEN;',
-    b'$green_green;',
-    b'GREEN_GREEN;',
-    b'$GREEN_GREEN\r\n',
-    b'$ GREEN_GREEN;',
-    b'$GREEN_GREEN\x00;',
-    b'$GREEN\xffGREEN;',
-    b'$XGREEN_GREEN;',
-    b'$GREEN_GREENX;',
-    b'$GREEN_GREEN:',
-    b'\x00\xff\x80 noise \x1b[2J',
-    b'$' + 24 * b'A' + b'GREEN_GREEN;',
-    b'$;',
-    b'$$$;;;',
-    b'\r\n\t ',
-)
-"""Bytes that no kart may take for GREEN_GREEN, and that no kart may die of. Whatever each of them
-is cut off by, it stays malformed."""
-
 ODOMETRY_COMES = 5.0
 """Maximum time to wait for the first odometry once the kart has connected, in seconds."""
+
+SLOW_RATE, FAST_RATE = 10.0, 100.0
+"""How often a frame is sent where that is slow, and where it is fast, Hz."""
 
 BURST = 400
 """Frames that are sent at once, before the stop that must be seen in time: 20 s of frames."""
@@ -97,6 +82,19 @@ FLAG_BRAKES = 0.8
 FLAG_ALONE = 1.0
 """Maximum time for which RED_FLAG brakes alone, s; where nobody measures, a third of it."""
 
+PIECES = {'bytes': single_bytes, 'many': many_in_a_piece, 'late': late_halves, 'slow': whole}
+"""How RED_RED is sent in the step `pieces`, ten times a second."""
+
+LOSSES: dict[str, tuple[Callable[[KartWire], None], bool, bool]] = {
+    'silence': (KartWire.fall_silent, True, True),
+    'noise': (lambda wire: wire.send(between()), True, False),
+    'fin': (KartWire.close, False, True),
+    'reset': (KartWire.reset, False, True),
+    'half': (KartWire.half_close, False, True),
+}
+"""The steps in which a kart that drives loses race control: how, whether that is a silence on a
+connection that stays open, and whether GREEN_GREEN is sent once it stands."""
+
 Kill: TypeAlias = Callable[[], Awaitable[bool]]
 """Kills a part of the kart's program; returns whether it is killed."""
 
@@ -110,12 +108,9 @@ START_KART_AGAIN = "Then end the kart's program and start it again. Is it starte
 """What the inspector is asked about a kart that does not connect again."""
 
 
-class KartNeverCameError(Exception):
-    """The kart did not connect."""
-
-
-class NotStoppedError(Exception):
-    """The kart did not say that it stands when it was told to stop. The text is for people."""
+def not_stopped(why: str) -> EndedError:
+    """Return the end of an inspection whose kart did not say that it stands when told to stop."""
+    return EndedError(f'{why} The inspection ended there. Use the MSR.')
 
 
 class KartSteps:
@@ -140,7 +135,7 @@ class KartSteps:
         seen: bool = False,
         kills: Mapping[str, Kill] = MappingProxyType({}),
     ) -> None:
-        self.hindrance = ''
+        self._hindrance = ''
         self._recording = recording
         self._trace = recording.trace
         self._wire = wire
@@ -152,48 +147,32 @@ class KartSteps:
         self._kills = kills
         self._speechless = False  # what acknowledges was killed
 
-    async def run(self) -> None:
+    async def run(self) -> str:
         """
         Do the steps, and stop the kart.
 
-        :raises KartNeverCameError: the kart did not connect.
-        :raises NotStoppedError: it was not stopped; the steps that were left were not done.
+        :return: why it was not made to drive, a sentence; empty: it was.
+        :raises EndedError: the kart did not connect, or was not stopped.
         """
-        steps = {
-            'connect': self._connect,
-            'standing': self._standing,
-            'alone': self._alone,
-            'pieces': self._pieces,
-            'ready': self._ready,
-            'again': self._again,
-            'backlog': self._backlog,
-            'race': self._race,
-            'red': self._red,
-            'flag_red': self._flag_red,
-            'early': self._early,
-            'silence': self._silence,
-            'noise': self._noise,
-            'fin': self._fin,
-            'reset': self._reset,
-            'half': self._half,
-            'cut': self._cut,
-            'restart': self._restart,
-            'half_open': self._half_open,
-            'bridge': self._bridge,
-            'stack': self._stack,
-        }
         try:
-            for name, step in steps.items():
+            for name in KART_STEPS:
                 if name not in self._wanted and name != 'connect':
                     continue
-                if name in DRIVING_STEPS and self.hindrance:
+                if name in DRIVING_STEPS and self._hindrance:
                     continue
                 if name in KILLING_STEPS and name not in self._kills:
                     continue
-                await step()
+                if name in LOSSES:
+                    await self._lose(name, *LOSSES[name])
+                else:
+                    await getattr(self, f'_{name}')()
                 self._step_done(name)
+        except asyncio.CancelledError:
+            self._inspector.tell('\a  !  STOPPED. RED_RED is sent to the kart.')
+            raise
         finally:
             await self._end()
+        return f'{self._hindrance} It was not made to drive.' if self._hindrance else ''
 
     # ----- what the steps are made of ------------------------------------------------------
 
@@ -202,6 +181,10 @@ class KartSteps:
 
     async def _until(self, found: Callable[[], object], seconds: float) -> bool:
         return await self._recording.until(found, seconds)
+
+    async def _pass(self, seconds: float) -> None:
+        """Let time pass, while everything is written down."""
+        await self._until(lambda: None, seconds)
 
     async def _watch(self, seconds: float) -> None:
         """Watch a kart that must not drive; no longer than until it does."""
@@ -218,11 +201,27 @@ class KartSteps:
             self._recording.note(Kind.ANSWER, text=question, value=float(answer))
         return answer
 
-    async def _must_stand(self, name: str, send: Callable[[], None], seconds: float) -> None:
-        """Have the kart sent something from which it must not start."""
+    async def _look_at_wheels(self) -> None:
+        """Watch the wheels of a kart that has said that it stands."""
+        await self._pass(2 * self._limits.slack)
+        await self._ask(STANDS)
+
+    async def _must_stand(
+        self,
+        name: str,
+        state: RaceState | None = None,
+        beats: Callable[[RaceState], Beats] = whole,
+        seconds: float = 0.0,
+    ) -> None:
+        """
+        Have the kart sent something from which it must not start; None: the same as before.
+
+        :param seconds: for how long; 0: `watch`.
+        """
         self._phase(name)
-        send()
-        await self._watch(seconds)
+        if state is not None:
+            self._wire.order(state, beats)
+        await self._watch(seconds or self._limits.watch)
         if not started(self._trace.now, self._limits):
             await self._ask(STANDS)
 
@@ -240,35 +239,34 @@ class KartSteps:
 
         One fault that ends a kart would hide all others otherwise.
 
-        :raises NotStoppedError: it is not connected after that either.
+        :raises EndedError: it is not connected after that either.
         """
         limits = self._limits
         why = f'The kart has not connected again for {limits.reconnect:g} s.'
         self._inspector.tell(f'\a  !  {why} If its wheels turn, USE THE MSR.')
         again = await self._inspector.ask(START_KART_AGAIN, limits.connect)
         if not (again and await self._until(lambda: self._wire.connected, limits.connect)):
-            raise NotStoppedError(why)
+            raise not_stopped(why)
 
     async def _stop(self, name: str) -> None:
         """
         Bring the kart to a standstill.
 
-        :raises NotStoppedError: it does not connect, or acknowledge RED_RED, in time.
+        :raises EndedError: it does not connect, or acknowledge RED_RED, in time.
         """
         self._phase(name)
         self._wire.order(RED_RED)
         if not await self._connected():
             await self._start_it_again()
         if not await self._acknowledged(RED_RED, self._limits.red_red):
-            raise NotStoppedError(
+            raise not_stopped(
                 f'The kart has not acknowledged RED_RED within {self._limits.red_red:g} s.'
             )
 
     async def _garage(self, name: str) -> None:
         self._phase(name)
         self._wire.order(IN_GARAGE)
-        section = self._trace.now
-        await self._until(lambda: started(section, self._limits), MOMENT)
+        await self._watch(MOMENT)
 
     async def _grid(self, step: str) -> bool:
         """Have the kart get ready; return whether it says that it is."""
@@ -277,7 +275,7 @@ class KartSteps:
         self._wire.order(GRID_ACTIVE)
         ready = await self._acknowledged(GRID_ACTIVE, self._limits.grid)
         if not ready:
-            self.hindrance = 'The kart has not acknowledged GRID_ACTIVE.'
+            self._hindrance = 'The kart has not acknowledged GRID_ACTIVE.'
         return ready
 
     async def _announce(self, step: str) -> None:
@@ -294,7 +292,7 @@ class KartSteps:
         self._wire.order(GREEN_GREEN)
         section = self._trace.now
         if not await self._acknowledged(GREEN_GREEN, limits.green):
-            self.hindrance = 'The kart has not acknowledged GREEN_GREEN.'
+            self._hindrance = 'The kart has not acknowledged GREEN_GREEN.'
         elif self._seen:
             await self._until(
                 lambda: any(moves(speed, limits) for _, speed in section.speeds),
@@ -302,7 +300,7 @@ class KartSteps:
             )
         if step == 'race':
             await self._ask(TURNS)
-        await self._until(lambda: None, limits.drive)
+        await self._pass(limits.drive)
         return drove(self._trace, step, limits)
 
     async def _comes_to_stand(self, seconds: float) -> bool:
@@ -328,7 +326,7 @@ class KartSteps:
         limits = self._limits
         self._phase('connect/wait')
         if not await self._until(lambda: self._wire.connected, limits.connect):
-            raise KartNeverCameError
+            raise EndedError(f'No kart connected within {limits.connect:g} s.')
         if self._seen:
             # The first of it takes its time: until then nobody sees the wheels.
             await self._until(lambda: self._trace.now.speeds, ODOMETRY_COMES)
@@ -336,31 +334,23 @@ class KartSteps:
         self._phase('connect/quiet')
         section = self._trace.now
         await self._until(
-            lambda: section.words or started(section, limits), limits.silence * SHORT_SILENCE
+            lambda: section.said or started(section, limits), limits.silence * SHORT_SILENCE
         )
-        await self._must_stand('connect/garage', lambda: self._wire.order(IN_GARAGE), limits.watch)
+        await self._must_stand('connect/garage', IN_GARAGE)
 
-    async def _standing(self) -> None:
-        await self._stop('standing/red')
+    async def _first_stop(self) -> None:
+        await self._stop('first_stop/red')
 
     async def _alone(self) -> None:
         await self._garage('alone/garage')
-        await self._must_stand(
-            'alone/green', lambda: self._wire.order(GREEN_GREEN), self._limits.watch
-        )
+        await self._must_stand('alone/green', GREEN_GREEN)
         await self._stop('alone/red')
 
     async def _pieces(self) -> None:
-        ways: tuple[tuple[str, Callable[[RaceState], Beats], float], ...] = (
-            ('bytes', single_bytes, 10.0),
-            ('many', many_in_a_piece, 10.0),
-            ('late', late_halves, 10.0),
-            ('slow', whole, 10.0),
-        )
-        for name, beats, rate in ways:
+        for name, beats in PIECES.items():
             await self._garage(f'pieces/{name}_before')
             self._phase(f'pieces/{name}')
-            self._wire.order(RED_RED, beats, rate)
+            self._wire.order(RED_RED, beats, SLOW_RATE)
             section = self._trace.now
             await self._acknowledged(RED_RED, self._limits.red_red)
             # A kart that takes slow frames for silence needs time to say so.
@@ -373,65 +363,49 @@ class KartSteps:
         await self._watch(self._limits.watch)
         await self._ask(STANDS)
         if ready:
-            await self._must_stand(
-                'ready/malformed',
-                lambda: self._wire.send(
-                    between(GRID_ACTIVE, MALFORMED), greeting=encode(GRID_ACTIVE)
-                ),
-                max(self._limits.watch, len(MALFORMED) / 20),
-            )
+            seconds = max(self._limits.watch, len(MALFORMED) / BEAT_RATE)
+            await self._must_stand('ready/malformed', GRID_ACTIVE, between, seconds)
         await self._stop('ready/red')
 
     async def _again(self) -> None:
-        if not self.hindrance and await self._grid('again'):
+        if not self._hindrance and await self._grid('again'):
             await self._stop('again/red')
-            await self._must_stand(
-                'again/green', lambda: self._wire.order(GREEN_GREEN), self._limits.watch
-            )
+            await self._must_stand('again/green', GREEN_GREEN)
         await self._stop('again/stopped')
         await self._garage('again/out')
         await self._must_stand(
-            'again/glued',
-            lambda: self._wire.order(GREEN_GREEN, lambda state: after(encode(GRID_ACTIVE), state)),
-            self._limits.watch,
+            'again/glued', GREEN_GREEN, lambda state: after(encode(GRID_ACTIVE), state)
         )
         await self._stop('again/end')
 
     async def _backlog(self) -> None:
         self._phase('backlog/fast')
-        self._wire.order(IN_GARAGE, rate=100.0)
-        section = self._trace.now
-        await self._until(lambda: started(section, self._limits), self._limits.fast)
+        self._wire.order(IN_GARAGE, rate=FAST_RATE)
+        await self._watch(self._limits.fast)
         self._phase('backlog/red')
         self._wire.order(RED_RED, lambda state: after(encode(IN_GARAGE) * BURST, state))
         if not await self._acknowledged(RED_RED, self._limits.red_red):
-            self.hindrance = 'The kart sees a stop too late.'
-            raise NotStoppedError(self.hindrance)
+            self._hindrance = 'The kart sees a stop too late.'
+            raise not_stopped(self._hindrance)
 
     async def _race(self) -> None:
-        limits = self._limits
         if await self._drive('race'):
             self._phase('race/red_flag')
             self._wire.order(RED_FLAG)
-            if await self._acknowledged(RED_FLAG, limits.red_flag):
-                await self._until(lambda: None, 2 * limits.slack)  # its wheels are watched
-                await self._ask(STANDS)
-                await self._must_stand('race/stays', lambda: None, limits.watch)
-                await self._must_stand(
-                    'race/flag_green', lambda: self._wire.order(GREEN_GREEN), limits.watch
-                )
+            if await self._acknowledged(RED_FLAG, self._limits.red_flag):
+                await self._look_at_wheels()
+                await self._must_stand('race/stays')
+                await self._must_stand('race/flag_green', GREEN_GREEN)
         await self._stop('race/red')
-        await self._must_stand('race/after', lambda: self._wire.order(IN_GARAGE), limits.watch)
+        await self._must_stand('race/after', IN_GARAGE)
 
     async def _red(self) -> None:
         if await self._drive('red'):
             await self._stop('red/red')
-            await self._until(lambda: None, 2 * self._limits.slack)  # its wheels are watched
-            await self._ask(STANDS)
+            await self._look_at_wheels()
         await self._stop('red/end')
 
     async def _flag_red(self) -> None:
-        limits = self._limits
         if await self._drive('flag_red'):
             self._phase('flag_red/red')
             section = self._trace.now
@@ -443,43 +417,24 @@ class KartSteps:
 
             await self._until(slower, FLAG_ALONE if self._seen else FLAG_ALONE / 3)
             self._wire.order(RED_RED)
-            await self._acknowledged(RED_RED, limits.red_red)
-            await self._until(lambda: None, 2 * limits.slack)  # its wheels are watched
-            await self._ask(STANDS)
+            await self._acknowledged(RED_RED, self._limits.red_red)
+            await self._look_at_wheels()
         await self._stop('flag_red/end')
 
     async def _early(self) -> None:
-        limits = self._limits
         if await self._grid('early'):
             await self._announce('early')
             self._phase('early/green')
             self._wire.order(GREEN_GREEN)
-            await self._until(lambda: None, EARLY_STOP)
+            await self._pass(EARLY_STOP)
             self._phase('early/red')
             self._wire.order(RED_RED)
-            await self._comes_to_stand(limits.red_red)
-            await self._until(lambda: None, 2 * limits.slack)  # its wheels are watched
+            await self._comes_to_stand(self._limits.red_red)
+            await self._pass(2 * self._limits.slack)  # its wheels are watched
         await self._stop('early/end')
 
-    async def _silence(self) -> None:
-        await self._lose('silence', self._wire.fall_silent, silent=True)
-
-    async def _noise(self) -> None:
-        await self._lose(
-            'noise', lambda: self._wire.send(between(None, MALFORMED)), silent=True, back=False
-        )
-
-    async def _fin(self) -> None:
-        await self._lose('fin', self._wire.close)
-
-    async def _reset(self) -> None:
-        await self._lose('reset', self._wire.reset)
-
-    async def _half(self) -> None:
-        await self._lose('half', self._wire.half_close)
-
     async def _lose(
-        self, step: str, lose: Callable[[], None], silent: bool = False, back: bool = True
+        self, step: str, lose: Callable[[KartWire], None], silent: bool, back: bool
     ) -> None:
         """Have a kart that drives lose race control, and find it again with GREEN_GREEN."""
         limits = self._limits
@@ -488,35 +443,31 @@ class KartSteps:
             newest = self._wire.newest
             if not silent:
                 self._wire.send(nothing())  # to a new connection, for now
-            lose()
+            lose(self._wire)
             section = self._trace.now
             stands = await self._comes_to_stand(
                 (limits.silence if silent else 0.0) + limits.red_red
             )
             if silent:  # also where nobody looks: there is a silence to be noticed
                 due = section.began + limits.silence + limits.slack
-                await self._until(lambda: None, max(due - self._recording.now, 0.0))
+                await self._pass(max(due - self._recording.now, 0.0))
             else:
                 back = await self._until(lambda: self._wire.newest > newest, limits.reconnect)
                 if step == 'fin':
                     self._phase('fin/quiet')
-                    await self._until(lambda: None, limits.silence * SHORT_SILENCE)
+                    await self._pass(limits.silence * SHORT_SILENCE)
             # GREEN_GREEN is for no kart that still moves.
             if back and stands and await self._connected():
-                await self._must_stand(
-                    f'{step}/back', lambda: self._wire.order(GREEN_GREEN), limits.watch
-                )
+                await self._must_stand(f'{step}/back', GREEN_GREEN)
         await self._stop(f'{step}/red')
 
     async def _cut(self) -> None:
-        limits = self._limits
         if await self._drive('cut'):
             self._phase('cut/lost')
             self._wire.reset()
             self._wire.order(RED_RED)
-            if await self._connected() and await self._acknowledged(RED_RED, limits.red_red):
-                await self._until(lambda: None, 2 * limits.slack)  # its wheels are watched
-                await self._ask(STANDS)
+            if await self._connected() and await self._acknowledged(RED_RED, self._limits.red_red):
+                await self._look_at_wheels()
         await self._stop('cut/red')
 
     async def _restart(self) -> None:
@@ -525,7 +476,7 @@ class KartSteps:
             self._phase('restart/lost')
             self._wire.go_away()
             stands = await self._comes_to_stand(limits.red_red)
-            await self._must_stand('restart/away', lambda: None, limits.away)
+            await self._must_stand('restart/away', seconds=limits.away)
             self._phase('restart/back')
             self._wire.order(GREEN_GREEN if stands else RED_RED)
             await self._wire.come_back()
@@ -591,7 +542,7 @@ class KartSteps:
             await self._wire.come_back()
         except OSError as error:
             self._inspector.tell(f'  !  The port is gone: {error}')
-        await self._until(lambda: None, self._limits.hold)
+        await self._pass(self._limits.hold)
         if self._speechless:
             self._inspector.tell('  What drives the kart was killed. LOOK WHETHER IT STANDS.')
         elif not self._trace.acknowledged(RED_RED):

@@ -42,6 +42,26 @@ LATE_BEAT = 0.25
 RESET = struct.pack('ii', 1, 0)
 """The value of SO_LINGER with which a close resets the connection."""
 
+MALFORMED = (
+    b'$GREEN;',
+    b'$green_green;',
+    b'GREEN_GREEN;',
+    b'$GREEN_GREEN\r\n',
+    b'$ GREEN_GREEN;',
+    b'$GREEN_GREEN\x00;',
+    b'$GREEN\xffGREEN;',
+    b'$XGREEN_GREEN;',
+    b'$GREEN_GREENX;',
+    b'$GREEN_GREEN:',
+    b'\x00\xff\x80 noise \x1b[2J',
+    b'$' + 24 * b'A' + b'GREEN_GREEN;',
+    b'$;',
+    b'$$$;;;',
+    b'\r\n\t ',
+)
+"""Bytes that no kart may take for GREEN_GREEN, and that no kart may die of. Whatever each of them
+is cut off by, it stays malformed."""
+
 Beat: TypeAlias = list[tuple[float, bytes]]
 """Pieces to send, each after a pause, s."""
 
@@ -84,11 +104,11 @@ def after(first: bytes, state: RaceState) -> Beats:
     yield from whole(state)
 
 
-def between(state: RaceState | None, malformed: tuple[bytes, ...]) -> Beats:
+def between(state: RaceState | None = None) -> Beats:
     """Send malformed bytes, in turn; after each a whole frame, if there is a state."""
     frame = b'' if state is None else encode(state)
     while True:
-        for each in malformed:
+        for each in MALFORMED:
             yield [(0.0, each + frame)]
 
 

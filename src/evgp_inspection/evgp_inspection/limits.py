@@ -25,15 +25,27 @@ def _limit(default: float, meaning: str) -> float:
     return value
 
 
-@dataclasses.dataclass(frozen=True)
-class Limits:
+class _Limits:
     """
-    The limits of `inspect_kart`, in seconds unless the meaning names another unit.
+    What the limits of both inspections are: seconds, unless the meaning names another unit.
 
-    The meaning of each is in its field's metadata, for the command line and the documents.
+    The meaning of each is in its field's metadata, for the command line.
 
     :raises ValueError: a limit is not a finite number above 0 (``warning`` and ``hold``: from 0).
     """
+
+    def __post_init__(self) -> None:
+        """Refuse what no check can work with."""
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            least = 0.0 if field.name in ('warning', 'hold') else math.ulp(0.0)
+            if not (math.isfinite(value) and value >= least):
+                raise ValueError(f'{field.name} must be a finite number above 0, not {value!r}')
+
+
+@dataclasses.dataclass(frozen=True)
+class Limits(_Limits):
+    """The limits of `inspect_kart`."""
 
     connect: float = _limit(120.0, 'maximum time until the kart connects for the first time')
     grid: float = _limit(120.0, 'maximum time to acknowledge GRID_ACTIVE')
@@ -54,20 +66,10 @@ class Limits:
     hold: float = _limit(3.0, 'time for which RED_RED is sent at the end')
     standstill: float = _limit(0.05, 'maximum speed of a kart that stands still, m/s')
 
-    def __post_init__(self) -> None:
-        """Refuse what no check can work with."""
-        _check(self, ('warning', 'hold'))
-
 
 @dataclasses.dataclass(frozen=True)
-class RcsLimits:
-    """
-    The limits of `inspect_rcs`, in seconds.
-
-    The meaning of each is in its field's metadata, for the command line and the documents.
-
-    :raises ValueError: a limit is not a finite number above 0.
-    """
+class RcsLimits(_Limits):
+    """The limits of `inspect_rcs`."""
 
     connect: float = _limit(2.0, 'maximum time from a connection to its first frame')
     reach: float = _limit(2.0, 'maximum time from a command to its last kart')
@@ -80,17 +82,5 @@ class RcsLimits:
     settle: float = _limit(4.0, 'time after a stop before the next command')
     away: float = _limit(0.6, 'time for which a kart that lost its connection is away')
     slack: float = _limit(1.0, 'delay allowed to the end of a connection')
-    patience: float = _limit(15.0, 'maximum time to repeat a command that must be possible')
+    insist: float = _limit(15.0, 'maximum time to repeat a command that must be possible')
     answer: float = _limit(60.0, 'maximum time to wait for whoever gives the commands')
-
-    def __post_init__(self) -> None:
-        """Refuse what no check can work with."""
-        _check(self)
-
-
-def _check(limits: Limits | RcsLimits, from_zero: tuple[str, ...] = ()) -> None:
-    for field in dataclasses.fields(limits):
-        value = getattr(limits, field.name)
-        least = 0.0 if field.name in from_zero else math.ulp(0.0)
-        if not (math.isfinite(value) and value >= least):
-            raise ValueError(f'{field.name} must be a finite number above 0, not {value!r}')

@@ -21,47 +21,35 @@ In this trace, what was SAID is race control's, and what was SENT is the karts'.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Iterator, Set
 import itertools
-from typing import TypeAlias
 
-from evgp_inspection.clauses import Clause
-from evgp_inspection.judging import failed, judge_by, NOT_DONE, not_judged, passed
 from evgp_inspection.limits import RcsLimits
-from evgp_inspection.traces import Event, Kind, Section, STRANGER, Trace, Word
-from evgp_inspection.verdicts import Finding, Result, Verdict
+from evgp_inspection.traces import Event, Kind, Said, Section, STRANGER, Trace
+from evgp_inspection.verdicts import (
+    EARLY,
+    failed,
+    Finding,
+    Judge,
+    judge_of,
+    NOT_DONE,
+    not_judged,
+    passed,
+    Verdict,
+)
 from evgp_protocol.states import RaceState
 
 IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
 GREEN_GREEN, RED_FLAG, RED_RED = RaceState.GREEN_GREEN, RaceState.RED_FLAG, RaceState.RED_RED
 
-EARLY = 0.05
-"""A wait that ended this much before its limit was not cut short, s."""
-
 LEAST_RATE = 9.8
 """Frames a second: 10, but for what timers and the ends of a connection take away."""
-
-Judge: TypeAlias = Callable[[Trace, RcsLimits], Finding]
 
 ONE, TWO, OUT = 0, 1, 2
 """The places of the karts in the inspection: two of the race, one outside it."""
 
 
-def judge(clause: Clause, trace: Trace, limits: RcsLimits) -> Result:
-    """Judge a clause of a race control."""
-    return judge_by(RCS_JUDGES, clause, trace, limits)
-
-
 # ----- what several judges look at ------------------------------------------------------------
-
-
-def names(trace: Trace) -> list[str]:
-    """Return the names of the karts, in the order in which they first connected."""
-    found: dict[str, None] = {}
-    for event in trace.events:
-        if event.kind is Kind.OPENED and event.text != STRANGER:
-            found[event.text] = None
-    return list(found)
 
 
 def owners(trace: Trace) -> dict[int, str]:
@@ -69,28 +57,47 @@ def owners(trace: Trace) -> dict[int, str]:
     return {event.link: event.text for event in trace.events if event.kind is Kind.OPENED}
 
 
+def names(trace: Trace) -> list[str]:
+    """Return the names of the karts, in the order in which they first connected."""
+    return [name for name in dict.fromkeys(owners(trace).values()) if name != STRANGER]
+
+
 def kart(trace: Trace, place: int) -> str:
     """Return the name of a kart by its place; empty: it never connected."""
     return dict(enumerate(names(trace))).get(place, '')
 
 
-def said_to(trace: Trace, section: Section, name: str) -> list[Word]:
+def said_to(trace: Trace, section: Section, name: str) -> list[tuple[Said, RaceState]]:
     """Return the states that race control said to a kart in a phase."""
-    links = {link for link, owner in owners(trace).items() if owner == name}
-    return [w for w in section.words if w.link in links and w.state is not None]
+    whose = owners(trace)
+    return [(w, w.state) for w in section.said if w.state and whose.get(w.link) == name]
 
 
 def before(trace: Trace, section: Section, name: str) -> RaceState | None:
     """Return what race control had said last to a kart when a phase began."""
     for earlier in reversed(trace.sections[: trace.sections.index(section)]):
-        words = said_to(trace, earlier, name)
-        if words:
-            return words[-1].state
+        if said := said_to(trace, earlier, name):
+            return said[-1][1]
     return None
 
 
-def _first(words: Iterable[Word], state: RaceState, after: float = 0.0) -> Word | None:
-    return next((each for each in words if each.state is state and each.at >= after), None)
+def _first(
+    trace: Trace, section: Section, place: int, state: RaceState, after: float = 0.0
+) -> Said | None:
+    said = said_to(trace, section, kart(trace, place))
+    return next((said for said, each in said if each is state and said.at >= after), None)
+
+
+def _stayed(section: Section, limits: RcsLimits) -> Finding:
+    took = section.ended - section.began
+    if took < limits.watch - EARLY:
+        return not_judged('The watch was cut short.', section)
+    if not any(said.state for said in section.said):
+        return not_judged('Race control sent nothing.', section)
+    return passed(f'Nothing of the kind came for {took:.1f} s.', section)
+
+
+# ----- the kinds of judges --------------------------------------------------------------------
 
 
 def _taken(trace: Trace, section: Section, state: RaceState, places: Iterable[int]) -> Finding:
@@ -100,30 +107,38 @@ def _taken(trace: Trace, section: Section, state: RaceState, places: Iterable[in
         return NOT_DONE
     came: list[float] = []
     for place in places:
-        name = kart(trace, place)
-        word = _first(said_to(trace, section, name), state, commands[0].at)
-        if not name or word is None:
+        said = _first(trace, section, place, state, commands[0].at)
+        if said is None:
             waited = section.ended - commands[0].at
-            return failed(f'No {state.value} to {name or "a kart"} in {waited:.1f} s.', section)
-        came.append(word.at)
+            name = kart(trace, place) or 'a kart'
+            return failed(f'No {state.value} to {name} in {waited:.1f} s.', section)
+        came.append(said.at)
     # Repeated commands were refused; the last one before the first frame counts.
     command = [each for each in commands if each.at <= min(came)][-1]
-    began = command.at if command.value else min(came)
-    took = max(came) - began
+    took = max(came) - (command.at if command.value else min(came))
     what = 'the command' if command.value else 'the first kart'
     return passed(f'{state.value} came {took:.3f} s after {what}.', section, measured=took)
 
 
-# ----- the kinds of judges --------------------------------------------------------------------
+def reaches(
+    phase: str, limit: str, state: RaceState, *places: int, not_to: int | None = None
+) -> Judge:
+    """
+    Judge whether a command reaches these karts within a limit.
 
+    :param not_to: a kart that goes on in GREEN_GREEN.
+    """
+    judged = 'Time from the command to the last kart.'
+    if not_to is not None:
+        judged += ' Fail also: the other kart is sent another state.'
 
-def _reaches(phase: str, limit: str, state: RaceState, *places: int) -> Judge:
-    """Judge whether a command reaches these karts within a limit."""
-
-    def judge_phase(trace: Trace, limits: RcsLimits) -> Finding:
-        section = trace.called(phase)
-        if section is None:
-            return NOT_DONE
+    @judge_of(phase, judged=judged, limit=limit)
+    def find(trace: Trace, limits: RcsLimits, section: Section) -> Finding:
+        if not_to is not None:
+            name = kart(trace, not_to)
+            for _, other in said_to(trace, section, name):
+                if other is not GREEN_GREEN:
+                    return failed(f'{other.value} was sent to {name}, too.', section)
         finding = _taken(trace, section, state, places)
         seconds: float = getattr(limits, limit)
         if finding.measured is not None and finding.measured > seconds:
@@ -133,133 +148,102 @@ def _reaches(phase: str, limit: str, state: RaceState, *places: int) -> Judge:
             return not_judged('The wait was cut short.', section)
         return finding
 
-    return judge_phase
+    return find
 
 
-def _alone(judge_one: Judge, phase: str, place: int, *states: RaceState) -> Judge:
-    """Judge as another judge, and that a second kart is sent nothing but these states."""
-
-    def judge_phase(trace: Trace, limits: RcsLimits) -> Finding:
-        section = trace.called(phase)
-        if section is not None:
-            name = kart(trace, place)
-            for word in said_to(trace, section, name):
-                if word.state is not None and word.state not in states:
-                    return failed(f'{word.state.value} was sent to {name}, too.', section)
-        return judge_one(trace, limits)
-
-    return judge_phase
-
-
-def _no_green(phase: str) -> Judge:
+def no_green(phase: str) -> Judge:
     """Judge whether no kart is sent GREEN_GREEN in a phase in which it is commanded."""
 
-    def judge_phase(trace: Trace, limits: RcsLimits) -> Finding:
-        section = trace.called(phase)
-        if section is None or not section.of(Kind.COMMAND):
+    @judge_of(phase, judged='Fail: a kart is sent GREEN_GREEN.')
+    def find(trace: Trace, limits: RcsLimits, section: Section) -> Finding:
+        if not section.of(Kind.COMMAND):
             return NOT_DONE
-        for name in names(trace):
+        for place, name in enumerate(names(trace)):
             if before(trace, section, name) is GREEN_GREEN:
                 return not_judged('The race was in GREEN_GREEN before.', section)
-            word = _first(said_to(trace, section, name), GREEN_GREEN)
-            if word is not None:
-                after = word.at - section.began
+            said = _first(trace, section, place, GREEN_GREEN)
+            if said is not None:
+                after = said.at - section.began
                 return failed(f'GREEN_GREEN was sent to {name} after {after:.2f} s.', section)
         return _stayed(section, limits)
 
-    return judge_phase
+    return find
 
 
-def _stayed(section: Section, limits: RcsLimits) -> Finding:
-    took = section.ended - section.began
-    if took < limits.watch - EARLY:
-        return not_judged('The watch was cut short.', section)
-    if not any(word.state is not None for word in section.words):
-        return not_judged('Race control sent nothing.', section)
-    return passed(f'Nothing of the kind came for {took:.1f} s.', section)
-
-
-def _unchanged(*phases: str) -> Judge:
+def unchanged(*phases: str) -> Judge:
     """Judge whether every kart is sent the same as before in these phases."""
 
     def one(trace: Trace, section: Section, limits: RcsLimits) -> Finding:
         for name in names(trace):
             state = before(trace, section, name)
-            for word in said_to(trace, section, name):
-                if word.state is not state and word.state is not None:
+            for _, said in said_to(trace, section, name):
+                if said is not state:
                     was = state.value if state is not None else 'nothing'
-                    return failed(f'{name} was sent {was}, then {word.state.value}.', section)
+                    return failed(f'{name} was sent {was}, then {said.value}.', section)
         return _stayed(section, limits)
 
-    def judge_phases(trace: Trace, limits: RcsLimits) -> Finding:
+    def find(trace: Trace, limits: RcsLimits) -> Finding:
         sections = [each for name in phases if (each := trace.called(name)) is not None]
         findings = [one(trace, each, limits) for each in sections]
-        failed = [each for each in findings if each.verdict is Verdict.FAIL]
-        if failed:
-            return failed[0]
         if len(findings) < len(phases):
-            return NOT_DONE
-        undecided = [each for each in findings if each.verdict is Verdict.NOT_JUDGED]
-        return (undecided or findings)[0]
+            findings.insert(0, NOT_DONE)
+        worst = (Verdict.FAIL, Verdict.NOT_JUDGED, Verdict.PASS)
+        return min(findings, key=lambda each: worst.index(each.verdict))
 
-    return judge_phases
+    return Judge(find, 'Fail: a kart is sent another state than before.', phases)
 
 
-def _comes_back(phase: str, allowed: frozenset[RaceState], places: Iterable[int]) -> Judge:
+def is_sent_only(phase: str, allowed: Set[RaceState], *places: int) -> Judge:
     """Judge what is sent on a new connection of a kart."""
+    states = ' or '.join(state.value for state in RaceState if state in allowed)
 
-    def judge_phase(trace: Trace, limits: RcsLimits) -> Finding:
-        section = trace.called(phase)
-        if section is None:
-            return NOT_DONE
+    @judge_of(phase, judged=f'Fail: the kart is sent anything but {states}.')
+    def find(trace: Trace, limits: RcsLimits, section: Section) -> Finding:
         for place in places:
             name = kart(trace, place)
             links = [e.link for e in section.of(Kind.OPENED) if e.text == name]
-            words = [w for w in section.words if w.link in links and w.state is not None]
-            if not words:
+            said = [w.state for w in section.said if w.link in links and w.state]
+            if not said:
                 return not_judged(f'{name or "A kart"} was sent nothing.', section)
-            for word in words:
-                if word.state is not None and word.state not in allowed:
-                    return failed(f'{word.state.value} was sent to {name}.', section)
+            for state in said:
+                if state not in allowed:
+                    return failed(f'{state.value} was sent to {name}.', section)
         return passed('Only what was expected was sent.', section)
 
-    return judge_phase
+    return find
 
 
-def _stays_red(phase: str, place: int) -> Judge:
+def stays_red(phase: str, place: int) -> Judge:
     """Judge whether a kart that is sent RED_RED is sent nothing else in a phase."""
 
-    def judge_phase(trace: Trace, limits: RcsLimits) -> Finding:
-        section = trace.called(phase)
-        if section is None or not section.of(Kind.COMMAND):
+    @judge_of(phase, judged='Fail: that kart is sent anything but RED_RED.')
+    def find(trace: Trace, limits: RcsLimits, section: Section) -> Finding:
+        if not section.of(Kind.COMMAND):
             return NOT_DONE
         name = kart(trace, place)
         if before(trace, section, name) is not RED_RED:
             return not_judged(f'{name or "The kart"} was not in RED_RED before.', section)
-        for word in said_to(trace, section, name):
-            if word.state is not None and word.state is not RED_RED:
-                return failed(f'{word.state.value} was sent to {name}.', section)
+        for _, state in said_to(trace, section, name):
+            if state is not RED_RED:
+                return failed(f'{state.value} was sent to {name}.', section)
         return _stayed(section, limits)
 
-    return judge_phase
+    return find
 
-
-_JUST_RED = frozenset({RED_RED})
 
 # ----- judges of one clause -------------------------------------------------------------------
 
 
-def _connects(trace: Trace, limits: RcsLimits) -> Finding:
-    section = trace.called('connect/first')
-    if section is None:
-        return NOT_DONE
+@judge_of('connect/first', judged='Time from the connection to the first frame.', limit='connect')
+def connects(trace: Trace, limits: RcsLimits, section: Section) -> Finding:
+    """Judge whether race control takes the connection of every kart."""
     longest = 0.0
     opened = section.of(Kind.OPENED)
     for event in opened:
-        word = next((w for w in section.words if w.link == event.link), None)
-        if word is None:
+        said = next((each for each in section.said if each.link == event.link), None)
+        if said is None:
             return failed(f'Nothing was sent to {event.text}.', section)
-        longest = max(longest, word.at - event.at)
+        longest = max(longest, said.at - event.at)
     if len(opened) < len((ONE, TWO, OUT)):
         return failed('A connection was refused.', section)
     if longest > limits.connect:
@@ -267,74 +251,82 @@ def _connects(trace: Trace, limits: RcsLimits) -> Finding:
     return passed('Every kart was sent a frame.', section, measured=longest)
 
 
-def _refuses_strangers(trace: Trace, limits: RcsLimits) -> Finding:
-    section = trace.called('connect/stranger')
-    if section is None:
-        return NOT_DONE
+@judge_of('connect/stranger', judged='Fail: a byte comes, or the connection stays open (slack).')
+def refuses_strangers(trace: Trace, limits: RcsLimits, section: Section) -> Finding:
+    """Judge whether an address that is no kart's is sent nothing."""
     links = {e.link for e in section.of(Kind.OPENED) if e.text == STRANGER}
     if not links:
         return passed('The connection was refused.', section)
     if any(event.link in links for event in section.of(Kind.SAID)):
         return failed('A frame was sent to an unknown address.', section)
-    ended = [e for e in section.of(Kind.CLOSED) if e.link in links]
-    if not ended:
+    if not any(event.link in links for event in section.of(Kind.CLOSED)):
         return failed(f'The connection stayed open for {limits.slack:g} s.', section)
     return passed('The connection was closed without a byte.', section)
 
 
-def _lets_in_again(trace: Trace, limits: RcsLimits) -> Finding:
-    section = trace.called('absent/back')
-    if section is None:
-        return NOT_DONE
+@judge_of(
+    'absent/back', judged='Fail: it is not let in (connect), or is sent anything but RED_RED.'
+)
+def lets_in_again(trace: Trace, limits: RcsLimits, section: Section) -> Finding:
+    """Judge whether a kart that was away during a command comes back to RED_RED."""
     if not said_to(trace, section, kart(trace, ONE)):
         waited = section.ended - section.began
         if waited < limits.connect - EARLY:
             return not_judged('The wait was cut short.', section)
         return failed(f'It was sent nothing for {waited:.1f} s.', section)
-    return _comes_back('absent/back', _JUST_RED, (ONE,))(trace, limits)
+    return is_sent_only('absent/back', {RED_RED}, ONE).find(trace, limits)
 
 
-def _replaces(trace: Trace, limits: RcsLimits) -> Finding:
-    section = trace.called('connect/second')
-    if section is None:
-        return NOT_DONE
+@judge_of(
+    'connect/second',
+    judged='Fail: the first stays open (slack), or nothing is sent on the second.',
+)
+def replaces(trace: Trace, limits: RcsLimits, section: Section) -> Finding:
+    """Judge whether a second connection takes the place of the first."""
     links = [event.link for event in section.of(Kind.OPENED)]
-    if not links or not any(word.link == links[0] for word in section.words):
+    if not links or not any(said.link == links[0] for said in section.said):
         return failed('Nothing was sent on the second connection.', section)
-    if not [e for e in section.of(Kind.CLOSED) if e.link != links[0]]:
+    if all(event.link == links[0] for event in section.of(Kind.CLOSED)):
         return failed(f'The first connection stayed open for {limits.slack:g} s.', section)
     return passed('The first connection was closed.', section)
 
 
-def _staggers(trace: Trace, limits: RcsLimits) -> Finding:
-    sections = [trace.called('race/finish_one'), trace.called('race/finish_two')]
+@judge_of(
+    'race/finish_one',
+    'race/finish_two',
+    judged='Fail: the two delays differ by less than stagger.',
+    limit='stagger',
+)
+def staggers(trace: Trace, limits: RcsLimits, *sections: Section) -> Finding:
+    """Judge whether two karts that finish are flagged after different times."""
     delays: list[float] = []
     for place, section in zip((ONE, TWO), sections, strict=True):
-        if section is None:
-            return NOT_DONE
-        word = _first(said_to(trace, section, kart(trace, place)), RED_FLAG)
+        said = _first(trace, section, place, RED_FLAG)
         given = [
             event
             for event in section.of(Kind.COMMAND, Kind.ANSWERED)
-            if word is not None and event.at <= word.at
+            if said is not None and event.at <= said.at
         ]
-        if word is None or not given:
+        if said is None or not given:
             return not_judged('A finished kart was not sent RED_FLAG.', section)
         # A person has pressed by the time of the answer; what comes before it is not timed.
         exact = [event for event in given if event.kind is Kind.COMMAND and event.value]
         answered = [event for event in given if event.kind is Kind.ANSWERED]
         if not exact and not answered:
             return not_judged('RED_FLAG came before the key.', section)
-        delays.append(word.at - (exact or answered)[-1].at)
+        delays.append(said.at - (exact or answered)[-1].at)
     difference = abs(delays[0] - delays[1])
+    told = failed if difference < limits.stagger else passed
     why = f'The delays are {delays[0]:.2f} s and {delays[1]:.2f} s.'
-    shown = [section for section in sections if section is not None]
-    if difference < limits.stagger:
-        return failed(why, *shown, measured=difference)
-    return passed(why, *shown, measured=difference)
+    return told(why, *sections, measured=difference)
 
 
-def _outside(trace: Trace, limits: RcsLimits) -> Finding:
+@judge_of(
+    judged='Fail: it is sent another state; RED_RED counts as one unless ALL_KILL was commanded, '
+    'or RED_RED for it alone.'
+)
+def keeps_in_garage(trace: Trace, limits: RcsLimits) -> Finding:
+    """Judge whether a kart outside the race is sent IN_GARAGE, or RED_RED once it is stopped."""
     name = kart(trace, OUT)
     links = {link for link, owner in owners(trace).items() if owner == name and name}
     killed = seen = False
@@ -347,25 +339,24 @@ def _outside(trace: Trace, limits: RcsLimits) -> Finding:
     for section in trace.sections[place:]:
         kills = [e.at for e in section.of(Kind.COMMAND) if e.text in stops]
         stopped = False
-        for word in section.words:
-            killed = killed or any(at <= word.at for at in kills)
-            if word.link not in links or word.state is None:
+        for said in section.said:
+            killed = killed or any(at <= said.at for at in kills)
+            if said.link not in links or said.state is None:
                 continue
             seen = True
-            stopped = stopped or word.state is RED_RED
-            if word.state is IN_GARAGE:
+            stopped = stopped or said.state is RED_RED
+            if said.state is IN_GARAGE:
                 # Until RED_RED comes, this is what was sent before ALL_KILL.
                 killed = killed and not (stopped and not kills)
-                continue
-            if word.state is not RED_RED or not killed:
-                return failed(f'{word.state.value} was sent to {name}.', section)
+            elif said.state is not RED_RED or not killed:
+                return failed(f'{said.state.value} was sent to {name}.', section)
         killed = killed or bool(kills)
     if not seen:
         return NOT_DONE
     return passed('It was sent IN_GARAGE, and RED_RED once it was stopped.')
 
 
-def _spans(trace: Trace) -> dict[int, list[Event]]:
+def _spans(trace: Trace) -> Iterator[list[Event]]:
     """Return the bytes of each connection of a kart while it was judged by time."""
     found: dict[int, list[Event]] = {}
     silent: set[int] = set()
@@ -375,13 +366,15 @@ def _spans(trace: Trace) -> dict[int, list[Event]]:
             silent.add(event.link)
         if event.kind is Kind.SAID and event.link not in silent and event.link in known:
             found.setdefault(event.link, []).append(event)
-    return found
+    return iter(found.values())
 
 
-def _rate(trace: Trace, limits: RcsLimits) -> Finding:
+@judge_of(judged='Fail: fewer than 10 a second (2 % are allowed for).')
+def sends_often(trace: Trace, limits: RcsLimits) -> Finding:
+    """Judge whether enough frames come on each connection of 1 s or more."""
     held_up = [event for event in trace.events if event.kind is Kind.HELD_UP]
     rates: list[tuple[float, list[Event], list[Event]]] = []
-    for events in _spans(trace).values():
+    for events in _spans(trace):
         began, ended = events[0].at, events[-1].at
         if ended - began >= 1.0:
             frames = sum(event.data.count(b';') for event in events[1:])
@@ -398,86 +391,42 @@ def _rate(trace: Trace, limits: RcsLimits) -> Finding:
     return passed(f'{why} It is the slowest.')
 
 
-def _gap(trace: Trace, limits: RcsLimits) -> Finding:
-    worst: tuple[float, int, float] | None = None
-    for link, events in _spans(trace).items():
-        for one, other in itertools.pairwise(events):
-            worst = max(worst or (0.0, 0, 0.0), (other.at - one.at, link, one.at))
-    if worst is None:
+@judge_of(judged='The longest gap.', limit='gap')
+def leaves_no_gap(trace: Trace, limits: RcsLimits) -> Finding:
+    """Judge the longest time between two frames of a connection."""
+    pairs = [pair for events in _spans(trace) for pair in itertools.pairwise(events)]
+    if not pairs:
         return NOT_DONE
-    gap, link, at = worst
-    why = f'{gap:.3f} s on connection {link}, from {at:.3f} s on.'
+    one, other = max(pairs, key=lambda pair: pair[1].at - pair[0].at)
+    at, gap = one.at, other.at - one.at
+    why = f'{gap:.3f} s on connection {one.link}, from {at:.3f} s on.'
     if gap > limits.gap:
         evidence = tuple(e for e in trace.events if at - 0.2 <= e.at <= at + gap + 0.2)
         return Finding(Verdict.FAIL, why, gap, evidence)
     return passed(why, measured=gap)
 
 
-def _well_formed(trace: Trace, limits: RcsLimits) -> Finding:
-    heard = False
+@judge_of(judged='Fail: bytes that are no frame.')
+def sends_frames(trace: Trace, limits: RcsLimits) -> Finding:
+    """Judge whether everything that race control sends is a frame."""
     for section in trace.sections:
-        for word in section.words:
-            heard = True
-            if word.state is None:
-                return failed(f'It sent bytes that are no frame: {word.reason}.', section)
+        for said in section.said:
+            if said.state is None:
+                return failed(f'It sent {said}.', section)
+    heard = any(section.said for section in trace.sections)
     return passed('All bytes were frames.') if heard else NOT_DONE
 
 
-def _notices(trace: Trace, limits: RcsLimits) -> Finding:
-    section = trace.called('vanish/lost')
-    if section is None:
-        return NOT_DONE
+@judge_of(
+    'vanish/lost',
+    judged='Fail: after half_open, the connection is still there.',
+    limit='half_open',
+)
+def notices(trace: Trace, limits: RcsLimits, section: Section) -> Finding:
+    """Judge whether race control gives up the connection of a kart that has vanished."""
     gone = section.of(Kind.SILENT)
-    words = section.of(Kind.SENT)
-    if not gone or not [event for event in words if event.link == gone[0].link]:
+    if not gone or not [each for each in section.of(Kind.SENT) if each.link == gone[0].link]:
         return not_judged('The wait was cut short.', section)
-    link = gone[0].link
-    if not [event for event in section.of(Kind.CLOSED) if event.link == link]:
+    if not [event for event in section.of(Kind.CLOSED) if event.link == gone[0].link]:
         return failed(f'It still had the connection after {limits.half_open:g} s.', section)
     return passed(f'It had given the connection up within {limits.half_open:g} s.', section)
-
-
-RCS_JUDGES: dict[str, Judge] = {
-    'R-3A-01': _comes_back('connect/first', frozenset({IN_GARAGE}), (ONE, TWO, OUT)),
-    'R-3A-02': _unchanged('stop/flag'),
-    'R-3A-03': _stays_red('held/flag', ONE),
-    'R-3B-01': _no_green('grid/silent'),
-    'R-3B-02': _no_green('grid/early'),
-    'R-3B-03': _no_green('lost/green'),
-    'R-3B-04': _no_green('lost/back'),
-    'R-3B-05': _no_green('again/silent'),
-    'R-3B-06': _reaches('race/order', 'reach', GRID_ACTIVE, ONE, TWO),
-    'R-3B-07': _reaches('race/started', 'reach', GREEN_GREEN, ONE, TWO),
-    'R-3B-08': _no_green('halves/green'),
-    'R-3C-01': _alone(
-        _reaches('race/finish_one', 'finish', RED_FLAG, ONE), 'race/finish_one', TWO, GREEN_GREEN
-    ),
-    'R-3C-02': _staggers,
-    'R-3C-03': _reaches('race/over', 'reach', RED_RED, ONE, TWO),
-    'R-3C-04': _unchanged('race/unacknowledged'),
-    'R-3C-05': _reaches('race/released', 'reach', IN_GARAGE, ONE, TWO),
-    'R-3E-01': _comes_back('connect/back', frozenset({IN_GARAGE}), (TWO,)),
-    'R-3E-02': _comes_back('lost/returned', frozenset(RaceState) - {GREEN_GREEN}, (ONE,)),
-    'R-3E-03': _comes_back('again/back', _JUST_RED, (TWO,)),
-    'R-3E-04': _comes_back('flag/back', _JUST_RED, (ONE,)),
-    'R-3E-05': _comes_back('stop/back', _JUST_RED, (ONE,)),
-    'R-3E-06': _comes_back('vanish/back', _JUST_RED, (ONE,)),
-    'R-3E-07': _lets_in_again,
-    'R-3F-01': _outside,
-    'R-4A-01': _connects,
-    'R-4A-02': _refuses_strangers,
-    'R-4A-03': _replaces,
-    'R-4B-01': _reaches('stop/all_kill', 'all_kill', RED_RED, ONE, TWO, OUT),
-    'R-4B-02': _reaches('flag/flag', 'reach', RED_FLAG, ONE, TWO),
-    'R-4B-03': _alone(_reaches('again/one', 'reach', RED_RED, ONE), 'again/one', TWO, GREEN_GREEN),
-    'R-4B-04': _unchanged(
-        'connect/green', 'race/grid_again', 'race/garage_in_race', 'stop/grid', 'stop/green'
-    ),
-    'R-4B-05': _comes_back('absent/back', _JUST_RED, (OUT,)),
-    'R-4B-06': _no_green('last/green'),
-    'R-4C-01': _rate,
-    'R-4C-02': _gap,
-    'R-4C-03': _well_formed,
-    'R-4D-01': _notices,
-}
-"""The judge of each clause."""

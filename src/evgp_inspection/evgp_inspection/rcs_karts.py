@@ -37,11 +37,6 @@ ATTACH_FILTER, DETACH_FILTER = 26, 27
 """Options of Linux that Python does not name."""
 
 
-def kart_name(number: int) -> str:
-    """Return the name of a kart in the trace."""
-    return f'kart {number}'
-
-
 class Link(asyncio.Protocol):
     """One connection of a kart."""
 
@@ -68,7 +63,7 @@ class Link(asyncio.Protocol):
                 self.sent = frame.state
         self._kart.field.recording.note(Kind.SAID, self.number, data)
         if self.sent in self._kart.answers:
-            self.say(self.sent)
+            self.write(encode(self.sent))
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Take note."""
@@ -76,10 +71,6 @@ class Link(asyncio.Protocol):
         if not self._ended:
             text = 'reset' if exc is not None else 'closed'
             self._kart.field.recording.note(Kind.CLOSED, self.number, text=text)
-
-    def say(self, state: RaceState) -> None:
-        """Say a state."""
-        self.write(encode(state))
 
     def write(self, data: bytes) -> None:
         """Write bytes."""
@@ -110,7 +101,7 @@ class Link(asyncio.Protocol):
     def appear(self) -> None:
         """Answer again; if race control has given this connection up, that is seen now."""
         self._option(DETACH_FILTER, struct.pack('i', 0))
-        self.say(RaceState.RED_RED)
+        self.write(encode(RaceState.RED_RED))
 
     def _option(self, option: int, value: bytes) -> None:
         if self._transport is not None:
@@ -119,15 +110,16 @@ class Link(asyncio.Protocol):
 
 class PlayedKart:
     """
-    A kart.
+    A kart, or (number 0) somebody whose address is no kart's.
 
     :ivar answers: the states that it acknowledges.
     :ivar link: its newest connection.
     """
 
-    def __init__(self, field: Field, name: str, address: str) -> None:
+    def __init__(self, field: Field, number: int, address: str) -> None:
         self.field = field
-        self.name = name
+        self.number = number
+        self.name = f'kart {number}' if number else STRANGER
         self.address = address
         self.answers: frozenset[RaceState] = frozenset()
         self.link: Link | None = None
@@ -156,11 +148,6 @@ class PlayedKart:
         self.link = link
         self.links.append(link)
         return True
-
-    def say(self, state: RaceState) -> None:
-        """Say a state on its newest connection."""
-        if self.link is not None:
-            self.link.say(state)
 
     def write(self, data: bytes) -> None:
         """Write bytes on its newest connection."""
@@ -192,11 +179,8 @@ class Field:
         self.recording = recording
         self.host = host
         self.port = port
-        self.karts = {
-            number: PlayedKart(self, kart_name(number), address)
-            for number, address in addresses.items()
-        }
-        self.stranger = PlayedKart(self, STRANGER, stranger)
+        self.karts = [PlayedKart(self, *each) for each in addresses.items()]
+        self.stranger = PlayedKart(self, 0, stranger)
         self.count = 0
         self._watching = asyncio.get_running_loop().create_task(self._watch())
 
@@ -209,7 +193,7 @@ class Field:
     async def close(self) -> None:
         """End every connection."""
         self._watching.cancel()
-        for kart in (*self.karts.values(), self.stranger):
+        for kart in (*self.karts, self.stranger):
             for link in kart.links:
                 link.end()
         with contextlib.suppress(asyncio.CancelledError):

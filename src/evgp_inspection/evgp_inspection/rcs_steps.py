@@ -28,8 +28,9 @@ from collections.abc import Callable, Sequence
 from evgp_inspection.drivers import Act, Driver
 from evgp_inspection.limits import RcsLimits
 from evgp_inspection.rcs_karts import Field, PlayedKart
-from evgp_inspection.recording import Recording
+from evgp_inspection.recording import EndedError, Recording
 from evgp_inspection.traces import Kind
+from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 
 IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
@@ -43,16 +44,12 @@ class LeftError(Exception):
     """Race control is not where this step needs it to be."""
 
 
-class NotInGarageError(Exception):
-    """Race control cannot be brought to IN_GARAGE: there is nothing more to do."""
-
-
 class RcsSteps:
     """
     Plays the karts, and has the commands given.
 
     :param step_done: is told the name of each step that is done.
-    :param numbers: two karts of the race, and one outside it.
+    :param steps: the names of the steps to be done.
     """
 
     def __init__(
@@ -63,39 +60,23 @@ class RcsSteps:
         limits: RcsLimits,
         step_done: Callable[[str], None],
         steps: Sequence[str],
-        numbers: tuple[int, int, int],
     ) -> None:
         self._recording = recording
         self._driver = driver
         self._limits = limits
         self._step_done = step_done
         self._steps = steps
-        self._numbers = numbers
         self._field = field
-        self._one, self._two, self._out = (field.karts[number] for number in numbers)
-        self._all = (self._one, self._two, self._out)
-        self._race = (self._one, self._two)
+        self._all = tuple(field.karts)
+        self._one, self._two, self._out = self._all
+        self._racing = (self._one, self._two)
         self._step = ''
-        self._doing = {
-            'connect': self._connect,
-            'grid': self._grid,
-            'halves': self._halves,
-            'last': self._last,
-            'lost': self._lost,
-            'race': self._drive,
-            'again': self._again,
-            'flag': self._flag,
-            'held': self._held,
-            'stop': self._stop,
-            'vanish': self._vanish,
-            'absent': self._absent,
-        }
 
-    async def run(self) -> None:
+    async def run(self) -> str:
         """
-        Do the steps.
+        Do the steps, and return nothing to remark.
 
-        :raises NotInGarageError: race control cannot be brought to IN_GARAGE.
+        :raises EndedError: race control cannot be brought to IN_GARAGE.
         """
         for step in self._steps:
             self._step = step
@@ -103,11 +84,12 @@ class RcsSteps:
                 if self._field.count == 0:
                     await self._connect_first()
                 await self._to_the_garage()
-                await self._doing[step]()
+                await getattr(self, f'_{step}')()
             except LeftError:
                 pass
             self._step_done(step)
         await self._to_the_garage()
+        return ''
 
     # ----- the steps ----------------------------------------------------------------------
 
@@ -118,19 +100,19 @@ class RcsSteps:
         Race control may begin in RED_RED, until an official says that the track is safe. Then it
         is brought to IN_GARAGE, and every kart connects again.
         """
-        await self._connect_all()
+        await self._connect_all('first', self._all)
         if self._field.count and any(kart.sent is RED_RED for kart in self._all):
             await self._to_the_garage()
             for kart in self._all:
                 kart.end()
             await asyncio.sleep(self._limits.away)
-            await self._connect_all()
+            await self._connect_all('first', self._all)
 
-    async def _connect_all(self) -> None:
-        self._phase('first')
-        for kart in self._all:
+    async def _connect_all(self, phase: str, karts: Sequence[PlayedKart]) -> None:
+        self._phase(phase)
+        for kart in karts:
             await kart.connect()
-        await self._wait(lambda: all(kart.sent for kart in self._all), self._limits.connect)
+        await self._wait(lambda: all(kart.sent for kart in karts), self._limits.connect)
 
     async def _connect(self) -> None:
         self._phase('stranger')
@@ -152,40 +134,37 @@ class RcsSteps:
         await self._back('back', self._two)
 
     async def _grid(self) -> None:
-        self._one.answers = self._two.answers = NOTHING
+        self._answer(NOTHING)
         self._phase('before')
-        self._one.say(GRID_ACTIVE)
-        await asyncio.sleep(self._limits.watch / 2)
-        await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._race)
+        self._one.write(encode(GRID_ACTIVE))
+        await self._order()
         await self._refused('silent', Act.GREEN_GREEN)
         self._two.answers = ALL
-        await asyncio.sleep(self._limits.watch / 2)
+        await self._arrive()
         await self._refused('early', Act.GREEN_GREEN)
 
     async def _halves(self) -> None:
-        self._one.answers = self._two.answers = NOTHING
+        self._answer(NOTHING)
         self._phase('before')
         self._one.write(b'$GRID_')
-        await asyncio.sleep(self._limits.watch / 2)
-        await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._race)
+        await self._order()
         self._one.write(b'ACTIVE;')
         self._two.answers = ALL
-        await asyncio.sleep(self._limits.watch / 2)
+        await self._arrive()
         await self._refused('green', Act.GREEN_GREEN)
 
     async def _last(self) -> None:
-        self._one.answers = self._two.answers = ALL
-        await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._race)
-        await asyncio.sleep(self._limits.watch / 2)
-        out = self._numbers[2]
-        await self._reach('stop', Act.KART_RED_RED, RED_RED, self._out, kart=out)
+        self._answer(ALL)
+        await self._order()
+        await self._arrive()
+        await self._reach('stop', Act.KART_RED_RED, RED_RED, self._out)
         await asyncio.sleep(self._limits.settle)
         await self._refused('green', Act.GREEN_GREEN)
 
     async def _lost(self) -> None:
-        self._one.answers = self._two.answers = ALL
-        await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._race)
-        await asyncio.sleep(self._limits.watch / 2)
+        self._answer(ALL)
+        await self._order()
+        await self._arrive()
         self._one.answers = NOTHING
         self._one.end()
         await asyncio.sleep(self._limits.away)
@@ -193,54 +172,37 @@ class RcsSteps:
         await self._back('returned', self._one)
         await self._refused('back', Act.GREEN_GREEN)
 
-    async def _drive(self) -> None:
+    async def _race(self) -> None:
         await self._start()
         await self._refused('grid_again', Act.GRID_ACTIVE)
         await self._refused('garage_in_race', Act.IN_GARAGE)
-        self._one.answers = self._two.answers = NOTHING
-        await self._reach(
-            'finish_one',
-            Act.KART_FINISH,
-            RED_FLAG,
-            self._one,
-            kart=self._numbers[0],
-            seconds=self._limits.finish,
-        )
-        await self._reach(
-            'finish_two',
-            Act.KART_FINISH,
-            RED_FLAG,
-            self._two,
-            kart=self._numbers[1],
-            seconds=self._limits.finish,
-        )
-        await self._reach('over', Act.RACE_OVER, RED_RED, *self._race)
+        self._answer(NOTHING)
+        await self._reach('finish_one', Act.KART_FINISH, RED_FLAG, self._one)
+        await self._reach('finish_two', Act.KART_FINISH, RED_FLAG, self._two)
+        await self._reach('over', Act.RACE_OVER, RED_RED, *self._racing)
         self._two.answers = ALL
         await asyncio.sleep(self._limits.settle)
         await self._refused('unacknowledged', Act.IN_GARAGE)
         self._one.answers = ALL
-        await asyncio.sleep(self._limits.watch / 2)
-        await self._reach('released', Act.IN_GARAGE, IN_GARAGE, *self._race)
+        await self._arrive()
+        await self._reach('released', Act.IN_GARAGE, IN_GARAGE, *self._racing)
 
     async def _again(self) -> None:
-        self._one.answers = self._two.answers = NOTHING
-        await asyncio.sleep(self._limits.watch / 2)  # what they have said arrives
-        await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._race)
+        self._answer(NOTHING)
+        await self._order()
         await self._refused('silent', Act.GREEN_GREEN)
         await self._green()
-        await self._reach(
-            'one', Act.KART_RED_RED, RED_RED, self._one, kart=self._numbers[0], more=True
-        )
+        await self._reach('one', Act.KART_RED_RED, RED_RED, self._one, more=True)
         await self._back('back', self._two, reset=True)
 
     async def _flag(self) -> None:
         await self._start()
-        await self._reach('flag', Act.RED_FLAG, RED_FLAG, *self._race)
+        await self._reach('flag', Act.RED_FLAG, RED_FLAG, *self._racing)
         await self._back('back', self._one)
 
     async def _held(self) -> None:
         await self._start()
-        await self._reach('one', Act.KART_RED_RED, RED_RED, self._one, kart=self._numbers[0])
+        await self._reach('one', Act.KART_RED_RED, RED_RED, self._one)
         await self._reach('flag', Act.RED_FLAG, RED_FLAG, self._two, more=True)
 
     async def _stop(self) -> None:
@@ -275,34 +237,45 @@ class RcsSteps:
             kart.end()
         await asyncio.sleep(self._limits.away)
         await self._reach('all_kill', Act.ALL_KILL, RED_RED, self._two)
-        self._phase('back')
-        for kart in absent:
-            await kart.connect()
-        await self._wait(lambda: all(kart.sent for kart in absent), self._limits.connect)
+        await self._connect_all('back', absent)
         await asyncio.sleep(self._limits.watch)
 
     # ----- what they consist of -----------------------------------------------------------
 
+    def _answer(self, states: frozenset[RaceState]) -> None:
+        """Have the karts of the race acknowledge these states from now on."""
+        self._one.answers = self._two.answers = states
+
+    async def _arrive(self) -> None:
+        """Let what the karts say arrive."""
+        await asyncio.sleep(self._limits.watch / 2)
+
+    async def _order(self) -> None:
+        await self._arrive()  # what was said before it
+        await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._racing)
+
     async def _start(self) -> None:
         """Start a race."""
-        self._one.answers = self._two.answers = ALL
-        await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._race)
+        self._answer(ALL)
+        await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._racing)
         await self._green()
 
     async def _green(self) -> None:
-        self._one.answers = self._two.answers = ALL
-        await asyncio.sleep(self._limits.watch / 2)
-        await self._reach('started', Act.GREEN_GREEN, GREEN_GREEN, *self._race)
+        self._answer(ALL)
+        await self._arrive()
+        await self._reach('started', Act.GREEN_GREEN, GREEN_GREEN, *self._racing)
 
     async def _to_the_garage(self) -> None:
         """Bring race control to IN_GARAGE with every kart connected."""
         self._phase('garage')
         while not await self._all_in_the_garage():
             if not await self._driver.start_again():
-                raise NotInGarageError('Race control cannot be brought to IN_GARAGE.')
-        why = await self._driver.prepare(self._numbers[:2], self._numbers[2:])
+                raise EndedError('Race control cannot be brought to IN_GARAGE.')
+        why = await self._driver.prepare(
+            tuple(kart.number for kart in self._racing), (self._out.number,)
+        )
         if why:
-            raise NotInGarageError(why)
+            raise EndedError(why)
 
     async def _all_in_the_garage(self) -> bool:
         """Connect every kart, and have it sent IN_GARAGE; return whether it is."""
@@ -317,50 +290,37 @@ class RcsSteps:
         await self._give(Act.ALL_KILL)
         await self._wait(self._all_are(RED_RED, self._all), self._limits.reach)
         await asyncio.sleep(self._limits.settle)
-        await self._insist(Act.IN_GARAGE, IN_GARAGE, self._race)
+        await self._insist(Act.IN_GARAGE, IN_GARAGE, self._racing)
         if self._out.sent is RED_RED:  # it was stopped alone, and is released alone
-            await self._insist(Act.KART_IN_GARAGE, IN_GARAGE, (self._out,), self._numbers[2])
+            await self._insist(Act.KART_IN_GARAGE, IN_GARAGE, (self._out,))
         return await self._wait(self._all_are(IN_GARAGE, self._all), self._limits.reach)
 
     async def _reach(
-        self,
-        phase: str,
-        act: Act,
-        state: RaceState,
-        *karts: PlayedKart,
-        kart: int = 0,
-        seconds: float = 0.0,
-        more: bool = False,
+        self, phase: str, act: Act, state: RaceState, *karts: PlayedKart, more: bool = False
     ) -> None:
         """
         Give a command that must be possible, until these karts are sent a state.
 
-        :param seconds: how long one command may take, s; 0: `reach`.
         :param more: watch what follows.
         """
         self._phase(phase)
-        if not await self._insist(act, state, karts, kart, seconds):
+        if not await self._insist(act, state, karts):
             raise LeftError
         if more:
             await asyncio.sleep(self._limits.watch)
 
-    async def _insist(
-        self,
-        act: Act,
-        state: RaceState,
-        karts: Sequence[PlayedKart],
-        kart: int = 0,
-        seconds: float = 0.0,
-    ) -> bool:
+    async def _insist(self, act: Act, state: RaceState, karts: Sequence[PlayedKart]) -> bool:
         """Give a command, again where it is refused; return whether it has come."""
         loop = asyncio.get_running_loop()
-        deadline = loop.time() + self._limits.patience
+        deadline = loop.time() + self._limits.insist
+        seconds = self._limits.finish if act is Act.KART_FINISH else self._limits.reach
+        reached = self._all_are(state, karts)
         while True:
-            accepted = await self._give(act, kart)
-            if accepted or self._all_are(state, karts)():
-                return await self._wait(self._all_are(state, karts), seconds or self._limits.reach)
+            accepted = await self._give(act, karts[0].number if act.to_one_kart else 0)
+            if accepted or reached():
+                return await self._wait(reached, seconds)
             if loop.time() > deadline or act is Act.ALL_KILL:
-                return await self._wait(self._all_are(state, karts), self._limits.reach)
+                return await self._wait(reached, self._limits.reach)
             # A refusal may be for a time: until a kart has stood long enough, for example.
             await asyncio.sleep(0.2 if self._driver.exact else self._limits.settle)
 

@@ -65,6 +65,10 @@ class Recording:
         return True
 
 
+class EndedError(Exception):
+    """The steps cannot go on; the text says why, for the report."""
+
+
 async def first(task: asyncio.Future[Any], event: asyncio.Event) -> None:
     """Return once the task is done or the event is set."""
     waiting = asyncio.get_running_loop().create_task(event.wait())

@@ -15,7 +15,7 @@
 """
 Commands to our race control, by its services.
 
-The only module here that needs ROS and our packages; it is imported where it is asked for.
+The only module here that needs ROS and our packages; it is imported where they are asked for.
 """
 
 from __future__ import annotations
@@ -35,6 +35,36 @@ ANSWER = 10.0
 OFFICIAL = 'inspect_rcs'
 
 
+class SpinningNode:
+    """A node in a context of its own, with a thread that serves it."""
+
+    def __init__(self, name: str) -> None:
+        """Join the graph."""
+        rclpy: Any = importlib.import_module('rclpy')
+        executors: Any = importlib.import_module('rclpy.executors')
+        signals: Any = importlib.import_module('rclpy.signals')
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context, signal_handler_options=signals.SignalHandlerOptions.NO)
+        self.node = rclpy.create_node(name, context=self._context)
+        self._executor = executors.SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        ended = executors.ExternalShutdownException
+
+        def spin() -> None:
+            with contextlib.suppress(ended):
+                self._executor.spin()
+
+        self._thread = threading.Thread(target=spin, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self._thread.join(5.0)
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+
 class RosDriver:
     """A client of our race control's services, on the officials' graph."""
 
@@ -42,19 +72,15 @@ class RosDriver:
 
     def __init__(self) -> None:
         """Join the graph."""
-        rclpy: Any = importlib.import_module('rclpy')
-        executors: Any = importlib.import_module('rclpy.executors')
         qos: Any = importlib.import_module('rclpy.qos')
-        signals: Any = importlib.import_module('rclpy.signals')
         messages: Any = importlib.import_module('evgp_rcs_msgs.msg')
         catalogue: Any = importlib.import_module('evgp_rcs.catalogue')
         graph: Any = importlib.import_module('evgp_node.graph')
         self._catalogue = catalogue
         self._messages = messages
         graph.bind_graph()
-        self._context = rclpy.Context()
-        rclpy.init(context=self._context, signal_handler_options=signals.SignalHandlerOptions.NO)
-        self._node = rclpy.create_node('inspect_rcs', context=self._context)
+        self._side = SpinningNode(OFFICIAL)
+        self._node = self._side.node
         self._clients: dict[str, tuple[Any, Any]] = {}
         self._race: Any = None
         latched = qos.QoSProfile(
@@ -66,16 +92,7 @@ class RosDriver:
         # All of them now: to load a service later would hold up the karts that are played.
         for kind in (*(act.value for act in Act), 'JOIN_RACE', 'LEAVE_RACE', 'CLOSE_TRACK'):
             self._connect(catalogue.CATALOGUE[catalogue.CommandKind[kind]])
-        self._executor = executors.SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        ended = executors.ExternalShutdownException
-
-        def spin() -> None:
-            with contextlib.suppress(ended):
-                self._executor.spin()
-
-        self._thread = threading.Thread(target=spin, daemon=True)
-        self._thread.start()
+        self.close = self._side.close
 
     async def prepare(self, in_race: tuple[int, ...], outside: tuple[int, ...]) -> str:
         """Put these karts into the race, and every other kart out of it."""
@@ -106,13 +123,6 @@ class RosDriver:
     async def start_again(self) -> bool:
         """Return False: nobody is there to do it."""
         return False
-
-    def close(self) -> None:
-        """Leave the graph."""
-        self._executor.shutdown()
-        self._thread.join(5.0)
-        self._node.destroy_node()
-        self._context.try_shutdown()
 
     def _hear(self, race: Any) -> None:
         self._race = race

@@ -42,9 +42,7 @@ class Kind(enum.Enum):
     SENT = 'sent'  # by the inspection
     SAID = 'said'  # by the kart or race control that is inspected
     SPEED = 'speed'  # odometry; `value` in m/s
-    ANSWER = (
-        'answer'  # of the inspector; `text` names the question, `value` is 1 for yes, 0 for no
-    )
+    ANSWER = 'answer'  # of the inspector; `text`: the question, `value`: 1 for yes, 0 for no
     HELD_UP = 'held up'  # the inspecting computer itself was late; `value` in s
     COMMAND = 'command'  # to race control; `text` names it, `value` 1: at this very moment
     ANSWERED = 'command answered'  # `value` 1 if it was accepted, else 0; `text` says why not
@@ -73,7 +71,7 @@ class Event:
 
 
 @dataclasses.dataclass(frozen=True)
-class Order:
+class SentState:
     """A state that a connection is sent, from its first whole frame on."""
 
     at: float
@@ -82,21 +80,24 @@ class Order:
 
 
 @dataclasses.dataclass(frozen=True)
-class Word:
+class Said:
     """
-    Something that the kart said on a connection.
+    A frame, or what is none, that came from what is inspected.
 
     :ivar state: the state; None: the bytes are no frame.
-    :ivar order: what it was being sent on that connection when the word was complete; None:
-        nothing yet.
+    :ivar sent: what it was being sent on that connection when it was complete; None: nothing yet.
     :ivar reason: what is wrong with bytes that are no frame.
     """
 
     at: float
     link: int
     state: RaceState | None
-    order: Order | None
+    sent: SentState | None
     reason: str = ''
+
+    def __str__(self) -> str:
+        """Return it for people."""
+        return self.state.value if self.state else f'bytes that are no frame: {self.reason}'
 
 
 class Section:
@@ -107,17 +108,16 @@ class Section:
     :ivar events: all of its events, in order of time.
     :ivar began: when it began, s.
     :ivar ended: when the next phase began, or the trace ended, s.
-    :ivar orders: what each connection was told, and each was told anew in this phase.
-    :ivar words: what was said.
+    :ivar sent: what each connection began to be sent in this phase.
+    :ivar said: what was said.
     """
 
     def __init__(self, name: str, began: float) -> None:
         self.name = name
-        self.began = began
-        self.ended = began
+        self.began = self.ended = began
         self.events: list[Event] = []
-        self.orders: list[Order] = []
-        self.words: list[Word] = []
+        self.sent: list[SentState] = []
+        self.said: list[Said] = []
 
     def of(self, *kinds: Kind) -> list[Event]:
         """Return its events of these kinds."""
@@ -128,17 +128,19 @@ class Section:
         """Return the times, s, and speeds, m/s, of odometry."""
         return [(event.at, event.value) for event in self.of(Kind.SPEED)]
 
-    def order(self, state: RaceState) -> Order | None:
-        """Return the first order of a state that was given in this phase."""
-        return next((order for order in self.orders if order.state is state), None)
+    def first_sent(self, state: RaceState) -> SentState | None:
+        """Return when this phase began to send a state."""
+        return next((sent for sent in self.sent if sent.state is state), None)
 
-    def word(self, state: RaceState) -> Word | None:
-        """Return the first time that the kart said a state in this phase."""
-        return next((word for word in self.words if word.state is state), None)
+    def first_said(self, state: RaceState) -> Said | None:
+        """Return the first time that a state was said in this phase."""
+        return next((said for said in self.said if said.state is state), None)
 
-    def acknowledgement(self, order: Order) -> Word | None:
-        """Return the first word, in this phase, that acknowledges an order."""
-        return next((w for w in self.words if w.order == order and w.state is order.state), None)
+    def acknowledged(self, state: RaceState) -> tuple[SentState, Said] | None:
+        """Return when a state was sent first and when that was acknowledged, in this phase."""
+        sent = self.first_sent(state)
+        pairs = ((sent, said) for said in self.said if sent and said.sent == sent)
+        return next(((sent, said) for sent, said in pairs if said.state is state), None)
 
     def answer(self, question: str) -> Event | None:
         """Return the inspector's answer to a question, if there is one."""
@@ -151,10 +153,9 @@ class Trace:
     def __init__(self) -> None:
         self.events: list[Event] = []
         self.sections: list[Section] = [Section('', 0.0)]
-        self._sent: dict[int, FrameDecoder] = {}
-        self._said: dict[int, FrameDecoder] = {}
-        self._orders: dict[int, Order] = {}  # of the connections that are open
-        self._acknowledged: set[Order] = set()
+        self._decoders: dict[tuple[Kind, int], FrameDecoder] = {}
+        self._sent: dict[int, SentState] = {}  # of the connections that are open
+        self._acknowledged: set[SentState] = set()
 
     @classmethod
     def of(cls, events: Iterable[Event]) -> Trace:
@@ -176,7 +177,7 @@ class Trace:
     def acknowledged(self, state: RaceState) -> bool:
         """Return whether a state is what the kart is sent and has acknowledged, now."""
         return any(
-            order.state is state and order in self._acknowledged for order in self._orders.values()
+            sent.state is state and sent in self._acknowledged for sent in self._sent.values()
         )
 
     def add(self, event: Event) -> None:
@@ -187,32 +188,27 @@ class Trace:
             self.sections.append(Section(event.text, event.at))
         section = self.now
         section.events.append(event)
-        if event.kind is Kind.SENT:
-            decoder = self._sent.setdefault(event.link, FrameDecoder())
-            for frame in decoder.feed(event.data):
-                if isinstance(frame, StateFrame):
-                    self._order(event, frame.state)
-        elif event.kind is Kind.SAID:
-            decoder = self._said.setdefault(event.link, FrameDecoder(ready_is_grid_active=True))
-            order = self._orders.get(event.link)
-            for heard in decoder.feed(event.data):
-                if isinstance(heard, StateFrame):
-                    section.words.append(Word(event.at, event.link, heard.state, order))
-                    if order is not None and order.state is heard.state:
-                        self._acknowledged.add(order)
-                else:
-                    wrong = f'{heard.reason}: {printable(heard.raw)}'
-                    section.words.append(Word(event.at, event.link, None, order, wrong))
-
-        elif event.kind in (Kind.CLOSED, Kind.ENDED):
-            self._orders.pop(event.link, None)
-
-    def _order(self, event: Event, state: RaceState) -> None:
-        before = self._orders.get(event.link)
-        if before is None or before.state is not state:
-            order = Order(event.at, event.link, state)
-            self._orders[event.link] = order
-            self.now.orders.append(order)
+        if event.kind in (Kind.CLOSED, Kind.ENDED):
+            self._sent.pop(event.link, None)
+        if event.kind not in (Kind.SENT, Kind.SAID):
+            return
+        inspected = event.kind is Kind.SAID
+        decoder = self._decoders.setdefault(
+            (event.kind, event.link), FrameDecoder(ready_is_grid_active=inspected)
+        )
+        for frame in decoder.feed(event.data):
+            sent = self._sent.get(event.link)
+            if not isinstance(frame, StateFrame):
+                if inspected:
+                    wrong = f'{frame.reason}: {printable(frame.raw)}'
+                    section.said.append(Said(event.at, event.link, None, sent, wrong))
+            elif inspected:
+                section.said.append(Said(event.at, event.link, frame.state, sent))
+                if sent is not None and sent.state is frame.state:
+                    self._acknowledged.add(sent)
+            elif sent is None or sent.state is not frame.state:
+                self._sent[event.link] = SentState(event.at, event.link, frame.state)
+                section.sent.append(self._sent[event.link])
 
 
 def printable(data: bytes, most: int = 80) -> str:

@@ -24,17 +24,16 @@ import os
 import socket
 import time
 
-from evgp_inspection.clauses import KART, select
-from evgp_inspection.cli import inspect
-from evgp_inspection.inspection import Exit, Inspection
+from evgp_inspection.inspection import Exit, inspect, Inspection
 from evgp_inspection.inspector import Unattended
+from evgp_inspection.kart_clauses import KART
 from evgp_inspection.kart_steps import START_KART_AGAIN
 from evgp_inspection.kart_wire import KartWire, LATE_BEAT, RESET
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import Take
 from evgp_inspection.recording import Recording
 from evgp_inspection.traces import Kind
-from evgp_inspection.verdicts import Verdict
+from evgp_inspection.verdicts import select, Verdict
 from inspected_kart import FAULTS, InspectedKart
 from inspecting import inspect_all, those
 import pytest

@@ -23,14 +23,12 @@ import itertools
 from types import ModuleType
 from typing import Any
 
-from evgp_inspection.clauses import select
 from evgp_inspection.drivers import Act, ASKED, Driver, Human, Reply, START_RACE_CONTROL_AGAIN
-from evgp_inspection.inspection import Exit, Inspection
+from evgp_inspection.inspection import Exit, inspect_race_control, Inspection
 from evgp_inspection.inspector import Inspector, Unattended
 from evgp_inspection.limits import RcsLimits
 from evgp_inspection.rcs_clauses import RCS, RCS_BY_NAME
-from evgp_inspection.rcs_inspection import inspect_race_control
-from evgp_inspection.verdicts import Verdict
+from evgp_inspection.verdicts import select, Verdict
 from evgp_rcs import kart_link, kart_server, race
 from evgp_rcs.catalogue import CommandKind
 from evgp_testing.faults import module_with
@@ -47,7 +45,7 @@ SHORT = RcsLimits(
     settle=0.6,
     away=0.3,
     slack=0.5,
-    patience=6.0,
+    insist=6.0,
 )
 
 TIMES: dict[str, Any] = {'finish_delays': (0.8, 0.4), 'pause': 0.1, 'settle': 0.3}
@@ -239,9 +237,8 @@ FLAWS = {
     'ALL_KILL forgets who is away': Flaw(
         'R-4B-05',
         race,
-        '            self._hold(each, RED_RED, self._cause(), now)\n',
-        '            if each.connected:\n'
-        '                self._hold(each, RED_RED, self._cause(), now)\n',
+        '            self._hold(each, RED_RED, cause, now)\n',
+        '            if each.connected:\n                self._hold(each, RED_RED, cause, now)\n',
     ),
     'IN_GARAGE does not wait': Flaw(
         'R-3C-04',
@@ -302,8 +299,8 @@ FLAWS = {
     'ALL_KILL is for the race only': Flaw(
         'R-4B-01',
         race,
-        'for each in self.karts.values():\n            self._hold(each, RED_RED, self._cause(),',
-        'for each in self.racing():\n            self._hold(each, RED_RED, self._cause(),',
+        'for each in self.karts.values():\n            self._hold(each, RED_RED, cause,',
+        'for each in self.racing():\n            self._hold(each, RED_RED, cause,',
     ),
     'RED_FLAG is for one kart only': Flaw(
         'R-4B-02', race, TO_THE_RACE, for_the_first_kart_only('RED_FLAG')
@@ -438,14 +435,14 @@ class OurRaceControl:
 
 
 async def inspected(
-    inspector: Inspector, driver: Driver, where: tuple[str, int], chosen: str = ''
+    inspector: Inspector, driver: Driver, where: tuple[str, int], only: str = ''
 ) -> Inspection:
     addresses = {number: f'127.0.1.{number}' for number in (1, 2, 3)}
     return await inspect_race_control(
         inspector,
         driver,
         SHORT,
-        select(RCS, chosen),
+        select(RCS, only),
         asyncio.Event(),
         where,
         addresses,
@@ -463,10 +460,10 @@ class AtTheScreen:
         self._control = OurRaceControl(flaw)
         self._where = ('', 0)
 
-    async def inspect(self, chosen: str = '') -> Inspection:
+    async def inspect(self, only: str = '') -> Inspection:
         self._where = await self._control.start()
         try:
-            return await inspected(self, Human(self, 60.0), self._where, chosen)
+            return await inspected(self, Human(self, 60.0), self._where, only)
         finally:
             await self._control.end()
 

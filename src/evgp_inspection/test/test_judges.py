@@ -17,20 +17,18 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import json
 import pathlib
 import re
+from typing import Any
 from xml.etree import ElementTree
 
-from evgp_inspection import rcs_judges
-from evgp_inspection.clauses import BY_NAME, explain, KART, KART_STEPS, select
-from evgp_inspection.kart_judges import judge, JUDGES
+from evgp_inspection.kart_clauses import BY_NAME, KART, KART_STEPS
 from evgp_inspection.limits import Limits, RcsLimits
 from evgp_inspection.rcs_clauses import RCS, RCS_BY_NAME, RCS_STEPS
 from evgp_inspection.report import as_html, as_json, as_junit, Header
 from evgp_inspection.traces import describe, Event, Kind, Trace
-from evgp_inspection.verdicts import Finding, Result, Verdict, verdict_on
+from evgp_inspection.verdicts import Clause, Finding, judge, Result, select, Verdict, verdict_on
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 from hypothesis import given, settings
@@ -39,19 +37,16 @@ import pytest
 
 LIMITS = Limits()
 RED_RED, GREEN_GREEN = RaceState.RED_RED, RaceState.GREEN_GREEN
-DOCUMENT = pathlib.Path(__file__).parents[3] / 'docs/inspection.md'
+ROOT = pathlib.Path(__file__).parents[3]
+DOCUMENT = ROOT / 'docs/inspection.md'
+ALL = {**BY_NAME, **RCS_BY_NAME}
+BOTH = pytest.mark.parametrize(
+    ('by_name', 'steps', 'limits'),
+    [(BY_NAME, KART_STEPS, LIMITS), (RCS_BY_NAME, RCS_STEPS, RcsLimits())],
+    ids=['a kart', 'a race control'],
+)
 
-PHASES = [
-    f'{step}/{phase}'
-    for step in (*KART_STEPS, *RCS_STEPS)
-    for phase in (
-        'wait', 'quiet', 'garage', 'grid', 'green', 'red', 'red_flag', 'lost', 'back', 'stays',
-        'first', 'stranger', 'second', 'silent', 'early', 'order', 'started', 'finish_one',
-        'finish_two', 'over', 'unacknowledged', 'released', 'one', 'flag', 'all_kill',
-        'kill', 'halves',
-        'malformed', 'glued', 'bytes', 'many', 'late', 'slow', 'away', 'after', 'flag_green',
-    )
-]  # fmt: skip
+PHASES = sorted({phase for clause in ALL.values() for phase in clause.judge.phases})
 FRAMES = [encode(state) for state in RaceState]
 
 
@@ -72,23 +67,31 @@ def traces(draw: st.DrawFn) -> list[Event]:
     return events
 
 
+@BOTH
 @settings(deadline=None)  # the machine may be busy
-@given(traces())
+@given(events=traces())
 def test_every_trace_has_a_verdict_for_every_clause_and_its_evidence_is_in_the_trace(
-    events: list[Event],
+    by_name: dict[str, Clause], steps: object, limits: Any, events: list[Event]
 ) -> None:
     trace = Trace.of(events)
-    for clause in KART:
-        result = judge(clause, trace, LIMITS)
-        assert result.finding.why
+    for clause in by_name.values():
+        finding = judge(by_name, clause, trace, limits).finding
+        assert finding.why
         known = {id(event) for event in trace.events}
-        assert all(id(event) in known for event in result.finding.evidence)
-        describe(result.finding.evidence)
+        assert all(id(event) in known for event in finding.evidence)
+        describe(finding.evidence)
 
 
-def test_of_nothing_nothing_is_judged() -> None:
-    for clause in KART:
-        assert judge(clause, Trace(), LIMITS).verdict is Verdict.NOT_JUDGED
+@BOTH
+def test_of_nothing_nothing_is_judged(
+    by_name: dict[str, Clause], steps: object, limits: Any
+) -> None:
+    for clause in by_name.values():
+        assert judge(by_name, clause, Trace(), limits).verdict is Verdict.NOT_JUDGED
+
+
+def judged(name: str, trace: Trace) -> Result:
+    return judge(BY_NAME, BY_NAME[name], trace, LIMITS)
 
 
 def stop(delay: float, speed: float, turns_for: float) -> Trace:
@@ -113,7 +116,7 @@ def stop(delay: float, speed: float, turns_for: float) -> Trace:
 def test_a_stop_that_is_acknowledged_fails_while_the_wheels_turn_and_only_then(
     delay: float, turns_for: float
 ) -> None:
-    result = judge(BY_NAME['K-3A-10'], stop(delay, 5.0, turns_for), LIMITS)
+    result = judged('K-3A-10', stop(delay, 5.0, turns_for))
     too_early = delay + LIMITS.slack < turns_for - 0.02 or delay < LIMITS.fastest_stop
     assert (result.verdict is Verdict.FAIL) == too_early
 
@@ -121,7 +124,7 @@ def test_a_stop_that_is_acknowledged_fails_while_the_wheels_turn_and_only_then(
 def test_a_computer_that_was_held_up_fails_nobody() -> None:
     trace = stop(0.001, 5.0, 1.0)
     events = [*trace.events, Event(7.0, Kind.HELD_UP, value=0.9)]
-    result = judge(BY_NAME['K-3A-10'], Trace.of(events), LIMITS)
+    result = judged('K-3A-10', Trace.of(events))
     assert result.verdict is Verdict.NOT_JUDGED
 
 
@@ -148,7 +151,7 @@ def test_a_connection_that_is_dropped_right_after_a_hold_up_fails_nobody(
         Event(noticed, Kind.HELD_UP, value=seconds),
     ]
     trace = Trace.of(sorted(events, key=lambda event: event.at))
-    result = judge(BY_NAME['K-4C-03'], trace, LIMITS)
+    result = judged('K-4C-03', trace)
     assert result.verdict.value == verdict
     shown = any(event.kind is Kind.HELD_UP for event in result.finding.evidence)
     assert shown == (verdict != 'fail')
@@ -159,7 +162,7 @@ def test_a_connection_that_is_dropped_right_after_a_hold_up_fails_nobody(
 def test_it_does_not_matter_how_the_words_of_a_kart_are_cut(pieces: list[bytes]) -> None:
     def words(parts: list[bytes]) -> list[tuple[RaceState | None, str]]:
         trace = Trace.of(Event(1.0, Kind.SAID, 1, part) for part in parts)
-        return [(word.state, word.reason) for word in trace.now.words]
+        return [(said.state, said.reason) for said in trace.now.said]
 
     whole = b''.join(pieces)
     assert words(pieces) == words([whole]) == words([bytes([each]) for each in whole])
@@ -168,78 +171,29 @@ def test_it_does_not_matter_how_the_words_of_a_kart_are_cut(pieces: list[bytes])
 # ----- the table ---------------------------------------------------------------------------
 
 
-def test_every_clause_has_one_judge_one_name_and_steps_that_exist() -> None:
-    assert sorted(JUDGES) == sorted(BY_NAME)
-    assert len(BY_NAME) == len(KART)
-    limits = {field.name for field in dataclasses.fields(Limits)}
-    for clause in KART:
-        assert re.fullmatch(r'K-\d[A-F]-\d\d', clause.name)
-        assert clause.section == f'§{clause.name[2]}.{clause.name[3]}'
-        assert set(clause.steps) <= set(KART_STEPS)
-        assert not clause.limit or clause.limit in limits
-        assert set(clause.unless) <= set(BY_NAME) - {clause.name}
-        assert clause.name in explain(clause)
+@BOTH
+def test_every_clause_has_a_name_of_its_own_and_steps_and_limits_that_exist(
+    by_name: dict[str, Clause], steps: tuple[str, ...], limits: Any
+) -> None:
+    assert list(by_name.values()) == list(KART if by_name is BY_NAME else RCS)
+    for clause in by_name.values():
+        assert re.fullmatch(r'[KR]-\d[A-F]-\d\d', clause.name)
+        assert set(clause.steps) <= set(steps)
+        assert not clause.judge.limit or hasattr(limits, clause.judge.limit)
+        assert clause.name in clause.explain()
+        for cause in clause.unless:
+            assert cause != clause.name
+            assert clause.name not in by_name[cause].unless  # they would excuse each other
 
 
-def test_a_sentence_of_the_wire_document_is_in_it() -> None:
-    text = (DOCUMENT.parent / 'wire.md').read_text(encoding='utf-8')
-    wire = ' '.join(text.split())
-    for clause in KART:
-        if clause.source == 'docs/wire.md':
-            assert clause.sentence in wire
-
-
-def test_no_failure_has_two_causes_that_excuse_each_other() -> None:
-    for one, other in itertools.combinations(KART, 2):
-        assert not (other.name in one.unless and one.name in other.unless)
-
-
-def test_the_document_has_the_clauses_and_limits_as_they_are() -> None:
-    text = DOCUMENT.read_text(encoding='utf-8')
-    stars = re.findall(r'^\| ([KR]-\w+-\d+)\* \|', text, re.MULTILINE)
-    assert stars == [each.name for each in (*KART, *RCS) if each.starred]
-    rows = re.findall(r'^\| ([KR]-\w+-\d+)\*? \| (.*) \| (.*) \| (.*) \|$', text, re.MULTILINE)
-    assert rows == [(each.name, each.title, each.done, each.judged) for each in (*KART, *RCS)]
-    limits = re.findall(r'^\| `--(\S+)` \| ([\d.]+) \| (.*) \|$', text, re.MULTILINE)
-    assert limits == [
-        (field.name.replace('_', '-'), f'{field.default:g}', field.metadata['meaning'])
-        for field in (*dataclasses.fields(Limits), *dataclasses.fields(RcsLimits))
-    ]
-
-
-def test_every_clause_of_a_race_control_has_one_judge_and_its_sentence_is_in_its_source() -> None:
-    assert sorted(rcs_judges.RCS_JUDGES) == sorted(RCS_BY_NAME)
-    assert len(RCS_BY_NAME) == len(RCS)
-    limits = {field.name for field in dataclasses.fields(RcsLimits)}
-    for place, clause in enumerate(RCS):
-        assert re.fullmatch(r'R-\d[A-F]-\d\d', clause.name)
-        assert clause.section == f'§{clause.name[2]}.{clause.name[3]}'
-        assert set(clause.steps) <= set(RCS_STEPS)
-        assert not clause.limit or clause.limit in limits
-        assert set(clause.unless) <= set(RCS_BY_NAME) - {clause.name}
-        assert not any(clause.name in RCS_BY_NAME[each].unless for each in clause.unless), place
-        if clause.source.startswith('docs/'):
-            text = (DOCUMENT.parents[1] / clause.source).read_text(encoding='utf-8')
+def test_a_sentence_of_a_document_is_in_it() -> None:
+    for clause in ALL.values():
+        if clause.source != 'proposal':
+            text = (ROOT / clause.source).read_text(encoding='utf-8')
             assert clause.sentence in ' '.join(text.split())
 
 
-@settings(deadline=None)  # the machine may be busy
-@given(traces())
-def test_every_trace_has_a_verdict_for_every_clause_of_a_race_control(events: list[Event]) -> None:
-    trace = Trace.of(events)
-    for clause in RCS:
-        result = rcs_judges.judge(clause, trace, RcsLimits())
-        assert result.finding.why
-        describe(result.finding.evidence)
-
-
-def test_of_nothing_nothing_of_a_race_control_is_judged() -> None:
-    for clause in RCS:
-        result = rcs_judges.judge(clause, Trace(), RcsLimits())
-        assert result.verdict is Verdict.NOT_JUDGED
-
-
-def test_clauses_are_chosen_by_the_beginnings_of_their_names() -> None:
+def test_clauses_are_selected_by_the_beginnings_of_their_names() -> None:
     assert [each.name for each in select(KART, 'k-3a-07, K-4D-01')] == ['K-3A-07', 'K-4D-01']
     assert all(each.name.startswith('K-4D') for each in select(KART, 'K-4D'))
     assert select(KART, '') == KART
@@ -248,12 +202,12 @@ def test_clauses_are_chosen_by_the_beginnings_of_their_names() -> None:
 
 
 def test_an_inspection_is_no_pass_while_a_starred_clause_was_not_judged() -> None:
-    for clause in (*KART, *RCS):
+    for clause in ALL.values():
         found = [
             Result(each, Finding(Verdict.NOT_JUDGED if each is clause else Verdict.PASS, 'so'))
-            for each in (*KART, *RCS)
+            for each in ALL.values()
         ]
-        assert (verdict_on(found) is Verdict.PASS) != clause.starred
+        assert (verdict_on(found) is Verdict.PASS) != clause.judge.starred
 
 
 # ----- the report --------------------------------------------------------------------------
