@@ -23,7 +23,7 @@ example stack.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 import contextlib
 import os
 import pathlib
@@ -37,16 +37,15 @@ from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.record import RecordedEvent
 from evgp_rcs_msgs import msg
-from evgp_rehearsal import findings, sheet
+from evgp_rehearsal import sheet
 from evgp_rehearsal.conduct import Finding
-from evgp_rehearsal.event import BANNER, Rehearsal
+from evgp_rehearsal.event import BANNER, live_events, Rehearsal
 from evgp_rehearsal.field import Fault
-from evgp_rehearsal.findings import Race
 from evgp_rehearsal.officials import Act
 from evgp_rehearsal.plan import Ability, Plan, Track
 from evgp_rehearsal.score import STEWARD
-from evgp_rehearsal.telling import Telling
 from evgp_testing.judge import Judge
 from evgp_testing.kart import Team
 from evgp_testing.process import started
@@ -78,10 +77,10 @@ FINISH_DELAYS = (2.0, 1.7, 1.4, 1.1, 0.8)
 GAP = 0.4
 """Time between two karts with a bridge that cross the line, in seconds."""
 
-PATIENCE = 60.0
+TIMEOUT = 60.0
 """How long anything is awaited, in seconds: far more than it takes on a machine that is busy."""
 
-MUTE_PATIENCE = 15.0
+MUTE_TIMEOUT = 15.0
 """The same where one kart never acknowledges, and whoever looks waits to see it named."""
 
 LAST = 8
@@ -98,7 +97,7 @@ COLOURS = {
     'RED_RED': 'red',
 }
 
-# Who was told what, and acknowledged it, is in the tables; as they come, these are enough.
+# Who was told what, and acknowledged it, is in the table; as they come, these are enough.
 _NOT_TOLD_LIVE = (msg.RaceEvent.KART_STATE, msg.RaceEvent.ACKNOWLEDGED, msg.RaceEvent.REPORTED)
 
 
@@ -106,19 +105,19 @@ class Show:
     """
     The rehearsal, its official, and what is printed of it.
 
+    What must happen in a race is awaited; ``found`` says what did, and what was awaited in vain.
+
     :param mute: the kart that never acknowledges; 0: none.
     """
 
     def __init__(self, console: Console, rehearsal: Rehearsal, mute: int) -> None:
         """Show nothing yet."""
         self.console, self.rehearsal, self.official = console, rehearsal, rehearsal.official
-        self.official.patience = MUTE_PATIENCE if mute else PATIENCE
+        self.official.patience = MUTE_TIMEOUT if mute else TIMEOUT
         self.teams: dict[int, Team] = {}
-        self.races: list[tuple[str, float, float, str]] = []
-        self.called: float | None = None
+        self.found: list[Finding] = []
         self._mute = mute
         self._began = clock.now()
-        self._telling = Telling(self.official, self._tell)
 
     def gather(self) -> None:
         """
@@ -128,7 +127,7 @@ class Show:
         """
         self.official.wait_for_connected(*PLAN.numbers)
         for team in self.teams.values():
-            team.patience = PATIENCE
+            team.patience = TIMEOUT
             team.wait_for_speed(lambda speed: True)
         self.official.bring_to(RaceState.IN_GARAGE)
         self.official.command('set_in_race', kart=OUTSIDE, in_race=False)
@@ -143,7 +142,9 @@ class Show:
         ready = [kart for kart in STARTERS if kart != late]
         official.bring_to(RaceState.GRID_ACTIVE, *ready)
         self._wait_for(RaceState.GRID_ACTIVE, ready)
-        official.call('green_green')  # refused: it waits for one kart
+        refused = official.call('green_green')
+        assert not refused.success, f'GREEN_GREEN does not wait for kart {late}'
+        self.found.append(Finding(True, f'the official was told: {refused.message}'))
         if not self._mute:
             rehearsal.mend()
         self._green()
@@ -151,7 +152,7 @@ class Show:
         for place in range(len(STARTERS) - len(BRIDGED)):
             with rehearsal.lock:
                 crossed = rehearsal.lock.wait_for(
-                    lambda place=place: rehearsal.field.crossed[place:], PATIENCE
+                    lambda place=place: rehearsal.field.crossed[place:], TIMEOUT
                 )
             assert crossed, 'no kart crosses the line'
             official.command('kart/finish', kart=crossed[0][1])
@@ -159,6 +160,7 @@ class Show:
             official.command('kart/finish', kart=kart)
             time.sleep(GAP)
         official.wait_for_race(lambda race: race.over, 'the race goes over by itself')
+        self.found.append(Finding(True, 'the race went over by itself'))
         self._home(STARTERS)
 
     def kill(self) -> None:
@@ -167,32 +169,30 @@ class Show:
         self._green()
         self.official.wait_until_polled(lambda: rehearsal.can_begin('spin'), 'every kart races')
         rehearsal.inject('spin')
-        self.called = clock.now()
+        called = time.monotonic()
         rehearsal.give(Act(CommandKind.ALL_KILL), 'demo')
-        self.official.call('green_green')  # refused
+        assert not self.official.call('green_green').success, 'GREEN_GREEN is accepted after it'
+        self._wait_for(RaceState.RED_RED, PLAN.numbers)
+        took = (max(self._changes(kart)[-1][0] for kart in PLAN.numbers) - called) * 1000
+        text = f'ALL_KILL: from the call to the last kart that saw RED_RED {took:.0f} ms'
+        self.found.append(Finding(True, text))
         self._home(PLAN.numbers)
 
-    @contextlib.contextmanager
-    def watching(self, title: str) -> Iterator[None]:
-        """Print the events as they come and, on a terminal, keep a table below them."""
+    def play(self, title: str, drive: Callable[[], None]) -> bool:
+        """Show a race, on a terminal with a table, and return whether it went to its end."""
         self.console.rule(f'{BANNER}: {title}', style='bold')
         live: contextlib.AbstractContextManager[object] = contextlib.nullcontext()
         if self.console.is_terminal:
             live = Live(get_renderable=self.table, console=self.console, transient=True)
-        with live, self._telling.live():
-            yield
-
-    def play(self, title: str, drive: Callable[[], None]) -> bool:
-        """Show a race, and return whether it went to its end."""
-        began, failure = clock.now(), ''
-        with self.watching(title):
+        with live:
             try:
                 drive()
             except AssertionError as error:
                 # What was awaited in vain; behind the first semicolon stands what came instead.
-                failure = str(error).split(';')[0]
-        self.races.append((title, began, clock.now(), failure))
-        return not failure
+                why = f'{title.split(",")[0]} went no further: {str(error).split(";")[0]}'
+                self.found.append(Finding(False, why))
+                return False
+        return True
 
     def table(self) -> Table:
         """Return what race control tells each kart, and what each sees."""
@@ -222,66 +222,20 @@ class Show:
             )
         return table
 
-    def orders(self, title: str, race: Race) -> None:
-        """Print who was told what, when each kart saw it, and when it was acknowledged."""
-        self.console.rule(f'{title}: seconds', style='bold')
-        grid = Table.grid(padding=(0, 3))
-        grid.add_row('time', 'kart', 'told', 'seen after', 'acknowledged after', style='bold')
-        for each in race.orders():
-            seen, said = (
-                '' if at is None else f'{max(0.0, at - each.at):.3f}'
-                for at in (each.seen, each.acknowledged)
-            )
-            told = Text(each.state, COLOURS.get(each.state, ''))
-            at = f'{each.at - self._began:.3f}'
-            grid.add_row(at, str(each.kart), told, seen, said if each.answered else 'never')
-        self.console.print(grid)
-
-    def found(self, title: str, found: Sequence[Finding]) -> Sequence[Finding]:
-        """Print what was found, and what is missing."""
+    def judge(self, around: Sequence[Finding]) -> list[Finding]:
+        """Print what was found, and what is missing, and return it."""
+        lines = self.rehearsal.sheet()
+        self.console.print(sheet.table(lines))
+        passed = bool(lines) and all(line.passed for line in lines)
+        score = Finding(passed, 'the score sheet says that the official passed')
+        found = [*self.found, score, *around]
         grid = Table.grid(padding=(0, 2))
         for each in found:
             word = Text('ok', style='green') if each.good else Text('MISSING', style='bold red')
             grid.add_row(word, Text(each.text))
-        self.console.rule(f'{title}: findings', style='bold')
+        self.console.rule('findings', style='bold')
         self.console.print(grid)
         return found
-
-    def judge(self) -> Iterator[tuple[str, Race, list[Finding]]]:
-        """Judge each race, by the record as the end of race control has left it."""
-        events = self.rehearsal.events()
-        # The record's clock counts a suspend, that of the karts does not.
-        ahead = clock.now() - time.monotonic()
-        for (title, began, ended, failure), is_whole in zip(
-            self.races[1:], (True, False), strict=False
-        ):
-            seen = {
-                kart: [
-                    (at + ahead, state)
-                    for at, state in self._changes(kart)
-                    if began <= at + ahead <= ended
-                ]
-                for kart in PLAN.numbers
-            }
-            race = Race(
-                {kart: kart in STARTERS for kart in PLAN.numbers},
-                [each for each in events if began <= each.monotonic <= ended],
-                seen,
-                self.called,
-                failure,
-            )
-            judged = (
-                findings.judge_whole(race, FINISH_DELAYS)
-                if is_whole
-                else [*findings.judge_killed(race), self._score()]
-            )
-            yield title, race, judged
-
-    def _score(self) -> Finding:
-        lines = self.rehearsal.sheet()
-        self.console.print(sheet.table(lines))
-        passed = bool(lines) and all(line.passed for line in lines)
-        return Finding(passed, 'the score sheet says that the official passed')
 
     def _changes(self, kart: int) -> list[tuple[float, str]]:
         side = self._side(kart)
@@ -317,7 +271,8 @@ class Show:
         self.official.command('in_garage', track_safe=True)
         self._wait_for(RaceState.IN_GARAGE, PLAN.numbers)
 
-    def _tell(self, event: msg.RaceEvent) -> None:
+    def tell(self, event: msg.RaceEvent) -> None:
+        """Print an event."""
         if event.kind not in _NOT_TOLD_LIVE:
             at = event.monotonic.sec + event.monotonic.nanosec * 1e-9 - self._began
             bad = event.kind == msg.RaceEvent.ALERT_RAISED or not event.success
@@ -371,8 +326,7 @@ def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Find
     with contextlib.ExitStack() as stack:
         folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
         parameters = {'finish_delays': list(FINISH_DELAYS)}
-        running = contextlib.ExitStack()
-        with running:
+        with contextlib.ExitStack() as running:
             rehearsal = running.enter_context(
                 Rehearsal(PLAN, folder, len(BRIDGED), judge=wire, parameters=parameters)
             )
@@ -380,42 +334,37 @@ def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Find
             for kart in BRIDGED:
                 team = Team(rehearsal.domains[kart], f'team_{kart}')
                 show.teams[kart] = running.enter_context(team)
-            for title, drive in (
-                ('the karts connect', show.gather),
-                ('race 1, from the garage to the garage', show.race),
-                ('race 2, ALL_KILL in mid-race', show.kill),
-            ):
-                if not show.play(title, drive):
-                    break
+            with live_events(rehearsal.official, show.tell):
+                for title, drive in (
+                    ('the karts connect', show.gather),
+                    ('race 1, from the garage to the garage', show.race),
+                    ('race 2, ALL_KILL in mid-race', show.kill),
+                ):
+                    if not show.play(title, drive):
+                        break
             console.print(show.table())
             graphs = {0: rehearsal.official, **show.teams}
             nodes = {kart: set(side.node.get_node_names()) for kart, side in graphs.items()}
             pids = family(os.getpid())[1:]
         if record is not None:
             shutil.copy(folder / 'record.sqlite3', record)
-        found = [
-            Finding(False, f'{title}: {failure}')
-            for title, _, _, failure in show.races[:1]
-            if failure
-        ]
-        for title, race, judged in show.judge():
-            show.orders(title, race)
-            found += show.found(title, judged)
         heard = [event.sequence for event in rehearsal.official.events]
         own = {kart: {'kart_bridge', 'example_stack', f'team_{kart}'} for kart in BRIDGED}
-        around = [
-            findings.judge_events(heard, rehearsal.events()),
-            judge_wire(wire),
-            findings.judge_domains(nodes, {0: {'rcs', 'rcs_stops', 'rcs_starts', STEWARD}, **own}),
-            findings.judge_end(
-                {f'{each.name} {each.pid}': each.wait() for each in started},
-                [pid for pid in pids if pathlib.Path(f'/proc/{pid}').exists()],
-            ),
-        ]
+        found = show.judge(
+            [
+                judge_events(heard, rehearsal.events()),
+                judge_wire(wire),
+                judge_domains(nodes, {0: {'rcs', 'rcs_stops', 'rcs_starts', STEWARD}, **own}),
+                judge_end(
+                    {f'{each.name} {each.pid}': each.wait() for each in started},
+                    [pid for pid in pids if pathlib.Path(f'/proc/{pid}').exists()],
+                ),
+            ]
+        )
         for each in started:
             if each.wait():
                 console.print(Text('\n'.join([f'{each.name} said last:', *each.lines[-LAST:]])))
-        return [*found, *show.found('around the races', around)]
+        return found
 
 
 def judge_wire(judge: Judge) -> Finding:
@@ -429,6 +378,37 @@ def judge_wire(judge: Judge) -> Finding:
         f'{judged["frame"]} frames to the karts without ROS and {judged["call_ended"]} commands '
         'judged: none was against the rules',
     )
+
+
+def judge_events(heard: Sequence[int], recorded: Sequence[RecordedEvent]) -> Finding:
+    """Return whether officials heard every event of the record, up to the last one they heard."""
+    if not heard or list(heard) != [each.sequence for each in recorded[: len(heard)]]:
+        return Finding(False, f'/rcs/events has gaps, or nothing at all: {len(heard)} events')
+    return Finding(True, f'/rcs/events told what the record has: {len(heard)} events, no gap')
+
+
+def judge_domains(nodes: Mapping[int, set[str]], own: Mapping[int, set[str]]) -> Finding:
+    """
+    Return whether no ROS graph has a node of another one.
+
+    :param nodes: the names of all nodes on each domain.
+    :param own: those that belong there.
+    """
+    foreign = sorted(name for domain, names in nodes.items() for name in names - own[domain])
+    if foreign:
+        return Finding(False, f'nodes on a domain that is not theirs: {", ".join(foreign)}')
+    return Finding(
+        True, f'{len(nodes)} ROS domains, none with a node of another: only TCP joins them'
+    )
+
+
+def judge_end(codes: Mapping[str, int], left: Sequence[int]) -> Finding:
+    """Return whether every process ended in an orderly way, and none is left."""
+    wrong = [f'{name} ended with {code}' for name, code in codes.items() if code]
+    wrong += [f'process {pid} is still there' for pid in left]
+    if wrong:
+        return Finding(False, f'not every process ended well: {"; ".join(wrong)}')
+    return Finding(True, f'all {len(codes)} processes ended in good order; none is left')
 
 
 def _name(state: RaceState | None) -> str:

@@ -23,10 +23,11 @@ race whose karts are not those of this roster.
 from __future__ import annotations
 
 import bisect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 import contextlib
 import dataclasses
+import itertools
 import os
 import pathlib
 import signal
@@ -484,6 +485,36 @@ class Rehearsal(Part):
     def _close_window(self) -> None:
         if self.window is not None:
             self.window.close()
+
+
+@contextlib.contextmanager
+def live_events(official: Official, tell: Callable[[msg.RaceEvent], None]) -> Iterator[None]:
+    """Tell each event that an official hears once, in order, in a thread, until this is left."""
+    over = threading.Event()
+
+    def tell_all() -> None:
+        told = 0
+        while True:
+            with official.news:
+                official.news.wait_for(
+                    lambda told=told: over.is_set() or told < len(official.events)
+                )
+                events = list(itertools.islice(official.events, told, None))
+            if not events:
+                return
+            told += len(events)
+            for event in events:
+                tell(event)
+
+    teller = threading.Thread(target=tell_all, daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        over.set()
+        with official.news:
+            official.news.notify_all()
+        teller.join()
 
 
 GET_THERE = 120.0
