@@ -41,13 +41,11 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.race import AlertKind
 from evgp_rcs.record import events, open_read_only, RecordedEvent, sessions
 from evgp_rcs_msgs import msg
-from evgp_rehearsal.driven_kart import DrivenKart
-from evgp_rehearsal.field import Field, House, Link, TICK_LENGTH
-from evgp_rehearsal.incidents import choose_kart, INCIDENTS, Phase
-from evgp_rehearsal.officials import Act, AnOfficial, KartView, look, Steward, View
+from evgp_rehearsal.field import Failure, Field, Link, TICK_LENGTH
+from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS, Phase
+from evgp_rehearsal.officials import Act, AnOfficial, KartView, look, LOOKS, Steward, View
 from evgp_rehearsal.plan import Plan
 from evgp_rehearsal.score import Line, score, STEWARD, Took, Truth
-from evgp_rehearsal.table_top import AFTER, can_begin, LOOKS, TIMES
 from evgp_testing.domains import Domain
 from evgp_testing.judge import Judge
 from evgp_testing.kart import Bridge, ExampleStack
@@ -55,7 +53,7 @@ from evgp_testing.official import Answer, Official
 from evgp_testing.part import Part
 from evgp_testing.process import Process
 from evgp_testing.race_control import address_of, RaceControl
-from evgp_testing.wire_kart import WireKart
+from evgp_testing.wire_kart import Acknowledges, WireKart
 
 BANNER = 'REHEARSAL'
 """What every screen of a rehearsal says."""
@@ -72,6 +70,38 @@ _ALERTS = {getattr(msg.Alert, kind.name): kind.name for kind in AlertKind}
 
 class RefusedError(RuntimeError):
     """The rehearsal does not do this; the text says why."""
+
+
+class DrivenKart(WireKart):
+    """
+    The connection of a simulated kart.
+
+    :param hear: takes its number, and each state that it is sent and was not sent before, in the
+        thread that reads.
+    :param judge: is told what is seen on this connection.
+    :raises OSError: if race control cannot be reached.
+    """
+
+    def __init__(
+        self,
+        number: int,
+        port: int,
+        hear: Callable[[int, RaceState], None],
+        judge: Judge | None = None,
+    ) -> None:
+        """Connect."""
+        self._hear = hear
+        super().__init__(address_of(number), port, Acknowledges.NEVER, judge=judge, kart=number)
+
+    def answer(self, state: RaceState, change: bool) -> None:
+        """Hand on what is new; the simulated kart answers once it has carried it out."""
+        if change:
+            self._hear(self.kart, state)
+
+    def acknowledge(self, state: RaceState) -> None:
+        """Say what the simulated kart has reached."""
+        with contextlib.suppress(OSError):  # it is gone: the reader is told next
+            self.say(state)
 
 
 class Rehearsal(Part):
@@ -296,16 +326,16 @@ class Rehearsal(Part):
         official: AnOfficial,
         name: str,
         over: Callable[[], bool],
-        patience: float | None,
+        seconds: float | None,
         began: int = 0,
     ) -> None:
         """
         Let an automatic official look and act until something is so.
 
-        :param patience: maximum time, s; None: any.
+        :param seconds: maximum time; None: any.
         :raises AssertionError: if it does not become so in time.
         """
-        until = None if patience is None else time.monotonic() + patience
+        until = None if seconds is None else time.monotonic() + seconds
         while not over():
             assert until is None or time.monotonic() < until, f'{name} did not get there'
             act = official.act(self.view(began))
@@ -356,7 +386,7 @@ class Rehearsal(Part):
             with self.lock:
                 said = self.field.step()
                 self._times.append(clock.now())
-                house, self.field.house = self.field.house, []
+                failures, self.field.failures = self.field.failures, []
                 self._time_is_up()
                 self._cue()
                 self.lock.notify_all()
@@ -366,7 +396,7 @@ class Rehearsal(Part):
                     link.acknowledge(state)
             for number, kart in self.field.karts.items():
                 self._connect(number, kart.link(self.field.tick))
-            for each in house:
+            for each in failures:
                 self._happen(each)
             self._keep_race_control()
 
@@ -405,8 +435,8 @@ class Rehearsal(Part):
         with self.lock:
             self.field.hear(number, state)
 
-    def _happen(self, what: House) -> None:
-        if what is House.CLOSE_CONSOLE:
+    def _happen(self, what: Failure) -> None:
+        if what is Failure.CLOSE_CONSOLE:
             if self.window is not None:
                 self.window.kill()
                 self.window = None
@@ -464,10 +494,7 @@ class Rehearsal(Part):
             parameters={
                 'port': port,
                 'banner': BANNER,
-                **{
-                    name: getattr(TIMES, name)
-                    for name in ('ready_alert', 'green_alert', 'flag_alert', 'red_alert')
-                },
+                **ALERTS,
                 **self._parameters,
             },
             teams=self._teams(),

@@ -17,7 +17,7 @@ The field: simulated karts on a closed line, and what goes wrong with them.
 
 Pure and deterministic: what karts are sent goes in with ``hear`` and ``drop``, time goes on by
 ``step``, one tick after the other, and what the karts say comes out. There is no clock, socket or
-thread here, and no dice but the seed's. Karts do not collide: they steer around each other.
+thread here, and no chance but the seed's. Karts do not collide: they steer around each other.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class Link(enum.Enum):
     STRANGER = enum.auto()
 
 
-class House(enum.Enum):
+class Failure(enum.Enum):
     """What can happen to race control itself."""
 
     CRASH = enum.auto()
@@ -205,19 +205,19 @@ class Field:
     def __init__(self, plan: Plan, numbers: Sequence[int] | None = None) -> None:
         """Put every kart onto the grid, standing."""
         self.plan = plan
-        self.dice = random.Random(plan.seed)  # noqa: S311 - the same again with the same seed
+        self.rng = random.Random(plan.seed)  # noqa: S311 - the same again with the same seed
         self.finish = plan.laps * plan.track.length
         self.tick = 0
         self.messages: list[Message] = []
-        self.house: list[House] = []
+        self.failures: list[Failure] = []
         self.msr_at: list[int] = []
         self.person: tuple[float, float] | None = None
         self.moving: list[tuple[int, int, bool]] = []
         self.crossed: list[tuple[int, int]] = []
         self.grids: list[int] = []
-        every = {number: _spread(plan, self.dice) for number in plan.numbers}
-        chosen = plan.numbers if numbers is None else numbers
-        self.karts = {number: SimulatedKart(number, every[number]) for number in chosen}
+        every = {number: _spread(plan, self.rng) for number in plan.numbers}
+        simulated = plan.numbers if numbers is None else numbers
+        self.karts = {number: SimulatedKart(number, every[number]) for number in simulated}
         for kart in self.karts.values():
             self._to_grid(kart)
 
@@ -278,9 +278,9 @@ class Field:
         kart.distance = -GRID_GAP * (1 + self.plan.numbers.index(kart.number))
 
 
-def _spread(plan: Plan, dice: random.Random) -> Ability:
+def _spread(plan: Plan, rng: random.Random) -> Ability:
     def some(value: float) -> float:
-        return value * dice.uniform(1 - plan.spread, 1 + plan.spread)
+        return value * rng.uniform(1 - plan.spread, 1 + plan.spread)
 
     mean = plan.ability
     return Ability(

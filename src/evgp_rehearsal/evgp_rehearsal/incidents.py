@@ -26,8 +26,18 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import enum
 
+from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
-from evgp_rehearsal.field import Call, Fault, Field, House
+from evgp_rehearsal.field import Call, Failure, Fault, Field
+
+LAST_METRES = 25.0
+"""Distance of the leader from the end of its last lap where an incident of the last lap begins."""
+
+ALERTS = {'ready_alert': 10.0, 'green_alert': 6.0, 'flag_alert': 12.0, 'red_alert': 4.0}
+"""The times of a rehearsal's race control: shorter than in a race, so that nobody waits."""
+
+AFTER = 200
+"""Ticks that an official has after the time of an incident is over."""
 
 
 class Phase(enum.Enum):
@@ -113,13 +123,13 @@ def _fault(*faults: Fault) -> Callable[[Field, int], None]:
 
 
 def _told(
-    call: Call, text: str, *faults: Fault, house: House | None = None
+    call: Call, text: str, *faults: Fault, failure: Failure | None = None
 ) -> Callable[[Field, int], None]:
     def begin(field: Field, kart: int) -> None:
         if faults:
             _fault(*faults)(field, kart)
-        if house is not None:
-            field.house.append(house)
+        if failure is not None:
+            field.failures.append(failure)
         field.say(call, kart, text.format(kart=kart))
 
     return begin
@@ -137,7 +147,7 @@ def _person(field: Field, kart: int) -> None:
 
 
 def _crash(field: Field, kart: int) -> None:
-    field.house.append(House.CRASH)
+    field.failures.append(Failure.CRASH)
 
 
 def _slow_leader(field: Field, kart: int) -> None:
@@ -263,7 +273,7 @@ _ROWS = (
         _told(
             Call.FLAG_ALL,
             'Race director: oil on the track. Red flag, please.',
-            house=House.CLOSE_CONSOLE,
+            failure=Failure.CLOSE_CONSOLE,
         ),
         'flags the race from another window or by rcs_ctl, or uses the MSR (docs/safety.md)',
         (STOP_RACE | MSR,),
@@ -313,4 +323,16 @@ def choose_kart(field: Field, incident: Incident, kart: int = 0) -> int:
     if incident.phase is Phase.LAST_LAP:
         return kart or field.leader()
     there = field.karts if incident.phase is Phase.GRID else [k.number for k in field.racing()]
-    return kart or field.dice.choice(sorted(there))
+    return kart or field.rng.choice(sorted(there))
+
+
+def can_begin(row: Incident, field: Field, state: RaceState) -> bool:
+    """Return whether an incident can begin now."""
+    if row.phase is Phase.GRID:
+        return state is RaceState.GRID_ACTIVE
+    karts = field.racing()
+    if state is not RaceState.GREEN_GREEN or not karts or not all(kart.moves for kart in karts):
+        return False
+    if row.phase is Phase.RACE:
+        return all(kart.speed > 0.5 * kart.ability.top for kart in karts)
+    return max(kart.distance for kart in karts) > field.finish - LAST_METRES

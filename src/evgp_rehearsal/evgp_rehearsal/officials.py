@@ -31,6 +31,9 @@ from evgp_rehearsal.field import Call, Field, Message
 
 K = CommandKind
 
+LOOKS = 10
+"""Ticks between two looks of an official."""
+
 USE_MSR = ('FLAG_UNACKNOWLEDGED', 'RED_UNACKNOWLEDGED', 'LOST_IN_MOTION')
 """Alerts whose answer is the MSR while the kart moves or nobody sees it."""
 

@@ -32,8 +32,7 @@ from evgp_node.states import state_of
 from evgp_rehearsal import sheet
 from evgp_rehearsal.event import BANNER, RefusedError, Rehearsal, WHEN
 from evgp_rehearsal.field import TICK_LENGTH
-from evgp_rehearsal.incidents import INCIDENTS
-from evgp_rehearsal.table_top import can_begin
+from evgp_rehearsal.incidents import can_begin, INCIDENTS
 from evgp_testing.part import Part
 
 HERE = '127.0.0.1'

@@ -20,11 +20,11 @@ import pathlib
 
 from evgp_protocol.states import RaceState
 from evgp_rehearsal.field import Field
-from evgp_rehearsal.incidents import choose_kart, INCIDENTS
+from evgp_rehearsal.incidents import can_begin, choose_kart, INCIDENTS
 from evgp_rehearsal.officials import Frantic, Good, Idle
 from evgp_rehearsal.plan import Plan, read_plan
-from evgp_rehearsal.table_top import can_begin, play
 import pytest
+from table_top import play
 
 FILE = pathlib.Path(__file__).parents[1] / 'config' / 'rehearsal.yaml'
 

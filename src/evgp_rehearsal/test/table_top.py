@@ -15,8 +15,7 @@
 """
 A rehearsal on the table: the rules, the field and an official in one thread, as fast as it goes.
 
-Pure: time is the field's. It is for the officials' tests, and to try an incident or a script; for
-people there is ``event``, with the real race control.
+Pure: time is the field's.
 """
 
 from __future__ import annotations
@@ -28,20 +27,11 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.race import Command, Kart, Outcome, Race, RaceTimes, StampedEvent
 from evgp_rcs.record import RecordedEvent
-from evgp_rehearsal.field import Field, House, Link, TICK_LENGTH
-from evgp_rehearsal.incidents import choose_kart, Incident, INCIDENTS, Phase
-from evgp_rehearsal.officials import Act, AnOfficial, KartView, look, Steward, View
+from evgp_rehearsal.field import Failure, Field, Link, TICK_LENGTH
+from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS, Phase
+from evgp_rehearsal.officials import Act, AnOfficial, KartView, look, LOOKS, Steward, View
 from evgp_rehearsal.plan import Plan
 from evgp_rehearsal.score import Line, score, STEWARD, Took, Truth
-
-TIMES = RaceTimes(ready_alert=10.0, green_alert=6.0, flag_alert=12.0, red_alert=4.0)
-"""The times of a rehearsal's race control: shorter than in a race, so that nobody waits."""
-
-LOOKS = 10
-"""Ticks between two looks of an official."""
-
-AFTER = 200
-"""Ticks that an official has after the time of an incident is over."""
 
 RESTART = 40
 """Ticks from the death of race control to its return."""
@@ -73,8 +63,8 @@ class TableTop:
     def step(self) -> None:
         """Go on by a tick: karts, connections, then race control."""
         said = self.field.step()
-        while self.field.house:
-            if self.field.house.pop() is House.CRASH:
+        while self.field.failures:
+            if self.field.failures.pop() is Failure.CRASH:
                 self._crash()
         if self.field.tick < self.back_at:
             return
@@ -144,7 +134,7 @@ class TableTop:
 
     def _race(self) -> Race:
         karts = [Kart(number, f'REHEARSAL {number}', True) for number in self.plan.numbers]
-        return Race(karts, TIMES)
+        return Race(karts, RaceTimes(**ALERTS))
 
     def _connect(self, number: int, link: Link) -> None:
         was, self._links[number] = self._links[number], link
@@ -195,21 +185,6 @@ def play(plan: Plan, name: str, official: AnOfficial, kart: int = 0) -> Line:
     took = Took(name, number, began, ends)
     return score([took], table.events, Truth.of(table.field), 0.0)[0]
 
-
-def can_begin(row: Incident, field: Field, state: RaceState) -> bool:
-    """Return whether an incident can begin now."""
-    if row.phase is Phase.GRID:
-        return state is RaceState.GRID_ACTIVE
-    karts = field.racing()
-    if state is not RaceState.GREEN_GREEN or not karts or not all(kart.moves for kart in karts):
-        return False
-    if row.phase is Phase.RACE:
-        return all(kart.speed > 0.5 * kart.ability.top for kart in karts)
-    return max(kart.distance for kart in karts) > field.finish - LAST_METRES
-
-
-LAST_METRES = 25.0
-"""Distance of the leader from the end of its last lap where an incident of the last lap begins."""
 
 MOST_TICKS = 30_000
 """Maximum number of ticks until an incident can begin."""
