@@ -66,7 +66,7 @@ class Officials(Part):
         self._stop = threading.Event()
         self._wanted: set[int] = set()
         self._since = time.monotonic()
-        self._patience = 0.0
+        self._lasts = 0.0
         self._state = 0
         # What it does not need it does not hear: karts have this process's time.
         self._first = Official(domain, 'first_official', judge, hears=['race'])
@@ -83,7 +83,7 @@ class Officials(Part):
         if state != self._state:
             self._state = state
             self._since = time.monotonic()
-            self._patience = self._rng.choice((0.1, 0.5, 1.0, 3.0))
+            self._lasts = self._rng.choice((0.1, 0.5, 1.0, 3.0))
             if state == IN_GARAGE:
                 self._plan()
         if self._rng.random() < 0.1:
@@ -132,7 +132,7 @@ class Officials(Part):
 
     def _on_the_grid(self, race: msg.Race) -> None:
         ready = all(kart.acknowledged for kart in race.karts if kart.in_race)
-        late = time.monotonic() - self._since > self._patience
+        late = time.monotonic() - self._since > self._lasts
         if ready and self._rng.random() < 0.9:
             if self._call('green_green'):
                 self.greens += 1
@@ -149,7 +149,7 @@ class Officials(Part):
     def _racing(self, race: msg.Race) -> None:
         # Faults belong into a race.
         self._disciplined.clear()
-        if time.monotonic() - self._since < self._patience:
+        if time.monotonic() - self._since < self._lasts:
             racing = [kart.number for kart in race.karts if kart.in_race]
             if racing and self._rng.random() < 0.1:
                 self._call('kart/finish', kart=self._rng.choice(racing))
@@ -164,7 +164,7 @@ class Officials(Part):
             return
         if self._call('in_garage', track_safe=True):
             return
-        if time.monotonic() - self._since > self._patience:
+        if time.monotonic() - self._since > self._lasts:
             # Who does not acknowledge is made safe by hand.
             self._disciplined.set()
             for kart in race.karts:

@@ -25,22 +25,22 @@ from evgp_inspection.inspector import Inspector
 
 
 class Act(enum.Enum):
-    """A command of §4.B; the value is its name in `evgp_rcs`'s catalogue."""
+    """A command of §4.B, by its name in `evgp_rcs`'s catalogue; the value is for people."""
 
-    ALL_KILL = 'ALL_KILL'
-    RED_FLAG = 'RED_FLAG'
-    GRID_ACTIVE = 'GRID_ACTIVE'
-    GREEN_GREEN = 'GREEN_GREEN'
-    RACE_OVER = 'RACE_OVER'
-    IN_GARAGE = 'IN_GARAGE'
-    KART_RED_RED = 'KART_RED_RED'
-    KART_IN_GARAGE = 'KART_IN_GARAGE'
-    KART_FINISH = 'KART_FINISH'
+    ALL_KILL = 'Press ALL KILL (RED_RED to every kart)'
+    RED_FLAG = 'Press RED FLAG for the race'
+    GRID_ACTIVE = 'Press GRID ACTIVE'
+    GREEN_GREEN = 'Press GREEN GREEN'
+    RACE_OVER = 'Press RACE OVER'
+    IN_GARAGE = 'Press IN GARAGE for the race'
+    KART_RED_RED = 'Press RED RED for kart {kart} alone'
+    KART_IN_GARAGE = 'Give kart {kart} alone back to its team (GARAGE in its row)'
+    KART_FINISH = 'Press FINISH for kart {kart}'
 
     @property
     def to_one_kart(self) -> bool:
         """Return whether it is for one kart."""
-        return self.value.startswith('KART_')
+        return self.name.startswith('KART_')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,19 +78,6 @@ class Driver(Protocol):
     def close(self) -> None:
         """End it."""
 
-
-ASKED = {
-    Act.ALL_KILL: 'Press ALL KILL (RED_RED to every kart)',
-    Act.RED_FLAG: 'Press RED FLAG for the race',
-    Act.GRID_ACTIVE: 'Press GRID ACTIVE',
-    Act.GREEN_GREEN: 'Press GREEN GREEN',
-    Act.RACE_OVER: 'Press RACE OVER',
-    Act.IN_GARAGE: 'Press IN GARAGE for the race',
-    Act.KART_RED_RED: 'Press RED RED for kart {kart} alone',
-    Act.KART_IN_GARAGE: 'Give kart {kart} alone back to its team (GARAGE in its row)',
-    Act.KART_FINISH: 'Press FINISH for kart {kart}',
-}
-"""What a person is asked to press."""
 
 START_RACE_CONTROL_AGAIN = (
     'Not every kart is connected and in IN_GARAGE. End race control and start it again. Done?'
@@ -130,7 +117,7 @@ class Human:
         """Ask for it; the key says that it was done, or that race control does not let it."""
         given()
         done = await self._inspector.ask(
-            ASKED[act].format(kart=kart) + '. y: pressed, n: refused or not offered.',
+            act.value.format(kart=kart) + '. y: pressed, n: refused or not offered.',
             self._seconds,
         )
         return Reply(bool(done), '' if done else 'not possible, says the person at the screen')

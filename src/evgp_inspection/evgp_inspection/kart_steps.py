@@ -44,7 +44,7 @@ from evgp_inspection.kart_wire import (
     late_halves,
     MALFORMED,
     many_in_a_piece,
-    nothing,
+    NOTHING,
     single_bytes,
     whole,
 )
@@ -442,7 +442,7 @@ class KartSteps:
             self._phase(f'{step}/lost')
             newest = self._wire.newest
             if not silent:
-                self._wire.send(nothing())  # to a new connection, for now
+                self._wire.send(NOTHING)  # to a new connection, for now
             lose(self._wire)
             section = self._trace.now
             stands = await self._comes_to_stand(
@@ -515,7 +515,7 @@ class KartSteps:
             )
             ends = part == 'bridge'  # its connection, in this moment or never
             if ends and await self._until(lambda: section.of(Kind.CLOSED), limits.slack):
-                self._wire.send(nothing())  # to a new connection, for now
+                self._wire.send(NOTHING)  # to a new connection, for now
             done = await killing
         finally:
             killing.cancel()

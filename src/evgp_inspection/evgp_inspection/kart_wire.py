@@ -24,6 +24,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterator
 import contextlib
+import itertools
 import socket
 import struct
 from typing import TypeAlias
@@ -71,51 +72,42 @@ Beats: TypeAlias = Iterator[Beat]
 
 def whole(state: RaceState) -> Beats:
     """Send whole frames."""
-    while True:
-        yield [(0.0, encode(state))]
+    return itertools.repeat([(0.0, encode(state))])
 
 
 def single_bytes(state: RaceState) -> Beats:
     """Send each byte by itself."""
-    while True:
-        yield [(0.002, bytes([byte])) for byte in encode(state)]
+    return itertools.repeat([(0.002, bytes([byte])) for byte in encode(state)])
 
 
 def many_in_a_piece(state: RaceState) -> Beats:
     """Send five frames in a piece, and cut the pieces inside a frame."""
     frame = encode(state)
-    at = len(frame) // 2
-    yield [(0.0, frame * 5 + frame[:at])]
-    while True:
-        yield [(0.0, frame[at:] + frame * 4 + frame[:at])]
+    begin, end = frame[: len(frame) // 2], frame[len(frame) // 2 :]
+    more = itertools.repeat([(0.0, end + frame * 4 + begin)])
+    return itertools.chain([[(0.0, frame * 5 + begin)]], more)
 
 
 def late_halves(state: RaceState) -> Beats:
     """Send the second half of each frame 0.07 s after the first."""
     frame = encode(state)
     at = len(frame) // 2
-    while True:
-        yield [(0.0, frame[:at]), (0.07, frame[at:])]
+    return itertools.repeat([(0.0, frame[:at]), (0.07, frame[at:])])
 
 
 def after(first: bytes, state: RaceState) -> Beats:
     """Send these bytes and a frame in one piece, then whole frames."""
-    yield [(0.0, first + encode(state))]
-    yield from whole(state)
+    return itertools.chain([[(0.0, first + encode(state))]], whole(state))
 
 
 def between(state: RaceState | None = None) -> Beats:
     """Send malformed bytes, in turn; after each a whole frame, if there is a state."""
     frame = b'' if state is None else encode(state)
-    while True:
-        for each in MALFORMED:
-            yield [(0.0, each + frame)]
+    return itertools.cycle([[(0.0, each + frame)] for each in MALFORMED])
 
 
-def nothing() -> Beats:
-    """Send nothing."""
-    while True:
-        yield []
+NOTHING: Beats = itertools.repeat([])
+"""Nothing is sent."""
 
 
 def close(transport: asyncio.Transport) -> None:

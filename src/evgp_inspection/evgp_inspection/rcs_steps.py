@@ -343,7 +343,7 @@ class RcsSteps:
         await asyncio.sleep(self._limits.watch)
 
     async def _give(self, act: Act, kart: int = 0) -> bool:
-        text = f'{act.value} {kart}' if kart else act.value
+        text = f'{act.name} {kart}' if kart else act.name
 
         def given() -> None:
             self._recording.note(Kind.COMMAND, text=text, value=float(self._driver.exact))

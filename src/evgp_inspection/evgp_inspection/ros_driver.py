@@ -90,7 +90,7 @@ class RosDriver:
         )
         self._node.create_subscription(messages.Race, 'rcs/race', self._hear, latched)
         # All of them now: to load a service later would hold up the karts that are played.
-        for kind in (*(act.value for act in Act), 'JOIN_RACE', 'LEAVE_RACE', 'CLOSE_TRACK'):
+        for kind in (*(act.name for act in Act), 'JOIN_RACE', 'LEAVE_RACE', 'CLOSE_TRACK'):
             self._connect(catalogue.CATALOGUE[catalogue.CommandKind[kind]])
         self.close = self._side.close
 
@@ -118,7 +118,7 @@ class RosDriver:
 
     async def give(self, act: Act, kart: int, given: Callable[[], None]) -> Reply:
         """Call the service, with the statement and the karts that an official would name."""
-        return await self._call(act.value, kart, given)
+        return await self._call(act.name, kart, given)
 
     async def start_again(self) -> bool:
         """Return False: nobody is there to do it."""

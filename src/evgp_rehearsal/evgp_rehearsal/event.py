@@ -110,7 +110,7 @@ class Rehearsal(Part):
 
     ``field`` may be read and changed inside ``with rehearsal.lock:`` only. ``links`` are the
     connections of the simulated karts, ``domains`` the ROS domains of those with a bridge, and
-    race control's at number 0.
+    race control's at number 0. ``present`` is the incident that is under way.
 
     :param folder: where roster and record are written.
     :param bridged: how many karts, the last ones, have the real bridge and the example stack: they
@@ -143,7 +143,7 @@ class Rehearsal(Part):
         self.window: Process | None = None
         self._folder = folder
         self._times: list[float] = []  # of each tick, on race control's clock
-        self._open: Took | None = None
+        self.present: Took | None = None
         self._first: dict[bool, int] = {}
         self._ended = False
         self._again: Future[None] | None = None
@@ -193,9 +193,9 @@ class Rehearsal(Part):
                 raise RefusedError(f'Not now: {name} begins {WHEN[row.phase]}')
             self._end_incident()
             number = choose_kart(self.field, row, kart)
-            self._open = Took(name, number, self.field.tick, self.field.tick)
+            self.present = Took(name, number, self.field.tick, self.field.tick)
             row.begin(self.field, number)
-            return self._open
+            return self.present
 
     def can_begin(self, name: str) -> bool:
         """Return whether an incident can begin now."""
@@ -226,11 +226,6 @@ class Rehearsal(Part):
                 self.window = Process('evgp_rcs_console', 'rcs_gui', self.domain, words)
 
         self._starter.submit(start).result()
-
-    @property
-    def present(self) -> Took | None:
-        """Return the incident that is under way."""
-        return self._open
 
     # ----- what an official sees and does -------------------------------------------------
 
@@ -351,16 +346,15 @@ class Rehearsal(Part):
         """Return the score of the incidents so far, from the record as it is on the disk."""
         with self.lock:
             took = list(self.took)
-            if self._open is not None:
-                took.append(dataclasses.replace(self._open, ended=self.field.tick))
+            if self.present is not None:
+                took.append(dataclasses.replace(self.present, ended=self.field.tick))
             truth = Truth.of(self.field)
             times = list(self._times)
         return score(took, [_in_ticks(event, times) for event in self.events()], truth, 0.0)
 
     def events(self) -> list[RecordedEvent]:
-        """Return all events of the record, of every run of race control."""
-        with contextlib.closing(open_read_only(self._folder / 'record.sqlite3')) as database:
-            return [event for run in sessions(database) for event in events(database, run.number)]
+        """Return all events of the record."""
+        return recorded(self._folder)
 
     # ----- the field's thread -------------------------------------------------------------
 
@@ -456,9 +450,9 @@ class Rehearsal(Part):
             self._again = self._starter.submit(again)
 
     def _time_is_up(self) -> None:
-        if self._open is not None:
-            limit = round(INCIDENTS[self._open.incident].limit / TICK_LENGTH)
-            if self.field.tick >= self._open.began + limit + AFTER:
+        if self.present is not None:
+            limit = round(INCIDENTS[self.present.incident].limit / TICK_LENGTH)
+            if self.field.tick >= self.present.began + limit + AFTER:
                 self._end_incident()
 
     def _wait_for_tick(self, tick: int) -> None:
@@ -481,9 +475,9 @@ class Rehearsal(Part):
             return
 
     def _end_incident(self) -> None:
-        if self._open is not None:
-            self.took.append(dataclasses.replace(self._open, ended=self.field.tick))
-            self._open = None
+        if self.present is not None:
+            self.took.append(dataclasses.replace(self.present, ended=self.field.tick))
+            self.present = None
         self.field.mend()
 
     def _race_control(self, port: int) -> RaceControl:
@@ -512,6 +506,12 @@ class Rehearsal(Part):
     def _close_window(self) -> None:
         if self.window is not None:
             self.window.close()
+
+
+def recorded(folder: pathlib.Path) -> list[RecordedEvent]:
+    """Return all events of the record in a folder, of every run of race control."""
+    with contextlib.closing(open_read_only(folder / 'record.sqlite3')) as database:
+        return [event for run in sessions(database) for event in events(database, run.number)]
 
 
 @contextlib.contextmanager

@@ -38,9 +38,8 @@ import time
 from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
-from evgp_rcs.record import events, open_read_only, RecordedEvent, sessions
 from evgp_rehearsal.conduct import conduct, Cut, Finding, LIMITS, NO_CUT
-from evgp_rehearsal.event import live_events
+from evgp_rehearsal.event import live_events, recorded
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl
@@ -93,24 +92,12 @@ class Trial:
         self.official.close()
         self.control.close()
 
-    def all_kill(self) -> None:
-        """Stop every kart."""
-        self.official.command('all_kill')
-
-    def red_red(self) -> None:
-        """Stop this kart."""
-        self.official.command('kart/red_red', kart=self.kart)
-
-    def red_flag(self) -> None:
-        """Flag the race."""
-        self.official.command('red_flag')
-
     def silence(self) -> None:
         """Say nothing for a while, as a network does that is gone."""
         self.control.freeze()
         time.sleep(SILENCE)
         self.control.thaw()
-        self.all_kill()
+        self.official.command('all_kill')
 
     def second_machine(self) -> None:
         """Connect from the kart's own address: that takes its place."""
@@ -176,9 +163,9 @@ class Incident:
 
 INCIDENTS: Mapping[str, Incident] = {
     'none': Incident(lambda trial: trial.official.command('kart/finish', kart=trial.kart)),
-    'all_kill': Incident(Trial.all_kill),
-    'red_red': Incident(Trial.red_red),
-    'red_flag': Incident(Trial.red_flag),
+    'all_kill': Incident(lambda trial: trial.official.command('all_kill')),
+    'red_red': Incident(lambda trial: trial.official.command('kart/red_red', kart=trial.kart)),
+    'red_flag': Incident(lambda trial: trial.official.command('red_flag')),
     'silence': Incident(
         Trial.silence,
         1,
@@ -264,16 +251,10 @@ def _play(given: argparse.Namespace) -> tuple[list[Finding], int]:
             except SystemExit as ended:
                 code = int(ended.code or 0)
             until = clock.now()
-        happened: list[RecordedEvent] = []
-        record = pathlib.Path(folder, 'record.sqlite3')
-        with contextlib.closing(open_read_only(record)) as database:
-            for run in sessions(database):
-                for event in events(database, run.number):
-                    if event.kind == 'ENDED':
-                        # Ctrl-C ends race control too. The kart has not caused what follows.
-                        until = min(until, event.monotonic)
-                    if event.monotonic <= until:
-                        happened.append(event)
+        happened = recorded(pathlib.Path(folder))
+        # Ctrl-C ends race control too. The kart has not caused what follows.
+        until = min([until, *(event.monotonic for event in happened if event.kind == 'ENDED')])
+        happened = [event for event in happened if event.monotonic <= until]
     unseen = INCIDENTS[given.incident].unseen
     if unseen and trial.cut is not NO_CUT:
         findings.append(Finding(True, unseen, note=True))
