@@ -284,7 +284,7 @@ KART: tuple[Clause, ...] = (
         'The kart must be able to connect to and send/receive messages to the RCS through the '
         'Transmission Control Protocol (TCP) over a WiFi network.',
         'The inspection listens in place of race control.',
-        judge.connects,
+        judge.connects('connect', 'wait', 'connect'),
     ),
     _wire(
         'K-4A-02',
@@ -396,21 +396,21 @@ KART: tuple[Clause, ...] = (
         'connects again after FIN',
         'Then connect again, and wait half a second between attempts',
         'The connection is closed while the kart drives.',
-        judge.connects_again('fin'),
+        judge.connects('fin'),
     ),
     _wire(
         'K-4D-02',
         'connects again after RST',
         'Then connect again, and wait half a second between attempts',
         'The connection is reset while the kart drives.',
-        judge.connects_again('reset'),
+        judge.connects('reset'),
     ),
     _wire(
         'K-4D-03',
         'connects again after a half-close',
         'Then connect again, and wait half a second between attempts',
         'Race control closes its half of the connection while the kart drives.',
-        judge.connects_again('half'),
+        judge.connects('half'),
         ('K-4D-01',),
     ),
     _wire(
@@ -419,14 +419,14 @@ KART: tuple[Clause, ...] = (
         'nothing for **1 s**, or the connection is gone',
         'Nothing is sent to a kart that stands; the connection stays open, as when race '
         "control's computer has lost its power.",
-        judge.connects_again('half_open'),
+        judge.connects('half_open'),
     ),
     _wire(
         'K-4D-05',
         'connects again when race control was restarted',
         'Then connect again, and wait half a second between attempts',
         'Connections are refused for a while, then accepted again; the time counts from then.',
-        judge.connects_again('restart', 'back'),
+        judge.connects('restart', 'back'),
         ('K-4D-01',),
     ),
     _wire(

@@ -405,41 +405,29 @@ def says_it_when_true(state: RaceState, step: str, phase: str) -> Judge:
     return find
 
 
-def connects_again(step: str, phase: str = 'lost') -> Judge:
-    """Judge whether the kart makes a new connection after a loss."""
+def connects(step: str, phase: str = 'lost', limit: str = 'reconnect') -> Judge:
+    """Judge whether the kart makes a connection, from the beginning of a phase on."""
 
-    @judge_of(f'{step}/{phase}', judged='Time to the next connection.', limit='reconnect')
-    def find(trace: Trace, limits: Limits, lost: Section) -> Finding:
+    @judge_of(f'{step}/{phase}', judged='Time to the next connection.', limit=limit)
+    def find(trace: Trace, limits: Limits, section: Section) -> Finding:
         back = trace.called(f'{step}/back')
-        sections = [lost] if back is None else [lost, back]
+        sections = [section] if back is None else [section, back]
         opened = [event for section in sections for event in section.of(Kind.OPENED)]
+        seconds: float = getattr(limits, limit)
         if opened:
-            took = opened[0].at - lost.began
-            if took > limits.reconnect + EARLY:
-                return failed(f'It connected after {took:.1f} s only.', lost, measured=took)
-            return passed(f'It connected {took:.2f} s after the loss.', lost, measured=took)
-        waited = lost.ended - lost.began
-        if waited < limits.reconnect - EARLY:
-            return not_judged(f'The wait was cut short after {waited:.1f} s.', lost)
-        return failed(f'No new connection in {waited:.1f} s.', lost, measured=waited)
+            took = opened[0].at - section.began
+            if took > seconds + EARLY:
+                return failed(f'It connected after {took:.1f} s only.', section, measured=took)
+            return passed(f'It connected after {took:.2f} s.', section, measured=took)
+        waited = section.ended - section.began
+        if waited < seconds - EARLY:
+            return not_judged(f'The wait was cut short after {waited:.1f} s.', section)
+        return failed(f'No new connection in {waited:.1f} s.', section, measured=waited)
 
     return find
 
 
 # ----- the judges that stand alone ------------------------------------------------------------
-
-
-@judge_of('connect/wait', judged='Time from the start to the first connection.', limit='connect')
-def connects(trace: Trace, limits: Limits, section: Section) -> Finding:
-    """Judge whether the kart connects at all."""
-    opened = section.of(Kind.OPENED)
-    if opened:
-        took = opened[0].at - section.began
-        return passed(f'It connected after {took:.1f} s.', section, measured=took)
-    waited = section.ended - section.began
-    if waited < limits.connect - EARLY:
-        return not_judged('The wait was cut short.', section)
-    return failed(f'No connection in {waited:.0f} s.', section, measured=waited)
 
 
 @judge_of(
@@ -524,7 +512,7 @@ says_nothing_old = Judge(_says_nothing_old, 'Fail: it says anything.', ('fin/los
 @judge_of('fin/red', judged='Time from the order to $RED_RED;.', limit='red_red')
 def acknowledges_again(trace: Trace, limits: Limits, section: Section) -> Finding:
     """Judge whether a kart that has come back by itself acknowledges a stop."""
-    if connects_again('fin').find(trace, limits).verdict is not Verdict.PASS:
+    if connects('fin').find(trace, limits).verdict is not Verdict.PASS:
         return not_judged('It did not connect again by itself.')
     return _acknowledges_in(section, RED_RED, limits.red_red)
 

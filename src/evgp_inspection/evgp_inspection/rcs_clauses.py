@@ -238,7 +238,7 @@ RCS: tuple[Clause, ...] = (
         'a kart that was away during a command comes back: RED_RED',
         'every kart of the roster, in `RED_RED`, also those that are not connected',
         'ALL_KILL is commanded while a kart of the race is away; it connects again.',
-        judge.lets_in_again,
+        judge.is_sent_only('absent/back', {RED_RED}, ONE, let_in=True),
         ('R-3E-05',),
     ),
     _proposal(

@@ -193,8 +193,12 @@ def unchanged(*phases: str) -> Judge:
     return Judge(find, 'Fail: a kart is sent another state than before.', phases)
 
 
-def is_sent_only(phase: str, allowed: Set[RaceState], *places: int) -> Judge:
-    """Judge what is sent on a new connection of a kart."""
+def is_sent_only(phase: str, allowed: Set[RaceState], *places: int, let_in: bool = False) -> Judge:
+    """
+    Judge what is sent on a new connection of a kart.
+
+    :param let_in: it fails where nothing is sent at all.
+    """
     states = ' or '.join(state.value for state in RaceState if state in allowed)
 
     @judge_of(phase, judged=f'Fail: the kart is sent anything but {states}.')
@@ -204,7 +208,9 @@ def is_sent_only(phase: str, allowed: Set[RaceState], *places: int) -> Judge:
             links = [e.link for e in section.of(Kind.OPENED) if e.text == name]
             said = [w.state for w in section.said if w.link in links and w.state]
             if not said:
-                return not_judged(f'{name or "A kart"} was sent nothing.', section)
+                waited = section.ended - section.began
+                told = failed if let_in and waited >= limits.connect - EARLY else not_judged
+                return told(f'{name or "A kart"} was sent nothing for {waited:.1f} s.', section)
             for state in said:
                 if state not in allowed:
                     return failed(f'{state.value} was sent to {name}.', section)
@@ -262,19 +268,6 @@ def refuses_strangers(trace: Trace, limits: RcsLimits, section: Section) -> Find
     if not any(event.link in links for event in section.of(Kind.CLOSED)):
         return failed(f'The connection stayed open for {limits.slack:g} s.', section)
     return passed('The connection was closed without a byte.', section)
-
-
-@judge_of(
-    'absent/back', judged='Fail: it is not let in (connect), or is sent anything but RED_RED.'
-)
-def lets_in_again(trace: Trace, limits: RcsLimits, section: Section) -> Finding:
-    """Judge whether a kart that was away during a command comes back to RED_RED."""
-    if not said_to(trace, section, kart(trace, ONE)):
-        waited = section.ended - section.began
-        if waited < limits.connect - EARLY:
-            return not_judged('The wait was cut short.', section)
-        return failed(f'It was sent nothing for {waited:.1f} s.', section)
-    return is_sent_only('absent/back', {RED_RED}, ONE).find(trace, limits)
 
 
 @judge_of(

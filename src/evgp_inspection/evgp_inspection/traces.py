@@ -21,7 +21,7 @@ the judges read nothing else, so a verdict can be reached again from a trace alo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 import dataclasses
 import enum
 
@@ -256,7 +256,8 @@ def describe(events: Sequence[Event], most: int = 60) -> list[str]:
         else:
             put_speeds()
             at_line.clear()
-            put(_DESCRIBED[event.kind](event), event.at)
+            yes = 'yes' if event.value else 'no'
+            put(_DESCRIBED[event.kind].format(event, yes), event.at)
     put_speeds()
     lines.sort(key=lambda line: line[1])
     if len(lines) > most:
@@ -269,17 +270,15 @@ def describe(events: Sequence[Event], most: int = 60) -> list[str]:
     ]
 
 
-_DESCRIBED: dict[Kind, Callable[[Event], str]] = {
-    Kind.STEP: lambda event: f'-- {event.text}',
-    Kind.OPENED: lambda event: f'connection {event.link}: opened from {event.text}',
-    Kind.CLOSED: lambda event: f'connection {event.link}: {event.text} by the other end',
-    Kind.ENDED: lambda event: f'connection {event.link}: {event.text} by the inspection',
-    Kind.ANSWER: lambda event: f'inspector, {event.text}: {"yes" if event.value else "no"}',
-    Kind.HELD_UP: lambda event: f'the inspecting computer was held up for {event.value:.2f} s',
-    Kind.COMMAND: lambda event: f'command {event.text}',
-    Kind.ANSWERED: lambda event: (
-        f'answered: {"accepted" if event.value else "refused"} {event.text}'
-    ),
-    Kind.KILLED: lambda event: f'the {event.text} of the kart was killed',
-    Kind.SILENT: lambda event: f'no frame from here on: {event.text}',
+_DESCRIBED = {
+    Kind.STEP: '-- {0.text}',
+    Kind.OPENED: 'connection {0.link}: opened from {0.text}',
+    Kind.CLOSED: 'connection {0.link}: {0.text} by the other end',
+    Kind.ENDED: 'connection {0.link}: {0.text} by the inspection',
+    Kind.ANSWER: 'inspector, {0.text}: {1}',
+    Kind.HELD_UP: 'the inspecting computer was held up for {0.value:.2f} s',
+    Kind.COMMAND: 'command {0.text}',
+    Kind.ANSWERED: 'accepted: {1} {0.text}',
+    Kind.KILLED: 'the {0.text} of the kart was killed',
+    Kind.SILENT: 'no frame from here on: {0.text}',
 }

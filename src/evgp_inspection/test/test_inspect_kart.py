@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 import contextlib
 import itertools
 import os
@@ -242,13 +242,21 @@ def test_a_kart_that_ends_is_started_again_by_the_inspector_and_inspected_to_the
     assert set(those(inspection, Verdict.NOT_JUDGED)) == unseen
 
 
+@contextlib.asynccontextmanager
+async def connected() -> AsyncIterator[tuple[Recording, KartWire, socket.socket]]:
+    """Return a wire, and the socket of a kart that is connected."""
+    recording = Recording()
+    wire = KartWire(recording, lambda line: None)
+    await wire.listen('127.0.0.1', 0)
+    with socket.create_connection(('127.0.0.1', wire.port)) as kart:
+        assert await recording.until(lambda: wire.connected, 10.0)
+        yield recording, wire, kart
+    await wire.shut_down()
+
+
 def test_a_connection_is_closed_in_order_whatever_the_kart_has_just_said() -> None:
     async def closed() -> bytes:
-        recording = Recording()
-        wire = KartWire(recording, lambda line: None)
-        await wire.listen('127.0.0.1', 0)
-        with socket.create_connection(('127.0.0.1', wire.port)) as kart:
-            assert await recording.until(lambda: wire.connected, 10.0)
+        async with connected() as (_, wire, kart):
             kart.send(b'$RED_RED;')  # nobody reads it any more: a mere close would be a reset
             wire.close()
             await wire.shut_down()
@@ -260,29 +268,20 @@ def test_a_connection_is_closed_in_order_whatever_the_kart_has_just_said() -> No
 @pytest.mark.parametrize('how', ['close', 'half_close', 'reset', 'go_away'])
 def test_a_connection_that_the_kart_has_just_reset_can_be_ended(how: str) -> None:
     async def ended() -> None:
-        recording = Recording()
-        wire = KartWire(recording, lambda line: None)
-        await wire.listen('127.0.0.1', 0)
-        with socket.create_connection(('127.0.0.1', wire.port)) as kart:
-            assert await recording.until(lambda: wire.connected, 10.0)
+        async with connected() as (_, wire, kart):
             kart.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
-        getattr(wire, how)()  # nobody has heard of the reset yet
-        await wire.shut_down()
+            kart.close()
+            getattr(wire, how)()  # nobody has heard of the reset yet
 
     asyncio.run(ended())
 
 
 def test_a_frame_that_takes_too_long_to_send_is_a_hold_up_of_the_inspecting_computer() -> None:
-    async def slow() -> list[float]:
-        recording = Recording()
-        wire = KartWire(recording, lambda line: None)
-
-        await wire.listen('127.0.0.1', 0)
-        wire.send(itertools.repeat([(0.05, b'$'), (0.05, b'RED_RED;')]))
-        asyncio.get_running_loop().call_later(0.02, time.sleep, 2 * LATE_BEAT)
-        await recording.until(lambda: recording.trace.now.of(Kind.HELD_UP), 10.0)
-        await wire.shut_down()
-        return [event.value for event in recording.trace.now.of(Kind.HELD_UP)]
+    async def slow() -> bool:
+        async with connected() as (recording, wire, _):
+            wire.send(itertools.repeat([(0.05, b'$'), (0.05, b'RED_RED;')]))
+            asyncio.get_running_loop().call_later(0.02, time.sleep, 2 * LATE_BEAT)
+            return await recording.until(lambda: recording.trace.now.of(Kind.HELD_UP), 10.0)
 
     assert asyncio.run(slow())
 
