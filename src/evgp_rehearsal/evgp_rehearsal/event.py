@@ -144,7 +144,7 @@ class Rehearsal(Part):
         self._folder = folder
         self._times: list[float] = []  # of each tick, on race control's clock
         self.present: Took | None = None
-        self._first: dict[bool, int] = {}
+        self._first: dict[RaceState, int] = {}  # the tick at which the race came to it
         self._ended = False
         self._again: Future[None] | None = None
         self.links: dict[int, DrivenKart | WireKart] = {}
@@ -307,11 +307,9 @@ class Rehearsal(Part):
         """
         row = INCIDENTS[name]
         self.mend()
-        grid = row.phase is Phase.GRID
-        steward = Steward(RaceState.GRID_ACTIVE if grid else RaceState.GREEN_GREEN)
-        self.attend(steward, STEWARD, lambda: self.can_begin(name), GET_THERE)
+        self.attend(Steward(row.state), STEWARD, lambda: self.can_begin(name), GET_THERE)
         took = self.inject(name, kart)
-        ends = took.began + round(row.limit / TICK_LENGTH) + AFTER
+        ends = took.began + row.ticks + AFTER
         self.attend(official, 'trainee', lambda: self.field.tick >= ends, None, took.began)
         self.mend()
         return self.sheet()[-1]
@@ -451,8 +449,8 @@ class Rehearsal(Part):
 
     def _time_is_up(self) -> None:
         if self.present is not None:
-            limit = round(INCIDENTS[self.present.incident].limit / TICK_LENGTH)
-            if self.field.tick >= self.present.began + limit + AFTER:
+            ticks = INCIDENTS[self.present.incident].ticks
+            if self.field.tick >= self.present.began + ticks + AFTER:
                 self._end_incident()
 
     def _wait_for_tick(self, tick: int) -> None:
@@ -461,12 +459,9 @@ class Rehearsal(Part):
 
     def _cue(self) -> None:
         """Let the incidents of the script begin that are due."""
-        state = self.state
-        for grid, wanted in ((True, RaceState.GRID_ACTIVE), (False, RaceState.GREEN_GREEN)):
-            if state is wanted:
-                self._first.setdefault(grid, self.field.tick)
+        self._first.setdefault(self.state, self.field.tick)
         for cue in self.cues:
-            since = self._first.get(INCIDENTS[cue.incident].phase is Phase.GRID)
+            since = self._first.get(INCIDENTS[cue.incident].state)
             if since is None or (self.field.tick - since) * TICK_LENGTH < cue.at:
                 continue
             with contextlib.suppress(RefusedError):  # it begins once it can

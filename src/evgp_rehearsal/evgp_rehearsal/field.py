@@ -86,7 +86,6 @@ class Call(enum.Enum):
     SPUN = enum.auto()
     STOP_ALL = enum.auto()
     FLAG_ALL = enum.auto()
-    NONE = enum.auto()
 
 
 @dataclass(frozen=True)

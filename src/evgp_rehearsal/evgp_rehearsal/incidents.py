@@ -25,10 +25,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 import enum
+from typing import NamedTuple
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
-from evgp_rehearsal.field import Call, Failure, Fault, Field
+from evgp_rehearsal.field import Call, Failure, Fault, Field, TICK_LENGTH
 
 LAST_METRES = 25.0
 """Distance of the leader from the end of its last lap where an incident of the last lap begins."""
@@ -48,19 +49,11 @@ class Phase(enum.Enum):
     LAST_LAP = enum.auto()
 
 
-class Whom(enum.Enum):
-    """To whom a command goes, seen from an incident."""
-
-    ALL = enum.auto()
-    THIS_KART = enum.auto()
-
-
-@dataclass(frozen=True)
-class Deed:
-    """A command of an official."""
+class Deed(NamedTuple):
+    """A command of an official; whether it is for the kart of the incident alone."""
 
     kind: CommandKind
-    whom: Whom = Whom.ALL
+    this_kart: bool = False
 
 
 def _all(*kinds: CommandKind) -> frozenset[Deed]:
@@ -68,7 +61,7 @@ def _all(*kinds: CommandKind) -> frozenset[Deed]:
 
 
 def _this(*kinds: CommandKind) -> frozenset[Deed]:
-    return frozenset(Deed(kind, Whom.THIS_KART) for kind in kinds)
+    return frozenset(Deed(kind, True) for kind in kinds)
 
 
 K = CommandKind
@@ -110,6 +103,17 @@ class Incident:
     to_kart: bool = True
 
     @property
+    def ticks(self) -> int:
+        """Return its limit in ticks."""
+        return round(self.limit / TICK_LENGTH)
+
+    @property
+    def state(self) -> RaceState:
+        """Return the race's state in which it can begin."""
+        grid = self.phase is Phase.GRID
+        return RaceState.GRID_ACTIVE if grid else RaceState.GREEN_GREEN
+
+    @property
     def asked(self) -> frozenset[Deed]:
         """Return whatever is one of its steps."""
         return frozenset().union(*self.steps)
@@ -144,14 +148,6 @@ def _storm(field: Field, kart: int) -> None:
 def _person(field: Field, kart: int) -> None:
     field.person = field.plan.track.point(0.4 * field.plan.track.length)
     field.say(Call.PERSON, 0, 'Marshal, post 2: a person is on the track!')
-
-
-def _crash(field: Field, kart: int) -> None:
-    field.failures.append(Failure.CRASH)
-
-
-def _slow_leader(field: Field, kart: int) -> None:
-    field.karts[kart].faults.add(Fault.SLOW)
 
 
 _ROWS = (
@@ -229,7 +225,7 @@ _ROWS = (
         'slow_leader',
         'the leader crosses the line slowly, with others close behind',
         Phase.LAST_LAP,
-        _slow_leader,
+        _fault(Fault.SLOW),
         'marks the karts as finished in the order in which they cross the line; stops nobody '
         '(Finish and race over)',
         (_this(K.KART_FINISH),),
@@ -259,7 +255,7 @@ _ROWS = (
         'race_control_crash',
         'race control dies in mid-race, and comes back',
         Phase.RACE,
-        _crash,
+        lambda field, kart: field.failures.append(Failure.CRASH),
         'sends ALL_KILL or uses the MSR; or waits until every kart has acknowledged RED_RED, '
         'looks at the track, and then states IN_GARAGE (When race control itself ends)',
         (KILL | MSR | _all(K.IN_GARAGE),),
@@ -328,10 +324,10 @@ def choose_kart(field: Field, incident: Incident, kart: int = 0) -> int:
 
 def can_begin(row: Incident, field: Field, state: RaceState) -> bool:
     """Return whether an incident can begin now."""
-    if row.phase is Phase.GRID:
-        return state is RaceState.GRID_ACTIVE
     karts = field.racing()
-    if state is not RaceState.GREEN_GREEN or not karts or not all(kart.moves for kart in karts):
+    if state is not row.state or row.phase is Phase.GRID:
+        return state is row.state
+    if not karts or not all(kart.moves for kart in karts):
         return False
     if row.phase is Phase.RACE:
         return all(kart.speed > 0.5 * kart.ability.top for kart in karts)

@@ -43,7 +43,7 @@ import math
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.record import RecordedEvent
 from evgp_rehearsal.field import Field, TICK_LENGTH
-from evgp_rehearsal.incidents import Deed, Incident, INCIDENTS, Whom
+from evgp_rehearsal.incidents import Deed, Incident, INCIDENTS
 
 STEWARD = 'rehearsal'
 """Official's name of the rehearsal itself, whose commands are not judged."""
@@ -192,7 +192,7 @@ def _tick(event: RecordedEvent, zero: float) -> int:
 
 def _line(took: Took, commands: Sequence[_Command], truth: Truth) -> Line:
     row = INCIDENTS[took.incident]
-    last = took.began + round(row.limit / TICK_LENGTH)
+    last = took.began + row.ticks
     first_right = solved = None
     left = list(row.steps)
     wrong, needless = [], []
@@ -216,7 +216,7 @@ def _line(took: Took, commands: Sequence[_Command], truth: Truth) -> Line:
                 left.pop(0)
                 if not left:
                     solved = command.tick
-                if _deed(command, took) not in _MSR_DEEDS:
+                if command.kind is not CommandKind.RECORD_MSR:
                     break  # one command is one step; the MSR is the strongest, and all of them
         elif judged is Judgement.WRONG:
             wrong.append(str(command))
@@ -241,12 +241,8 @@ def _line(took: Took, commands: Sequence[_Command], truth: Truth) -> Line:
     )
 
 
-_MSR_DEEDS = {Deed(CommandKind.RECORD_MSR)}
-
-
 def _deed(command: _Command, took: Took) -> Deed:
-    this = command.kart != 0 and command.kart == took.kart
-    return Deed(command.kind, Whom.THIS_KART if this else Whom.ALL)
+    return Deed(command.kind, command.kart != 0 and command.kart == took.kart)
 
 
 def _judge(

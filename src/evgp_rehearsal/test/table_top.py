@@ -23,13 +23,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.race import Command, Kart, Outcome, Race, RaceTimes, StampedEvent
 from evgp_rcs.record import RecordedEvent
 from evgp_rehearsal.field import Failure, Field, Link, TICK_LENGTH
-from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS, Phase
-from evgp_rehearsal.officials import Act, AnOfficial, KartView, look, LOOKS, Steward, View
+from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS
+from evgp_rehearsal.officials import Act, AnOfficial, look, LOOKS, Steward, View
 from evgp_rehearsal.plan import Plan
 from evgp_rehearsal.score import Line, score, STEWARD, Took, Truth
 
@@ -117,12 +116,7 @@ class TableTop:
         radio, moving, crossed = look(self.field, began)
         return View(
             race.state,
-            {
-                kart.number: KartView(
-                    kart.in_race, kart.connected, kart.sent, kart.acknowledged, kart.place
-                )
-                for kart in race.karts.values()
-            },
+            race.karts,
             frozenset((alert.kind.name, alert.kart) for alert in race.alerts(now)),
             frozenset(offered),
             radio,
@@ -174,13 +168,13 @@ def play(plan: Plan, name: str, official: AnOfficial, kart: int = 0) -> Line:
     """
     row = INCIDENTS[name]
     table = TableTop(plan)
-    grid = row.phase is Phase.GRID
-    steward = Steward(RaceState.GRID_ACTIVE if grid else RaceState.GREEN_GREEN)
-    _until(table, steward, STEWARD, lambda: can_begin(row, table.field, table.race.state))
+    _until(
+        table, Steward(row.state), STEWARD, lambda: can_begin(row, table.field, table.race.state)
+    )
     began = table.field.tick
     number = choose_kart(table.field, row, kart)
     row.begin(table.field, number)
-    ends = began + round(row.limit / TICK_LENGTH) + AFTER
+    ends = began + row.ticks + AFTER
     _until(table, official, 'trainee', lambda: table.field.tick >= ends, began)
     took = Took(name, number, began, ends)
     return score([took], table.events, Truth.of(table.field), 0.0)[0]
