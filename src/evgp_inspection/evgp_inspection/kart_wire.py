@@ -83,7 +83,8 @@ def single_bytes(state: RaceState) -> Beats:
 def many_in_a_piece(state: RaceState) -> Beats:
     """Send five frames in a piece, and cut the pieces inside a frame."""
     frame = encode(state)
-    begin, end = frame[: len(frame) // 2], frame[len(frame) // 2 :]
+    half = len(frame) // 2
+    begin, end = frame[:half], frame[half:]
     more = itertools.repeat([(0.0, end + frame * 4 + begin)])
     return itertools.chain([[(0.0, frame * 5 + begin)]], more)
 

@@ -53,8 +53,8 @@ CLOSE_TIMEOUT = 8.0
 because their connections are gone."""
 
 TEARDOWN_TIMEOUT = 2.0
-"""Maximum time for ROS to be taken down after that, seconds. Then the process ends anyway, with the
-exit code that it has by then."""
+"""Maximum time for ROS to be taken down after that, seconds. Then the process ends anyway, with
+the exit code that it has by then."""
 
 _SIGEV_THREAD = 2  # of signal.h
 

@@ -516,11 +516,13 @@ def live_events(official: Official, tell: Callable[[msg.RaceEvent], None]) -> It
 
     def tell_all() -> None:
         told = 0
+
+        def news() -> bool:
+            return over.is_set() or told < len(official.events)
+
         while True:
             with official.news:
-                official.news.wait_for(
-                    lambda told=told: over.is_set() or told < len(official.events)
-                )
+                official.news.wait_for(news)
                 events = list(itertools.islice(official.events, told, None))
             if not events:
                 return
