@@ -59,6 +59,9 @@ BUILD_STAMP = BUILD / '.stamp'
 # In .venv, so that it goes with it.
 CONSOLE_STAMP = VENV / '.console-stamp'
 
+PIP = [VENV / 'bin/python', '-m', 'pip', '--disable-pip-version-check', 'install', '--no-input']
+PIP += ['--require-hashes', '--only-binary', ':all:']
+
 # There are wheels of Jazzy for these, on x86-64 Linux with glibc 2.28 or later, and no others.
 WHEEL_PYTHONS = ('3.11', '3.12')
 OLDEST_GLIBC = (2, 28)
@@ -155,17 +158,6 @@ def why_unfit(python: Interpreter, *, sourced: bool) -> str | None:
             f"{debian} 'apt-get install python{python.version}-dev'."
         )
     return None
-
-
-def why_no_compiler(found: Mapping[str, bool]) -> str | None:
-    """Return which of the compilers (C, C++) is missing and how to install it, None if neither."""
-    missing = [language for language, is_there in found.items() if not is_there]
-    if not missing:
-        return None
-    return (
-        f'No {" and no ".join(missing)} compiler found; install one, '
-        "on Debian or Ubuntu with 'apt-get install g++'."
-    )
 
 
 def is_kept(made: Stamp | None, wanted: Stamp, *, chosen: bool) -> bool:
@@ -297,18 +289,16 @@ def make_venv(python: Interpreter, *, sourced: bool) -> None:
         [sys.executable, '-m', 'venv', *flags, VENV],
     )
     setup = ROOT / 'setup'
-    pip = [VENV / 'bin/python', '-m', 'pip', '--disable-pip-version-check', 'install']
-    pip += ['--no-input', '--require-hashes', '--only-binary', ':all:']
     if sourced:
         # Not its dependencies: those that are not in the lock are the sourced ROS's own. And each
         # of the lock, also where the system has it: without-ros sees .venv alone.
-        pip += ['--no-deps', '--ignore-installed']
-        run_quietly('Installing the test tools', [*pip, '-r', setup / 'tools.txt'])
+        own = ['--no-deps', '--ignore-installed', '-r', setup / 'tools.txt']
+        run_quietly('Installing the test tools', [*PIP, *own])
         return
-    run_quietly('Installing the build tools', [*pip, '-r', setup / 'build.txt'])
+    run_quietly('Installing the build tools', [*PIP, '-r', setup / 'build.txt'])
     run_quietly(
         'Installing ROS 2 Jazzy from wheels, about a minute',
-        [*pip, '--no-binary', 'empy', '--no-build-isolation', '-r', setup / 'ros.txt'],
+        [*PIP, '--no-binary', 'empy', '--no-build-isolation', '-r', setup / 'ros.txt'],
     )
     repair_wheels()
 
@@ -319,10 +309,8 @@ def install_console() -> None:
     wanted = digest([(lock.name, lock.read_bytes())])
     if CONSOLE_STAMP.exists() and CONSOLE_STAMP.read_text() == wanted:
         return
-    pip = [VENV / 'bin/python', '-m', 'pip', '--disable-pip-version-check', 'install']
-    pip += ['--no-input', '--require-hashes', '--only-binary', ':all:']
     CONSOLE_STAMP.unlink(missing_ok=True)
-    run_quietly("Installing Qt for the officials' console", [*pip, '-r', lock])
+    run_quietly("Installing Qt for the officials' console", [*PIP, '-r', lock])
     CONSOLE_STAMP.write_text(wanted)
 
 
@@ -348,14 +336,6 @@ def build_workspace(*, sourced: bool) -> None:
     environment = dict(os.environ)
     command: list[object] = ['colcon', 'build']
     if not sourced:
-        reason = why_no_compiler(
-            {
-                'C': any(map(shutil.which, (os.environ.get('CC', 'cc'), 'gcc', 'clang'))),
-                'C++': any(map(shutil.which, (os.environ.get('CXX', 'c++'), 'g++', 'clang++'))),
-            }
-        )
-        if reason:
-            stop(reason)
         environment['AMENT_PREFIX_PATH'] = environment['CMAKE_PREFIX_PATH'] = str(VENV)
         environment['PATH'] = f'{VENV / "bin"}{os.pathsep}{environment["PATH"]}'
         command = [VENV / 'bin/colcon', 'build']

@@ -114,16 +114,6 @@ def test_another_sourced_ros_is_refused() -> None:
     assert 'Jazzy or Lyrical' in prepare.why_no_ros({'ROS_DISTRO': 'humble'})
 
 
-def test_a_missing_compiler_is_told_by_its_language() -> None:
-    assert prepare.why_no_compiler({'C': True, 'C++': False}) == (
-        "No C++ compiler found; install one, on Debian or Ubuntu with 'apt-get install g++'."
-    )
-
-
-def test_compilers_that_are_there_are_no_reason() -> None:
-    assert prepare.why_no_compiler({'C': True, 'C++': True}) is None
-
-
 @pytest.mark.parametrize(
     ('made', 'chosen', 'kept'),
     [

@@ -41,7 +41,7 @@ SWITCH_INTERVAL = 0.0002
 """How long one thread keeps the interpreter from another that wants it, seconds. With Python's
 usual 5 ms, a stop waits for as long while another thread makes a message."""
 
-LOOK = 1.0
+LOOK_INTERVAL = 1.0
 """Time between two looks of the main thread whether it still runs, seconds."""
 
 HANGS = 10.0
@@ -172,7 +172,7 @@ def _run(
     # The node and ROS stay. To search them for garbage takes 20 ms, in which nothing else can run.
     gc.collect()
     gc.freeze()
-    ending.settimeout(LOOK)
+    ending.settimeout(LOOK_INTERVAL)
     told = b''
     while not told:
         with contextlib.suppress(TimeoutError):
