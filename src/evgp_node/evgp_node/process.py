@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Callable
 import contextlib
 import ctypes
-import faulthandler
 import gc
 import signal
 import socket
@@ -118,14 +117,23 @@ def run_node(
     return code
 
 
+_ends: list[ctypes.c_void_p] = []
+
+
 def _end_within(seconds: float, code: int) -> None:
-    """Have the C library end this process: `faulthandler` knows no exit code but 1."""
+    """
+    Have the C library end this process; a later call replaces an earlier one.
+
+    `faulthandler` knows no exit code but 1, and in some Pythons it goes by the wall clock.
+    """
     libc, timer = ctypes.CDLL(None), ctypes.c_void_p()
     end = ctypes.cast(libc._exit, ctypes.c_void_p).value
     event = struct.pack('qiiPP32x', code, 0, _SIGEV_THREAD, end, 0)
     libc.timer_create(time.CLOCK_MONOTONIC, event, ctypes.byref(timer))
     libc.timer_settime(timer, 0, struct.pack('qqqq', 0, 0, int(seconds), 0), None)
-    faulthandler.cancel_dump_traceback_later()
+    while _ends:
+        libc.timer_delete(_ends.pop())
+    _ends.append(timer)
 
 
 def _run(
@@ -164,7 +172,7 @@ def _run(
     except BaseException:  # noqa: BLE001 - as an interpreter does at the end of a program
         traceback.print_exc()
         return 1, rclpy.try_shutdown
-    faulthandler.dump_traceback_later(HANGS, exit=True)
+    _end_within(HANGS, 1)
     spinning = [
         Spinning(node, fail),
         *(Spinning(each, fail, only_serves=True) for each in node.beside),
@@ -177,7 +185,7 @@ def _run(
     while not told:
         with contextlib.suppress(TimeoutError):
             told = ending.recv(1)
-        faulthandler.dump_traceback_later(CLOSE_TIMEOUT if told else HANGS, exit=True)
+        _end_within(CLOSE_TIMEOUT if told else HANGS, 1)
     node.close()
     code = 0
     if failures:
