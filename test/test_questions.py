@@ -38,6 +38,7 @@ from evgp_rcs.race import (
     Race,
     RaceMemory,
     RaceTimes,
+    StartPhase,
 )
 from evgp_rcs_console.commands import asks
 from evgp_rcs_console.effects import Effects, effects
@@ -82,7 +83,7 @@ def given(button: Button) -> Command:
     order = button.order()
     return Command(
         order.command,
-        order.kart or None,
+        order.kart,
         order.stated,
         frozenset(order.karts),
         None if order.hold is State.UNKNOWN else RaceState(order.hold.value),
@@ -163,15 +164,15 @@ class Walk:
         outcome = self.race.command(
             Command(
                 kind,
-                number if one else None,
+                number if one else 0,
                 True,
                 frozenset(offered.karts),
                 self.race.karts[number].hold,
             ),
             self.now,
         )
-        if outcome.write_first is not None:
-            self.race.journal(outcome.write_first, True, self.now)
+        if outcome.start is not None:
+            self.race.start_becomes(StartPhase.WRITTEN, outcome.start.number, self.now)
 
     def questions(self) -> Iterator[Question]:
         """Yield every command that asks and can be given now."""
@@ -233,8 +234,8 @@ def check(question: Question) -> None:
     before = {kart.number: (kart.sent, kart.hold) for kart in race.karts.values()}
 
     outcome = race.command(given(button), now)
-    if outcome.write_first is not None:
-        outcome = race.journal(outcome.write_first, True, now)
+    if outcome.start is not None:
+        outcome = race.start_becomes(StartPhase.WRITTEN, outcome.start.number, now)
 
     assert outcome.answer is not None
     assert outcome.answer.success, outcome.answer.message

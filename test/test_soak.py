@@ -99,8 +99,8 @@ FAULTS = {
         ('looser than a stop', 'held on the grid'),
     ),
     'GRID_ACTIVE with a held kart': Fault(
-        '        held = [each for each in racing if each.hold is not None]',
-        '        held: list[Kart] = []',
+        "        held = _held(racing)\n        if held:\n            return f'release",
+        "        held = ''\n        if held:\n            return f'release",
         ('held on the grid', 'not acknowledged'),
     ),
     'GRID_ACTIVE from a race under way': Fault(
@@ -225,9 +225,12 @@ class Simulation:
         module = self.module
         hold = self.race.karts[kart].hold if kart else None
         seen = frozenset(self.race.availability(kind, kart or 0, self.now).karts)
-        outcome = self.race.command(module.Command(kind, kart, statement, seen, hold), self.now)
-        if outcome.write_first is not None:
-            outcome = self.race.journal(outcome.write_first, True, self.now)
+        outcome = self.race.command(
+            module.Command(kind, kart or 0, statement, seen, hold), self.now
+        )
+        if outcome.start is not None:
+            written = module.StartPhase.WRITTEN, outcome.start.number, self.now
+            outcome = self.race.start_becomes(*written)
         self.deliver(outcome)
         call.ended = self.now + 0.0005
         call.success, call.message = outcome.answer.success, outcome.answer.message

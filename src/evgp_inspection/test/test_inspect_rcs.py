@@ -271,8 +271,8 @@ FLAWS = {
     'R-4B-02': Flaw(race, TO_THE_RACE, for_the_first_kart_only('RED_FLAG')),
     'R-4B-03': Flaw(
         race,
-        '        self._hold_alone(kart, RED_RED, now)\n',
-        '        for each in self.racing():\n            self._hold_alone(each, RED_RED, now)\n',
+        '        self._hold(kart, hold, reason, now)\n',
+        '        for each in self.racing():\n            self._hold(each, hold, reason, now)\n',
     ),
     'R-4B-04': Flaw(
         race,
@@ -359,7 +359,7 @@ class OurRaceControl:
         karts = offered.karts or tuple(each.number for each in self.race.racing())
         given()
         hold = self.race.karts[kart].hold if kart else None
-        command = race.Command(kind, kart or None, True, frozenset(karts), hold)
+        command = race.Command(kind, kart, True, frozenset(karts), hold)
         self.server.submit(command, answered.set_result)
         self.server.take_commands()
         answer = await answered

@@ -97,10 +97,8 @@ class Entry:
     :param names_hold: the request names the hold that the official saw (`hold`).
     :param names_heat: the request names a heat (`heat`).
     :param stop: it stops karts: never refused for a kart of the roster, and never behind another.
-    :param overtakes: it is judged before whatever waits; every stop is.
     :param loosens: it starts or releases karts, or lets humans near: refused whenever it is in
         doubt what officials see.
-    :param needs_journal: what it does must be on the disk before any kart is told.
     """
 
     label: str
@@ -118,9 +116,17 @@ class Entry:
     names_hold: bool = False
     names_heat: bool = False
     stop: bool = False
-    overtakes: bool = False
     loosens: bool = False
-    needs_journal: bool = False
+
+    @property
+    def overtakes(self) -> bool:
+        """Return whether it is judged before whatever waits; RACE_OVER may still be refused."""
+        return self.stop or self.result.race == (RaceState.RED_RED,)
+
+    @property
+    def needs_journal(self) -> bool:
+        """Return whether it must be on the disk before any kart is told."""
+        return RaceState.GREEN_GREEN in self.result.race
 
 
 RACE_COMMAND = 'evgp_rcs_msgs/srv/RaceCommand'
@@ -138,7 +144,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         RACE_COMMAND,
         Result(race=(RaceState.RED_RED,)),
         stop=True,
-        overtakes=True,
     ),
     CommandKind.RED_FLAG: Entry(
         'RED FLAG',
@@ -147,7 +152,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         RACE_COMMAND,
         Result(race=FLAG_OR_RED),
         stop=True,
-        overtakes=True,
     ),
     CommandKind.KART_RED_RED: Entry(
         'RED RED',
@@ -157,7 +161,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         Result(hold=(RaceState.RED_RED,)),
         to_one_kart=True,
         stop=True,
-        overtakes=True,
     ),
     CommandKind.KART_RED_FLAG: Entry(
         'RED FLAG',
@@ -167,7 +170,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         Result(hold=FLAG_OR_RED),
         to_one_kart=True,
         stop=True,
-        overtakes=True,
     ),
     CommandKind.RECORD_MSR: Entry(
         'MSR WAS USED',
@@ -178,7 +180,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         note='Records that you used the MSR. It does not trigger the MSR.',
         call_is_statement=True,
         stop=True,
-        overtakes=True,
     ),
     # It stops karts too, but may be refused.
     CommandKind.RACE_OVER: Entry(
@@ -187,7 +188,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'race_over',
         RACE_COMMAND,
         Result(race=(RaceState.RED_RED,)),
-        overtakes=True,
     ),
     CommandKind.GRID_ACTIVE: Entry(
         'GRID ACTIVE',
@@ -207,7 +207,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         Result(race=(RaceState.GREEN_GREEN,)),
         names_karts=True,
         loosens=True,
-        needs_journal=True,
     ),
     CommandKind.IN_GARAGE: Entry(
         'IN GARAGE',

@@ -51,6 +51,7 @@ from evgp_rcs.race import (
     Race,
     RaceMemory,
     RaceTimes,
+    StartPhase,
 )
 
 FORMAT = 1
@@ -252,33 +253,16 @@ class RecordTrouble(NamedTuple):
         return race.record_trouble(self.text, self.at)
 
 
-class Journal(NamedTuple):
-    """
-    What a start was to have on the disk is there, or could not be written.
-
-    :param awaited: it is what the start waits for that waits now.
-    """
+class StartBecame(NamedTuple):
+    """What the start of this number waits for came to this ``StartPhase``."""
 
     at: float
-    awaited: bool
-    written: bool
+    phase: int
+    number: int
 
     def feed(self, race: Race) -> Outcome:
         """Hand it to the rules."""
-        memory = RaceMemory(race.state, {})  # only the very one that a start waits for counts
-        if race.start is not None and self.awaited:
-            memory = race.start.memory
-        return race.journal(memory, self.written, self.at)
-
-
-class Withdrawn(NamedTuple):
-    """Nobody waits any more for the answer to the start that waits."""
-
-    at: float
-
-    def feed(self, race: Race) -> Outcome:
-        """Hand it to the rules."""
-        return race.withdraw(self.at)
+        return race.start_becomes(StartPhase(self.phase), self.number, self.at)
 
 
 class Recovered(NamedTuple):
@@ -301,8 +285,7 @@ Input = (
     | HeldUp
     | Rival
     | RecordTrouble
-    | Journal
-    | Withdrawn
+    | StartBecame
     | Recovered
 )
 
@@ -392,8 +375,7 @@ _FIXED: dict[type[Any], tuple[int, struct.Struct]] = {
     Connected: (4, struct.Struct('<BdI')),
     HeldUp: (5, struct.Struct('<Bdd')),
     Rival: (6, struct.Struct('<Bd?')),
-    Journal: (7, struct.Struct('<Bd??')),
-    Withdrawn: (9, struct.Struct('<Bd')),
+    StartBecame: (7, struct.Struct('<BdBQ')),
     Told: (10, struct.Struct('<BQQ')),
     Shown: (11, struct.Struct('<BdQ')),
     Published: (12, struct.Struct('<BQI')),

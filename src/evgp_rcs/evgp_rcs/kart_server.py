@@ -52,7 +52,7 @@ from evgp_rcs.race import (
     Race,
     RaceMemory,
     StampedEvent,
-    URGENT,
+    StartPhase,
 )
 
 HELD_UP = 1.0
@@ -304,7 +304,7 @@ class KartServer:
         :param came: when it came (s), if that was before.
         """
         waiting = Waiting(command, answered, self.now() if came is None else came)
-        (self._stops if command.kind in URGENT else self._commands).append(waiting)
+        (self._stops if CATALOGUE[command.kind].overtakes else self._commands).append(waiting)
         return waiting
 
     def rival(self, present: bool) -> None:
@@ -354,12 +354,13 @@ class KartServer:
         )
 
     def _refuse_the_rest(self) -> None:
-        for waiting in (*self._stops, *self._commands):
-            if not waiting.withdrawn:
+        starting, self._starting = self._starting, None
+        for waiting in (*self._stops, *self._commands, starting):
+            if waiting is not None and not waiting.withdrawn:
                 waiting.answered(_ENDING)
         self._stops.clear()
         self._commands.clear()
-        self._withdraw_start(_ENDING)
+        self._withdraw_start()
 
     def _beat(self, due: float) -> None:
         assert self._loop is not None
@@ -415,8 +416,8 @@ class KartServer:
     def _is_ending(self) -> bool:
         return self._closing is not None and self._closing.is_set()
 
-    def _journal(self, memory: RaceMemory, written: bool) -> None:
-        """Take it that what a start waits for is on the disk, or is not."""
+    def _journal(self, number: int, written: bool) -> None:
+        """Take it that what the start of this number waits for is on the disk, or is not."""
         if self._is_ending():
             return  # the rest is refused
         self.take_commands()
@@ -424,18 +425,14 @@ class KartServer:
         self._notice_delay(now)
         if not written:
             self._take_note_of(self._outside.trouble(), now)
-        start = self._race.start
-        awaited = start is not None and start.memory is memory
-        self._take(inputs.Journal(now, awaited, written))
+        phase = StartPhase.WRITTEN if written else StartPhase.FAILED
+        self._take(inputs.StartBecame(now, phase, number))
 
-    def _withdraw_start(self, answer: Answer | None = None) -> None:
-        """Have a start that waits not go out; whoever still waits for its answer gets this one."""
-        starting, self._starting = self._starting, None
-        if starting is None:
-            return
-        if answer is not None and not starting.withdrawn:
-            starting.answered(answer)
-        self._take(inputs.Withdrawn(self.now()))
+    def _withdraw_start(self) -> None:
+        """Have a start that waits not go out."""
+        if self._race.start is not None:
+            number = self._race.start.number
+            self._take(inputs.StartBecame(self.now(), StartPhase.WITHDRAWN, number))
 
     def _notice_delay(self, now: float) -> None:
         """Tell the rules if race control was held up."""
@@ -458,20 +455,21 @@ class KartServer:
         """
         outcome = self._feed(given)
         self._send(outcome)
-        answered = waiting or self._starting
-        if outcome.answer is not None and answered is not None:
-            answered.answered(outcome.answer)
+        of_start = outcome.answer is not None and waiting is None
+        if of_start:
+            waiting, self._starting = self._starting, None
+        if outcome.answer is not None and waiting is not None and not waiting.withdrawn:
+            waiting.answered(outcome.answer)
         self._tell_of_rules(outcome.events, given.at)
-        if outcome.write_first is not None:
-            memory = outcome.write_first
+        if of_start:
+            self._remember(self.now())
+        if outcome.start is not None:
+            number = outcome.start.number
             self._starting = waiting
             self._hand_on()
             self._outside.make_sure(
-                memory, self.now(), lambda written: self._journal(memory, written)
+                outcome.start.memory, self.now(), lambda written: self._journal(number, written)
             )
-        elif self._race.start is None and self._starting is not None:
-            self._starting = None
-            self._remember(self.now())
 
     def _send(self, outcome: Outcome) -> None:
         for order in outcome.orders:

@@ -50,7 +50,7 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs.kart_client import KartServerClient
 from evgp_rcs.kart_server import KartServerError
 from evgp_rcs.official import heard
-from evgp_rcs.race import Answer, Command, URGENT
+from evgp_rcs.race import Answer, Command
 from evgp_rcs.rival import (
     claim_the_graph,
     LOOK_AGAIN,
@@ -269,7 +269,7 @@ class RcsNode(StrictNode):
             answer = submitted.answer(ANSWER_TIMEOUT)
             if answer is not None:
                 return answer
-            if command.kind not in URGENT:
+            if not CATALOGUE[command.kind].overtakes:
                 # What is not in force by now does not come into force later, unseen.
                 self._server.withdraw(submitted)
         except KartServerError as error:
@@ -279,7 +279,7 @@ class RcsNode(StrictNode):
             f'{command.kind.value} has not been answered for {ANSWER_TIMEOUT:g} s'
             + (
                 '; use the MSR.'
-                if command.kind in URGENT
+                if CATALOGUE[command.kind].overtakes
                 else '; check the race to see whether it took effect.'
             ),
         )
@@ -295,7 +295,7 @@ def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
     entry = CATALOGUE[kind]
     return Command(
         kind,
-        request.kart if entry.to_one_kart else None,
+        request.kart if entry.to_one_kart else 0,
         entry.call_is_statement or (bool(entry.statement) and getattr(request, entry.statement)),
         frozenset(request.karts) if entry.names_karts else frozenset(),
         state_of(request.hold) if entry.names_hold else None,

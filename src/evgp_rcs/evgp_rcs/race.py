@@ -138,7 +138,7 @@ class Command(NamedTuple):
     An official's command (§4.B).
 
     :param kind: which command.
-    :param kart: the kart it is for; ``None`` for a command to the race, to all, or to the track.
+    :param kart: the kart it is for; 0 for a command to the race, to all, or to the track.
     :param statement: the official makes the statement that the command asks for, if it asks.
     :param karts: for a command that starts or releases: the karts concerned, as the official saw
         them.
@@ -148,7 +148,7 @@ class Command(NamedTuple):
     """
 
     kind: CommandKind
-    kart: int | None = None
+    kart: int = 0
     statement: bool = False
     karts: frozenset[int] = frozenset()
     hold: RaceState | None = None
@@ -233,13 +233,13 @@ class Outcome(NamedTuple):
     What one input changed, and what must now be sent to whom.
 
     :param answer: the answer to a command: to the one that was given, or to a start that waited.
-    :param write_first: a start waits until this is on the disk (``Race.journal``).
+    :param start: the command that was given is a start, which waits from now on.
     """
 
     orders: tuple[Order, ...]
     events: tuple[Event, ...]
     answer: Answer | None = None
-    write_first: RaceMemory | None = None
+    start: Start | None = None
 
 
 @dataclass(frozen=True)
@@ -447,22 +447,40 @@ class RaceMemory:
         )
 
 
-@dataclass(frozen=True)
-class Start:
+class StartPhase(enum.IntEnum):
+    """How far a start has come; of two at once, the later one counts."""
+
+    WAITS = 0
+    WRITTEN = 1
+    FAILED = 2
+    OUTLIVED = 3
+    WITHDRAWN = 4
+
+
+WHY_NO_START = {
+    StartPhase.OUTLIVED: 'it was sent for an earlier GRID_ACTIVE; look, and send it again',
+    StartPhase.WITHDRAWN: 'it was withdrawn while it waited for the record',
+}
+"""Why a start is refused in its last phase, if the rules alone would accept it."""
+
+
+class Start(NamedTuple):
     """
     A GREEN_GREEN that would be accepted, and waits until it is on the disk that karts may move.
 
+    :param number: counts the starts, from 1.
     :param came: when the command came, in seconds.
     :param until: when it waits no longer, in seconds.
-    :param grid: the number of the GRID_ACTIVE that it follows (``Race.grids``).
     :param memory: what must be on the disk first.
+    :param phase: WAITS; or OUTLIVED, if GRID_ACTIVE has been accepted since.
     """
 
+    number: int
     command: Command
     came: float
     until: float
-    grid: int
     memory: RaceMemory
+    phase: StartPhase = StartPhase.WAITS
 
 
 class Race:
@@ -470,7 +488,7 @@ class Race:
     The state of one race and of every kart of the roster (§3, §4.B).
 
     Feed it with ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``, with what
-    becomes of a start that waits (``journal``, ``withdraw``), and with what is wrong around it
+    becomes of a start that waits (``start_becomes``), and with what is wrong around it
     (``held_up``, ``rival``, ``record_trouble``); each returns the orders to send and the events
     that happened. Times are seconds of one monotonic clock and never go back.
 
@@ -522,6 +540,8 @@ class Race:
         """When the pause ends, or the last one ended (s)."""
         self._paused_by = ''
         self.start: Start | None = None
+        """The GREEN_GREEN that waits for the record."""
+        self.starts = 0
         self._told_all_answered = False
         self._by: Command | None = None  # the command that is being put in force
         self._alerts: dict[tuple[AlertKind, int], Alert] = {}
@@ -538,13 +558,6 @@ class Race:
             return self.start.memory
         karts = {number: _remembered(kart) for number, kart in self.karts.items()}
         return RaceMemory(self.state, karts, self.track_open, self.msr_used)
-
-    def _memory_after_green(self) -> RaceMemory:
-        """Return what must be on the disk before GREEN_GREEN goes out to the race."""
-        karts = {number: _remembered(kart) for number, kart in self.karts.items()}
-        for kart in self.racing():
-            karts[kart.number] = dataclasses.replace(karts[kart.number], doubt=Doubt.MOVING)
-        return RaceMemory(GREEN_GREEN, karts)
 
     def recover(self, memory: RaceMemory | None, now: float) -> Outcome:
         """
@@ -600,7 +613,7 @@ class Race:
         self._go(RED_RED, now, why)
         for kart in gone:
             text = f'{_capital(kart)} is held in RED_RED; find it, make it safe, release it alone'
-            self._tell(EventKind.KART_STATE, text, kart, RED_RED)
+            self._tell(EventKind.KART_STATE, text, kart.number, RED_RED)
         return self._outcome()
 
     # ----- inputs -------------------------------------------------------------------------
@@ -623,44 +636,37 @@ class Race:
         refusal = self._refusal_of(command, came)
         if refusal or not CATALOGUE[command.kind].needs_journal:
             return self._outcome(self._decide(command, refusal, now))
-        memory = self._memory_after_green()
+        karts = {
+            number: dataclasses.replace(kart, doubt=Doubt.MOVING) if kart.in_race else kart
+            for number, kart in self.memory().karts.items()
+        }
         until = now + self.times.journal_timeout
-        self.start = Start(command, came, until, self.grids, memory)
-        return self._outcome(write_first=memory)
+        self.starts += 1
+        self.start = Start(self.starts, command, came, until, RaceMemory(GREEN_GREEN, karts))
+        return self._outcome(start=self.start)
 
-    def journal(self, memory: RaceMemory, written: bool, now: float) -> Outcome:
+    def start_becomes(self, phase: StartPhase, number: int, now: float) -> Outcome:
         """
-        Take note that what a start waits for is on the disk, or that it could not be written.
+        Take note that what a start waits for is on the disk or not, or that nobody waits for it.
 
-        :param memory: the very one that the outcome of the start asked for. If no start waits for
-            it any more, nothing happens.
+        :param number: of the start; if it does not wait any more, nothing happens.
         :returns: an outcome with the answer to the start.
         """
-        start = self.start
-        if start is None or start.memory is not memory:
+        if self.start is None or self.start.number != number:
             return self._outcome()
-        return self._outcome(self._end_of_start(start, written, now))
+        return self._outcome(self._end_of_start(self.start, phase, now))
 
-    def _end_of_start(self, start: Start, written: bool, now: float) -> Answer:
-        """Judge a start again whose turn has come, or refuse it because the disk failed."""
+    def _end_of_start(self, start: Start, phase: StartPhase, now: float) -> Answer:
+        """Judge a start again whose turn has come, or refuse it for what has become of it."""
         self.start = None
-        if not written:
+        if phase == StartPhase.FAILED:
             self.record_fails = self.record_fails or (
                 f'The record has not taken GREEN_GREEN for {self.times.journal_timeout:g} s'
             )
             self._tell_alerts(now)
         refusal = self._refusal_of(start.command, start.came)
-        if start.grid != self.grids:
-            refusal = refusal or 'it was sent for an earlier GRID_ACTIVE; look, and send it again'
+        refusal = refusal or WHY_NO_START.get(max(phase, start.phase), '')
         return self._decide(start.command, refusal, now)
-
-    def withdraw(self, now: float) -> Outcome:
-        """Refuse the start that waits, if one does: nobody waits for its answer any more."""
-        start, self.start = self.start, None
-        if start is None:
-            return self._outcome()
-        refusal = 'it was withdrawn while it waited for the record'
-        return self._outcome(self._decide(start.command, refusal, now))
 
     def held_up(self, seconds: float, now: float) -> Outcome:
         """Take note that race control was held up: what comes now may have been sent long ago."""
@@ -675,30 +681,21 @@ class Race:
 
     def _refusal_of(self, command: Command, came: float) -> str:
         """Return why a command is refused that came at a time (s); empty if it is not."""
+        if CATALOGUE[command.kind].to_one_kart and command.kart not in self.karts:
+            return self._unknown_kart(command)
         rule = COMMANDS[command.kind]
-        kart: Kart | None = None
-        if CATALOGUE[command.kind].to_one_kart:
-            kart = self.karts.get(command.kart) if command.kart is not None else None
-            if kart is None:
-                return self._unknown_kart(command)
-        refusal = (
-            self._refusal(command.kind, kart)
-            # A reason of the rules says more to the official than the pause does.
-            or self._paused(command.kind, came)
-            or self._unknown_heat(command)
-            or self._uninspected_heat(command)
-        )
+        # A reason of the rules says more to the official than the pause does.
+        refusal = self._refusal(command) or self._paused(command.kind, came)
         if refusal:
             return refusal
-        statement = rule.statement(self, kart)
+        statement = rule.statement(self, command)
         if statement and not command.statement:
-            if kart is not None and not kart.acknowledged:
-                return (
-                    f'{kart} has not acknowledged {kart.sent.value} on its present connection: '
-                    f'wait for it, or state that {statement}'
-                )
-            return f'state that {statement}'
-        return self._not_as_seen(command, rule, kart)
+            wait = ''
+            if CATALOGUE[command.kind].names_hold:
+                kart = self.karts[command.kart]
+                wait = f'{kart}: {self._silence(kart)}; wait for it, or '
+            return f'{wait}state that {statement}'
+        return self._misnamed(command)
 
     def _decide(self, command: Command, refusal: str, now: float) -> Answer:
         """Put a command in force, or refuse it, and tell that."""
@@ -707,13 +704,10 @@ class Race:
             answer = Answer(False, f'{command.kind.value} refused: {refusal}.')
         else:
             rule = COMMANDS[command.kind]
-            kart = None
-            if CATALOGUE[command.kind].to_one_kart:
-                assert command.kart is not None
-                kart = self.karts[command.kart]
-            self.grid_was_last = rule.leaves_grid_last(self)
+            if rule.is_command:
+                self.grid_was_last = command.kind is CommandKind.GRID_ACTIVE
             self._by = command
-            answer = Answer(True, f'{rule.effect(self, kart, command, now)}.')
+            answer = Answer(True, f'{rule.effect(self, command, now)}.')
             self._by = None
         # The cause stands before its effects.
         self._events.insert(
@@ -721,7 +715,7 @@ class Race:
             Event(
                 EventKind.COMMAND,
                 answer.message,
-                kart=command.kart or 0,
+                command.kart,
                 command=command.kind,
                 success=answer.success,
                 official=command.official,
@@ -744,7 +738,7 @@ class Race:
         if not kart.may_be_moving:
             kart.lost_since = None
         kart.reported = None
-        self._events.append(Event(EventKind.CONNECTED, f'{_capital(kart)} connected', kart=number))
+        self._tell(EventKind.CONNECTED, f'{_capital(kart)} connected', number)
         self._redirect(kart, now, anew=True)
         return self._outcome()
 
@@ -782,13 +776,8 @@ class Race:
             # Whether all have is reported at the next tick; checking here would cost O(N²).
             # IN_GARAGE asks for no acknowledgement (§3.A).
             did = 'says' if state is IN_GARAGE else 'acknowledged'
-            self._tell(
-                EventKind.ACKNOWLEDGED,
-                f'{_capital(kart)} {did} {state.value}',
-                kart,
-                state,
-                chatter=kart.withdrawn,
-            )
+            text = f'{_capital(kart)} {did} {state.value}'
+            self._tell(EventKind.ACKNOWLEDGED, text, number, state, kart.withdrawn)
         elif kart.acknowledged and state is not kart.sent:
             kart.acknowledged = False
             kart.withdrawn = True
@@ -799,18 +788,13 @@ class Race:
                 EventKind.WITHDRAWN,
                 f'{_capital(kart)} says {state.value}: its acknowledgement of {kart.sent.value} '
                 'does not count any more',
-                kart,
+                number,
                 state,
                 chatter=True,
             )
         elif state is not kart.reported:
-            self._tell(
-                EventKind.REPORTED,
-                f'{_capital(kart)} says {state.value}; it is being sent {kart.sent.value}',
-                kart,
-                state,
-                chatter=True,
-            )
+            text = f'{_capital(kart)} says {state.value}; it is being sent {kart.sent.value}'
+            self._tell(EventKind.REPORTED, text, number, state, chatter=True)
         if state is GREEN_GREEN and kart.sent is not GREEN_GREEN:
             kart.doubt = Doubt.MOVING
         kart.reported = state
@@ -847,7 +831,7 @@ class Race:
             self._tell_results()
         answer = None
         if self.start is not None and now >= self.start.until:
-            answer = self._end_of_start(self.start, False, now)
+            answer = self._end_of_start(self.start, StartPhase.FAILED, now)
         self._tell_all_answered(now)
         self._tell_alerts(now)
         return self._outcome(answer)
@@ -861,28 +845,27 @@ class Race:
         :param number: the kart, for a command to one kart; 0 for any other.
         :raises KeyError: if the command is to one kart and the roster has no such kart.
         """
-        rule = COMMANDS[kind]
-        kart = self.karts[number] if CATALOGUE[kind].to_one_kart else None
-        reason = self._refusal(kind, kart)
+        rule, command = COMMANDS[kind], Command(kind, number)
+        reason = self._refusal(command)
         if reason:
             return Availability(kind, number, reason, '')
         paused = self._paused(kind, now)
         if paused:
             return Availability(kind, number, paused, '', available_from=self.paused_until)
-        karts = tuple(sorted(each.number for each in rule.karts(self, kart)))
-        return Availability(kind, number, '', rule.statement(self, kart), karts)
+        karts = tuple(sorted(each.number for each in rule.karts(self, command)))
+        return Availability(kind, number, '', rule.statement(self, command), karts)
 
     def alerts(self, now: float) -> list[Alert]:
         """Return what officials must act on at this time, newest first."""
         alerts = []
-        for kind, kart, due in self._alert_conditions():
+        for kind, kart, due, text in self._alert_conditions():
             if due is not None and due > now:
                 continue
             number = kart.number if kart else 0
             told = self._alerts.get((kind, number))
             since = due if due is not None else told.since if told else now
             use_msr = kind in MSR_ALERTS and not self.msr_used
-            alerts.append(Alert(kind, number, since, self._alert_text(kind, kart), use_msr))
+            alerts.append(Alert(kind, number, since, text, use_msr))
         alerts.sort(key=lambda alert: alert.since, reverse=True)
         return alerts
 
@@ -925,9 +908,8 @@ class Race:
                 # Told to go, or told to stop and it has not said yet that it did.
                 kart.doubt = Doubt.MOVING
             self._orders.append(Order(kart.number, state, kart.serial))
-            self._tell(
-                EventKind.KART_STATE, f'{_capital(kart)} is sent {state.value}', kart, state
-            )
+            text = f'{_capital(kart)} is sent {state.value}'
+            self._tell(EventKind.KART_STATE, text, kart.number, state)
 
     def _hold(self, kart: Kart, hold: RaceState, reason: str, now: float) -> None:
         if kart.hold is None or hold.strictness > kart.hold.strictness:
@@ -935,15 +917,6 @@ class Race:
             # That an official held it stays to be seen, for only an official lets it go.
             kart.hold_reason = f'{reason}; {kart.hold_reason}' if kart.held_alone else reason
         self._redirect(kart, now)
-
-    def _hold_alone(self, kart: Kart, hold: RaceState, now: float) -> None:
-        assert self._by is not None
-        reason = f'{hold.value} by {self._by.official or "an official"}'
-        self._hold(kart, hold, reason, now)
-        if not kart.held_alone:
-            kart.held_alone = True
-            if kart.hold_reason != reason:
-                kart.hold_reason += f'; {reason}'
 
     def _unhold(self, kart: Kart) -> None:
         kart.hold = None
@@ -973,15 +946,8 @@ class Race:
             self.state_since = now
             self.state_cause = why or self._cause()
             self._told_all_answered = False
-            self._events.append(
-                Event(
-                    EventKind.RACE_STATE,
-                    f'The race is in {state.value}: {self.state_cause}',
-                    state=state,
-                    command=self._by.kind if self._by is not None else None,
-                    official=self._by.official if self._by is not None else '',
-                )
-            )
+            text = f'The race is in {state.value}: {self.state_cause}'
+            self._tell(EventKind.RACE_STATE, text, state=state)
         for kart in self.racing():
             self._redirect(kart, now)
 
@@ -993,13 +959,7 @@ class Race:
         under_way = kart.in_race and self.state is not IN_GARAGE
         if (under_way or kart.doubt) and kart.lost_since is None:
             kart.lost_since = now
-        self._events.append(
-            Event(
-                EventKind.DISCONNECTED,
-                f'{_capital(kart)} disconnected: {reason}',
-                kart=kart.number,
-            )
-        )
+        self._tell(EventKind.DISCONNECTED, f'{_capital(kart)} disconnected: {reason}', kart.number)
         if under_way and self.state is not GRID_ACTIVE:
             self._hold(kart, RED_RED, f'lost its connection in {self.state.value}', now)
         elif kart.may_be_moving:
@@ -1007,14 +967,14 @@ class Race:
 
     # ----- the effects of the commands ----------------------------------------------------
 
-    def _all_kill(self, kart: Kart | None, command: Command, now: float) -> str:
+    def _all_kill(self, command: Command, now: float) -> str:
         cause = self._cause()
         for each in self.karts.values():
             self._hold(each, RED_RED, cause, now)
         self._go(RED_RED, now)
         return f'RED_RED is sent to {_receivers(self.karts.values())}'
 
-    def _red_flag(self, kart: Kart | None, command: Command, now: float) -> str:
+    def _red_flag(self, command: Command, now: float) -> str:
         self._go(stricter(self.state, RED_FLAG), now)
         if self.state is not RED_FLAG:
             return f'The race is in {self.state.value} already, which is stricter than RED_FLAG'
@@ -1023,9 +983,11 @@ class Race:
         message = f'RED_FLAG is sent to {_receivers(flagged)}'
         return message + (f'; in RED_RED already: {_listed(stopped)}' if stopped else '')
 
-    def _grid_active(self, kart: Kart | None, command: Command, now: float) -> str:
+    def _grid_active(self, command: Command, now: float) -> str:
         self.grids += 1
         self.number = self.grids
+        if self.start is not None:
+            self.start = self.start._replace(phase=StartPhase.OUTLIVED)
         self.msr_used = False
         self.starters = ()
         self.places_given = 0
@@ -1034,19 +996,19 @@ class Race:
         self._go(GRID_ACTIVE, now)
         return f'GRID_ACTIVE is sent to {_receivers(self.racing())}'
 
-    def _green_green(self, kart: Kart | None, command: Command, now: float) -> str:
+    def _green_green(self, command: Command, now: float) -> str:
         self.starters = tuple(each.number for each in self.racing())
         self._go(GREEN_GREEN, now)
         return f'GREEN_GREEN is sent to {_receivers(self.racing())}'
 
-    def _race_over(self, kart: Kart | None, command: Command, now: float) -> str:
+    def _race_over(self, command: Command, now: float) -> str:
         self.over = True
         self._go(RED_RED, now)
         self._tell_results()
         return f'Race over: RED_RED is sent to {_receivers(self.racing())}'
 
-    def _race_in_garage(self, kart: Kart | None, command: Command, now: float) -> str:
-        released = list(self._released_by_garage(None))
+    def _race_in_garage(self, command: Command, now: float) -> str:
+        released = list(self._released_by_garage(command))
         for each in released:
             self._unhold(each)
         kept = [each for each in self.karts.values() if each.hold is not None]
@@ -1064,35 +1026,37 @@ class Race:
             message += f'; still held until released alone: {_listed(kept)}'
         return message
 
-    def _open_track(self, kart: Kart | None, command: Command, now: float) -> str:
+    def _open_track(self, command: Command, now: float) -> str:
         self.track_open = True
         return f'The track is open to humans: {self._humans_allowed()[1]}'
 
-    def _close_track(self, kart: Kart | None, command: Command, now: float) -> str:
+    def _close_track(self, command: Command, now: float) -> str:
         if self.track_open:
             # GRID_ACTIVE may have been sent before the track was opened, and come here after it.
             self._pause(now + self.times.pause, 'the track was closed just now')
         self.track_open = False
         return 'The track is closed to humans'
 
-    def _record_msr(self, kart: Kart | None, command: Command, now: float) -> str:
+    def _record_msr(self, command: Command, now: float) -> str:
         # The MSR's relay may give the power back later: by then every kart must be told to stop.
-        self._all_kill(None, command, now)
+        self._all_kill(command, now)
         self.msr_used = True
         return 'The use of the MSR is recorded, and RED_RED is sent to all karts'
 
-    def _kart_red_red(self, kart: Kart | None, command: Command, now: float) -> str:
-        assert kart is not None
-        self._hold_alone(kart, RED_RED, now)
-        return f'{_capital(kart)} is held in RED_RED' + self._if_absent(kart)
+    def _stop_kart(self, command: Command, now: float) -> str:
+        kart = self.karts[command.kart]
+        hold = RED_RED if command.kind is CommandKind.KART_RED_RED else RED_FLAG
+        reason = f'{hold.value} by {command.official or "an official"}'
+        self._hold(kart, hold, reason, now)
+        if not kart.held_alone:
+            kart.held_alone = True
+            if kart.hold_reason != reason:
+                kart.hold_reason += f'; {reason}'
+        absent = '' if kart.connected else ', but it is not connected'
+        return f'{_capital(kart)} is held in {kart.sent.value}{absent}'
 
-    def _kart_red_flag(self, kart: Kart | None, command: Command, now: float) -> str:
-        assert kart is not None
-        self._hold_alone(kart, RED_FLAG, now)
-        return f'{_capital(kart)} is held in {kart.sent.value}' + self._if_absent(kart)
-
-    def _kart_finish(self, kart: Kart | None, command: Command, now: float) -> str:
-        assert kart is not None
+    def _kart_finish(self, command: Command, now: float) -> str:
+        kart = self.karts[command.kart]
         self.places_given += 1
         kart.place = self.places_given
         delay = self.times.finish_delay(kart.place)
@@ -1100,8 +1064,8 @@ class Race:
         text = f'{_capital(kart)} finished in place {kart.place}'
         return f'{text}; RED_FLAG follows in {delay:g} s'
 
-    def _kart_undo_finish(self, kart: Kart | None, command: Command, now: float) -> str:
-        assert kart is not None
+    def _kart_undo_finish(self, command: Command, now: float) -> str:
+        kart = self.karts[command.kart]
         place, kart.place = kart.place, 0
         self.places_given -= 1
         moved_up = [each for each in self.karts.values() if each.place > place]
@@ -1119,8 +1083,8 @@ class Race:
             text += f'; moved up: {_cut([f"{each.place}. {each}" for each in moved_up])}'
         return text
 
-    def _release_kart(self, kart: Kart | None, command: Command, now: float) -> str:
-        assert kart is not None
+    def _release_kart(self, command: Command, now: float) -> str:
+        kart = self.karts[command.kart]
         self._unhold(kart)
         self._end_doubt(kart)
         out = kart.in_race and self.state is not IN_GARAGE
@@ -1131,14 +1095,14 @@ class Race:
             ' and is out of the race' if out else ''
         )
 
-    def _join_race(self, kart: Kart | None, command: Command, now: float) -> str:
-        assert kart is not None
+    def _join_race(self, command: Command, now: float) -> str:
+        kart = self.karts[command.kart]
         kart.in_race = True
         self._redirect(kart, now)
         return f'{_capital(kart)} is in the race'
 
-    def _leave_race(self, kart: Kart | None, command: Command, now: float) -> str:
-        assert kart is not None
+    def _leave_race(self, command: Command, now: float) -> str:
+        kart = self.karts[command.kart]
         held = self.state is not IN_GARAGE
         kart.in_race = False
         if held:
@@ -1147,7 +1111,7 @@ class Race:
         self._redirect(kart, now)
         return f'{_capital(kart)} is out of the race'
 
-    def _set_heat(self, kart: Kart | None, command: Command, now: float) -> str:
+    def _set_heat(self, command: Command, now: float) -> str:
         (heat,) = (each for each in self.heats if each.name == command.heat)
         for each in self.karts.values():
             each.in_race = each.number in heat.karts
@@ -1158,15 +1122,15 @@ class Race:
         absent = [each for each in chosen if not each.connected]
         if absent:
             text += f'; not connected: {_listed(absent)}'
-        held = [f'{each}: {each.hold_reason}' for each in chosen if each.hold is not None]
-        return text + (f'; still held: {_cut(held)}' if held else '')
+        held = _held(chosen)
+        return text + (f'; still held: {held}' if held else '')
 
     # ----- why a command is refused: one phrase, or nothing -------------------------------
 
-    def _refusal(self, kind: CommandKind, kart: Kart | None) -> str:
-        if CATALOGUE[kind].loosens and self.has_rival:
+    def _refusal(self, command: Command) -> str:
+        if CATALOGUE[command.kind].loosens and self.has_rival:
             return 'another race control is running; end it first. Every stop still works'
-        return COMMANDS[kind].refusal(self, kart)
+        return COMMANDS[command.kind].refusal(self, command)
 
     def _paused(self, kind: CommandKind, came: float) -> str:
         """Return why a pause refuses a command that came at a time (s); empty if none does."""
@@ -1174,10 +1138,7 @@ class Race:
             return f'{self._paused_by}; look at the race, then send this command again'
         return ''
 
-    def _never(self, kart: Kart | None) -> str:
-        return ''
-
-    def _no_grid_active(self, kart: Kart | None) -> str:
+    def _no_grid_active(self, command: Command) -> str:
         if self.state is not IN_GARAGE:
             return f'the race is in {self.state.value}; bring it to IN_GARAGE first'
         racing = list(self.racing())
@@ -1185,10 +1146,9 @@ class Race:
             return 'no kart is in the race'
         if self.track_open:
             return 'the track is open to humans; close it first'
-        held = [each for each in racing if each.hold is not None]
+        held = _held(racing)
         if held:
-            reasons = [f'{each}: {each.hold_reason}' for each in held]
-            return f'release the held karts first: {_cut(reasons)}'
+            return f'release the held karts first: {held}'
         moving = [each for each in racing if each.may_be_moving]
         if moving:
             return f'send RED_RED first to what may be moving: {_listed(moving)}'
@@ -1204,7 +1164,7 @@ class Race:
             'in /dev/shm'
         )
 
-    def _no_green_green(self, kart: Kart | None) -> str:
+    def _no_green_green(self, command: Command) -> str:
         if self.state is not GRID_ACTIVE:
             return f'the race is in {self.state.value}; GREEN_GREEN follows GRID_ACTIVE'
         if not self.grid_was_last:
@@ -1215,9 +1175,9 @@ class Race:
         racing = list(self.racing())
         if not racing:
             return 'no kart is in the race'
-        held = [f'{each}: {each.hold_reason}' for each in racing if each.hold is not None]
+        held = _held(racing)
         if held:
-            return f'bring the race to IN_GARAGE and release the held karts: {_cut(held)}'
+            return f'bring the race to IN_GARAGE and release the held karts: {held}'
         missing = [
             f'{each}: {self._silence(each)}'
             for each in racing
@@ -1236,10 +1196,10 @@ class Race:
             return 'another GREEN_GREEN is still waiting for the record'
         return self._no_record()
 
-    def _no_race_over(self, kart: Kart | None) -> str:
+    def _no_race_over(self, command: Command) -> str:
         return 'the race is in IN_GARAGE; nothing is under way' if self.state is IN_GARAGE else ''
 
-    def _no_in_garage(self, kart: Kart | None) -> str:
+    def _no_in_garage(self, command: Command) -> str:
         if self.state is GRID_ACTIVE:
             return _cut(
                 [
@@ -1264,12 +1224,12 @@ class Race:
             f'release it alone{how}'
         )
 
-    def _no_open_track(self, kart: Kart | None) -> str:
+    def _no_open_track(self, command: Command) -> str:
         allowed, reason = self._humans_allowed()
         return '' if allowed else reason
 
-    def _no_finish(self, kart: Kart | None) -> str:
-        assert kart is not None
+    def _no_finish(self, command: Command) -> str:
+        kart = self.karts[command.kart]
         if not kart.in_race:
             return f'{kart} is not in the race'
         if self.state is not GREEN_GREEN:
@@ -1282,8 +1242,8 @@ class Race:
             return f'{kart} is held: {kart.hold_reason}'
         return ''
 
-    def _no_undo_finish(self, kart: Kart | None) -> str:
-        assert kart is not None
+    def _no_undo_finish(self, command: Command) -> str:
+        kart = self.karts[command.kart]
         if not kart.place:
             return f'{kart} has no place'
         if kart.number not in self.starters:
@@ -1293,42 +1253,28 @@ class Race:
             )
         return ''
 
-    def _no_release(self, kart: Kart | None) -> str:
-        assert kart is not None
+    def _no_release(self, command: Command) -> str:
+        kart = self.karts[command.kart]
         if kart.sent is IN_GARAGE:
             return f'{kart} is in IN_GARAGE already'
         if not kart.sent.is_red:
             return f'{kart} is being sent {kart.sent.value}; stop it first with RED_RED'
         return ''
 
-    def _no_join(self, kart: Kart | None) -> str:
-        assert kart is not None
+    def _no_join(self, command: Command) -> str:
+        kart = self.karts[command.kart]
         if kart.in_race:
             return f'{kart} is in the race already'
         if self.state is not IN_GARAGE:
             return f'the race is in {self.state.value}; karts join in IN_GARAGE'
         return self._uninspected([kart])
 
-    def _no_set_heat(self, kart: Kart | None) -> str:
+    def _no_set_heat(self, command: Command) -> str:
         if not self.heats:
             return "the roster has no heats; list them under 'heats:' and restart race control"
         if self.state is not IN_GARAGE:
             return f'the race is in {self.state.value}; a heat is put into the race in IN_GARAGE'
         return ''
-
-    def _unknown_heat(self, command: Command) -> str:
-        if command.kind is not CommandKind.SET_HEAT:
-            return ''
-        if any(heat.name == command.heat for heat in self.heats):
-            return ''
-        names = ', '.join(f'"{heat.name}"' for heat in self.heats)
-        return f'the roster has no heat {command.heat[:40]!r}; it has {names}'
-
-    def _uninspected_heat(self, command: Command) -> str:
-        if command.kind is not CommandKind.SET_HEAT:
-            return ''
-        (heat,) = (each for each in self.heats if each.name == command.heat)
-        return self._uninspected(self.karts[number] for number in heat.karts)
 
     def _uninspected(self, karts: Iterable[Kart]) -> str:
         if not self.times.require_inspection:
@@ -1341,8 +1287,8 @@ class Race:
             'into the roster, and restart race control'
         )
 
-    def _no_leave(self, kart: Kart | None) -> str:
-        assert kart is not None
+    def _no_leave(self, command: Command) -> str:
+        kart = self.karts[command.kart]
         if not kart.in_race:
             return f'{kart} is not in the race'
         if self.state not in (IN_GARAGE, GRID_ACTIVE):
@@ -1354,13 +1300,10 @@ class Race:
 
     # ----- what the official saw ----------------------------------------------------------
 
-    def _nothing_to_see(self, kart: Kart | None) -> Iterable[Kart]:
-        return ()
-
-    def _started(self, kart: Kart | None) -> Iterable[Kart]:
+    def _started(self, command: Command) -> Iterable[Kart]:
         return self.racing()
 
-    def _released_by_garage(self, kart: Kart | None) -> Iterable[Kart]:
+    def _released_by_garage(self, command: Command) -> Iterable[Kart]:
         """Yield whom IN_GARAGE for the race sends IN_GARAGE."""
         return (
             each
@@ -1373,25 +1316,32 @@ class Race:
             )
         )
 
-    def _this_kart(self, kart: Kart | None) -> Iterable[Kart]:
-        assert kart is not None
-        return (kart,)
+    def _misnamed(self, command: Command) -> str:
+        """Return why a command is refused for what it names; empty if it names what is there."""
+        entry = CATALOGUE[command.kind]
+        if entry.names_heat:
+            return self._no_such_heat(command.heat)
+        if entry.names_hold:
+            return self._held_otherwise(self.karts[command.kart], command.hold)
+        return self._not_as_seen(command) if entry.names_karts else ''
 
-    def _not_as_seen(self, command: Command, rule: Rule, kart: Kart | None) -> str:
-        """Return how a start or release differs from what the official saw; nothing if not."""
-        if rule.karts is Race._nothing_to_see:
+    def _no_such_heat(self, name: str) -> str:
+        for heat in self.heats:
+            if heat.name == name:
+                return self._uninspected(self.karts[number] for number in heat.karts)
+        names = ', '.join(f'"{heat.name}"' for heat in self.heats)
+        return f'the roster has no heat {name[:40]!r}; it has {names}'
+
+    def _held_otherwise(self, kart: Kart, seen: RaceState | None) -> str:
+        if seen is kart.hold:
             return ''
-        if kart is not None:
-            if command.hold is kart.hold:
-                return ''
-            held, seen = (
-                'not held' if hold is None else f'held in {hold.value}'
-                for hold in (kart.hold, command.hold)
-            )
-            return (
-                f'{kart} has changed since you looked: it is {held}, you saw it {seen}; look again'
-            )
-        concerned = {each.number for each in rule.karts(self, None)}
+        now, then = (
+            'not held' if hold is None else f'held in {hold.value}' for hold in (kart.hold, seen)
+        )
+        return f'{kart} has changed since you looked: it is {now}, you saw it {then}; look again'
+
+    def _not_as_seen(self, command: Command) -> str:
+        concerned = {each.number for each in COMMANDS[command.kind].karts(self, command)}
         if concerned == command.karts:
             return ''
         phrases = [f'it is now for {_numbers(concerned)}, you named {_numbers(command.karts)}']
@@ -1403,28 +1353,15 @@ class Race:
 
     # ----- what the official must state ---------------------------------------------------
 
-    def _nothing_to_state(self, kart: Kart | None) -> str:
-        return ''
-
-    def _state_track_clear(self, kart: Kart | None) -> str:
-        return 'the track is clear of humans'
-
-    def _state_track_safe(self, kart: Kart | None) -> str:
+    def _state_track_safe(self, command: Command) -> str:
         if not self.restarted:
             return 'the track is safe for humans'
         away = [each for each in self.karts.values() if self._is_answered_for(each)]
         text = 'the track is safe for humans, and no kart moves'
         return f'{text}, not even those that are not connected: {_listed(away)}' if away else text
 
-    def _state_msr_used(self, kart: Kart | None) -> str:
-        return 'the Master Safety Remote was used'
-
-    def _state_not_finished(self, kart: Kart | None) -> str:
-        assert kart is not None
-        return f'{kart} has not finished'
-
-    def _state_made_safe(self, kart: Kart | None) -> str:
-        assert kart is not None
+    def _state_made_safe(self, command: Command) -> str:
+        kart = self.karts[command.kart]
         return '' if kart.stands else f'{kart} was made safe by hand'
 
     # ----- derived ------------------------------------------------------------------------
@@ -1520,13 +1457,8 @@ class Race:
         self._told_all_answered = answered
         if news:
             who = 'connected kart' if self.msr_used else 'kart'
-            self._events.append(
-                Event(
-                    EventKind.ALL_ACKNOWLEDGED,
-                    f'Every {who} of the race has acknowledged; {self._next(now)}',
-                    state=self.state,
-                )
-            )
+            text = f'Every {who} of the race has acknowledged; {self._next(now)}'
+            self._tell(EventKind.ALL_ACKNOWLEDGED, text, state=self.state)
 
     def _next(self, now: float) -> str:
         """Return what may follow now that every kart has acknowledged, or what is in the way."""
@@ -1540,7 +1472,7 @@ class Race:
         if self.start is not None:
             return 'GREEN_GREEN was given, and waits for the record'
         following, condition = _NEXT[self.state]
-        obstacle = self._refusal(following, None)
+        obstacle = self._refusal(Command(following))
         if obstacle:
             return obstacle
         soon = ''
@@ -1563,72 +1495,62 @@ class Race:
             text += f'; did not finish: {", ".join(missing)}'
         self._events.append(Event(EventKind.RESULTS, text))
 
-    def _alert_conditions(self) -> Iterator[tuple[AlertKind, Kart | None, float | None]]:
+    def _alert_conditions(self) -> Iterator[tuple[AlertKind, Kart | None, float | None, str]]:
         """
-        Yield each alert that holds or will hold if nothing changes, and from when.
+        Yield each alert that holds or will hold if nothing changes, from when, and its text.
 
         No time means that it holds now, since whenever it was first seen.
         """
+        msr = 'The MSR was used' if self.msr_used else 'Use the MSR'
+        late = {
+            GRID_ACTIVE: (AlertKind.NOT_READY, self.times.ready_alert),
+            GREEN_GREEN: (AlertKind.GREEN_UNACKNOWLEDGED, self.times.green_alert),
+            RED_FLAG: (AlertKind.FLAG_UNACKNOWLEDGED, self.times.flag_alert),
+            RED_RED: (AlertKind.RED_UNACKNOWLEDGED, self.times.red_alert),
+        }
         for kart in self.karts.values():
             if kart.lost_since is not None:
                 # A kart that is back has not stopped yet: only its word ends the alarm.
                 if kart.may_be_moving:
-                    yield AlertKind.LOST_IN_MOTION, kart, kart.lost_since
+                    yield AlertKind.LOST_IN_MOTION, kart, kart.lost_since, self._lost(kart, msr)
                 elif not kart.connected:
-                    yield AlertKind.KART_LOST, kart, kart.lost_since
+                    text = f'{_capital(kart)} lost its connection'
+                    yield AlertKind.KART_LOST, kart, kart.lost_since, text
             if kart.connected and kart.may_be_moving and kart.sent in (IN_GARAGE, GRID_ACTIVE):
-                yield AlertKind.MOVING_UNASKED, kart, None
-            if kart.acknowledged:
-                continue
-            if kart.sent is GRID_ACTIVE:
-                yield AlertKind.NOT_READY, kart, kart.sent_since + self.times.ready_alert
-            elif not kart.connected:
-                continue
-            elif kart.sent is GREEN_GREEN:
-                since = kart.sent_since + self.times.green_alert
-                yield AlertKind.GREEN_UNACKNOWLEDGED, kart, since
-            elif kart.sent is RED_FLAG:
-                since = kart.sent_since + self.times.flag_alert
-                yield AlertKind.FLAG_UNACKNOWLEDGED, kart, since
-            elif kart.sent is RED_RED:
-                since = kart.sent_since + self.times.red_alert
-                yield AlertKind.RED_UNACKNOWLEDGED, kart, since
+                text = f'it said GREEN_GREEN, and is sent {kart.sent.value}'
+                yield AlertKind.MOVING_UNASKED, kart, None, f'Stop {kart} with RED_RED: {text}'
+            if kart.sent in late and not kart.acknowledged:
+                alert, limit = late[kart.sent]
+                text = f'{kart} has not acknowledged {kart.sent.value}'
+                if alert in MSR_ALERTS:
+                    text = f'{msr}: {text}'
+                elif not kart.connected:
+                    text += ': it is not connected'
+                if kart.connected or alert is AlertKind.NOT_READY:
+                    yield alert, kart, kart.sent_since + limit, _capital(text)
         if self.track_open and not self._humans_allowed()[0]:
-            yield AlertKind.TRACK_UNSAFE, None, None
+            text = f'Clear the track, or use the MSR: {self._humans_allowed()[1]}'
+            yield AlertKind.TRACK_UNSAFE, None, None, text
         if self.has_rival:
-            yield AlertKind.TWO_RACE_CONTROLS, None, None
-        if self.record_fails:
-            yield AlertKind.RECORD_FAILING, None, None
-
-    def _alert_text(self, kind: AlertKind, kart: Kart | None) -> str:
-        if kind is AlertKind.TRACK_UNSAFE:
-            return f'Clear the track, or use the MSR: {self._humans_allowed()[1]}'
-        if kind is AlertKind.TWO_RACE_CONTROLS:
-            return (
+            yield (
+                AlertKind.TWO_RACE_CONTROLS,
+                None,
+                None,
                 'Another race control is running: end it. Until then nothing can be started or '
                 'released; every stop works, but only for the karts that are connected to the '
-                'race control that receives it'
+                'race control that receives it',
             )
-        if kind is AlertKind.RECORD_FAILING:
-            return self.record_fails
-        assert kart is not None
-        msr = 'The MSR was used' if self.msr_used else 'Use the MSR'
-        if kind is AlertKind.LOST_IN_MOTION:
-            text = f'{kart} lost its connection while it may have been moving'
-            if not kart.connected:
-                return f'{msr}: {text}'
-            if not kart.stopped:
-                return f'{msr}: {text}; it is back and has not stopped yet'
-            rolls = '' if self.msr_used else ' if it still rolls'
-            return f'{msr}{rolls}: {text}; it is back, and says that it has stopped'
-        if kind is AlertKind.KART_LOST:
-            return f'{_capital(kart)} lost its connection'
-        if kind is AlertKind.MOVING_UNASKED:
-            return f'Stop {kart} with RED_RED: it said GREEN_GREEN, and is sent {kart.sent.value}'
-        if kind in MSR_ALERTS:
-            return f'{msr}: {kart} has not acknowledged {kart.sent.value}'
-        text = f'{_capital(kart)} has not acknowledged {kart.sent.value}'
-        return text if kart.connected else f'{text}: it is not connected'
+        if self.record_fails:
+            yield AlertKind.RECORD_FAILING, None, None, self.record_fails
+
+    def _lost(self, kart: Kart, msr: str) -> str:
+        text = f'{kart} lost its connection while it may have been moving'
+        if not kart.connected:
+            return f'{msr}: {text}'
+        if not kart.stopped:
+            return f'{msr}: {text}; it is back and has not stopped yet'
+        rolls = '' if self.msr_used else ' if it still rolls'
+        return f'{msr}{rolls}: {text}; it is back, and says that it has stopped'
 
     def _tell_alerts(self, now: float) -> None:
         current = {(alert.kind, alert.kart): alert for alert in self.alerts(now)}
@@ -1644,44 +1566,35 @@ class Race:
         self._alerts = current
 
     def _tell(
-        self, kind: EventKind, text: str, kart: Kart, state: RaceState, chatter: bool = False
+        self,
+        kind: EventKind,
+        text: str,
+        kart: int = 0,
+        state: RaceState | None = None,
+        chatter: bool = False,
     ) -> None:
-        command, official = None, ''
-        if self._by is not None:
-            command, official = self._by.kind, self._by.official
-        self._events.append(
-            Event(
-                kind,
-                text,
-                kart=kart.number,
-                state=state,
-                command=command,
-                chatter=chatter,
-                official=official,
-            )
-        )
+        by = self._by
+        command, official = (None, '') if by is None else (by.kind, by.official)
+        self._events.append(Event(kind, text, kart, state, command, True, chatter, official))
 
     def _unknown_kart(self, command: Command) -> str:
         numbers = ', '.join(str(number) for number in sorted(self.karts)) or 'no kart'
         refusal = f'no kart {command.kart} in the roster, which has {numbers}'
-        if command.kind in (CommandKind.KART_RED_RED, CommandKind.KART_RED_FLAG):
+        if CATALOGUE[command.kind].stop:
             refusal += '; ALL_KILL stops every kart'
         return refusal
-
-    def _if_absent(self, kart: Kart) -> str:
-        return '' if kart.connected else ', but it is not connected'
 
     def _outcome(
         self,
         answer: Answer | None = None,
-        write_first: RaceMemory | None = None,
+        start: Start | None = None,
     ) -> Outcome:
         of_race = (self.number, self.heat)
         # Not `_replace`, which is slow: a stop to a hundred karts would wait for it 0.3 ms.
         events = tuple(
             Event(*each[:-3], self._hold_of(each.kart), *of_race) for each in self._events
         )
-        outcome = Outcome(tuple(self._orders), events, answer, write_first)
+        outcome = Outcome(tuple(self._orders), events, answer, start)
         self._orders = []
         self._events = []
         if self.state is IN_GARAGE:
@@ -1740,80 +1653,72 @@ def _listed(karts: Iterable[Kart]) -> str:
     return _cut([str(kart) for kart in karts])
 
 
+def _held(karts: Iterable[Kart]) -> str:
+    return _cut([f'{kart}: {kart.hold_reason}' for kart in karts if kart.hold is not None])
+
+
 def _receivers(karts: Iterable[Kart]) -> str:
-    """Return who is sent a new state now, and who gets it later; short for a thousand karts."""
-    connected: list[int] = []
-    absent: list[Kart] = []
-    for kart in karts:
-        if kart.connected:
-            connected.append(kart.number)
-        else:
-            absent.append(kart)
-    text = _numbers(connected)
-    if absent:
-        it_connects = 'it connects' if len(absent) == 1 else 'they connect'
-        more = f'; and {len(absent) - 3} more karts' if len(absent) > 4 else ''
-        named = '; '.join(map(str, absent[: 3 if more else 4]))
-        text += f'; not connected, sent when {it_connects}: {named}{more}'
-    return text
+    """Return who is sent a new state now, and who gets it later."""
+    known = list(karts)
+    absent = [kart for kart in known if not kart.connected]
+    text = _numbers(kart.number for kart in known if kart.connected)
+    if not absent:
+        return text
+    they_connect = 'it connects' if len(absent) == 1 else 'they connect'
+    return f'{text}; not connected, sent when {they_connect}: {_listed(absent)}'
 
 
-def _capital(kart: Kart) -> str:
+def _capital(kart: Kart | str) -> str:
     text = str(kart)
     return text[:1].upper() + text[1:]
+
+
+Guard = Callable[[Race, Command], str]
 
 
 @dataclass(frozen=True)
 class Rule:
     """
-    One row of the table of commands (§4.B); more about each says ``CATALOGUE``.
+    One row of the table of commands (§4.B); ``CATALOGUE`` has what does not depend on the race.
 
     :param effect: puts the command in force and returns what the official is told.
     :param refusal: why the command is refused now; empty if it is not.
     :param statement: what the official must state; empty if nothing.
+    :param karts: the karts it starts or releases.
     :param is_command: §4.B's "last button pressed": GREEN_GREEN is refused after it.
-    :param karts: the karts it starts or releases. The official must have seen just these; of one
-        kart, how it is held.
     """
 
-    effect: Callable[[Race, Kart | None, Command, float], str]
-    refusal: Callable[[Race, Kart | None], str] = Race._never
-    statement: Callable[[Race, Kart | None], str] = Race._nothing_to_state
+    effect: Callable[[Race, Command, float], str]
+    refusal: Guard = lambda race, command: ''
+    statement: Guard = lambda race, command: ''
+    karts: Callable[[Race, Command], Iterable[Kart]] = lambda race, command: ()
     is_command: bool = True
-    karts: Callable[[Race, Kart | None], Iterable[Kart]] = Race._nothing_to_see
-
-    def leaves_grid_last(self, race: Race) -> bool:
-        """Return whether GRID_ACTIVE is the last command once this one has been accepted."""
-        if self.effect is Race._grid_active:
-            return True
-        return race.grid_was_last and not self.is_command
 
 
 COMMANDS: dict[CommandKind, Rule] = {
     # The stops: never refused.
     CommandKind.ALL_KILL: Rule(Race._all_kill),
     CommandKind.RED_FLAG: Rule(Race._red_flag),
-    CommandKind.KART_RED_RED: Rule(Race._kart_red_red),
-    CommandKind.KART_RED_FLAG: Rule(Race._kart_red_flag),
-    CommandKind.RECORD_MSR: Rule(Race._record_msr, statement=Race._state_msr_used),
+    CommandKind.KART_RED_RED: Rule(Race._stop_kart),
+    CommandKind.KART_RED_FLAG: Rule(Race._stop_kart),
+    CommandKind.RECORD_MSR: Rule(
+        Race._record_msr,
+        statement=lambda race, command: 'the Master Safety Remote was used',
+    ),
     # The race.
     CommandKind.GRID_ACTIVE: Rule(
         Race._grid_active,
         Race._no_grid_active,
-        Race._state_track_clear,
-        karts=Race._started,
+        lambda race, command: 'the track is clear of humans',
+        Race._started,
     ),
-    CommandKind.GREEN_GREEN: Rule(
-        Race._green_green,
-        Race._no_green_green,
-        karts=Race._started,
-    ),
+    CommandKind.GREEN_GREEN: Rule(Race._green_green, Race._no_green_green, karts=Race._started),
     CommandKind.RACE_OVER: Rule(Race._race_over, Race._no_race_over),
     CommandKind.IN_GARAGE: Rule(
         Race._race_in_garage,
         Race._no_in_garage,
         Race._state_track_safe,
-        karts=Race._released_by_garage,
+        Race._released_by_garage,
     ),
     # One kart.
     CommandKind.KART_FINISH: Rule(Race._kart_finish, Race._no_finish),
@@ -1821,13 +1726,13 @@ COMMANDS: dict[CommandKind, Rule] = {
         Race._release_kart,
         Race._no_release,
         Race._state_made_safe,
-        karts=Race._this_kart,
+        lambda race, command: [race.karts[command.kart]],
     ),
     # Places, membership and the track are no commands to a kart: GRID_ACTIVE stays the last one.
     CommandKind.KART_UNDO_FINISH: Rule(
         Race._kart_undo_finish,
         Race._no_undo_finish,
-        Race._state_not_finished,
+        lambda race, command: f'{race.karts[command.kart]} has not finished',
         is_command=False,
     ),
     CommandKind.JOIN_RACE: Rule(Race._join_race, Race._no_join, is_command=False),
@@ -1836,10 +1741,4 @@ COMMANDS: dict[CommandKind, Rule] = {
     CommandKind.OPEN_TRACK: Rule(Race._open_track, Race._no_open_track, is_command=False),
     CommandKind.CLOSE_TRACK: Rule(Race._close_track, is_command=False),
 }
-"""Every command of §4.B: what it does, when it is refused, what the official must state."""
-
-STOPS = frozenset(kind for kind, entry in CATALOGUE.items() if entry.stop)
-"""The commands that are never refused to a kart of the roster, and never wait behind another."""
-
-URGENT = frozenset(kind for kind, entry in CATALOGUE.items() if entry.overtakes)
-"""The commands that overtake every other on their way here; RACE_OVER may still be refused."""
+"""What every command of §4.B does, when it is refused, and what the official must state."""

@@ -844,10 +844,9 @@ def learn(
 def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
     """Give an input to the rules, and return the outcome."""
     if given.what == 'command':
-        kart = given.kart or None
         command = rules.Command(
             rules.CommandKind[given.kind],
-            kart,
+            given.kart,
             given.statement,
             given.karts,
             given.hold,
@@ -858,12 +857,10 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
     if given.what == 'held up':
         return race.held_up(2.0, now)
     if given.what == 'journal':
-        memory = race.start.memory if race.start is not None else None
-        if memory is None or given.kind == 'stale':
-            memory = dataclasses.replace(race.memory())  # the same, but another one
-        return race.journal(memory, given.statement, now)
+        phase = rules.StartPhase.WRITTEN if given.statement else rules.StartPhase.FAILED
+        return race.start_becomes(phase, race.starts - (given.kind == 'stale'), now)
     if given.what == 'withdrawn':
-        return race.withdraw(now)
+        return race.start_becomes(rules.StartPhase.WITHDRAWN, race.starts, now)
     if given.what == 'connected':
         return race.connected(given.kart, now)
     if given.what == 'disconnected':
@@ -970,7 +967,7 @@ def _check_start(
     def broken(name: str) -> RuleBrokenError:
         return RuleBrokenError(name, f'{given} in {before}: {outcome}')
 
-    if (outcome.write_first is not None) != (becomes == 'waits'):
+    if (outcome.start is not None) != (becomes == 'waits'):
         raise broken('start-first')
     if given.what == 'command':
         if (outcome.answer is None) != (becomes == 'waits'):
@@ -989,8 +986,8 @@ def _check_start(
             late = is_paused(facts, 'GREEN_GREEN', before.start.came)
             name = 'start-other-grid' if facts.outlived else 'pause' if late else 'start-first'
         raise broken(name)
-    if outcome.write_first is not None:
-        written = outcome.write_first
+    if outcome.start is not None:
+        written = outcome.start.memory
         known = [written.karts[kart.number] for kart in before.karts if kart.in_race]
         started = all(kart.in_race and kart.doubt == MOVING for kart in known)
         if written.state is not GREEN_GREEN or not started:
@@ -1705,9 +1702,8 @@ class Search:
         ended = give(self.rules, race, then, now)
         waiting, after = after, look(race)
         facts = check_input(race, waiting, facts, then, ended, after, now)
-        written = outcome.write_first
-        if written is not None and race.memory() != written:
-            raise RuleBrokenError('restart', f'{written} is remembered before {after}')
+        if outcome.start is not None and race.memory() != outcome.start.memory:
+            raise RuleBrokenError('restart', f'{outcome.start} is remembered before {after}')
         return ended.answer is not None and ended.answer.success, facts, after
 
     def _run(self, todo: deque[Key], most: int | None) -> Report:
@@ -1867,7 +1863,7 @@ class Search:
     def _check_home(self, outcome: Any) -> None:
         view = look(self.race)
         home = view.state is IN_GARAGE and not view.over and not view.msr_used
-        self.race.withdraw(0.0)  # a start that still waits is not home
+        give(self.rules, self.race, Input('withdrawn'), 0.0)  # a start that waits is not home
         if not home or any(kart.hold or kart.sent is not IN_GARAGE for kart in view.karts):
             raise RuleBrokenError('stuck', f'{view}: {outcome.answer}')
         if not self.race.track_access().allowed or not self.race.memory().home:

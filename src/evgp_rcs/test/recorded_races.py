@@ -36,6 +36,7 @@ from evgp_rcs.race import (
     Race,
     RaceTimes,
     StampedEvent,
+    StartPhase,
 )
 from evgp_rcs.record import Record, RecordedEvent
 
@@ -73,8 +74,9 @@ class PaperRace:
 
     def take(self, outcome: Outcome) -> Outcome:
         self.tell(outcome.events)
-        if outcome.write_first is not None:
-            self.take(self.race.journal(outcome.write_first, True, self.now))
+        if outcome.start is not None:
+            written = StartPhase.WRITTEN, outcome.start.number, self.now
+            self.take(self.race.start_becomes(*written))
         return outcome
 
     def tell(self, events: Iterable[Event]) -> None:
@@ -116,13 +118,13 @@ class PaperRace:
         self.take(self.race.tick(self.now))
 
     def command(
-        self, kind: CommandKind, kart: int | None = None, official: str = 'Ada', heat: str = ''
+        self, kind: CommandKind, kart: int = 0, official: str = 'Ada', heat: str = ''
     ) -> Outcome:
         """Give a command, for what there is to see."""
         number = kart if CATALOGUE[kind].to_one_kart and kart in self.race.karts else 0
         seen: Sequence[int] = ()
         if not CATALOGUE[kind].to_one_kart or number:
-            seen = self.race.availability(kind, number or 0, self.now).karts
+            seen = self.race.availability(kind, number, self.now).karts
         hold = self.race.karts[number].hold if number else None
         command = Command(kind, kart, True, frozenset(seen), hold, heat, official)
         return self.take(self.race.command(command, self.now))

@@ -36,6 +36,7 @@ from evgp_rcs.race import (
     Race,
     RaceMemory,
     RaceTimes,
+    StartPhase,
 )
 from hypothesis import given
 from hypothesis import strategies as st
@@ -54,7 +55,7 @@ FLAGS = st.booleans()
 COMMANDS = st.builds(
     Command,
     kind=st.sampled_from(CommandKind),
-    kart=st.none() | st.integers(),
+    kart=st.integers(),
     statement=FLAGS,
     karts=st.frozensets(KARTS),
     hold=st.none() | STATES,
@@ -80,8 +81,7 @@ ENTRIES = st.one_of(
     st.builds(inputs.HeldUp, TIMES, TIMES),
     st.builds(inputs.Rival, TIMES, FLAGS),
     st.builds(inputs.RecordTrouble, TIMES, TEXTS),
-    st.builds(inputs.Journal, TIMES, FLAGS, FLAGS),
-    st.builds(inputs.Withdrawn, TIMES),
+    st.builds(inputs.StartBecame, TIMES, st.sampled_from(StartPhase), NUMBERS),
     st.builds(inputs.Recovered, TIMES, st.none() | MEMORIES),
     st.builds(inputs.Ordered, st.lists(ORDERS).map(tuple)),
     st.builds(inputs.Told, NUMBERS, NUMBERS),

@@ -123,7 +123,7 @@ class Running:
         """Return a command of an official who sees the race as it is."""
         offered = self.race.availability(kind, kart or 0, clock.now())
         hold = self.race.karts[kart].hold if kart is not None else None
-        return Command(kind, kart, statement, frozenset(offered.karts), hold)
+        return Command(kind, kart or 0, statement, frozenset(offered.karts), hold)
 
     def stop(self) -> None:
         """End the server, and return once it has."""

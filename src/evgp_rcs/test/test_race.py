@@ -34,8 +34,8 @@ from evgp_rcs.race import (
     Race,
     RaceMemory,
     RaceTimes,
-    STOPS,
-    URGENT,
+    Start,
+    StartPhase,
 )
 import pytest
 
@@ -66,14 +66,13 @@ class Officials:
 
     # ----- inputs -------------------------------------------------------------------------
 
-    def command(self, kind: str, kart: int | None = None, stating: bool = True) -> Outcome:
+    def command(self, kind: str, kart: int = 0, stating: bool = True) -> Outcome:
         return self.gives(self.as_seen(kind, kart, stating))
 
-    def as_seen(self, kind: str, kart: int | None = None, stating: bool = True) -> Command:
+    def as_seen(self, kind: str, kart: int = 0, stating: bool = True) -> Command:
         """Return a command with what an official names who sees the race as it is now."""
-        known = kart if kart in self.race.karts else None
         if CATALOGUE[CommandKind[kind]].to_one_kart:
-            hold = self.race.karts[known].hold if known else None
+            hold = self.race.karts[kart].hold if kart in self.race.karts else None
             return Command(CommandKind[kind], kart, stating, hold=hold)
         karts = frozenset(self.race.availability(CommandKind[kind], 0, self.now).karts)
         return Command(CommandKind[kind], kart, stating, karts, heat=HEATS[0].name)
@@ -81,24 +80,27 @@ class Officials:
     def gives(self, command: Command) -> Outcome:
         outcome = self.race.command(command, self.now)
         # What a start waits for is so at once.
-        if outcome.write_first is not None:
-            outcome = self.race.journal(outcome.write_first, True, self.now)
+        if outcome.start is not None:
+            outcome = self.becomes(outcome.start, StartPhase.WRITTEN)
         assert outcome.answer is not None
         return outcome
+
+    def becomes(self, start: Start, phase: StartPhase) -> Outcome:
+        return self.race.start_becomes(phase, start.number, self.now)
 
     def answer_to(self, command: Command) -> Answer:
         answer = self.gives(command).answer
         assert answer is not None
         return answer
 
-    def does(self, kind: str, kart: int | None = None) -> Outcome:
+    def does(self, kind: str, kart: int = 0) -> Outcome:
         """Give a command that is to be accepted."""
         outcome = self.command(kind, kart)
         assert outcome.answer is not None
         assert outcome.answer.success, outcome.answer.message
         return outcome
 
-    def is_refused(self, kind: str, kart: int | None = None, stating: bool = True) -> str:
+    def is_refused(self, kind: str, kart: int = 0, stating: bool = True) -> str:
         """Give a command that is to be refused, and return what the official reads."""
         outcome = self.command(kind, kart, stating)
         assert outcome.answer is not None
@@ -374,34 +376,34 @@ def false_start(officials: Officials) -> None:
     officials.acknowledge(1)
 
 
-REFUSALS: dict[str, list[tuple[Reach | str, int | None, str]]] = {
+REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
     'GRID_ACTIVE': [
-        ('GREEN_GREEN', None, 'the race is in GREEN_GREEN; bring it to IN_GARAGE first'),
-        (does(('LEAVE_RACE', 1), ('LEAVE_RACE', 2)), None, 'no kart is in the race'),
+        ('GREEN_GREEN', 0, 'the race is in GREEN_GREEN; bring it to IN_GARAGE first'),
+        (does(('LEAVE_RACE', 1), ('LEAVE_RACE', 2)), 0, 'no kart is in the race'),
         (
             does(('KART_RED_FLAG', 2)),
-            None,
+            0,
             'release the held karts first: kart 2 (Volta): RED_FLAG by an official',
         ),
         (
             back_after_the_msr,
-            None,
+            0,
             'release the held karts first: kart 1 (Ohm): lost its connection in GREEN_GREEN',
         ),
-        (drives_unasked, None, 'send RED_RED first to what may be moving: kart 3 (Tesla)'),
-        (does(('OPEN_TRACK', None)), None, 'the track is open to humans; close it first'),
+        (drives_unasked, 0, 'send RED_RED first to what may be moving: kart 3 (Tesla)'),
+        (does(('OPEN_TRACK', None)), 0, 'the track is open to humans; close it first'),
     ],
     'GREEN_GREEN': [
-        ('RED_FLAG', None, 'the race is in RED_FLAG; GREEN_GREEN follows GRID_ACTIVE'),
+        ('RED_FLAG', 0, 'the race is in RED_FLAG; GREEN_GREEN follows GRID_ACTIVE'),
         (
             does(('KART_RED_FLAG', SPECTATOR), at='GRID_ACTIVE'),
-            None,
+            0,
             'another command was sent after GRID_ACTIVE; bring the race to IN_GARAGE and send '
             'GRID_ACTIVE again',
         ),
         (
             false_start,
-            None,
+            0,
             'bring the race to IN_GARAGE and release the held karts: kart 1 (Ohm): '
             'lost its connection while it may have been moving',
         ),
@@ -421,13 +423,13 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | None, str]]] = {
             'kart 1 (Ohm) has finished already, in place 1',
         ),
     ],
-    'RACE_OVER': [('IN_GARAGE', None, 'the race is in IN_GARAGE; nothing is under way')],
+    'RACE_OVER': [('IN_GARAGE', 0, 'the race is in IN_GARAGE; nothing is under way')],
     'IN_GARAGE': [
-        ('IN_GARAGE', None, 'the race is in IN_GARAGE already'),
-        ('GREEN_GREEN', None, 'the race is in GREEN_GREEN; send RACE_OVER or ALL_KILL first'),
+        ('IN_GARAGE', 0, 'the race is in IN_GARAGE already'),
+        ('GREEN_GREEN', 0, 'the race is in GREEN_GREEN; send RACE_OVER or ALL_KILL first'),
         (
             to_over_without(2),
-            None,
+            0,
             'waiting for kart 2 (Volta): no RED_RED yet. If a kart does not answer, make it safe '
             'by hand and release it alone, or use the MSR and record it',
         ),
@@ -450,12 +452,12 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | None, str]]] = {
         ('IN_GARAGE', SPECTATOR, 'kart 3 (Tesla) is not in the race'),
     ],
     'OPEN_TRACK': [
-        ('GREEN_GREEN', None, 'the race is in GREEN_GREEN'),
-        (drives_unasked, None, 'kart 3 (Tesla) may be moving: stop it with RED_RED'),
-        (lost('GREEN_GREEN', 'RACE_OVER'), None, 'kart 1 (Ohm) was lost in motion: use the MSR'),
+        ('GREEN_GREEN', 0, 'the race is in GREEN_GREEN'),
+        (drives_unasked, 0, 'kart 3 (Tesla) may be moving: stop it with RED_RED'),
+        (lost('GREEN_GREEN', 'RACE_OVER'), 0, 'kart 1 (Ohm) was lost in motion: use the MSR'),
         (
             lost('GRID_ACTIVE', 'RED_FLAG'),
-            None,
+            0,
             'kart 1 (Ohm) was lost on the grid: wait until it is back and has acknowledged a '
             'stop; or make it safe by hand, send it RED_RED and release it alone; or use the MSR '
             'and record it',
@@ -467,8 +469,8 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | None, str]]] = {
     'KART_RED_FLAG': [
         (
             'IN_GARAGE',
-            None,
-            'no kart None in the roster, which has 1, 2, 3; ALL_KILL stops every kart',
+            0,
+            'no kart 0 in the roster, which has 1, 2, 3; ALL_KILL stops every kart',
         ),
     ],
 }
@@ -479,7 +481,7 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | None, str]]] = {
     [(kind, *row) for kind, rows in REFUSALS.items() for row in rows],
 )
 def test_a_refusal_says_what_is_in_the_way(
-    kind: str, reach: Reach | str, kart: int | None, reason: str, officials: Officials
+    kind: str, reach: Reach | str, kart: int, reason: str, officials: Officials
 ) -> None:
     (STATES[reach] if isinstance(reach, str) else reach)(officials)
     assert officials.is_refused(kind, kart) == f'{kind} refused: {reason}.'
@@ -488,20 +490,20 @@ def test_a_refusal_says_what_is_in_the_way(
 @pytest.mark.parametrize(
     ('kind', 'reach', 'kart', 'wanted'),
     [
-        ('GRID_ACTIVE', STATES['IN_GARAGE'], None, 'state that the track is clear of humans'),
-        ('IN_GARAGE', to_over_without(), None, 'state that the track is safe for humans'),
-        ('RECORD_MSR', STATES['RED_RED'], None, 'state that the Master Safety Remote was used'),
+        ('GRID_ACTIVE', STATES['IN_GARAGE'], 0, 'state that the track is clear of humans'),
+        ('IN_GARAGE', to_over_without(), 0, 'state that the track is safe for humans'),
+        ('RECORD_MSR', STATES['RED_RED'], 0, 'state that the Master Safety Remote was used'),
         (
             'KART_IN_GARAGE',
             does(('KART_RED_RED', 1)),
             1,
-            'kart 1 (Ohm) has not acknowledged RED_RED on its present connection: wait for it, '
-            'or state that kart 1 (Ohm) was made safe by hand',
+            'kart 1 (Ohm): no RED_RED yet; wait for it, or state that kart 1 (Ohm) was made safe '
+            'by hand',
         ),
     ],
 )
 def test_a_refusal_says_what_must_be_stated(
-    kind: str, reach: Reach, kart: int | None, wanted: str, officials: Officials
+    kind: str, reach: Reach, kart: int, wanted: str, officials: Officials
 ) -> None:
     reach(officials)
     assert officials.is_refused(kind, kart, stating=False) == f'{kind} refused: {wanted}.'
@@ -1107,22 +1109,22 @@ def test_that_the_race_may_go_home_is_told_with_the_time_until_then(paused: Offi
 # ----- a start waits until it is on the disk, and nothing waits for a start -----------------
 
 
-def starting(officials: Officials) -> RaceMemory:
-    """Give GREEN_GREEN, and return what must be on the disk first."""
+def starting(officials: Officials) -> Start:
+    """Give GREEN_GREEN, and return the start that waits."""
     command = officials.to_ready().as_seen('GREEN_GREEN')
     outcome = officials.race.command(command, officials.now)
     assert outcome.answer is None
     assert not outcome.orders
-    assert outcome.write_first is not None
-    return outcome.write_first
+    assert outcome.start is not None
+    return outcome.start
 
 
 def test_karts_start_once_it_is_on_the_disk_that_they_may_move(officials: Officials) -> None:
-    memory = starting(officials)
-    doubts = [memory.karts[number].doubt for number in TEAMS]
+    start = starting(officials)
+    doubts = [start.memory.karts[number].doubt for number in TEAMS]
     assert doubts == [Doubt.MOVING, Doubt.MOVING, Doubt.NONE]
     assert officials.all_sent() == [GRID_ACTIVE, GRID_ACTIVE, IN_GARAGE]
-    outcome = officials.race.journal(memory, True, officials.now)
+    outcome = officials.becomes(start, StartPhase.WRITTEN)
     assert outcome.answer == Answer(True, 'GREEN_GREEN is sent to karts 1, 2.')
     assert [order.state for order in outcome.orders] == [GREEN_GREEN, GREEN_GREEN]
 
@@ -1140,9 +1142,9 @@ def test_while_a_start_waits_another_one_is_refused_and_announced_as_refused(
 def test_a_start_that_the_disk_does_not_take_is_refused(
     in_time: bool, officials: Officials
 ) -> None:
-    memory = starting(officials)
+    start = starting(officials)
     if in_time:
-        answer = officials.race.journal(memory, False, officials.now).answer
+        answer = officials.becomes(start, StartPhase.FAILED).answer
     else:
         assert officials.wait(0.99).answer is None
         answer = officials.wait(0.01).answer
@@ -1150,7 +1152,7 @@ def test_a_start_that_the_disk_does_not_take_is_refused(
     assert not answer.success
     assert set(officials.alerts()) == {AlertKind.RECORD_FAILING}
     assert officials.race.start is None
-    assert officials.race.journal(memory, True, officials.now).answer is None
+    assert officials.becomes(start, StartPhase.WRITTEN).answer is None
     assert officials.race.state is GRID_ACTIVE
 
 
@@ -1171,17 +1173,13 @@ def test_while_another_race_control_runs_nothing_is_loosened_and_every_stop_work
             f'{kind} refused: another race control is running; end it first. '
             'Every stop still works.'
         )
-    for stop in URGENT:
-        officials.does(stop.name, 1)
+    for kind, entry in CATALOGUE.items():
+        if entry.overtakes:
+            officials.does(kind.name, 1)
     assert officials.all_sent() == [RED_RED, RED_RED, RED_RED]
     assert kinds(officials.race.rival(False, officials.now)) == [EventKind.ALERT_CLEARED]
     officials.acknowledge(*TEAMS)
     officials.does('IN_GARAGE')
-
-
-def test_what_overtakes_every_other_command_is_what_stops() -> None:
-    assert set(URGENT) == {*STOPS, CommandKind.RACE_OVER}
-    assert not any(CATALOGUE[kind].loosens for kind in URGENT)
 
 
 @pytest.mark.parametrize('kind', ['GRID_ACTIVE', 'GREEN_GREEN'])
@@ -1226,11 +1224,12 @@ unproved = pytest.mark.parametrize(
 
 def test_the_memory_for_green_is_the_memory_after_green(officials: Officials) -> None:
     race = officials.to_ready().race
-    before = race.command(officials.as_seen('GREEN_GREEN'), officials.now).write_first
-    assert before is not None
+    start = race.command(officials.as_seen('GREEN_GREEN'), officials.now).start
+    assert start is not None
+    before = start.memory
     assert race.state is GRID_ACTIVE
     assert race.memory() is before
-    assert race.journal(before, True, officials.now).answer
+    assert officials.becomes(start, StartPhase.WRITTEN).answer
     assert race.state is GREEN_GREEN
     assert race.memory() == before
     assert not before.home
@@ -1367,7 +1366,7 @@ def test_a_required_inspection_keeps_karts_out_of_the_race_and_no_stop_from_any_
     times = RaceTimes(pause=0.0, settle=0.0, require_inspection=True)
     race = Race(karts, times, heats=heats)
 
-    def give(kind: CommandKind, kart: int | None = None, heat: str = '') -> bool:
+    def give(kind: CommandKind, kart: int = 0, heat: str = '') -> bool:
         seen = race.availability(kind, kart or 0, 1.0).karts
         command = Command(kind, kart, True, frozenset(seen), heat=heat)
         answer = race.command(command, 1.0).answer

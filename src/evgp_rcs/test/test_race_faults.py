@@ -207,8 +207,8 @@ FAULTS = {
         ('stop-loosens', 'stop-idempotent', 'hold-forgotten'),
     ),
     'a stop is refused to a kart outside the race': Fault(
-        'CommandKind.KART_RED_RED: Rule(Race._kart_red_red),',
-        'CommandKind.KART_RED_RED: Rule(Race._kart_red_red, Race._no_release),',
+        'CommandKind.KART_RED_RED: Rule(Race._stop_kart),',
+        'CommandKind.KART_RED_RED: Rule(Race._stop_kart, Race._no_release),',
         ('availability', 'stop-refused'),
     ),
     'a stop that is in force is sent anew and its acknowledgement falls': Fault(
@@ -223,14 +223,13 @@ FAULTS = {
     ),
     'ALL_KILL forgets the karts outside the race': Fault(
         '        for each in self.karts.values():\n'
-        '            self._hold(each, RED_RED, self._cause(), now)\n',
-        '        for each in self.racing():\n'
-        '            self._hold(each, RED_RED, self._cause(), now)\n',
+        '            self._hold(each, RED_RED, cause, now)\n',
+        '        for each in self.racing():\n            self._hold(each, RED_RED, cause, now)\n',
         ('stop-at-once',),
     ),
     'GREEN_GREEN after another command than GRID_ACTIVE': Fault(
-        'return race.grid_was_last and not self.is_command',
-        'return race.grid_was_last',
+        'self.grid_was_last = command.kind is',
+        'self.grid_was_last |= command.kind is',
         ('available-from', 'availability', 'green-needs-grid'),
     ),
     'GREEN_GREEN while a kart is not connected': Fault(
@@ -244,13 +243,15 @@ FAULTS = {
         ('availability', 'green-needs-acks', 'refusal-silent'),
     ),
     'GRID_ACTIVE while a kart is held': Fault(
-        'held = [each for each in racing if each.hold is not None]',
-        'held = [each for each in racing if each.hold is RED_FLAG]',
+        "        held = _held(racing)\n        if held:\n            return f'release",
+        '        held = _held(each for each in racing if each.hold is RED_FLAG)\n'
+        '        if held:\n'
+        "            return f'release",
         ('availability',),
     ),
     'GRID_ACTIVE without the statement that the track is clear': Fault(
-        '        Race._no_grid_active,\n        Race._state_track_clear,\n',
-        '        Race._no_grid_active,\n',
+        "lambda race, command: 'the track is clear of humans',",
+        "lambda race, command: '',",
         ('statement',),
     ),
     'joining the race releases a held kart': Fault(
@@ -347,8 +348,8 @@ FAULTS = {
         ('availability',),
     ),
     'a finish is undone without the statement that the kart has not finished': Fault(
-        "        return f'{kart} has not finished'\n",
-        "        return ''\n",
+        "lambda race, command: f'{race.karts[command.kart]} has not finished',",
+        "lambda race, command: '',",
         ('statement',),
     ),
     'the race goes over while a finish is outstanding': Fault(
@@ -397,9 +398,9 @@ FAULTS = {
         ('refusal-silent',),
     ),
     'looking at alerts acts': Fault(
-        '        alerts = []\n        for kind, kart, due in self._alert_conditions():\n',
+        '        alerts = []\n        for kind, kart, due, text in self._alert_conditions():\n',
         '        alerts = []\n        self.track_open = False\n'
-        '        for kind, kart, due in self._alert_conditions():\n',
+        '        for kind, kart, due, text in self._alert_conditions():\n',
         ('alerts-act',),
     ),
     'a lost kart raises no alert': Fault(
@@ -408,12 +409,12 @@ FAULTS = {
         ('alerts',),
     ),
     'a silent kart in RED_FLAG raises no alert': Fault(
-        'kart.sent_since + self.times.flag_alert',
-        'kart.sent_since + self.times.ready_alert + 9.0',
+        'self.times.flag_alert)',
+        'self.times.ready_alert + 9.0)',
         ('alerts',),
     ),
     'GREEN_GREEN is announced after another command': Fault(
-        'obstacle = self._refusal(following, None)',
+        'obstacle = self._refusal(Command(following))',
         "obstacle = ''",
         ('false-news',),
     ),
@@ -453,10 +454,11 @@ FAULTS = {
         ('availability',),
     ),
     'a heat that the roster does not have empties the race': Fault(
-        '        if any(heat.name == command.heat for heat in self.heats):\n',
-        "        if command.heat == 'no such heat':\n"
-        "            self.heats += (Heat('no such heat', ()),)\n"
-        '        if any(heat.name == command.heat for heat in self.heats):\n',
+        '        for heat in self.heats:\n            if heat.name == name:\n',
+        "        if name == 'no such heat':\n"
+        '            self.heats += (Heat(name, ()),)\n'
+        '        for heat in self.heats:\n'
+        '            if heat.name == name:\n',
         ('availability', 'heat-halved', 'effect'),
     ),
     'a heat that is not in the roster is refused without those that are': Fault(
@@ -583,8 +585,8 @@ FAULTS = {
         ('availability',),
     ),
     'GREEN_GREEN counts the acknowledgement of a red': Fault(
-        "held = [f'{each}: {each.hold_reason}' for each in racing if each.hold is not None]",
-        'held: list[str] = []',
+        "        held = _held(racing)\n        if held:\n            return f'bring",
+        "        held = ''\n        if held:\n            return f'bring",
         ('availability', 'green-needs-acks', 'refusal-silent'),
     ),
     'IN_GARAGE does not wait for a lost kart': Fault(
@@ -630,9 +632,8 @@ FAULTS = {
         ('alone-released', 'as-seen', 'stuck'),
     ),
     'ALL_KILL hides that a kart was held alone': Fault(
-        '            self._hold(each, RED_RED, self._cause(), now)\n',
-        '            self._hold(each, RED_RED, self._cause(), now)\n'
-        '            each.held_alone = False\n',
+        '            self._hold(each, RED_RED, cause, now)\n',
+        '            self._hold(each, RED_RED, cause, now)\n            each.held_alone = False\n',
         ('effect', 'stop-idempotent'),
     ),
     'a kart held by ALL_KILL already is not held alone': Fault(
@@ -647,14 +648,14 @@ FAULTS = {
         ('as-seen',),
     ),
     'a kart is released whatever hold the official saw': Fault(
-        '            if command.hold is kart.hold:\n',
-        '            if command.hold or not kart.hold:\n',
+        '        if seen is kart.hold:\n',
+        '        if seen or not kart.hold:\n',
         ('as-seen',),
     ),
     'a start is announced for all karts of the roster': Fault(
-        '    def _started(self, kart: Kart | None) -> Iterable[Kart]:\n'
+        '    def _started(self, command: Command) -> Iterable[Kart]:\n'
         '        return self.racing()\n',
-        '    def _started(self, kart: Kart | None) -> Iterable[Kart]:\n'
+        '    def _started(self, command: Command) -> Iterable[Kart]:\n'
         '        return self.karts.values()\n',
         ('as-seen',),
     ),
@@ -665,12 +666,12 @@ FAULTS = {
     ),
     # ----- around race control ---------------------------------------------------------------
     'a kart is released while another race control runs': Fault(
-        '        if CATALOGUE[kind].loosens and self.has_rival:\n',
-        '        if CATALOGUE[kind].loosens and self.has_rival and kart is None:\n',
+        '        if CATALOGUE[command.kind].loosens and self.has_rival:\n',
+        '        if CATALOGUE[command.kind].loosens and self.has_rival and not command.kart:\n',
         ('availability', 'rival'),
     ),
     'a stop is refused while another race control runs': Fault(
-        '        if CATALOGUE[kind].loosens and self.has_rival:\n',
+        '        if CATALOGUE[command.kind].loosens and self.has_rival:\n',
         '        if self.has_rival:\n',
         ('availability', 'stop-refused'),
     ),
@@ -696,8 +697,8 @@ FAULTS = {
         ('effect', 'pause', 'available-from'),
     ),
     'a stop to one kart lets a release through': Fault(
-        '        if CATALOGUE[command.kind].stop:\n',
-        '        if CATALOGUE[command.kind].stop and command.kart is None:\n',
+        '        if CATALOGUE[command.kind].stop:\n            # A release',
+        '        if CATALOGUE[command.kind].stop and not command.kart:\n            # A release',
         ('effect', 'pause', 'available-from'),
     ),
     'a release that came before a stop is taken when the pause is over': Fault(
@@ -753,12 +754,12 @@ FAULTS = {
         ('start-first',),
     ),
     'a start that was withdrawn goes out': Fault(
-        "        refusal = 'it was withdrawn while it waited for the record'\n",
-        "        refusal = ''\n",
+        "    StartPhase.WITHDRAWN: 'it was withdrawn while it waited for the record',\n",
+        '',
         ('start-first', 'green-needs-acks', 'green-needs-grid'),
     ),
     'a start that the disk did not take goes out': Fault(
-        '        if not written:\n            self.record_fails',
+        '        if phase == StartPhase.FAILED:\n            self.record_fails',
         '        if False:\n            self.record_fails',
         ('start-first', 'start-answer'),
     ),
@@ -768,11 +769,10 @@ FAULTS = {
         ('start-answer', 'start-first'),
     ),
     'a start that was stopped meanwhile goes out when it is on the disk': Fault(
-        '        return self._decide(start.command, refusal, now)\n\n    def withdraw',
-        "        refusal = '' if written else self.record_fails\n"
-        '        return self._decide(start.command, refusal, now)\n'
-        '\n'
-        '    def withdraw',
+        '        refusal = self._refusal_of(start.command, start.came)\n'
+        '        refusal = refusal or WHY',
+        "        refusal = '' if phase == StartPhase.WRITTEN else self.record_fails\n"
+        '        refusal = refusal or WHY',
         (
             'green-needs-grid',
             'green-needs-acks',
@@ -783,13 +783,13 @@ FAULTS = {
         ),
     ),
     'a start that waited while race control was held up goes out': Fault(
-        'refusal = self._refusal_of(start.command, start.came)\n        if',
-        'refusal = self._refusal_of(start.command, now + 9.0)\n        if',
+        'self._refusal_of(start.command, start.came)',
+        'self._refusal_of(start.command, now + 9.0)',
         ('pause',),
     ),
     'what was written for another start starts karts': Fault(
-        'if start is None or start.memory is not memory:',
-        'if start is None or start.memory is None:',
+        'if self.start is None or self.start.number != number:',
+        'if self.start is None or self.start.number < number:',
         ('start-answer', 'start-first'),
     ),
     'a second GREEN_GREEN takes the place of the one that waits': Fault(
@@ -803,8 +803,8 @@ FAULTS = {
         ('start-memory',),
     ),
     'a start that is refused is waited for all the same': Fault(
-        '        start, self.start = self.start, None\n        if start is None:\n',
-        '        start = self.start\n        if start is None:\n',
+        '        self.start = None\n        if phase',
+        '        if phase == StartPhase.WRITTEN:\n            self.start = None\n        if phase',
         ('effect',),
     ),
     # ----- a restart -------------------------------------------------------------------------
@@ -855,8 +855,8 @@ FAULTS = {
         ('restart',),
     ),
     'what is on the disk before GREEN_GREEN does not say that karts will move': Fault(
-        'dataclasses.replace(karts[kart.number], doubt=Doubt.MOVING)',
-        'karts[kart.number]',
+        'doubt=Doubt.MOVING) if kart.in_race',
+        'doubt=kart.doubt) if kart.in_race',
         ('restart',),
     ),
     'a kart without an inspection may join': Fault(
@@ -870,8 +870,8 @@ FAULTS = {
         ('uninspected', 'availability'),
     ),
     'a heat may have a kart without an inspection': Fault(
-        '            or self._uninspected_heat(command)\n',
-        '',
+        'return self._uninspected(self.karts[number] for number in heat.karts)',
+        "return ''",
         ('uninspected',),
     ),
     'the statement that the track is safe leaves the doubt of a restart': Fault(
@@ -986,12 +986,12 @@ FAULTS = {
         ('availability',),
     ),
     'a record that fails while a start waits does not stop it': Fault(
-        'refusal = self._refusal_of(start.command, start.came)\n        if',
-        "trouble, self.record_fails = self.record_fails, '' if written else "
-        'self.record_fails\n'
+        '        refusal = self._refusal_of(start.command, start.came)\n',
+        '        trouble = self.record_fails\n'
+        '        if phase == StartPhase.WRITTEN:\n'
+        "            self.record_fails = ''\n"
         '        refusal = self._refusal_of(start.command, start.came)\n'
-        '        self.record_fails = trouble\n'
-        '        if',
+        '        self.record_fails = trouble\n',
         ('start-first', 'no-record'),
     ),
     'a record that was too slow counts as working': Fault(
@@ -1141,8 +1141,8 @@ FAULTS = {
         ('cause',),
     ),
     'a change of state does not say who gave the command': Fault(
-        "official=self._by.official if self._by is not None else '',\n                )",
-        "official='',\n                )",
+        'by.kind, by.official)',
+        "by.kind, '')",
         ('cause',),
     ),
     'the cause does not name the official': Fault(
@@ -1166,11 +1166,8 @@ FAULTS = {
         ('use-msr',),
     ),
     'a track that officials opened is closed by a stop': Fault(
-        '        for each in self.karts.values():\n'
-        '            self._hold(each, RED_RED, self._cause(), now)\n',
-        '        self.track_open = False\n'
-        '        for each in self.karts.values():\n'
-        '            self._hold(each, RED_RED, self._cause(), now)\n',
+        '            self._hold(each, RED_RED, cause, now)\n',
+        '            self._hold(each, RED_RED, cause, now)\n            self.track_open = False\n',
         ('effect', 'stop-idempotent'),
     ),
     'GRID_ACTIVE closes the track by itself': Fault(
@@ -1180,8 +1177,8 @@ FAULTS = {
         ('alerts-act', 'availability', 'effect', 'refused-changes'),
     ),
     'a start goes out to a later grid': Fault(
-        '        if start.grid != self.grids:\n',
-        '        if start.grid > self.grids:\n',
+        '            self.start = self.start._replace(phase=StartPhase.OUTLIVED)\n',
+        '            pass\n',
         ('start-other-grid',),
     ),
     'GRID_ACTIVE is taken right behind the closing of the track': Fault(

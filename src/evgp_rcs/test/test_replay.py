@@ -30,7 +30,16 @@ from evgp_rcs import inputs
 from evgp_rcs import race as rules
 from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.inputs import Block, Entrant, Log, Setup
-from evgp_rcs.race import Command, Event, EventKind, Heat, Outcome, RaceTimes, StampedEvent
+from evgp_rcs.race import (
+    Command,
+    Event,
+    EventKind,
+    Heat,
+    Outcome,
+    RaceTimes,
+    StampedEvent,
+    StartPhase,
+)
 from evgp_rcs.rcs_record import main
 from evgp_rcs.record import Record, RecordedEvent
 from evgp_rcs.replay import Replay, Replayed
@@ -129,11 +138,13 @@ class Running:
                 inputs.HeldUp(self.now, 1.5),
                 inputs.Rival(self.now, not self.race.has_rival),
                 inputs.RecordTrouble(self.now, '' if self.race.record_fails else 'it fails'),
-                inputs.Withdrawn(self.now),
+                inputs.StartBecame(self.now, StartPhase.WITHDRAWN, self.race.starts),
             )
             return self.dice.choice(rare)
         if self.race.start is not None:
-            return inputs.Journal(self.now, self.dice.random() < 0.9, self.dice.random() < 0.9)
+            phase = StartPhase.WRITTEN if self.dice.random() < 0.9 else StartPhase.FAILED
+            number = self.race.starts - (self.dice.random() < 0.1)
+            return inputs.StartBecame(self.now, phase, number)
         return self.command(kart.number)
 
     def command(self, kart: int) -> inputs.Input:
@@ -149,7 +160,7 @@ class Running:
         one = CATALOGUE[each.kind].to_one_kart
         command = Command(
             each.kind,
-            kart if one else None,
+            kart if one else 0,
             self.dice.random() < 0.9,
             frozenset(each.karts),
             self.race.karts[kart].hold if one else None,

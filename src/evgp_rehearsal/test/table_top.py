@@ -24,7 +24,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.race import Command, Kart, Outcome, Race, RaceTimes, StampedEvent
+from evgp_rcs.race import Command, Kart, Outcome, Race, RaceTimes, StampedEvent, StartPhase
 from evgp_rcs.record import RecordedEvent
 from evgp_rehearsal.field import Failure, Field, Link, TICK_LENGTH
 from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS
@@ -92,7 +92,7 @@ class TableTop:
         hold = self.race.karts[act.kart].hold if entry.names_hold and act.kart else None
         command = Command(
             act.kind,
-            act.kart or None,
+            act.kart,
             bool(entry.statement) or entry.call_is_statement,
             frozenset(offered.karts),
             hold,
@@ -100,8 +100,9 @@ class TableTop:
         )
         outcome = self.race.command(command, self.now)
         self._take(outcome)
-        if outcome.write_first is not None:
-            self._take(self.race.journal(outcome.write_first, True, self.now))
+        if outcome.start is not None:
+            written = StartPhase.WRITTEN, outcome.start.number, self.now
+            self._take(self.race.start_becomes(*written))
 
     def view(self, began: int = 0) -> View:
         """Return what an official sees who has listened since a tick."""
