@@ -440,7 +440,7 @@ class RaceMemory:
     final: bool = False
 
     @property
-    def home(self) -> bool:
+    def at_rest(self) -> bool:
         """Return whether nothing is under way, held or in doubt."""
         return self.state is IN_GARAGE and not any(
             kart.held or kart.doubt for kart in self.karts.values()
@@ -575,7 +575,7 @@ class Race:
         """
         final = memory is not None and memory.final
         self.track_open = memory is None or memory.track_open or not final
-        if memory is not None and final and memory.home:
+        if memory is not None and final and memory.at_rest:
             return self._outcome()
         self.restarted = True
         gone: list[Kart] = []

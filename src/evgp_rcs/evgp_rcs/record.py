@@ -85,7 +85,7 @@ from typing import Any, IO
 
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
-from evgp_rcs.home import home
+from evgp_rcs.folder import rcs_folder
 from evgp_rcs.inputs import Block, joined, Setup
 from evgp_rcs.orderly_end import OrderlyEnd
 from evgp_rcs.race import Doubt, EventKind, KartMemory, RaceMemory, StampedEvent
@@ -187,7 +187,7 @@ class Session:
 
 def default_path() -> pathlib.Path:
     """Return where race control keeps its record if it is not told: below ROS_HOME."""
-    return home() / 'record.sqlite3'
+    return rcs_folder() / 'record.sqlite3'
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1207,8 +1207,8 @@ def check_recovery(
     fresh = look(again)
     memory = race.memory()
     home = view.state is IN_GARAGE and not any(kart.hold or kart.doubt for kart in view.karts)
-    if memory.home != home:
-        raise RuleBrokenError('restart', f'home is {memory.home} in {view}')
+    if memory.at_rest != home:
+        raise RuleBrokenError('restart', f'at rest is {memory.at_rest} in {view}')
     outcome = again.recover(dataclasses.replace(memory, final=final) if known else None, now)
     after = look(again)
 
@@ -1375,7 +1375,7 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
     if view.start is not None:
         memory = race.memory()
         moving = all(memory.karts[number].doubt == MOVING for number in view.start.karts)
-        if memory.state is not GREEN_GREEN or memory.home or not moving:
+        if memory.state is not GREEN_GREEN or memory.at_rest or not moving:
             raise RuleBrokenError('start-memory', f'{memory} in {view}')
     if look(race) != view:
         raise RuleBrokenError('alerts-act', f'{view} became {look(race)} by looking')
@@ -1866,7 +1866,7 @@ class Search:
         give(self.rules, self.race, Input('withdrawn'), 0.0)  # a start that waits is not home
         if not home or any(kart.hold or kart.sent is not IN_GARAGE for kart in view.karts):
             raise RuleBrokenError('stuck', f'{view}: {outcome.answer}')
-        if not self.race.track_access().allowed or not self.race.memory().home:
+        if not self.race.track_access().allowed or not self.race.memory().at_rest:
             raise RuleBrokenError('stuck', f'{view}: {self.race.track_access()}')
 
     def _compare(self, key: tuple[Any, ...], other: tuple[Any, Facts, float]) -> None:

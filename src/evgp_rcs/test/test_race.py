@@ -1232,7 +1232,7 @@ def test_the_memory_for_green_is_the_memory_after_green(officials: Officials) ->
     assert officials.becomes(start, StartPhase.WRITTEN).answer
     assert race.state is GREEN_GREEN
     assert race.memory() == before
-    assert not before.home
+    assert not before.at_rest
 
 
 @unproved
@@ -1248,7 +1248,7 @@ def test_a_statement_in_the_garage_answers_for_karts_that_are_away(
     officials.does('IN_GARAGE')
     assert officials.all_sent() == [IN_GARAGE, IN_GARAGE]
     assert officials.race.track_access().allowed
-    assert officials.race.memory().home
+    assert officials.race.memory().at_rest
 
 
 @unproved

@@ -844,8 +844,8 @@ FAULTS = {
         ('restart',),
     ),
     'a restart that knows nothing begins in IN_GARAGE': Fault(
-        '        if memory is not None and final and memory.home:\n',
-        '        if memory is None or (final and memory.home):\n',
+        '        if memory is not None and final and memory.at_rest:\n',
+        '        if memory is None or (final and memory.at_rest):\n',
         ('restart',),
     ),
     'a restart goes on where the race was': Fault(
@@ -1030,12 +1030,12 @@ FAULTS = {
         ('restart',),
     ),
     'a memory that is not final counts as home': Fault(
-        '        if memory is not None and final and memory.home:\n',
-        '        if memory is not None and memory.home:\n',
+        '        if memory is not None and final and memory.at_rest:\n',
+        '        if memory is not None and memory.at_rest:\n',
         ('restart',),
     ),
     'an orderly end in mid-race counts as home': Fault(
-        '        if memory is not None and final and memory.home:\n',
+        '        if memory is not None and final and memory.at_rest:\n',
         '        if memory is not None and final and memory.state is not GREEN_GREEN:\n',
         ('restart',),
     ),

@@ -27,7 +27,7 @@ import sys
 import tempfile
 import threading
 
-from evgp_rcs.home import home
+from evgp_rcs.folder import rcs_folder
 from evgp_rcs.official import claim, tidy
 from evgp_rcs_console import words
 
@@ -76,7 +76,7 @@ def file_of_name() -> pathlib.Path:
 
     :raises RuntimeError: if there is no home folder.
     """
-    return home() / 'official'
+    return rcs_folder() / 'official'
 
 
 def kept_name() -> str | None:

@@ -20,7 +20,7 @@ import os
 import pathlib
 
 
-def home() -> pathlib.Path:
+def rcs_folder() -> pathlib.Path:
     """
     Return the folder of race control and its officials, below ROS_HOME; it need not exist.
 
