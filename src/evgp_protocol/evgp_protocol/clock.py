@@ -35,6 +35,21 @@ def now() -> float:
     return time.clock_gettime(time.CLOCK_BOOTTIME)
 
 
+def duration(seconds: float, digits: int = 1) -> str:
+    """
+    Return how long something took, as ``59.9 s``, ``1:05.0 min`` or ``2:03:04.5 h``.
+
+    :param digits: of the seconds, behind the point.
+    """
+    whole, rest = divmod(round(max(seconds, 0.0) * 10**digits), 10**digits)
+    point = f'.{rest:0{digits}}' if digits else ''
+    minutes, second = divmod(whole, 60)
+    hours, minute = divmod(minutes, 60)
+    if hours:
+        return f'{hours}:{minute:02}:{second:02}{point} h'
+    return f'{minute}:{second:02}{point} min' if minute else f'{second}{point} s'
+
+
 class BoottimeEventLoop(asyncio.SelectorEventLoop):
     """
     An event loop whose time is `now`, so its deadlines and timeouts count a suspend.

@@ -122,3 +122,18 @@ def test_it_needs_no_more_than_the_standard_library() -> None:
         env={'PYTHONPATH': clock.__file__.rsplit('/', 2)[0]},
     )
     assert done.stdout.strip() == '[]'
+
+
+@pytest.mark.parametrize(
+    ('seconds', 'digits', 'text'),
+    [
+        (-1, 0, '0 s'),
+        (41.94, 1, '41.9 s'),
+        (59.96, 1, '1:00.0 min'),
+        (65.1234, 3, '1:05.123 min'),
+        (3600, 0, '1:00:00 h'),
+        (7265.5, 1, '2:01:05.5 h'),
+    ],
+)
+def test_a_duration_is_short_and_has_its_unit(seconds: float, digits: int, text: str) -> None:
+    assert clock.duration(seconds, digits) == text

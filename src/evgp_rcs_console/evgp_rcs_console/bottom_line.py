@@ -106,7 +106,7 @@ class BottomLine:
                 words.STOP_UNANSWERED.format(
                     command=words.order_name(stop.order),
                     count=stop.presses,
-                    age=words.short_age(now - stop.since),
+                    age=clock.duration(now - stop.since),
                     why=stop.said or words.NO_ANSWER,
                 )
                 for stop in stops
@@ -117,7 +117,7 @@ class BottomLine:
             return Cell(explanation, Tone.WAIT)
         order = self._unanswered.oldest(now)
         if order is not None:
-            age = words.short_age(now - order.at)
+            age = clock.duration(now - order.at)
             name = words.order_name(order)
             return Cell(words.PENDING.format(command=name, age=age), Tone.WAIT)
         return self._message

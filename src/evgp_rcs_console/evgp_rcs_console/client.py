@@ -35,7 +35,7 @@ from typing import Any, Protocol
 from evgp_node.graph import bind_graph, EVERY, fence_graph, reachable_at
 from evgp_node.services import service_class
 from evgp_node.spinning import Spinning
-from evgp_protocol.clock import now
+from evgp_protocol.clock import duration, now
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import words
 from evgp_rcs_console.commands import Order, request
@@ -217,7 +217,7 @@ class Client:
             self._services[CATALOGUE[order.command].service].remove_pending_request(future)
             if not CATALOGUE[order.command].stop:
                 name = words.order_name(order)
-                text = words.GAVE_UP.format(command=name, age=words.age(GIVE_UP))
+                text = words.GAVE_UP.format(command=name, age=duration(GIVE_UP, 0))
                 self._listener.on_answer(order, Answer(False, text))
 
     # ----- the executor's thread ----------------------------------------------------------

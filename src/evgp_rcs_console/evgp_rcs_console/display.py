@@ -181,7 +181,7 @@ class Display(QtCore.QObject):
         now = clock.now()
         stop = self._unanswered.all_kill(now)
         if stop is not None:
-            age = words.short_age(now - stop.since)
+            age = clock.duration(now - stop.since)
             hint = Cell(words.KILL_UNANSWERED.format(count=stop.presses, age=age), Tone.BAD)
         elif self._areas.window.isActiveWindow():
             hint = Cell(words.KILL_HINT)

@@ -60,7 +60,7 @@ class LateInput:
         self._chosen.clear()
         self._dropped = [*self._dropped[-4:], name]
         names = ', '.join(self._dropped)
-        self._bottom.say(words.TOO_OLD.format(name=names, age=words.age(age)), Tone.BAD)
+        self._bottom.say(words.TOO_OLD.format(name=names, age=clock.duration(age, 0)), Tone.BAD)
         return True
 
     def in_time(self) -> None:

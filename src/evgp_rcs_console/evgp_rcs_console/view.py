@@ -28,6 +28,7 @@ import enum
 import math
 import string
 
+from evgp_protocol.clock import duration
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import words
 from evgp_rcs_console.commands import asks, Order
@@ -342,12 +343,10 @@ def silence(
         return None
     if silent_for is None:
         title, barred, note = words.NOT_YET, words.NOT_YET_REASON, notes[0]
-        detail = words.NOT_YET_DETAIL.format(looking=looking, age=words.age(looking_for))
+        detail = words.NOT_YET_DETAIL.format(looking=looking, age=duration(looking_for, 0))
     else:
         title, barred, note = words.GONE, words.GONE_REASON, notes[1]
-        detail = words.GONE_SINCE.format(
-            age=words.short_age(silent_for), state=words.STATES[state]
-        )
+        detail = words.GONE_SINCE.format(age=duration(silent_for), state=words.STATES[state])
     detail = f'{detail} {note}'.rstrip()
     return Danger(title, words.USE_MSR, detail, barred, stale=True)
 
@@ -452,7 +451,7 @@ def _headline(race: Race) -> Cell:
 
 def _since(race: Race, age: float) -> str:
     """Return for how long the race has been in its state, by whom, and whether it is over."""
-    since = words.STATE_SINCE.format(age=words.age(race.state_for + age))
+    since = words.STATE_SINCE.format(age=duration(race.state_for + age, 0))
     if race.state_cause:
         since = words.STATE_CAUSE.format(since=since, cause=race.state_cause)
     if race.state_clock:
@@ -533,7 +532,7 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
         link=Cell(words.LINKED) if kart.connected else Cell(words.NOT_LINKED, missing),
         # Without a link it is sent nothing: it would be.
         sent=_state_cell(kart.sent) if kart.connected else _faint(_state_cell(kart.sent)),
-        since=words.age(kart.sent_for + age),
+        since=duration(kart.sent_for + age, 0),
         acknowledged=acknowledged,
         says=says,
         place=f'P{kart.place}' if kart.place else '',
@@ -603,12 +602,12 @@ class _Buttons:
         if reason and offered.again_in:
             reason = words.again_in(reason, offered.again_in - self.age)
         elif reason and since >= WORTH_A_FIGURE:
-            reason = words.WITH_AGE.format(reason=reason, age=words.age(since))
+            reason = words.WITH_AGE.format(reason=reason, age=duration(since, 0))
         # A stop can always be pressed, also while one waits or nobody answers: it does no harm.
         if not entry.stop and self.barred:
             reason = self.barred
         elif not entry.stop and waits is not None:
-            reason = words.PENDING_REASON.format(age=words.short_age(waits))
+            reason = words.PENDING_REASON.format(age=duration(waits))
         condition = consequence = warning = ''
         if asks(command) or (offered.statement and not entry.stop):
             race = self.snapshot

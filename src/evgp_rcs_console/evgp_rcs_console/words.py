@@ -257,21 +257,6 @@ NO_QT = (
 NO_DISPLAY = 'rcs_gui: there is no screen to open a window on (DISPLAY, WAYLAND_DISPLAY).'
 
 
-def age(seconds: float) -> str:
-    """Return a time that has passed, rounded down, in the largest unit that fits."""
-    whole = max(0, int(seconds))
-    if whole < 100:
-        return f'{whole} s'
-    if whole < 3600:
-        return f'{whole // 60}:{whole % 60:02d} min'
-    return f'{whole // 3600}:{whole // 60 % 60:02d} h'
-
-
-def short_age(seconds: float) -> str:
-    """Return a time that has passed, in tenths of a second up to a minute."""
-    return f'{max(0.0, seconds):.1f} s' if seconds < 60 else age(seconds)
-
-
 def again_in(reason: str, seconds: float) -> str:
     """Return why a command is refused for a time; rounded up, so that it is never too soon."""
     return AGAIN_IN.format(reason=reason, seconds=max(1, math.ceil(seconds)))

@@ -483,14 +483,6 @@ def test_race_control_is_gone_within_a_second(
         assert said.advice == 'USE THE MSR'
 
 
-@pytest.mark.parametrize(
-    ('seconds', 'text'),
-    [(-1, '0 s'), (41.9, '41 s'), (99, '99 s'), (100, '1:40 min'), (3600, '1:00 h')],
-)
-def test_ages_are_short(seconds: float, text: str) -> None:
-    assert words.age(seconds) == text
-
-
 def test_the_terminal_shows_the_same() -> None:
     alert = Alert('RED_UNACKNOWLEDGED', 7, True, 'Use the MSR: kart 7')
     commands = {**EVERYTHING, CommandKind.GREEN_GREEN: Available(False, 'waiting for kart 7')}
