@@ -27,6 +27,7 @@ from xml.etree import ElementTree
 from evgp_inspection import VERSION
 from evgp_inspection.traces import describe
 from evgp_inspection.verdicts import Result, Verdict, verdict_on
+from evgp_protocol.clock import duration
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,7 +80,7 @@ def line(result: Result) -> str:
 
 def _times(result: Result) -> str:
     measured, limit = result.finding.measured, result.limit
-    text = '' if measured is None else f'{measured:.2f} s'
+    text = '' if measured is None else duration(measured, 2)
     return text if limit is None or not text else f'{text} of {limit:g} s'
 
 

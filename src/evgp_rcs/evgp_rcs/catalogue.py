@@ -83,8 +83,7 @@ class Entry:
     :param label: what its button says; `RED RED` to one kart or to all, since the place tells.
     :param meaning: what it does, in a few words.
     :param service: the name of its service below race control's node; two commands may share one.
-    :param service_type: the type of the service. Every request has `official`: who gives the
-        command, by their own word.
+        Every request has `official`: who gives the command, by their own word.
     :param fixed: the fields of a request that make it this command, where two share a service.
     :param result: what is so once it is in force.
     :param undoes: the command that it takes back. The two share a button, which offers this one
@@ -104,7 +103,6 @@ class Entry:
     label: str
     meaning: str
     service: str
-    service_type: str
     result: Result = field(default_factory=Result)
     fixed: Mapping[str, bool] = field(default_factory=dict)
     undoes: CommandKind | None = None
@@ -119,6 +117,15 @@ class Entry:
     loosens: bool = False
 
     @property
+    def service_type(self) -> str:
+        """Return the type of the service: of its own, if its request names more than a kart."""
+        name = 'KartCommand' if self.to_one_kart else 'RaceCommand'
+        names = self.names_karts or self.names_hold or self.names_heat
+        if self.fixed or self.statement or names:
+            name = self.service.title().replace('_', '').replace('/', '')
+        return f'evgp_rcs_msgs/srv/{name}'
+
+    @property
     def overtakes(self) -> bool:
         """Return whether it is judged before whatever waits; RACE_OVER may still be refused."""
         return self.stop or self.result.race == (RaceState.RED_RED,)
@@ -129,11 +136,6 @@ class Entry:
         return RaceState.GREEN_GREEN in self.result.race
 
 
-RACE_COMMAND = 'evgp_rcs_msgs/srv/RaceCommand'
-KART_COMMAND = 'evgp_rcs_msgs/srv/KartCommand'
-SET_IN_RACE = 'evgp_rcs_msgs/srv/SetInRace'
-SET_TRACK_OPEN = 'evgp_rcs_msgs/srv/SetTrackOpen'
-
 FLAG_OR_RED = (RaceState.RED_FLAG, RaceState.RED_RED)
 
 CATALOGUE: dict[CommandKind, Entry] = {
@@ -141,7 +143,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'ALL KILL',
         'RED_RED to every kart',
         'all_kill',
-        RACE_COMMAND,
         Result(race=(RaceState.RED_RED,)),
         stop=True,
     ),
@@ -149,7 +150,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'RED FLAG',
         'RED_FLAG to the race',
         'red_flag',
-        RACE_COMMAND,
         Result(race=FLAG_OR_RED),
         stop=True,
     ),
@@ -157,7 +157,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'RED RED',
         'RED_RED to one kart',
         'kart/red_red',
-        KART_COMMAND,
         Result(hold=(RaceState.RED_RED,)),
         to_one_kart=True,
         stop=True,
@@ -166,7 +165,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'RED FLAG',
         'RED_FLAG to one kart',
         'kart/red_flag',
-        KART_COMMAND,
         Result(hold=FLAG_OR_RED),
         to_one_kart=True,
         stop=True,
@@ -175,7 +173,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'MSR WAS USED',
         'record that you used the MSR; also RED_RED to every kart',
         'record_msr',
-        RACE_COMMAND,
         Result(race=(RaceState.RED_RED,)),
         note='Records that you used the MSR. It does not trigger the MSR.',
         call_is_statement=True,
@@ -186,14 +183,12 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'RACE OVER',
         'RED_RED to the race, which is over',
         'race_over',
-        RACE_COMMAND,
         Result(race=(RaceState.RED_RED,)),
     ),
     CommandKind.GRID_ACTIVE: Entry(
         'GRID ACTIVE',
         'GRID_ACTIVE to the race',
         'grid_active',
-        'evgp_rcs_msgs/srv/GridActive',
         Result(race=(RaceState.GRID_ACTIVE,)),
         statement='track_clear',
         names_karts=True,
@@ -203,7 +198,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'GREEN GREEN',
         'GREEN_GREEN to the race',
         'green_green',
-        'evgp_rcs_msgs/srv/GreenGreen',
         Result(race=(RaceState.GREEN_GREEN,)),
         names_karts=True,
         loosens=True,
@@ -212,7 +206,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'IN GARAGE',
         'IN_GARAGE to the race',
         'in_garage',
-        'evgp_rcs_msgs/srv/InGarage',
         Result(race=(RaceState.IN_GARAGE,)),
         statement='track_safe',
         names_karts=True,
@@ -222,7 +215,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'FINISH',
         'a kart has crossed the line',
         'kart/finish',
-        KART_COMMAND,
         Result(placed=True),
         to_one_kart=True,
     ),
@@ -230,7 +222,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'UNDO FINISH',
         'take back that a kart has finished',
         'kart/undo_finish',
-        KART_COMMAND,
         Result(placed=False),
         undoes=CommandKind.KART_FINISH,
         note='Takes its place away; later places move up. A RED FLAG that was sent stays.',
@@ -241,7 +232,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'GARAGE',
         'release one kart from its hold',
         'kart/in_garage',
-        'evgp_rcs_msgs/srv/KartInGarage',
         Result(hold=(None,)),
         statement='made_safe_by_hand',
         to_one_kart=True,
@@ -252,7 +242,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'JOIN',
         'put a kart into the race',
         'set_in_race',
-        SET_IN_RACE,
         Result(in_race=True),
         fixed={'in_race': True},
         to_one_kart=True,
@@ -261,7 +250,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'LEAVE',
         'take a kart out of the race',
         'set_in_race',
-        SET_IN_RACE,
         Result(in_race=False),
         fixed={'in_race': False},
         undoes=CommandKind.JOIN_RACE,
@@ -271,14 +259,12 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'HEAT',
         'put a heat of the roster into the race, and all others out',
         'set_heat',
-        'evgp_rcs_msgs/srv/SetHeat',
         names_heat=True,
     ),
     CommandKind.OPEN_TRACK: Entry(
         'OPEN TRACK',
         'open the track to humans',
         'set_track_open',
-        SET_TRACK_OPEN,
         Result(track_open=True),
         fixed={'open': True},
         note='Opens the track to humans. Sends nothing to the karts.',
@@ -288,7 +274,6 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'CLOSE TRACK',
         'close the track to humans',
         'set_track_open',
-        SET_TRACK_OPEN,
         Result(track_open=False),
         fixed={'open': False},
         undoes=CommandKind.OPEN_TRACK,

@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import html
 
+from evgp_protocol.clock import duration
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_rehearsal.score import Line
 from rich.table import Table
@@ -107,7 +108,7 @@ def failed(lines: Sequence[Line]) -> list[Line]:
 
 
 def _seconds(value: float | None, otherwise: str) -> str:
-    return otherwise if value is None else f'{value:.1f} s'
+    return otherwise if value is None else duration(value)
 
 
 def _listed(values: Sequence[object]) -> str:
