@@ -29,8 +29,8 @@
   };
   const duration = (seconds) => {
     // It stands beside times of day with as many digits.
-    const ms = Math.round(seconds * 1000), minutes = Math.floor(ms / 60000);
-    return (minutes ? minutes + ' min ' : '') + (ms % 60000 / 1000).toFixed(3) + ' s';
+    const text = elapsed(seconds).slice(1).replace(/^0:0?/, '');
+    return text + [' s', ' min', ' h'][text.split(':').length - 1];
   };
   const kindOf = (kind) => data.kinds[kind] || kind;
   const cut = (text, most) => text.length > most ? text.slice(0, most) + '…' : text;

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import datetime
 
+from evgp_protocol.clock import duration as duration
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.plain import plain
 from evgp_rcs.report.model import (
@@ -123,17 +124,6 @@ def name(text: str) -> str:
     return seen if len(seen) <= MOST_OF_A_NAME else f'{seen[:MOST_OF_A_NAME]}…'
 
 
-def duration(seconds: float) -> str:
-    """Return how long something took; to the tenth while that tells something."""
-    if round(seconds, 1) < 60:
-        return f'{seconds:.1f} s'
-    minutes, rest = divmod(round(seconds), 60)
-    if minutes < 60:
-        return f'{minutes} min {rest} s'
-    hours, minutes = divmod(minutes, 60)
-    return f'{hours} h {minutes} min {rest} s'
-
-
 def milliseconds(seconds: float) -> int:
     """Return a time as the report shows it at its finest, so that what it shows can be added."""
     return round(seconds * 1000)
@@ -146,8 +136,7 @@ def between(start: float, end: float) -> float:
 
 def exact(start: float, end: float) -> str:
     """Return how long it was between two times that are shown with three digits."""
-    minutes, rest = divmod(milliseconds(end) - milliseconds(start), 60_000)
-    return (f'{minutes} min ' if minutes else '') + f'{rest / 1000:.3f} s'
+    return duration(between(start, end), 3)
 
 
 def elapsed(seconds: float, digits: int = 1) -> str:
