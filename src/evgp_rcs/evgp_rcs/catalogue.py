@@ -18,7 +18,7 @@ The catalogue of officials' commands (§4.B): what each is called, and what kind
 One row says everything about a command that does not depend on the race. What it does, and when it
 is refused, stands in the table of the rules (``race.COMMANDS``). Node, console, ``rcs_ctl``, soak
 and tests go by these rows. So a new command is a row here, a row there, and a constant of
-`CommandAvailability.msg`; if no service type fits, a new one too.
+`CommandAvailability.msg`; and a service type, if its request names more than a kart.
 
 Pure: standard library and race states only.
 """
