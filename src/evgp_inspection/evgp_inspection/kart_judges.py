@@ -61,7 +61,7 @@ SOONER = 0.95
 """Part of the time of a RED_FLAG stop after which a kart that nobody sees must say RED_RED."""
 
 MOVES = 'Fail: it says GREEN_GREEN, or the wheels turn.'
-STOPS = 'Fail: the wheels still turn when red_red has passed, or begin to slow down too late.'
+WHEELS_STOP = 'Fail: the wheels still turn when red_red has passed, or begin to slow down too late.'
 LINK_STAYS = ' Fail also: it drops the connection.'
 
 NOT_DRIVEN = not_judged('The kart did not come to drive in this step.')
@@ -196,7 +196,7 @@ def _stands_in(section: Section, limits: Limits) -> Finding:
 def stops(step: str, silent: bool = False) -> Judge:
     """Judge whether a kart that drives stops when it loses race control."""
 
-    @judge_of(f'{step}/lost', judged=STOPS, limit='red_red', starred=True)
+    @judge_of(f'{step}/lost', judged=WHEELS_STOP, limit='red_red', starred=True)
     def find(trace: Trace, limits: Limits, lost: Section) -> Finding:
         if not drove(trace, step, limits):
             return NOT_DRIVEN
@@ -247,7 +247,7 @@ def _stops_in(section: Section, since: float, grace: float, limits: Limits) -> F
     return not_judged(UNSEEN, section)
 
 
-@judge_of('early/red', judged=STOPS, limit='red_red', starred=True)
+@judge_of('early/red', judged=WHEELS_STOP, limit='red_red', starred=True)
 def stops_early(trace: Trace, limits: Limits, section: Section) -> Finding:
     """Judge whether a kart that has hardly begun to drive stops."""
     sent = section.first_sent(RED_RED)
@@ -268,7 +268,7 @@ def stops_when_killed(step: str) -> Judge:
         since = min(event.at for event in (killed[0], *section.of(Kind.CLOSED)))
         return _stops_in(section, since, limits.silence, limits)
 
-    return Judge(find, STOPS, (f'{step}/kill',), 'red_red', starred=True)
+    return Judge(find, WHEELS_STOP, (f'{step}/kill',), 'red_red', starred=True)
 
 
 def _fell(speeds: list[tuple[float, float]], level: float) -> float | None:
