@@ -61,7 +61,7 @@ SOONER = 0.95
 """Part of the time of a RED_FLAG stop after which a kart that nobody sees must say RED_RED."""
 
 MOVES = 'Fail: it says GREEN_GREEN, or the wheels turn.'
-WHEELS_STOP = 'Fail: the wheels still turn when red_red has passed, or begin to slow down too late.'
+WHEELS_STOP = 'Fail: the wheels still turn after red_red, or begin to slow down too late.'
 LINK_STAYS = ' Fail also: it drops the connection.'
 
 NOT_DRIVEN = not_judged('The kart did not come to drive in this step.')
