@@ -31,7 +31,6 @@ import threading
 
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from evgp_testing import nursery
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.niceness import may_come_first
 from evgp_testing.process import freeze, wait_until_ended
@@ -182,8 +181,7 @@ def mapped(pid: int) -> str:
 
 
 def test_the_process_that_stops_karts_has_no_ros(start_race_control: StartRaceControl) -> None:
-    with nursery.unused():
-        control = start_race_control()
+    control = start_race_control()
     assert 'rclpy' in mapped(control.pid)  # or this would not be how it is seen
     for what in ('rclpy', 'librcl', 'librmw', 'fastrtps', 'fastdds', 'cyclone'):
         assert what not in mapped(control.kart_server_pid)

@@ -17,7 +17,6 @@
 from __future__ import annotations
 
 import contextlib
-from dataclasses import dataclass
 import fcntl
 import os
 import pathlib
@@ -40,7 +39,6 @@ from evgp_rcs_console.commands import Order
 from evgp_rcs_console.ctl import COMMANDS, STARTING, STATEMENTS, TIDY
 from evgp_rcs_console.desk import Desk
 from evgp_rcs_console.standing import Standing
-from evgp_testing import nursery
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES
@@ -60,30 +58,19 @@ def executable() -> list[str]:
     return [str(pathlib.Path(get_package_prefix(package), 'lib', package, 'rcs_ctl'))]
 
 
-def start(domain: int, *words: str) -> subprocess.Popen[str] | nursery.Grown:
+def start(domain: int, *words: str) -> subprocess.Popen[str]:
     """Start `rcs_ctl` on a domain."""
-    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain)}
-    command = [*executable(), *words]
-    return nursery.start(command, environment, stderr=subprocess.PIPE) or subprocess.Popen(
-        command,
+    return subprocess.Popen(
+        [*executable(), *words],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env=environment,
+        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
     )
 
 
-@dataclass(frozen=True)
-class Done:
-    """How a command ended."""
-
-    returncode: int
-    stdout: str
-    stderr: str
-
-
-def run(domain: int, *words: str) -> Done:
+def run(domain: int, *words: str) -> subprocess.CompletedProcess[str]:
     """Run `rcs_ctl` on a domain until it ends."""
     with start(domain, *words) as process:
         try:
@@ -91,7 +78,7 @@ def run(domain: int, *words: str) -> Done:
         except subprocess.TimeoutExpired:
             process.kill()
             raise
-        return Done(process.returncode, stdout, stderr)
+        return subprocess.CompletedProcess(words, process.returncode, stdout, stderr)
 
 
 def accepted(control: RaceControl, official: Official, *words: str) -> str:
@@ -411,7 +398,9 @@ brought about at will.
 """
 
 
-def run_hanging(folder: pathlib.Path, domain: int, where: str, *words: str) -> tuple[Done, float]:
+def run_hanging(
+    folder: pathlib.Path, domain: int, where: str, *words: str
+) -> tuple[subprocess.CompletedProcess[str], float]:
     """Run `rcs_ctl` with a part of rclpy that hangs; return how it ended, and how long after."""
     hung = folder / 'hung'
     with subprocess.Popen(
@@ -426,7 +415,8 @@ def run_hanging(folder: pathlib.Path, domain: int, where: str, *words: str) -> t
             stdout, stderr = process.communicate(timeout=PATIENCE)
         finally:
             process.kill()
-    return Done(process.returncode, stdout, stderr), time.monotonic() - float(hung.read_text())
+    done = subprocess.CompletedProcess(words, process.returncode, stdout, stderr)
+    return done, time.monotonic() - float(hung.read_text())
 
 
 @pytest.mark.parametrize('words', [('all-kill',), ('kart-red-red', '7'), ('leave', '3')])

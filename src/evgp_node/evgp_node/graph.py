@@ -30,6 +30,7 @@ from collections.abc import Iterator
 import contextlib
 import ctypes
 import fcntl
+import html
 import ipaddress
 import os
 import pathlib
@@ -37,7 +38,6 @@ import socket
 import struct
 import tempfile
 import threading
-from xml.sax import saxutils
 
 from rclpy.utilities import get_rmw_implementation_identifier
 
@@ -410,7 +410,7 @@ def cyclone_dds_configuration(interface: str) -> str:
     addresses = [LOOPBACK, *filter(None, [interface])]
     return _CYCLONE_DDS.format(
         interfaces=''.join(
-            f'<NetworkInterface address={saxutils.quoteattr(each)}/>' for each in addresses
+            f'<NetworkInterface address="{html.escape(each)}"/>' for each in addresses
         ),
         multicast='spdp' if interface else 'false',
         processes=PROCESSES,

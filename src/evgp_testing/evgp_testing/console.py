@@ -33,7 +33,6 @@ import threading
 import time
 from typing import Any
 
-from evgp_testing import nursery
 from evgp_testing.process import PATIENCE, Program
 from evgp_testing.screen import Screen
 
@@ -82,7 +81,6 @@ class Console(Program):
                 'ROS_HOME': str(folder),
                 **(environment or {}),
             },
-            grown=([__file__, str(address), *arguments], nursery.WINDOWS),
         )
         with listening:
             try:

@@ -22,14 +22,12 @@ from __future__ import annotations
 
 from collections.abc import Generator
 import os
-import pathlib
 import signal
 import subprocess
 import sys
 import time
 from typing import Any
 
-from evgp_testing import nursery
 from evgp_testing.fixtures import (  # noqa: F401 - pytest finds fixtures by name
     connect_kart,
     join_official,
@@ -47,8 +45,6 @@ pytest_plugins = ('evgp_testing.dice',)
 
 IN_OWN_PROCESS = 'EVGP_TEST_IN_OWN_PROCESS'
 
-_PYTEST = pathlib.Path(pytest.__file__).with_name('__main__.py')
-
 LAST_WORDS = 1.0
 """Time that the processes of a test that failed have to print why, s. A kart sees its connection
 end before race control, or what is left of it, has said so."""
@@ -58,7 +54,7 @@ MOST_LINES = 200
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Name the plugin's markers, and have programs begin with everything imported."""
+    """Name the plugin's markers, and have programs end by Ctrl-C."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         # A shell starts what runs in the background so. Programs would inherit it, and some of
         # them would not end by Ctrl-C.
@@ -67,13 +63,6 @@ def pytest_configure(config: pytest.Config) -> None:
     # would start a thread for each further core.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     config.addinivalue_line('markers', 'own_process: runs in another pytest (evgp_testing.plugin)')
-    if IN_OWN_PROCESS not in os.environ:
-        nursery.keep()
-
-
-def pytest_unconfigure() -> None:
-    """End what `pytest_configure` has begun."""
-    nursery.let_go()
 
 
 @pytest.hookimpl(hookwrapper=True)
@@ -131,24 +120,20 @@ class _InOwnProcess(pytest.Item):
     def runtest(self) -> None:
         words = ['-rs', '-p', 'no:cacheprovider', '-p', 'no:xdist']
         words += [f'--seed={self.config.option.seed}', self.nodeid]
-        environment = {**os.environ, IN_OWN_PROCESS: '1'}
-        root = self.config.rootpath
-        with nursery.start(
-            [str(_PYTEST), *words], environment, modules=nursery.TESTS, cwd=root
-        ) or subprocess.Popen(
+        done = subprocess.run(
             [sys.executable, '-m', 'pytest', *words],
-            cwd=root,
-            env=environment,
+            cwd=self.config.rootpath,
+            env={**os.environ, IN_OWN_PROCESS: '1'},
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-        ) as done:
-            printed, _ = done.communicate()
-        self.add_report_section('call', 'its own process', printed)
+            check=False,
+        )
+        self.add_report_section('call', 'its own process', done.stdout)
         if done.returncode != 0:
-            pytest.fail(printed, pytrace=False)
-        if ' skipped' in printed.splitlines()[-1]:
-            pytest.skip(printed)
+            pytest.fail(done.stdout, pytrace=False)
+        if ' skipped' in done.stdout.splitlines()[-1]:
+            pytest.skip(done.stdout)
 
     def reportinfo(self) -> tuple[os.PathLike[str] | str, int | None, str]:
         return self._item.reportinfo()

@@ -28,7 +28,6 @@ import threading
 import time
 
 from ament_index_python.packages import get_package_prefix
-from evgp_testing import nursery
 from evgp_testing.part import Part
 from evgp_testing.patience import PATIENCE
 
@@ -71,8 +70,6 @@ class Program(Part):
     :param environment: more environment variables.
     :param end: the signal it gets if whoever started it is killed. It must not live on, on a
         domain that others then take.
-    :param grown: for a Python program that is no file: its file and arguments, and what its
-        nursery imports.
     """
 
     def __init__(
@@ -82,7 +79,6 @@ class Program(Part):
         domain: int | None = None,
         environment: Mapping[str, str] | None = None,
         end: str = 'KILL',
-        grown: tuple[Sequence[str], tuple[str, ...]] | None = None,
     ) -> None:
         """Start it."""
         self.name = name
@@ -94,8 +90,7 @@ class Program(Part):
             'PYTHONUNBUFFERED': '1',
             **(environment or {}),
         }
-        words, modules = grown or (command, nursery.NODES)
-        self.process = nursery.start(words, whole, modules=modules) or subprocess.Popen(
+        self.process = subprocess.Popen(
             ['setpriv', '--pdeathsig', end, *command],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
