@@ -29,6 +29,7 @@ import argparse
 import asyncio
 import contextlib
 from dataclasses import dataclass, field
+import pathlib
 import random
 import socket
 import statistics
@@ -40,7 +41,9 @@ from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 from evgp_rcs.hearing import Heard
 from evgp_rcs.kart_link import KartLink
-from evgp_testing.networks import kart_address, Machine, NetworkError, RACE_CONTROL, Track
+
+sys.path.append(str(pathlib.Path(__file__).parents[1] / 'test'))
+from rig.networks import kart_address, Machine, NetworkError, RACE_CONTROL, Track  # noqa: E402
 
 BEAT_RATE = 20.0
 SEND_TIMEOUT = 1.0

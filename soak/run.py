@@ -32,10 +32,12 @@ import time
 from evgp_testing.domains import Domain
 from evgp_testing.judge import Judge
 from evgp_testing.race_control import address_of, RaceControl
-from evgp_testing.replaying import replay_without_difference
 from evgp_testing.usage import resident
 from race_soak.fleet import Fleet
 from race_soak.officials import Officials
+
+sys.path.append(str(pathlib.Path(__file__).parents[1] / 'test'))
+from rig.replaying import replay_without_difference  # noqa: E402
 
 STRANGERS = tuple(f'127.0.9.{number}' for number in range(1, 9))
 REPORT_EVERY = 30.0

@@ -21,13 +21,18 @@ docs/performance.md says how little; here, frames are counted.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+import contextlib
 import pathlib
 import resource
+import select
+import subprocess
+import sys
 import time
 
+from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from evgp_testing.bad_peers import attacked_race, attacking, ATTACKS, BAD, end_race
+from evgp_testing.part import PATIENCE
 from evgp_testing.race_control import address_of
 from evgp_testing.usage import open_files, resident
 from evgp_testing.wire_kart import kart_socket, WireKart
@@ -37,6 +42,28 @@ import pytest
 GRID_ACTIVE = RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN
 RED_RED = RaceState.RED_RED
+
+RACING = (1, 2)
+BAD = 3
+KART = address_of(BAD)
+STRANGER = '127.0.9.9'
+
+ATTACKS = {
+    'slow_reader': KART,
+    'flood': KART,
+    'random_bytes': KART,
+    'endless_frame': KART,
+    'nuls': KART,
+    'nested': KART,
+    'half_close': KART,
+    'reset': KART,
+    'reconnects': KART,
+    'hammer': STRANGER,
+    'many_connections': STRANGER,
+}
+"""Every attack of ``bad_peer``, and from where: a kart of the roster, or a stranger."""
+
+_SCRIPT = pathlib.Path(__file__).with_name('rig') / 'bad_peer.py'
 
 STRETCH = 1.5
 """How long each attack goes on before ALL_KILL, s."""
@@ -49,6 +76,46 @@ MOST_LINES = 80
 
 MOST_MEMORY = 30 * 1024
 """So much more memory race control may need after an attack, KiB: one copy of what it has."""
+
+
+def attacked_race(folder: pathlib.Path) -> WireRace:
+    """Start a race with two good karts, and one in the roster that is not good."""
+    return WireRace(folder, RACING, [BAD], absent=[BAD])
+
+
+def end_race(race: WireRace) -> None:
+    """Bring the race to IN_GARAGE, and have the bad kart made safe if it is held until then."""
+    race.bring_to(RaceState.IN_GARAGE)
+    bad = race.official.wait_for_kart(BAD, lambda kart: True, 'its status')
+    if state_of(bad.hold) is not None:
+        race.official.command('kart/in_garage', kart=BAD, made_safe_by_hand=True)
+
+
+@contextlib.contextmanager
+def attacking(name: str, port: int) -> Iterator[None]:
+    """
+    Have a bad peer attack race control meanwhile.
+
+    :raises AssertionError: if it does not get under way.
+    """
+    with subprocess.Popen(
+        [sys.executable, '-I', str(_SCRIPT), name, '127.0.0.1', str(port), ATTACKS[name]],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    ) as peer:
+        assert peer.stdin is not None
+        assert peer.stdout is not None
+        try:
+            under_way, _, _ = select.select([peer.stdout], [], [], PATIENCE)
+            assert under_way, f'{name} did not get under way'
+            assert peer.stdout.readline() == b'ready\n'
+            yield
+        finally:
+            peer.stdin.close()
+            try:
+                peer.wait(10)
+            except subprocess.TimeoutExpired:
+                peer.kill()
 
 
 def check_frames(race: WireRace) -> float:

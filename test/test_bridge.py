@@ -29,12 +29,6 @@ from ament_index_python.packages import get_package_prefix
 from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
-from evgp_testing.faulty_nodes import (
-    BridgeThatHangs,
-    BridgeThatRaises,
-    program_of,
-    StackThatRaises,
-)
 from evgp_testing.fixtures import (
     ConnectKart,
     JoinOfficial,
@@ -50,6 +44,12 @@ from evgp_testing.race_control import address_of, RaceControl
 import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
+from rig.faulty_nodes import (
+    BridgeThatHangs,
+    BridgeThatRaises,
+    program_of,
+    StackThatRaises,
+)
 
 GRID_ACTIVE = RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN

@@ -39,16 +39,16 @@ from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.official import UNNAMED
 from evgp_rcs_console.freshness import AIM
 from evgp_rcs_msgs import msg
-from evgp_testing.console import Console, DROPPED, SLOW
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import latched, Official
 from evgp_testing.process import PATIENCE, Process
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
-from evgp_testing.screen import Screen, Screens, why_no_screen
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
+from rig.console import Console, DROPPED, SLOW
+from rig.screen import Screen, Screens, why_no_screen
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE

@@ -32,9 +32,9 @@ from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Answer, Official
 from evgp_testing.race_control import address_of, RaceControl
-from evgp_testing.replaying import replay_without_difference
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
+from rig.replaying import replay_without_difference
 
 GRID_ACTIVE = RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN

@@ -31,17 +31,17 @@ from evgp_node import graph
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from evgp_testing.console import Console
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import StartBridge, StartRaceControl
 from evgp_testing.kart import Bridge
-from evgp_testing.networks import Namespace, need_networks
 from evgp_testing.official import Official
 from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl
-from evgp_testing.screen import Screen, why_no_screen
-from evgp_testing.visitor import Findings, Visitor
 import pytest
+from rig.console import Console
+from rig.networks import Namespace, need_networks
+from rig.screen import Screen, why_no_screen
+from rig.visitor import Findings, Visitor
 
 KARTS = '10.77.0.1'
 """Race control's address on the karts' network, and a bridge's on its own: the same here."""

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 import contextlib
+import ctypes
 import os
 import pathlib
 import signal
@@ -32,13 +33,12 @@ import threading
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from evgp_testing.niceness import may_come_first
 from evgp_testing.process import freeze, wait_until_ended
-from evgp_testing.replaying import replay_without_difference
-from evgp_testing.threads import receiving_threads, stopped_thread
 from evgp_testing.wire_kart import Acknowledges
 from evgp_testing.wire_race import WireRace
 import pytest
+from rig.niceness import may_come_first
+from rig.replaying import replay_without_difference
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -52,6 +52,10 @@ OUTSIDE = 3
 UNICAST_DISCOVERY = 7410
 UNICAST_CALLS = 7411
 """The ports of the first ROS process of domain 0."""
+
+_LIBC = ctypes.CDLL(None, use_errno=True)
+_SEIZE, _INTERRUPT, _DETACH = 0x4206, 0x4207, 17  # of ptrace
+_WALL = 0x40000000
 
 
 @pytest.fixture
@@ -102,6 +106,38 @@ def test_every_kart_hears_red_red_when_the_ros_half_hangs(scene: WireRace) -> No
         kart.wait_for_end()
         assert kart.state is RED_RED
     assert scene.control.wait() == 1  # the kart server wakes it when it ends
+
+
+def receiving_threads(pid: int, port: int) -> list[int]:
+    """Return the threads by which Fast DDS receives in a process at a UDP port."""
+    tasks = pathlib.Path(f'/proc/{pid}/task').iterdir()
+    return [int(each.name) for each in tasks if (each / 'comm').read_text() == f'dds.udp.{port}\n']
+
+
+@contextlib.contextmanager
+def stopped_thread(thread: int) -> Iterator[None]:
+    """
+    Have one thread of another process stand still, while all others go on.
+
+    :raises OSError: if it may not be traced.
+    """
+    _trace(_SEIZE, thread)
+    _trace(_INTERRUPT, thread)
+    os.waitpid(thread, _WALL)
+    try:
+        yield
+    finally:
+        # If its process has ended: nobody else can take it away.
+        with contextlib.suppress(OSError):
+            _trace(_DETACH, thread)
+        with contextlib.suppress(ChildProcessError):
+            os.waitpid(thread, _WALL | os.WNOHANG)
+
+
+def _trace(request: int, thread: int) -> None:
+    if _LIBC.ptrace(request, thread, None, None):
+        number = ctypes.get_errno()
+        raise OSError(number, f'ptrace of thread {thread}: {os.strerror(number)}')
 
 
 @pytest.mark.parametrize('port', [UNICAST_DISCOVERY, UNICAST_CALLS], ids=['discovery', 'calls'])

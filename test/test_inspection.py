@@ -40,7 +40,7 @@ from evgp_testing.base import SimulatedBase
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.kart import Bridge
-from evgp_testing.patience import PATIENCE
+from evgp_testing.part import PATIENCE
 from evgp_testing.process import Process, Program
 from evgp_testing.race_control import address_of, RaceControl
 import pytest

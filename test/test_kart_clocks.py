@@ -29,13 +29,13 @@ from typing import Any
 
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
-from evgp_testing.bare_race_control import BareRaceControl
 from evgp_testing.domains import Domain
 from evgp_testing.kart import Bridge, ExampleStack, Team
 from evgp_testing.race_control import address_of
-from evgp_testing.steppable_clock import SteppableClock
 from nav_msgs.msg import Odometry
 import pytest
+from rig.bare_race_control import BareRaceControl
+from rig.steppable_clock import SteppableClock
 
 GRID_ACTIVE = RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN

@@ -39,11 +39,11 @@ from evgp_protocol.arbiter import Settings, StopSource
 from evgp_protocol.frames import encode
 from evgp_protocol.kart import Kart
 from evgp_protocol.states import RaceState
-from evgp_testing.bare_race_control import BareRaceControl, BEAT
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.process import Program
 from evgp_testing.race_control import address_of
 import pytest
+from rig.bare_race_control import BareRaceControl, BEAT
 
 ROOT = pathlib.Path(__file__).parents[1]
 KIT = ROOT / 'kit/c'

@@ -38,16 +38,16 @@ from ament_index_python.packages import get_package_share_directory
 from evgp_node.process import WRONG_SETTING
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
-from evgp_testing.bare_race_control import BareRaceControl
 from evgp_testing.domains import Domain
 from evgp_testing.kart import Team
 from evgp_testing.official import Official, SERVICES
 from evgp_testing.process import PATIENCE, Program, wait_until_ended
 from evgp_testing.race_control import settings, write_roster
 from evgp_testing.ros_side import RosSide
-from evgp_testing.screen import Screen, why_no_screen
 from evgp_testing.usage import family
 import pytest
+from rig.bare_race_control import BareRaceControl
+from rig.screen import Screen, why_no_screen
 import yaml
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]

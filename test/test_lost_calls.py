@@ -16,17 +16,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+import contextlib
+import os
 import pathlib
 import socket
 import time
 
 from evgp_node import graph
-from evgp_testing.desk import official_at_a_desk
 from evgp_testing.domains import Domain
-from evgp_testing.networks import need_networks
 from evgp_testing.official import Official
+from evgp_testing.race_control import RaceControl
+from evgp_testing.ros_side import environment_kept
 import pytest
+from rig.networks import Machine, need_networks, RACE_CONTROL, Track
+
+DESK = '10.77.0.2'
 
 OUTAGE = 0.3
 """How long everything in one direction is lost, s."""
@@ -34,6 +40,26 @@ OUTAGE = 0.3
 SOON = 2.0
 """How soon after the outage the official must be answered, s: less than the 3 s after which Fast
 DDS, by its defaults, asks whether anything was lost."""
+
+
+@contextlib.contextmanager
+def official_at_a_desk(folder: pathlib.Path) -> Iterator[tuple[Official, Machine]]:
+    """
+    Start race control and an official on two machines; yield the official and their machine.
+
+    For a process that has not used ROS yet: Fast DDS looks for the networks only once.
+    """
+    with Domain() as domain, Track() as track, contextlib.ExitStack() as parts:
+        own, desk = track.machine('own', RACE_CONTROL), track.machine('desk', DESK)
+        for machine in (own, desk):
+            machine.ip('route add 239.0.0.0/8 dev eth0')  # by which the two find each other
+        with own.inside(), environment_kept():
+            os.environ[graph.INTERFACE] = own.address
+            parts.enter_context(RaceControl(folder, domain.number, in_race=[1]))
+        with desk.inside(), environment_kept():
+            os.environ[graph.INTERFACE] = desk.address
+            official = parts.enter_context(Official(domain.number))
+        yield official, desk
 
 
 @pytest.mark.own_process

@@ -24,11 +24,11 @@ import signal
 import subprocess
 
 from evgp_protocol.states import RaceState
-from evgp_testing.bare_race_control import BareRaceControl
 from evgp_testing.domains import Domain
 from evgp_testing.kart import Team
 from evgp_testing.process import PATIENCE
 import pytest
+from rig.bare_race_control import BareRaceControl
 
 ROOT = pathlib.Path(__file__).parents[1]
 

@@ -22,10 +22,10 @@ import time
 
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from evgp_testing.steppable_clock import SteppableClock
 from evgp_testing.wire_kart import Acknowledges
 from evgp_testing.wire_race import WireRace
 import pytest
+from rig.steppable_clock import SteppableClock
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE

@@ -28,15 +28,15 @@ import time
 
 from evgp_kart_bridge import shortest_stack
 from evgp_protocol.states import RaceState
-from evgp_testing.bare_race_control import BareRaceControl
 from evgp_testing.base import SimulatedBase
 from evgp_testing.domains import Domain
-from evgp_testing.faulty_nodes import program_of, StackThatAnswersTheLatest
 from evgp_testing.fixtures import JoinOfficial, StartBridge, StartRaceControl
 from evgp_testing.kart import Bridge
 from evgp_testing.process import Process, Program
 from evgp_testing.race_control import address_of
 import pytest
+from rig.bare_race_control import BareRaceControl
+from rig.faulty_nodes import program_of, StackThatAnswersTheLatest
 
 ROOT = pathlib.Path(__file__).parents[1]
 STOPS = int(os.environ.get('EVGP_STOPS', '12'))

@@ -43,7 +43,7 @@ from evgp_rehearsal.rehearse_kart import main as rehearse_kart
 from evgp_rehearsal.score import STEWARD
 from evgp_testing.domains import Domain
 from evgp_testing.kart import Bridge, ExampleStack
-from evgp_testing.patience import PATIENCE
+from evgp_testing.part import PATIENCE
 from evgp_testing.ports import free_port
 from evgp_testing.process import executable
 from evgp_testing.wire_kart import Acknowledges, WireKart

@@ -25,9 +25,9 @@ import time
 
 from evgp_protocol.states import RaceState
 from evgp_testing.process import executable, PATIENCE
-from evgp_testing.replaying import replay_without_difference
 from evgp_testing.wire_race import WireRace
 import pytest
+from rig.replaying import replay_without_difference
 
 # Three as they connect, and then two of each to the race; RED_FLAG and RED_RED.
 ORDERS = 3 + 2 + 2 + 1 + 3

@@ -33,12 +33,12 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs_msgs import msg
-from evgp_testing.browser import Browser, missing
 from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 from recorded_races import long_event, PaperRace
+from rig.browser import Browser, missing
 
 HOSTILE = '</script><script>document.title="broken"</script><img src=x onerror=alert(1)>'
 A4 = (595, 842)

@@ -26,13 +26,13 @@ from evgp_rcs.rival import look_for_rivals
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from evgp_testing.networks import Namespace
 from evgp_testing.official import latched
 from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl, settings, write_roster
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges
 import pytest
+from rig.networks import Namespace
 
 
 def second(folder: pathlib.Path, domain: int, *arguments: str, **parameters: object) -> Process:

@@ -28,9 +28,9 @@ from typing import Any
 
 from evgp_rcs import race as rules
 from evgp_rcs.catalogue import CATALOGUE, kinds_by_service
-from evgp_testing.faults import Fault, module_with, source_with
 from evgp_testing.judge import Call, Judge, STRICTNESS
 import pytest
+from rig.faults import Fault, module_with, source_with
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 KARTS = range(1, 6)

@@ -26,12 +26,12 @@ import time
 
 from evgp_protocol.states import RaceState
 from evgp_rcs import race
-from evgp_testing.bare_race_control import BareRaceControl
-from evgp_testing.faults import module_with
 from evgp_testing.judge import Judge
 from evgp_testing.wire_kart import Acknowledges, WireKart
 from evgp_testing.wire_race import WireRace
 import pytest
+from rig.bare_race_control import BareRaceControl
+from rig.faults import module_with
 
 
 def test_the_plugin_loads_neither_ros_nor_qt_nor_the_officials_window() -> None:

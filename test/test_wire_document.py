@@ -26,13 +26,13 @@ import threading
 import time
 
 from evgp_protocol.states import RaceState
-from evgp_testing.bare_race_control import BareRaceControl, BEAT
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
-from evgp_testing.networks import Namespace, NetworkError
 from evgp_testing.process import Program
 from evgp_testing.race_control import address_of
 from evgp_testing.wire_kart import kart_socket
 import pytest
+from rig.bare_race_control import BareRaceControl, BEAT
+from rig.networks import Namespace, NetworkError
 
 ROOT = pathlib.Path(__file__).parents[1]
 GRID_ACTIVE, GREEN_GREEN = RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN

@@ -31,9 +31,9 @@ from evgp_inspection.rcs_clauses import RCS, RCS_BY_NAME
 from evgp_inspection.verdicts import select, Verdict
 from evgp_rcs import kart_link, kart_server, race
 from evgp_rcs.catalogue import CommandKind
-from evgp_testing.faults import module_with
 from inspecting import inspect_all, those
 import pytest
+from rig.faults import module_with
 
 SHORT = RcsLimits(
     connect=1.0,

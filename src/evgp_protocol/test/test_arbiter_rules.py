@@ -34,12 +34,12 @@ from typing import Any
 from evgp_protocol import arbiter as arbiter_module
 from evgp_protocol.arbiter import Arbiter, Names, Settings, StopSource, Verdict
 from evgp_protocol.states import RaceState
-from evgp_testing.faults import module_with
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from hypothesis.stateful import initialize, precondition, rule, RuleBasedStateMachine
 import pytest
+from rig.faults import module_with
 
 GREEN, GRID = RaceState.GREEN_GREEN, RaceState.GRID_ACTIVE
 GARAGE, FLAG, RED = RaceState.IN_GARAGE, RaceState.RED_FLAG, RaceState.RED_RED

@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from evgp_testing.niceness import at_niceness
 import pytest
+from rig.niceness import at_niceness
 
 
 @pytest.fixture(scope='module')

@@ -55,12 +55,12 @@ from evgp_rcs.kart_server import KartServerError, ROS_HALF_SILENCE, ServerSettin
 from evgp_rcs.race import Command, EventKind, RaceTimes
 from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs.roster import Roster, RosterEntry
-from evgp_testing.niceness import may_come_first
 from evgp_testing.process import freeze
 from evgp_testing.race_control import end_in_good_order
-from evgp_testing.replaying import replay_without_difference
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
 import pytest
+from rig.niceness import may_come_first
+from rig.replaying import replay_without_difference
 
 PATIENCE = 30.0
 

@@ -25,9 +25,9 @@ from types import ModuleType
 from typing import Any
 
 from evgp_rcs import race
-from evgp_testing.faults import Fault, module_with
 import pytest
 import race_oracle as oracle
+from rig.faults import Fault, module_with
 
 pytestmark = [pytest.mark.usefixtures('others_first'), pytest.mark.timeout(900)]
 

@@ -44,8 +44,8 @@ from evgp_rcs.rcs_record import main
 from evgp_rcs.record import Record, RecordedEvent
 from evgp_rcs.replay import Replay, Replayed
 from evgp_rcs.rules_version import rules_version
-from evgp_testing.faults import module_with
 import pytest
+from rig.faults import module_with
 
 PATIENCE = 20.0
 KARTS = range(1, 5)

@@ -18,6 +18,9 @@ from __future__ import annotations
 
 from typing import TypeVar
 
+PATIENCE = 30.0
+"""How long anything is awaited before a test gives up, seconds: far more than it ever takes."""
+
 P = TypeVar('P', bound='Part')
 
 

@@ -37,7 +37,7 @@ from evgp_testing.fixtures import (  # noqa: F401 - pytest finds fixtures by nam
     start_bridge,
     start_race_control,
 )
-from evgp_testing.patience import PATIENCE
+from evgp_testing.part import PATIENCE
 from evgp_testing.process import started
 import pytest
 

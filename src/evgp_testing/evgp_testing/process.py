@@ -28,8 +28,7 @@ import threading
 import time
 
 from ament_index_python.packages import get_package_prefix
-from evgp_testing.part import Part
-from evgp_testing.patience import PATIENCE
+from evgp_testing.part import Part, PATIENCE
 
 started: list[Program] = []
 """What this process has started; the pytest plugin shows it where a test fails, and clears it."""

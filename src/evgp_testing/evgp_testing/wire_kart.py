@@ -34,8 +34,7 @@ import time
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 from evgp_testing.judge import Judge
-from evgp_testing.part import Part
-from evgp_testing.patience import PATIENCE
+from evgp_testing.part import Part, PATIENCE
 
 FRAMES = {encode(state): state for state in RaceState}
 """Every frame that race control may send."""

@@ -15,7 +15,7 @@
 """
 The officials' window on a screen of its own: real clicks in, and what is really shown out.
 
-The window runs in a process of its own, started by this module (``python console.py``), which adds
+The window runs in a process of its own, started by this module (``-m rig.console``), which adds
 a probe to it: it answers, in the Qt thread, what the window's widgets show and where they are.
 Commands never go through the probe; they are clicks and keys on the X server.
 """
@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 import json
+import os
 import pathlib
 import re
 import socket
@@ -34,7 +35,7 @@ import time
 from typing import Any
 
 from evgp_testing.process import PATIENCE, Program
-from evgp_testing.screen import Screen
+from rig.screen import Screen
 
 DROPPED = 'while the window hung'
 CHANGED = 'has just changed'
@@ -72,11 +73,12 @@ class Console(Program):
         listening.settimeout(PATIENCE)
         super().__init__(
             'rcs_gui',
-            [sys.executable, '-m', 'evgp_testing.console', str(address), *arguments],
+            [sys.executable, '-m', 'rig.console', str(address), *arguments],
             domain,
             {
                 'DISPLAY': screen.display,
                 'QT_QPA_PLATFORM': 'xcb',
+                'PYTHONPATH': os.pathsep.join(sys.path),
                 # The official's name is kept below it.
                 'ROS_HOME': str(folder),
                 **(environment or {}),

@@ -21,32 +21,24 @@ to cable by their destination, broadcasts and multicasts to each; for each machi
 there is a share that is lost, a delay, and perhaps a rate, with a queue before it. Orders come as
 one line of JSON each on standard input, and each is answered by one on standard output; when the
 input ends, so does the relay.
-
-It also notes when new TCP data toward a machine last arrived there, and when the first came since
-its air was last changed: that is what a test measures from. All times are CLOCK_MONOTONIC, which
-every process here shares.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 import dataclasses
-import fcntl
 import heapq
 import itertools
 import json
 import random
 import select
 import socket
-import struct
 import sys
 import time
 from typing import Any
 
 _SOL_PACKET = 263
 _PACKET_IGNORE_OUTGOING = 23
-_SIOCGIFFLAGS = 0x8913
-_RUNNING = 0x40
 _EVERY_PROTOCOL = 0x0003
 _IPV4, _ARP = b'\x08\x00', b'\x08\x06'
 _TO_MANY = 0x01  # in the first byte of the destination: a broadcast, or a multicast
@@ -66,8 +58,6 @@ class Air:
     delay: float = 0.0
     rate: float = 0.0
     free_at: float = 0.0
-    arrived: float | None = None
-    came: float | None = None
 
     def due(self, now: float, size: int) -> float:
         """Return when a frame of so many bytes that comes now has passed."""
@@ -85,48 +75,12 @@ class Cable:
         self.hardware = hardware
         self.toward = Air()
         self.back = Air()
-        self._ends: dict[bytes, int] = {}
         self.socket = socket.socket(
             socket.AF_PACKET, socket.SOCK_RAW, socket.htons(_EVERY_PROTOCOL)
         )
         self.socket.setsockopt(_SOL_PACKET, _PACKET_IGNORE_OUTGOING, 1)
         self.socket.bind((name, 0))
         self.socket.setblocking(False)
-
-    def is_up(self) -> bool:
-        """Return whether both ends of the cable are up."""
-        request = struct.pack('16sH14x', self.name.encode(), 0)
-        flags = struct.unpack('16xH14x', fcntl.ioctl(self.socket, _SIOCGIFFLAGS, request))[0]
-        return bool(flags & _RUNNING)
-
-    def is_new(self, data: TcpData) -> bool:
-        """Return whether data were not here before; from now on they were."""
-        before = self._ends.get(data.connection)
-        new = before is None or 0 < (data.end - before) % 2**32 < 2**31
-        if new:
-            self._ends[data.connection] = data.end
-        return new
-
-
-@dataclasses.dataclass(frozen=True)
-class TcpData:
-    """The addresses and ports of a segment with data, and its last sequence number."""
-
-    connection: bytes
-    end: int
-
-
-def _tcp_data(frame: bytes) -> TcpData | None:
-    """Return what TCP data a frame carries, if any."""
-    if frame[12:14] != _IPV4 or frame[23] != socket.IPPROTO_TCP:
-        return None
-    tcp = 14 + (frame[14] & 0x0F) * 4
-    data = tcp + (frame[tcp + 12] >> 4) * 4
-    size = 14 + int.from_bytes(frame[16:18], 'big') - data
-    if size <= 0:
-        return None
-    ports, sequence = struct.unpack_from('!4sI', frame, tcp)
-    return TcpData(frame[26:34] + ports, (sequence + size) % 2**32)
 
 
 class Relay:
@@ -183,13 +137,8 @@ class Relay:
         """Set loss, delay and rate toward a machine and back from it; return the time."""
         cable = self._cables[name]
         for air, (loss, delay, rate) in ((cable.toward, toward), (cable.back, back)):
-            air.loss, air.delay, air.rate, air.came = loss, delay, rate, None
+            air.loss, air.delay, air.rate = loss, delay, rate
         return time.monotonic()
-
-    def order_times(self, name: str) -> dict[str, float | None]:
-        """Return what was noted of data toward a machine."""
-        air = self._cables[name].toward
-        return {'arrived': air.arrived, 'came': air.came}
 
     # ----- frames -------------------------------------------------------------------------
 
@@ -203,8 +152,6 @@ class Relay:
         for target in list(self._cables.values()):
             if target is source or not (frame[0] & _TO_MANY or frame[:6] == target.hardware):
                 continue
-            if target.toward.came is None and _tcp_data(frame) is not None:
-                target.toward.came = time.monotonic()
             if self._dice.random() < source.back.loss:
                 continue
             if self._dice.random() < target.toward.loss:
@@ -219,15 +166,10 @@ class Relay:
     def _deliver(self, target: Cable, frame: bytes) -> None:
         if self._cables.get(target.name) is not target:
             return  # it was unplugged while the frame was on its way
-        data = _tcp_data(frame)
-        now = time.monotonic()
         try:
-            arrives = target.is_up()
             target.socket.send(frame)
         except OSError:
-            return  # the cable is being pulled
-        if arrives and data is not None and target.is_new(data):
-            target.toward.arrived = now
+            pass  # the cable is being pulled
 
 
 if __name__ == '__main__':

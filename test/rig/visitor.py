@@ -33,7 +33,7 @@ import sys
 import time
 from typing import Any
 
-from evgp_testing.patience import PATIENCE
+from evgp_testing.part import PATIENCE
 
 LOOKS_FOR = 8.0
 """How long a visitor looks around who must find nothing, seconds: far more than it ever takes."""
@@ -80,7 +80,7 @@ class Visitor:
         self._seconds = seconds
         own = ('ROS_', 'RMW_', 'FASTRTPS_', 'FASTDDS_', 'CYCLONEDDS_', 'EVGP_')
         self._process = subprocess.Popen(
-            [sys.executable, '-m', 'evgp_testing.visitor', str(seconds)],
+            [sys.executable, __file__, str(seconds)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             text=True,

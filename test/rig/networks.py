@@ -29,7 +29,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 import contextlib
 import ctypes
-import dataclasses
 import fcntl
 import functools
 import json
@@ -53,7 +52,6 @@ _SIOCETHTOOL = 0x8946
 _OFFLOADS = (0x17, 0x19, 0x1F, 0x24, 0x2C)
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
-NETWORK = '10.77.0.0/24'
 RACE_CONTROL = '10.77.0.1'
 """Race control's address on a track."""
 
@@ -65,19 +63,6 @@ def kart_address(number: int) -> str:
 
 class NetworkError(RuntimeError):
     """This machine does not let us make networks; the text says what is missing."""
-
-
-@dataclasses.dataclass(frozen=True)
-class Times:
-    """
-    What the relay saw of TCP data toward a machine; monotonic times, s.
-
-    :ivar arrived: when new data last arrived; what is sent again does not count.
-    :ivar came: when the first came, to arrive or not, since its air was last changed.
-    """
-
-    arrived: float | None
-    came: float | None
 
 
 def _system_call(name: str, *arguments: int) -> None:
@@ -182,11 +167,6 @@ class Machine(Namespace):
             with self.inside():
                 _switch_offloads_off('eth0')
             self.ip(f'addr add {address}/24 dev eth0', 'link set eth0 up')
-            if track.congestion:
-                self.ip(
-                    f'route replace {NETWORK} dev eth0 proto kernel scope link src {address} '
-                    f'congctl lock {track.congestion}'
-                )
             track.order('plug', name=name, hardware=hardware)
         except BaseException:
             super().close()
@@ -225,16 +205,11 @@ class Machine(Namespace):
 
     def link_down(self) -> None:
         """Take its interface down."""
-        self.air()  # what was noted before counts no more
         self.ip('link set eth0 down')
 
     def link_up(self) -> None:
         """Take its interface up again."""
         self.ip('link set eth0 up')
-
-    def times(self) -> Times:
-        """Return what the relay saw of TCP data toward this machine."""
-        return Times(**self._track.order('times', name=self.name))
 
     def unplug(self) -> float:
         """Have its interface vanish, as when the power goes; return the time (monotonic, s)."""
@@ -257,14 +232,11 @@ class Track(Part):
     The network between race control and the karts.
 
     :param seed: of the dice that decide what is lost.
-    :param congestion: TCP's congestion control in all machines, such as 'cubic'; empty: this
-        machine's own.
     :raises NetworkError: if this machine does not let us make networks.
     """
 
-    def __init__(self, seed: int = 0, congestion: str = '') -> None:
+    def __init__(self, seed: int = 0) -> None:
         """Make the namespace in the middle and start the relay there."""
-        self.congestion = congestion
         self.middle = Namespace()
         script = pathlib.Path(__file__).with_name('relay.py')
         with self.middle.inside():

@@ -97,8 +97,8 @@ def program_of(node: type, folder: pathlib.Path) -> str:
     path = folder / node.__name__
     path.write_text(
         f'#!{sys.executable}\n'
-        'import sys\n'
-        f'from evgp_testing.faulty_nodes import run, {node.__name__}\n'
+        f'import sys; sys.path = {sys.path!r}\n'
+        f'from rig.faulty_nodes import run, {node.__name__}\n'
         f'sys.exit(run({node.__name__}))\n',
         encoding='utf-8',
     )

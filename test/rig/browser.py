@@ -35,8 +35,7 @@ import tempfile
 import time
 from typing import Any
 
-from evgp_testing.part import Part
-from evgp_testing.patience import PATIENCE
+from evgp_testing.part import Part, PATIENCE
 
 KEY_CODES = {
     'End': 35,
