@@ -208,11 +208,18 @@ def test_a_race_control_that_hangs_stops_the_kart(start_race: StartRace) -> None
 # ----- acknowledgements --------------------------------------------------------------------
 
 
-def test_a_state_that_is_not_commanded_cannot_be_acknowledged(start_race: StartRace) -> None:
-    answer = start_race().team.acknowledge(GREEN_GREEN)
-    assert not answer.success
-    assert answer.message.startswith('race control commands IN_GARAGE, not GREEN_GREEN')
-    assert f'{state_message(IN_GARAGE).state} IN_GARAGE' in answer.message
+def test_what_is_not_commanded_or_no_race_state_cannot_be_acknowledged(
+    start_race: StartRace,
+) -> None:
+    team = start_race().team
+    for state, said in (
+        (GREEN_GREEN, 'race control commands IN_GARAGE, not GREEN_GREEN'),
+        (None, '0 is no race state'),
+    ):
+        answer = team.acknowledge(state)
+        assert not answer.success
+        assert answer.message.startswith(said)
+        assert f'{state_message(IN_GARAGE).state} IN_GARAGE' in answer.message
 
 
 def test_an_order_that_was_followed_by_the_same_state_cannot_be_acknowledged(
@@ -260,13 +267,6 @@ def test_no_number_of_a_bridge_before_fits_an_order_of_the_next(
     # They do not just begin to count again, not even near.
     gaps = [abs(after - before) for before, after in itertools.pairwise(numbers)]
     assert min(gaps) > 1_000_000
-
-
-def test_what_is_no_race_state_cannot_be_acknowledged(start_race: StartRace) -> None:
-    answer = start_race().team.acknowledge(None)
-    assert not answer.success
-    assert answer.message.startswith('0 is no race state')
-    assert f'{state_message(RED_RED).state} RED_RED' in answer.message
 
 
 def test_nothing_is_acknowledged_without_race_control(
@@ -435,15 +435,6 @@ def test_the_release_of_a_team_stop_starts_no_kart(start_race: StartRace) -> Non
     assert race.team.stop is True
 
 
-def test_the_safety_remote_stops_the_kart_by_topic(start_race: StartRace) -> None:
-    race = start_race()
-    race.green()
-    race.team.remote(True)
-    race.team.wait_for_state(RED_RED)
-    assert race.team.state is not None
-    assert 'the safety remote says stop' in race.team.state.reason
-
-
 def test_a_required_safety_remote_that_is_silent_stops_the_kart(
     start_race_control: StartRaceControl, start_bridge: StartBridge, join_team: JoinTeam
 ) -> None:
@@ -453,15 +444,6 @@ def test_a_required_safety_remote_that_is_silent_stops_the_kart(
     assert 'nothing from the safety remote for 0.5 s' in told.reason
     assert state_of(told.state) is RED_RED
     team.wait_for_stop(True)
-
-
-def test_a_safety_remote_whose_messages_could_get_lost_stops_the_kart(
-    start_race: StartRace,
-) -> None:
-    race = start_race()
-    race.team.remote_without_promise()
-    told = race.team.wait_for(lambda state: state.team_stop, 'the stop')
-    assert "the safety remote's publisher is not RELIABLE" in told.reason
 
 
 def test_a_remote_that_was_pressed_before_the_bridge_began_stops_the_kart(
@@ -482,14 +464,6 @@ def test_a_remote_that_was_pressed_before_the_bridge_began_stops_the_kart(
     assert team.states[-1] is RED_RED
 
 
-def test_two_safety_remotes_stop_the_kart(start_race: StartRace) -> None:
-    race = start_race()
-    race.team.remote(False)
-    race.team.latched_remote(False)
-    told = race.team.wait_for(lambda state: state.team_stop, 'the stop')
-    assert 'more than one publisher of the safety remote' in told.reason
-
-
 def test_two_bridges_on_one_domain_stop_both_karts(
     start_race_control: StartRaceControl, start_bridge: StartBridge, parts: contextlib.ExitStack
 ) -> None:
@@ -498,15 +472,6 @@ def test_two_bridges_on_one_domain_stop_both_karts(
     second = parts.enter_context(Bridge(first.domain, control.port, address_of(2)))
     for bridge in (first, second):
         bridge.wait_for_line(f'another bridge runs in ROS domain {first.domain}: end one')
-
-
-def test_a_second_publisher_of_the_lock_stops_the_kart(start_race: StartRace) -> None:
-    race = start_race()
-    race.green()
-    race.team.second_lock()
-    told = race.team.wait_for(lambda state: state.team_stop, 'the stop')
-    assert 'another node publishes ~/stop' in told.reason
-    assert state_of(told.state) is RED_RED
 
 
 def test_a_second_odometry_stops_a_kart_that_acknowledges_by_it(start_race: StartRace) -> None:
@@ -519,15 +484,31 @@ def test_a_second_odometry_stops_a_kart_that_acknowledges_by_it(start_race: Star
     assert state_of(told.state) is RED_RED
 
 
-@pytest.mark.parametrize('service', ['acknowledge', 'team_stop'])
-def test_a_second_node_that_answers_for_the_bridge_stops_the_kart(
-    start_race: StartRace, service: str
+def two_remotes(team: Team) -> None:
+    team.remote(False)
+    team.latched_remote(False)
+
+
+@pytest.mark.parametrize(
+    ('act', 'reason'),
+    [
+        (lambda team: team.remote(True), 'the safety remote says stop'),
+        (Team.remote_without_promise, "the safety remote's publisher is not RELIABLE"),
+        (two_remotes, 'more than one publisher of the safety remote'),
+        (Team.second_lock, 'another node publishes ~/stop'),
+        (lambda team: team.second_server('acknowledge'), 'another node offers ~/acknowledge'),
+        (lambda team: team.second_server('team_stop'), 'another node offers ~/team_stop'),
+    ],
+    ids=lambda value: value if isinstance(value, str) else '',
+)
+def test_a_remote_that_stops_or_could_get_lost_and_a_second_node_stop_the_kart(
+    start_race: StartRace, act: Callable[[Team], object], reason: str
 ) -> None:
     race = start_race()
     race.green()
-    race.team.second_server(service)
+    act(race.team)
     told = race.team.wait_for(lambda state: state.team_stop, 'the stop')
-    assert f'another node offers ~/{service}' in told.reason
+    assert reason in told.reason
     assert state_of(told.state) is RED_RED
 
 

@@ -59,6 +59,7 @@ RED_RED = RaceState.RED_RED
 EACH_CHANGE = Acknowledges.EACH_CHANGE
 
 OpenConsole = Callable[..., Console]
+OpenBeside = Callable[..., tuple[Console, list[WireKart], RaceControl]]
 OpenBesideAKart = Callable[..., tuple[Console, WireKart]]
 
 T = TypeVar('T')
@@ -108,16 +109,33 @@ def open_console(
 
 
 @pytest.fixture
-def open_beside_a_kart(
+def open_beside(
     start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> OpenBesideAKart:
+) -> OpenBeside:
+    """Return a function that starts race control, a window on it, and karts that it shows."""
+
+    def open_(
+        *connected: int,
+        in_race: Iterable[int] = (),
+        acknowledges: Acknowledges = EACH_CHANGE,
+        size: tuple[int, int] = (1366, 768),
+        **settings: Any,
+    ) -> tuple[Console, list[WireKart], RaceControl]:
+        control = start_race_control(in_race=in_race or connected, **settings)
+        console = open_console(control, *size)
+        karts = [connect_kart(control, number, acknowledges) for number in connected]
+        see_karts(console, *connected)
+        return console, karts, control
+
+    return open_
+
+
+@pytest.fixture
+def open_beside_a_kart(open_beside: OpenBeside) -> OpenBesideAKart:
     """Return a function that opens a window which shows kart 1 in the race, connected."""
 
     def open_(acknowledges: Acknowledges = EACH_CHANGE) -> tuple[Console, WireKart]:
-        control = start_race_control(in_race=(1,))
-        console = open_console(control)
-        kart = connect_kart(control, 1, acknowledges)
-        see_karts(console, 1)
+        console, (kart,), _ = open_beside(1, acknowledges=acknowledges)
         return console, kart
 
     return open_
@@ -222,13 +240,8 @@ def see_karts(console: Console, *numbers: int) -> None:
 # ----- a race -----------------------------------------------------------------------------
 
 
-def test_a_whole_race_by_clicks(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1,), others=(2, 3), finish_delays='[0.2, 0.1]')
-    console = open_console(control)
-    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2)]
-    see_karts(console, 1, 2)
+def test_a_whole_race_by_clicks(open_beside: OpenBeside) -> None:
+    console, karts, _ = open_beside(1, 2, in_race=(1,), others=(2, 3), finish_delays='[0.2, 0.1]')
 
     console.wait_for('join_race_2', barred='false')
     console.press_on('join_race_2', see='leave_race_2')
@@ -255,13 +268,8 @@ def test_a_whole_race_by_clicks(
         assert states == [IN_GARAGE, GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED, IN_GARAGE]
 
 
-def test_a_whole_race_by_keys_only(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1,), others=(2, 3), finish_delays='[0.2, 0.1]')
-    console = open_console(control)
-    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2)]
-    see_karts(console, 1, 2)
+def test_a_whole_race_by_keys_only(open_beside: OpenBeside) -> None:
+    console, karts, _ = open_beside(1, 2, in_race=(1,), others=(2, 3), finish_delays='[0.2, 0.1]')
 
     console.press('2', 'ctrl+j', see='leave_race_2')
     console.wait_for('grid_active', barred='false')
@@ -287,13 +295,8 @@ def test_a_whole_race_by_keys_only(
         assert states == [IN_GARAGE, GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED, IN_GARAGE]
 
 
-def test_one_kart_is_stopped_and_released_by_keys(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1, 12), others=(3,))
-    console = open_console(control)
-    kart = connect_kart(control, 12, EACH_CHANGE)
-    see_karts(console, 12)
+def test_one_kart_is_stopped_and_released_by_keys(open_beside: OpenBeside) -> None:
+    console, (kart,), _ = open_beside(12, in_race=(1, 12), others=(3,))
 
     console.press('Escape', '1', '2', see='kart_12', chosen='true')
     console.key('ctrl+f')
@@ -324,54 +327,25 @@ def test_releasing_a_kart_that_did_not_acknowledge_asks_for_the_statement_of_rac
 # ----- ALL KILL ---------------------------------------------------------------------------
 
 
-def test_all_kill_is_one_click(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1,), others=(2,))
-    console = open_console(control)
-    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2)]
-    see_karts(console, 1, 2)
-
-    console.click('all_kill')
-
-    for kart in karts:
-        kart.wait_for_state(RED_RED)
-
-
-@pytest.mark.parametrize('key', ['space', 'F12'])
-def test_all_kill_by_key_while_a_question_is_open(
-    open_beside_a_kart: OpenBesideAKart, key: str
+@pytest.mark.parametrize(
+    ('stop', 'state'),
+    [('space', RED_RED), ('F12', RED_RED), ('all_kill', RED_RED), ('F4', RED_FLAG)],
+)
+def test_a_stop_acts_while_a_question_is_open(
+    open_beside_a_kart: OpenBesideAKart, stop: str, state: RaceState
 ) -> None:
     console, kart = open_beside_a_kart()
     console.wait_for('grid_active', barred='false')
     console.press_on('grid_active', see='no', focus=True)
 
-    console.key(key)
+    (console.click if stop == 'all_kill' else console.key)(stop)
 
-    kart.wait_for_state(RED_RED)
-    assert [state for _, state in kart.changes] == [IN_GARAGE, RED_RED]
-    console.wait_for('question_problem', text='the race is in RED_RED')
+    kart.wait_for_state(state)
+    assert [each for _, each in kart.changes] == [IN_GARAGE, state]
+    console.wait_for('question_problem', text=f'the race is in {state.value}')
     console.wait_for('yes', enabled=False)
     console.press('y', 'n', see='question', visible=False)
-    assert kart.state is RED_RED
-
-
-def test_all_kill_by_click_while_a_question_is_open(open_beside_a_kart: OpenBesideAKart) -> None:
-    console, kart = open_beside_a_kart()
-    console.ask('F2')
-
-    console.click('all_kill')
-
-    kart.wait_for_state(RED_RED)
-
-
-def test_red_flag_by_key_while_a_question_is_open(open_beside_a_kart: OpenBesideAKart) -> None:
-    console, kart = open_beside_a_kart()
-    console.ask('F2')
-
-    console.key('F4')
-
-    kart.wait_for_state(RED_FLAG)
+    assert kart.state is state
 
 
 @pytest.mark.parametrize('where', ['filter', 'log', 'mute', 'kart_finish_1', 'official'])
@@ -493,14 +467,8 @@ def test_a_stop_by_key_acts_while_the_name_is_typed_and_is_no_part_of_it(
     console.press('b', see='name', text=r'^ab\W')
 
 
-def test_letters_are_part_of_the_name_only_while_it_is_typed(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1, 2))
-    console = open_console(control)
-    for number in (1, 2):
-        connect_kart(control, number, EACH_CHANGE)
-    see_karts(console, 1, 2)
+def test_letters_are_part_of_the_name_only_while_it_is_typed(open_beside: OpenBeside) -> None:
+    console, _, _ = open_beside(1, 2)
     console.start_race()
     console.wait_for('kart_finish_1', barred='false')
     open_name(console)
@@ -511,27 +479,6 @@ def test_letters_are_part_of_the_name_only_while_it_is_typed(
     console.press('b', see='kart_2', text='P1')
 
     assert 'P' not in console.wait_for('kart_1')['text'].split()
-
-
-def test_the_name_that_a_window_is_given_goes_before_the_one_that_is_kept(
-    start_race_control: StartRaceControl,
-    open_console: OpenConsole,
-    join_official: JoinOfficial,
-    tmp_path: pathlib.Path,
-) -> None:
-    (tmp_path / 'evgp_rcs').mkdir()
-    (tmp_path / 'evgp_rcs' / 'official').write_text('Bob\n')
-    control = start_race_control(in_race=(1,))
-    official = join_official(control)
-    given = '"Anna & <b>Meier"'
-
-    console = open_console(control, arguments=('--ros-args', '-p', f'official:={given}'))
-
-    console.wait_for('kart_1')
-    console.key('F12')
-    told = sender(official, msg.CommandAvailability.ALL_KILL)
-    assert told.startswith('Anna & <b>Meier (')
-    console.wait_for('log', text=re.escape(f'[{told}]'))
 
 
 def test_the_banner_of_race_control_is_at_the_top_of_every_window(
@@ -547,23 +494,24 @@ def test_the_banner_of_race_control_is_at_the_top_of_every_window(
     assert 'top_line' not in none.widgets()
 
 
-def test_a_name_that_ros_takes_for_a_number_is_a_name(
-    start_race_control: StartRaceControl, open_console: OpenConsole
+@pytest.mark.parametrize('name', ['7', 'Anna & <b>Meier'])
+def test_a_name_that_ros_or_qt_takes_for_something_else_is_a_name(
+    start_race_control: StartRaceControl, open_console: OpenConsole, name: str
 ) -> None:
-    control = start_race_control(in_race=(1,))
+    given = name if name == '7' else f'"{name}"'
+    arguments = ('--ros-args', '-p', f'official:={given}')
 
-    console = open_console(control, arguments=('--ros-args', '-p', 'official:=7'))
+    console = open_console(start_race_control(in_race=(1,)), arguments=arguments)
 
-    console.wait_for('official', text=r'\b7$')
+    console.wait_for('official', text=rf'\b{name}$')
+    console.wait_for('kart_1')
+    console.press('F12', see='log', text=rf'\[{name} \(')
 
 
 def test_the_window_does_not_hang_with_race_control_and_presses_all_kill_meanwhile(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+    open_beside: OpenBeside,
 ) -> None:
-    control = start_race_control(in_race=(1,))
-    console = open_console(control)
-    kart = connect_kart(control, 1, EACH_CHANGE)
-    see_karts(console, 1)
+    console, (kart,), control = open_beside(1)
     control.signal(signal.SIGSTOP)
     # A service hangs, and the window does not: it says so, with the time.
     console.key('F4')
@@ -739,13 +687,9 @@ def test_a_command_that_is_not_allowed_says_why_on_hover_on_focus_and_when_tappe
     assert kart.state is GRID_ACTIVE
 
 
-def test_two_consoles_agree(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1, 2))
-    one, other = open_console(control), open_console(control)
-    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2)]
-    see_karts(one, 1, 2)
+def test_two_consoles_agree(open_beside: OpenBeside, open_console: OpenConsole) -> None:
+    one, karts, control = open_beside(1, 2)
+    other = open_console(control)
     see_karts(other, 1, 2)
 
     one.ask('F2')
@@ -796,40 +740,6 @@ def test_an_alert_stays_until_it_is_seen_and_sounds_until_it_is_muted(
     console.wait_for('standing', text='No alerts')
 
 
-def test_an_alert_that_is_seen_and_still_stands_is_still_told(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1, 2), red_alert=0.2)
-    console = open_console(control)
-    for number in (1, 2):
-        connect_kart(control, number)
-    see_karts(console, 1, 2)
-    console.key('space')
-    console.wait_for('banner', text='KART 1(.|\n)*KART 2|KART 2(.|\n)*KART 1')
-
-    mark_as_seen(console, 'seen_1', '1 seen, still there')
-    mark_as_seen(console, 'seen_0', '2 seen, still there')
-
-    assert not {'seen_0', 'seen_1'} & set(console.widgets())
-    told = console.wait_for('banner')['text']
-    assert told.count('USE THE MSR') == 2
-
-
-def test_the_event_log_shows_one_kart_alone(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1, 2))
-    console = open_console(control)
-    for number in (1, 2):
-        connect_kart(control, number, EACH_CHANGE)
-    console.wait_for('log', text=r'Kart 1 \(Team 1\) connected(.|\n)*Kart 2 \(Team 2\) connected')
-
-    console.press('2', 'ctrl+l', see='filter', text='kart 2')
-    shown = console.wait_for('log', text='Kart 2')['text']
-    assert 'Kart 1' not in shown
-    console.press('ctrl+l', see='log', text='Kart 1')
-
-
 def test_a_long_event_hides_no_other_one(
     speak: Callable[..., Speaker], open_console: OpenConsole
 ) -> None:
@@ -844,43 +754,6 @@ def test_a_long_event_hides_no_other_one(
     console.wait_for('log', text='the newest')
     # A bar below the log would lie over its last line; this is Qt's name for its place.
     assert 'qt_scrollarea_hcontainer' not in console.widgets()
-
-
-def test_whether_humans_may_be_on_the_track_is_always_shown_with_the_reason(
-    open_beside_a_kart: OpenBesideAKart,
-) -> None:
-    console, kart = open_beside_a_kart(Acknowledges.NEVER)
-    console.wait_for('humans', text='HUMANS ALLOWED')
-
-    console.key('space')
-    console.wait_for('humans', text='NO HUMANS')
-    console.wait_for('humans_reason', text='kart 1 .* has not acknowledged RED_RED')
-    kart.say(RED_RED)
-    console.wait_for('humans', text='HUMANS ALLOWED')
-
-
-def test_a_race_of_lost_karts_is_no_green_one_in_the_largest_words(
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-    open_console: OpenConsole,
-    connect_kart: ConnectKart,
-) -> None:
-    control = start_race_control(in_race=(1, 2))
-    console = open_console(control)
-    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2)]
-    see_karts(console, 1, 2)
-    join_official(control).bring_to(GREEN_GREEN)
-    console.wait_for('state_since', text='2 driving')
-    console.wait_for('humans', tone='wait')
-
-    karts[0].close()
-    console.wait_for('state_since', text='1 driving, 1 lost')
-    console.wait_for('state', text='GREEN GREEN', tone='green')
-    karts[1].close()
-
-    console.wait_for('state', text='ALL KARTS LOST', tone='bad')
-    console.wait_for('state_since', text='race in GREEN GREEN')
-    console.wait_for('humans', text='NO HUMANS', tone='bad')
 
 
 def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(
@@ -927,16 +800,11 @@ def test_the_use_of_the_msr_is_recorded_by_a_statement(
     ('width', 'height'), [(1366, 768), pytest.param(3840, 2160, marks=pytest.mark.long)]
 )
 def test_forty_karts_on_a_small_and_on_a_large_screen(
-    start_race_control: StartRaceControl,
-    open_console: OpenConsole,
-    connect_kart: ConnectKart,
+    open_beside: OpenBeside,
     width: int,
     height: int,
 ) -> None:
-    control = start_race_control(in_race=range(1, 41))
-    console = open_console(control, width, height)
-    karts = {number: connect_kart(control, number, EACH_CHANGE) for number in range(1, 41)}
-    see_karts(console, *karts)
+    console, karts, _ = open_beside(*range(1, 41), size=(width, height))
     console.start_race()
 
     console.wait_for('kart_finish_30', barred='false')
@@ -946,10 +814,10 @@ def test_forty_karts_on_a_small_and_on_a_large_screen(
     # Just after the list has moved, a click is for what stood there before: that time must pass.
     time.sleep(0.6)
     console.click('kart_red_red_40')
-    karts[40].wait_for_state(RED_RED)
+    karts[39].wait_for_state(RED_RED)
     assert_all_kill_is_in_reach(console)
     console.click('all_kill')
-    for kart in karts.values():
+    for kart in karts:
         kart.wait_for_state(RED_RED)
 
 
@@ -1084,14 +952,9 @@ def held_up(console: Console, whole: bool = False) -> Iterator[None]:
 
 
 @pytest.fixture
-def ready_to_start(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> tuple[Console, WireKart]:
+def ready_to_start(open_beside: OpenBeside) -> tuple[Console, WireKart]:
     """Return the window of a race in GRID_ACTIVE that may start, and its kart."""
-    control = start_race_control(in_race=(1,))
-    console = open_console(control)
-    kart = connect_kart(control, 1, EACH_CHANGE)
-    see_karts(console, 1)
+    console, (kart,), _ = open_beside(1)
     console.ask('F2')
     console.press('y', see='green_green', barred='false')
     return console, kart
@@ -1137,12 +1000,8 @@ def test_a_question_is_not_answered_by_keys_that_waited(
     assert kart.state is GRID_ACTIVE
 
 
-def test_a_button_that_is_let_go_too_late_does_nothing(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1,), others=(2,))
-    console = open_console(control)
-    see_karts(console)
+def test_a_button_that_is_let_go_too_late_does_nothing(open_beside: OpenBeside) -> None:
+    console, _, _ = open_beside(in_race=(1,), others=(2,))
     hold_down(console, 'join_race_2')
 
     with held_up(console):
@@ -1169,11 +1028,9 @@ def test_a_stop_that_was_pressed_while_the_window_hung_acts(
 
 
 def test_the_second_press_of_a_double_click_does_not_answer_or_undo(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+    open_beside: OpenBeside,
 ) -> None:
-    control = start_race_control(in_race=(1,), others=(2,))
-    console = open_console(control)
-    see_karts(console)
+    console, _, _ = open_beside(in_race=(1,), others=(2,))
     place = console.place('join_race_2', barred='false')
 
     def click_twice() -> None:
@@ -1186,13 +1043,8 @@ def test_the_second_press_of_a_double_click_does_not_answer_or_undo(
     console.press('2', 'ctrl+j', see='join_race_2')
 
 
-def test_the_letters_that_answer_a_question_finish_no_kart(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=range(1, 27))
-    console = open_console(control)
-    karts = [connect_kart(control, number, EACH_CHANGE) for number in range(1, 27)]
-    see_karts(console, *range(1, 27))
+def test_the_letters_that_answer_a_question_finish_no_kart(open_beside: OpenBeside) -> None:
+    console, karts, _ = open_beside(*range(1, 27))
     console.start_race()
     console.wait_for('kart_finish_14', barred='false')
 
@@ -1209,16 +1061,11 @@ def test_the_letters_that_answer_a_question_finish_no_kart(
 
 
 def test_a_question_says_which_karts_and_is_off_when_another_one_joins(
-    start_race_control: StartRaceControl,
     join_official: JoinOfficial,
-    open_console: OpenConsole,
-    connect_kart: ConnectKart,
+    open_beside: OpenBeside,
 ) -> None:
-    control = start_race_control(in_race=(1, 2), others=(3,))
+    console, karts, control = open_beside(1, 2, 3, in_race=(1, 2), others=(3,))
     official = join_official(control)
-    console = open_console(control)
-    karts = [connect_kart(control, number, EACH_CHANGE) for number in (1, 2, 3)]
-    see_karts(console, 1, 2, 3)
     console.press('F2', see='question_consequence', text='to 2 karts: 1, 2')
 
     official.command('set_in_race', kart=3, in_race=True)
@@ -1236,16 +1083,11 @@ def test_a_question_says_which_karts_and_is_off_when_another_one_joins(
 
 
 def test_that_a_kart_was_made_safe_by_hand_is_stated_only_if_that_was_confirmed(
-    start_race_control: StartRaceControl,
     join_official: JoinOfficial,
-    open_console: OpenConsole,
-    connect_kart: ConnectKart,
+    open_beside: OpenBeside,
 ) -> None:
-    control = start_race_control(in_race=(1,))
+    console, (kart,), control = open_beside(1)
     official = join_official(control)
-    console = open_console(control)
-    kart = connect_kart(control, 1, EACH_CHANGE)
-    see_karts(console, 1)
     official.command('kart/red_red', kart=1)
     official.wait_for_acks(RED_RED, 1)
     console.wait_for('kart_1', text='■ RED RED(.|\n)*✓ yes')
@@ -1258,34 +1100,15 @@ def test_that_a_kart_was_made_safe_by_hand_is_stated_only_if_that_was_confirmed(
     console.wait_for('yes', enabled=False)
 
 
-def test_a_question_tells_the_karts_it_reaches_now_from_those_without_a_link(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> None:
-    console = open_console(control := start_race_control(in_race=(1, 2), others=(3,)))
-    connect_kart(control, 1, EACH_CHANGE)
-    see_karts(console, 1)
-
-    console.ask('F2')
-
-    said = console.wait_for('question_consequence')['text'].splitlines()
-    assert [line[-7:] for line in said] == ['kart 1.', 'kart 2.', 'kart 3.']
-    console.wait_for('question_warning', visible=False)
-
-
 def test_a_question_that_lets_humans_near_says_in_red_what_the_screen_says_against_it(
-    start_race_control: StartRaceControl,
     join_official: JoinOfficial,
-    open_console: OpenConsole,
-    connect_kart: ConnectKart,
+    open_beside: OpenBeside,
 ) -> None:
-    control = start_race_control(in_race=(1, 2), others=(4,))
+    console, (_, second, fourth), control = open_beside(1, 2, 4, in_race=(1, 2), others=(4,))
     official = join_official(control)
-    console = open_console(control)
-    karts = {number: connect_kart(control, number, EACH_CHANGE) for number in (1, 2, 4)}
-    see_karts(console, 1, 2, 4)
-    karts[4].say(GREEN_GREEN)
+    fourth.say(GREEN_GREEN)
     official.wait_for_kart(4, lambda kart: kart.may_be_moving, 'in motion')
-    karts[4].close()
+    fourth.close()
     official.wait_for_kart(4, lambda kart: not kart.connected, 'lost')
     official.command('grid_active', track_clear=True)
     official.command('race_over')
@@ -1298,71 +1121,10 @@ def test_a_question_that_lets_humans_near_says_in_red_what_the_screen_says_again
     console.wait_for('question_consequence', text='now to 2 karts: 1, 2')
     console.wait_for('question_consequence', text='Stays held: kart 4 ')
     # What is no longer so is not said any more.
-    karts[2].close()
+    second.close()
     console.wait_for('question_problem', text='begin again')
     console.wait_for('question_consequence', visible=False)
     console.wait_for('question_statement', visible=False)
-
-
-def test_the_way_from_the_grid_to_the_garage_has_no_warning(
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-    open_console: OpenConsole,
-    connect_kart: ConnectKart,
-) -> None:
-    control = start_race_control(in_race=(1,))
-    console = open_console(control)
-    connect_kart(control, 1, EACH_CHANGE)
-    see_karts(console, 1)
-    join_official(control).bring_to(GRID_ACTIVE)
-
-    console.wait_for('in_garage', barred='false')
-    console.ask('F6', text='safe')
-
-    console.wait_for('question_warning', visible=False)
-
-
-def test_the_bottom_line_does_not_say_what_another_official_has_changed_since(
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-    open_console: OpenConsole,
-    connect_kart: ConnectKart,
-) -> None:
-    control = start_race_control(in_race=(1,))
-    official = join_official(control)
-    console = open_console(control)
-    connect_kart(control, 1, EACH_CHANGE)
-    see_karts(console, 1)
-    console.start_race()
-    console.wait_for('status', text='GREEN_GREEN')
-
-    official.command('red_flag')
-
-    console.wait_for('state', text='RED FLAG')
-    assert 'GREEN' not in console.wait_for('status', text='RED FLAG.*RED_FLAG by ')['text']
-    # What comes after that is said too, and who did it.
-    official.command('all_kill')
-    assert 'FLAG' not in console.wait_for('status', text='RED RED.*ALL_KILL by ')['text']
-    console.wait_for('state_since', text=r'ALL_KILL by .*, \d\d:\d\d:\d\d')
-
-
-def test_the_places_stay_in_sight_until_the_next_grid(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1,), finish_delays='[0.1]')
-    console = open_console(control)
-    connect_kart(control, 1, EACH_CHANGE)
-    see_karts(console, 1)
-    console.start_race()
-    console.wait_for('kart_finish_1', barred='false')
-    console.press_on('kart_finish_1', see='state', text='RED RED')
-    confirm(console, 'F6', 'in_garage', 'track is safe for humans', 'IN_GARAGE is sent')
-    console.wait_for('state', text='IN GARAGE')
-
-    assert 'P1' in console.wait_for('kart_1')['text']
-    confirm(console, 'F2', 'grid_active', 'Clears the places', 'GRID_ACTIVE is sent')
-    console.wait_for('state', text='GRID ACTIVE')
-    assert 'P1' not in console.wait_for('kart_1')['text']
 
 
 # ----- heats ------------------------------------------------------------------------------
@@ -1388,34 +1150,6 @@ def test_a_heat_is_put_into_the_race_by_clicks_and_by_keys(
         console.wait_for(there)
     console.press('ctrl+h', see='heats')
     console.press('Escape', see='heats', visible=False)
-
-
-def test_a_heat_is_not_offered_outside_the_garage_and_the_window_says_why(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1,), others=(2,), heats={'Heat A': (1, 2)})
-    console = open_console(control)
-    kart = connect_kart(control, 1)
-    see_karts(console, 1)
-    console.press('ctrl+h', see='heats')
-
-    console.key('space')
-
-    kart.wait_for_state(RED_RED)  # no sheet keeps a stop
-    console.wait_for('heat_1', barred='true', tip='the race is in RED_RED')
-    console.press_on('heat_1', see='status', text='the race is in RED_RED')
-    console.wait_for('set_heat', barred='true')
-    console.press_on('set_heat', see='status', text='the race is in RED_RED')
-    console.wait_for('heats', visible=False)
-
-
-def test_without_heats_in_the_roster_the_window_has_no_control_for_them(
-    start_race_control: StartRaceControl, open_console: OpenConsole
-) -> None:
-    console = open_console(start_race_control(in_race=(1,)))
-    console.wait_for('kart_1')
-
-    console.wait_for('set_heat', visible=False)
 
 
 # ----- what is shown of a race control that fails -----------------------------------------
@@ -1481,28 +1215,6 @@ def test_two_race_controls_that_are_heard_are_told_in_the_largest_type(
     console.wait_for('danger_title', text='TWO RACE CONTROLS')
     console.wait_for('danger_advice', text='ALL KILL')
     console.wait_for('grid_active', barred='true', tip='two race controls')
-    assert_all_kill_is_in_reach(console)
-
-
-def test_that_race_control_sees_another_one_is_told_in_the_largest_type(
-    speak: Callable[..., Speaker], open_console: OpenConsole
-) -> None:
-    alert = msg.Alert(kind=msg.Alert.TWO_RACE_CONTROLS, text='Another race control answers.')
-    console = open_console(speak(alert))
-
-    console.wait_for('danger_title', text='TWO RACE CONTROLS')
-    console.wait_for('danger_detail', text='Another race control answers.')
-
-
-def test_that_a_part_of_race_control_failed_is_told_in_the_largest_type(
-    speak: Callable[..., Speaker], open_console: OpenConsole
-) -> None:
-    alert = msg.Alert(kind=msg.Alert.PART_FAILED, use_msr=True, text='The record has ended.')
-    console = open_console(speak(alert))
-
-    console.wait_for('danger_title', text='RACE CONTROL HAS FAILED')
-    console.wait_for('danger_advice', text='USE THE MSR')
-    console.wait_for('danger_detail', text='The record has ended.')
     assert_all_kill_is_in_reach(console)
 
 
@@ -1722,28 +1434,20 @@ def test_no_control_moves_whatever_is_shown(
 # ----- a kart by its number -----------------------------------------------------------------
 
 
-def test_a_number_typed_after_a_command_is_another_number(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(2, 7))
-    console = open_console(control)
-    karts = {number: connect_kart(control, number, EACH_CHANGE) for number in (2, 7)}
-    see_karts(console, 2, 7)
+def test_a_number_typed_after_a_command_is_another_number(open_beside: OpenBeside) -> None:
+    console, (second, seventh), _ = open_beside(2, 7)
 
     console.key('7', 'ctrl+f', '2', 'ctrl+r')
 
-    karts[2].wait_for_state(RED_RED)
-    karts[7].wait_for_state(RED_FLAG)
-    assert [state for _, state in karts[7].changes] == [IN_GARAGE, RED_FLAG]
+    second.wait_for_state(RED_RED)
+    seventh.wait_for_state(RED_FLAG)
+    assert [state for _, state in seventh.changes] == [IN_GARAGE, RED_FLAG]
 
 
 def test_a_number_that_is_not_in_the_roster_stops_no_other_kart_and_says_so(
-    start_race_control: StartRaceControl, open_console: OpenConsole, connect_kart: ConnectKart
+    open_beside: OpenBeside,
 ) -> None:
-    control = start_race_control(in_race=(2, 7))
-    console = open_console(control)
-    karts = {number: connect_kart(control, number, EACH_CHANGE) for number in (2, 7)}
-    see_karts(console, 2, 7)
+    console, (second, seventh), _ = open_beside(2, 7)
     console.press_on('kart_7', see='number', text='KART 7')  # chosen in the list before
 
     console.key('7', '2')
@@ -1757,28 +1461,8 @@ def test_a_number_that_is_not_in_the_roster_stops_no_other_kart_and_says_so(
     console.press('Escape', see='number', text='KART -')
     console.press('2', see='number', text='^KART 2$')
     console.key('ctrl+r')
-    karts[2].wait_for_state(RED_RED)
-    assert karts[7].state is IN_GARAGE
-
-
-def test_every_command_clears_the_number_that_was_typed(
-    start_race_control: StartRaceControl, open_console: OpenConsole
-) -> None:
-    control = start_race_control(in_race=(2, 7))
-    console = open_console(control)
-    console.wait_for('kart_2')
-
-    for press in (
-        lambda: console.key('F4'),
-        lambda: console.key('space'),
-        lambda: console.key('F3'),
-        lambda: console.key('a'),
-        lambda: console.click('kart_red_red_7'),
-        lambda: console.click('all_kill'),
-    ):
-        console.press('2', see='number', text='^KART 2$')
-        press()
-        console.wait_for('number', text='KART -')
+    second.wait_for_state(RED_RED)
+    assert seventh.state is IN_GARAGE
 
 
 def test_a_number_that_nobody_uses_is_cleared_in_sight(
@@ -1972,6 +1656,8 @@ def test_the_sheet_of_heats_closes_when_the_heats_change(
     console.wait_for('heats', visible=False)
     assert 'Heat C' not in console.wait_for('status')['text']
     console.press_on('set_heat', see='heat_1', text='Heat C')
+    console.key('space')  # no sheet keeps a stop
+    console.wait_for('all_kill', pressing='true')
 
 
 @pytest.mark.parametrize(

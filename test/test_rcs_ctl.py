@@ -23,6 +23,7 @@ import pathlib
 import platform
 import re
 import select
+import shlex
 import signal
 import subprocess
 import sys
@@ -132,15 +133,34 @@ def test_a_whole_race_by_commands(
     assert 'Kart 3 (Team 3) is released' in said
 
 
-def test_a_refusal_is_the_sentence_of_race_control(start_race_control: StartRaceControl) -> None:
-    control = start_race_control(in_race=(1,))
+TYPE = 'rcs_ctl grid-active 1 2 --track-is-clear'
+NOT_YET = 'GREEN_GREEN refused: the race is in IN_GARAGE; GREEN_GREEN follows GRID_ACTIVE.\n'
 
-    done = run(control.domain, 'green-green', '1', '--wait', str(PATIENCE))
 
-    assert done.returncode == REFUSED
-    assert done.stderr == (
-        'GREEN_GREEN refused: the race is in IN_GARAGE; GREEN_GREEN follows GRID_ACTIVE.\n'
-    )
+def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 2))
+    karts = [connect_kart(control, number) for number in (1, 2)]
+    join_official(control).wait_for_connected(1, 2)
+    which = 'GRID ACTIVE now to 2 karts: 1, 2'
+
+    for line, code, *said in (
+        ('green-green 1 2', REFUSED, NOT_YET),
+        ('green-green', USAGE, 'GREEN_GREEN follows GRID_ACTIVE'),
+        ('kart-red-red 99', REFUSED, '99'),  # and it is not repeated for ever
+        ('grid-active 1 --track-is-clear', REFUSED, which, f'type: {TYPE}\n'),
+        (
+            *('grid-active --track-is-clear', USAGE, which, f'{TYPE}\n'),
+            'It is for kart 1 (Team 1), kart 2 (Team 2)',
+        ),
+        ("--official 'Anna M' grid-active --track-is-clear", USAGE, f"{TYPE} --official 'Anna M'"),
+    ):
+        done = run(control.domain, *shlex.split(line), '--wait', str(PATIENCE))
+        assert done.returncode == code, line
+        for each in said:
+            assert each in done.stderr, line
+    assert {kart.state for kart in karts} == {RaceState.IN_GARAGE}
 
 
 # ----- the official's name ----------------------------------------------------------------
@@ -248,19 +268,6 @@ def test_without_a_terminal_nobody_is_asked_and_an_option_names_the_official(
     assert not kept.exists()
 
 
-def test_the_line_to_type_next_has_the_name_that_was_given(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1,))
-    connect_kart(control, 1)
-    join_official(control).wait_for_connected(1)
-
-    done = run(control.domain, '--official', 'Anna M', 'grid-active', '--track-is-clear')
-
-    assert done.returncode == USAGE
-    assert done.stderr.endswith("rcs_ctl grid-active 1 --track-is-clear --official 'Anna M'\n")
-
-
 def test_an_official_who_breaks_off_at_the_question_for_a_name_sends_nothing(
     start_race_control: StartRaceControl, join_official: JoinOfficial, kept: pathlib.Path
 ) -> None:
@@ -304,27 +311,6 @@ def test_the_race_goes_to_the_garage_also_when_no_kart_is_left_in_it(
     accepted(control, official, 'in-garage', '--track-is-safe')
 
 
-def test_without_kart_numbers_a_start_says_which_karts_it_would_start_and_sends_nothing(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1, 2))
-    official = join_official(control)
-    kart = connect_kart(control, 1)
-    connect_kart(control, 2)
-    official.wait_for_connected(1, 2)
-
-    done = run(control.domain, 'grid-active', '--track-is-clear', '--wait', str(PATIENCE))
-    not_now = run(control.domain, 'green-green', '--wait', str(PATIENCE))
-
-    assert done.returncode == USAGE
-    assert 'It is for kart 1 (Team 1), kart 2 (Team 2)' in done.stderr
-    assert 'GRID ACTIVE now to 2 karts: 1, 2' in done.stderr
-    assert 'rcs_ctl grid-active 1 2 --track-is-clear' in done.stderr
-    assert not_now.returncode == USAGE
-    assert 'GREEN_GREEN follows GRID_ACTIVE' in not_now.stderr
-    assert kart.state is RaceState.IN_GARAGE
-
-
 def test_the_next_line_is_printed_as_make_takes_it(
     start_race_control: StartRaceControl, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -344,34 +330,6 @@ def test_the_next_line_is_printed_as_make_takes_it(
     done = run(control.domain, 'grid-active', '--track-is-clear', '--wait', str(PATIENCE))
 
     assert 'make ctl ARGS="grid-active 1 2 --track-is-clear"' in done.stderr
-
-
-def test_a_start_of_other_karts_than_those_of_the_race_is_refused_with_the_line_to_type(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1, 2))
-    official = join_official(control)
-    kart = connect_kart(control, 1)
-    connect_kart(control, 2)
-    official.wait_for_connected(1, 2)
-
-    done = run(control.domain, 'grid-active', '1', '--track-is-clear', '--wait', str(PATIENCE))
-
-    assert done.returncode == REFUSED
-    assert 'GRID ACTIVE now to 2 karts: 1, 2' in done.stderr
-    assert done.stderr.endswith('type: rcs_ctl grid-active 1 2 --track-is-clear\n')
-    assert kart.state is RaceState.IN_GARAGE
-
-
-def test_a_stop_of_a_kart_that_is_not_in_the_roster_is_refused_and_not_repeated_for_ever(
-    start_race_control: StartRaceControl,
-) -> None:
-    control = start_race_control(in_race=(1,))
-
-    done = run(control.domain, 'kart-red-red', '99', '--wait', str(PATIENCE))
-
-    assert done.returncode == REFUSED
-    assert '99' in done.stderr
 
 
 # ----- whatever DDS does ------------------------------------------------------------------
@@ -567,24 +525,20 @@ def test_watch_says_the_banner_of_race_control_first(
         assert shown.stdout.splitlines()[0] == '=== REHEARSAL ==='
 
 
-@pytest.mark.parametrize(
-    ('words', 'code'),
-    [
-        (('all-kill',), ACCEPTED),
-        (('green-green', '1'), REFUSED),
-        (('kart-red-red', '99'), REFUSED),
-        (('in-garage', '--track-is-safe'), USAGE),  # nothing was sent
-    ],
-)
 def test_every_answer_says_the_banner_so_that_no_rehearsal_is_taken_for_a_race(
-    start_race_control: StartRaceControl, words: tuple[str, ...], code: int
+    start_race_control: StartRaceControl,
 ) -> None:
     control = start_race_control(banner='REHEARSAL', in_race=(1,))
 
-    done = run(control.domain, *words, '--wait', str(PATIENCE))
-
-    assert done.returncode == code
-    assert 'REHEARSAL' in (done.stdout + done.stderr).splitlines()[0]
+    for line, code in (
+        ('all-kill', ACCEPTED),
+        ('green-green 1', REFUSED),
+        ('kart-red-red 99', REFUSED),
+        ('in-garage --track-is-safe', USAGE),  # nothing was sent
+    ):
+        done = run(control.domain, *line.split(), '--wait', str(PATIENCE))
+        assert done.returncode == code, line
+        assert 'REHEARSAL' in (done.stdout + done.stderr).splitlines()[0]
 
 
 def test_a_heat_is_put_into_the_race_by_its_name_and_watch_lists_the_heats(
@@ -605,31 +559,6 @@ def test_a_heat_is_put_into_the_race_by_its_name_and_watch_lists_the_heats(
     assert 'Heat A: 1, 2\n' in shown.stdout
     assert 'Final: 2, 3  (in the race)' in shown.stdout
     assert (unknown.returncode, 'Heat A' in unknown.stderr) == (REFUSED, True)
-
-
-def test_watch_shows_the_places_until_the_next_grid(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=(1, 2), finish_delays='[0.1]')
-    official = join_official(control)
-    for number in (1, 2):
-        connect_kart(control, number, Acknowledges.EACH_CHANGE)
-    official.wait_for_connected(1, 2)
-    official.bring_to(RaceState.GREEN_GREEN)
-    official.command('kart/finish', kart=2)
-    official.command('kart/finish', kart=1)
-    official.wait_for_acks(RaceState.RED_RED, 1, 2)
-    official.bring_to(RaceState.IN_GARAGE)
-    places = '1. kart 2 (Team 2), 2. kart 1 (Team 1)'
-
-    in_garage = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE))
-    official.command('grid_active', track_clear=True)
-    on_grid = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE))
-
-    assert 'Race: ⌂ IN GARAGE' in in_garage.stdout
-    assert places in in_garage.stdout
-    assert 'Race: ▦ GRID ACTIVE' in on_grid.stdout
-    assert places not in on_grid.stdout
 
 
 def test_a_program_that_may_not_command_says_so_in_a_sentence() -> None:

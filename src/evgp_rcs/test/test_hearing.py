@@ -161,39 +161,27 @@ def test_a_slow_kart_acknowledges_no_second_grid_with_echoes_of_its_first() -> N
     assert kart.say(GARAGE, GRID) == [3, 4]
 
 
+PAUSE = OneKart().pause
+
+
+@pytest.mark.parametrize(
+    ('before', 'answered', 'after', 'order'),
+    [
+        pytest.param(0, True, PAUSE, 3, id='a pause: it has read what its TCP had answered'),
+        pytest.param(0, True, PAUSE - 1, 1, id='a shorter one shows nothing'),
+        pytest.param(0, False, PAUSE, 1, id='nor one before its TCP has answered'),
+        pytest.param(PAUSE, True, 1, 1, id='it is counted from when its TCP has answered'),
+    ],
+)
 def test_a_kart_that_is_silent_for_a_pause_has_read_what_its_tcp_had_answered(
-    kart: OneKart,
+    kart: OneKart, before: int, answered: bool, after: int, order: int
 ) -> None:
     kart.say(RED)
-    kart.order(GARAGE)
-    kart.beats(kart.pause)
+    kart.beats(before)
+    kart.order(GARAGE, answered=answered)
+    kart.beats(after)
     kart.order(RaceState.RED_RED)
-    assert kart.say(RED) == [3]
-
-
-def test_a_shorter_pause_shows_nothing(kart: OneKart) -> None:
-    kart.say(RED)
-    kart.order(GARAGE)
-    kart.beats(kart.pause - 1)
-    kart.order(RaceState.RED_RED)
-    assert kart.say(RED) == [1]
-
-
-def test_a_pause_before_the_karts_tcp_has_answered_shows_nothing(kart: OneKart) -> None:
-    kart.say(RED)
-    kart.order(GARAGE, answered=False)
-    kart.beats(kart.pause)
-    kart.order(RaceState.RED_RED)
-    assert kart.say(RED) == [1]
-
-
-def test_a_pause_is_counted_from_when_the_karts_tcp_has_answered(kart: OneKart) -> None:
-    kart.say(RED)
-    kart.beats(kart.pause)
-    kart.order(GARAGE)
-    kart.beats(1)
-    kart.order(RaceState.RED_RED)
-    assert kart.say(RED) == [1]
+    assert kart.say(RED) == [order]
 
 
 def test_a_kart_that_goes_on_speaking_makes_no_pause(kart: OneKart) -> None:
