@@ -494,7 +494,7 @@ def test_the_banner_of_race_control_is_at_the_top_of_every_window(
     assert 'top_line' not in none.widgets()
 
 
-@pytest.mark.parametrize('name', ['7', 'Anna & <b>Meier'])
+@pytest.mark.parametrize('name', ['7', 'A & <b>M'])
 def test_a_name_that_ros_or_qt_takes_for_something_else_is_a_name(
     start_race_control: StartRaceControl, open_console: OpenConsole, name: str
 ) -> None:
@@ -503,7 +503,8 @@ def test_a_name_that_ros_or_qt_takes_for_something_else_is_a_name(
 
     console = open_console(start_race_control(in_race=(1,)), arguments=arguments)
 
-    console.wait_for('official', text=rf'\b{name}$')
+    shown = name.replace('&', '&&')  # else Qt underlines what follows
+    console.wait_for('official', text=rf'\b{shown}$')
     console.wait_for('kart_1')
     console.press('F12', see='log', text=rf'\[{name} \(')
 
