@@ -38,8 +38,9 @@ from evgp_testing.fixtures import (
 )
 from evgp_testing.kart import Bridge, ExampleStack, Team
 from evgp_testing.official import Official
+from evgp_testing.part import PATIENCE
 from evgp_testing.ports import free_port
-from evgp_testing.process import PATIENCE, Process
+from evgp_testing.process import Process
 from evgp_testing.race_control import address_of, RaceControl
 import pytest
 from rcl_interfaces.srv import SetParameters

@@ -42,7 +42,8 @@ from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import latched, Official
-from evgp_testing.process import PATIENCE, Process
+from evgp_testing.part import PATIENCE
+from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges, WireKart

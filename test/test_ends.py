@@ -27,7 +27,7 @@ import time
 from evgp_node.process import CLOSE_TIMEOUT, TEARDOWN_TIMEOUT
 from evgp_node.spinning import Spinning
 from evgp_testing.domains import Domain
-from evgp_testing.process import PATIENCE
+from evgp_testing.part import PATIENCE
 import pytest
 import rclpy
 from rclpy.context import Context

@@ -41,7 +41,8 @@ from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
 from evgp_testing.kart import Team
 from evgp_testing.official import Official, SERVICES
-from evgp_testing.process import PATIENCE, Program, wait_until_ended
+from evgp_testing.part import PATIENCE
+from evgp_testing.process import Program, wait_until_ended
 from evgp_testing.race_control import settings, write_roster
 from evgp_testing.ros_side import RosSide
 from evgp_testing.usage import family

@@ -26,7 +26,7 @@ import subprocess
 from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
 from evgp_testing.kart import Team
-from evgp_testing.process import PATIENCE
+from evgp_testing.part import PATIENCE
 import pytest
 from rig.bare_race_control import BareRaceControl
 

@@ -43,7 +43,8 @@ from evgp_rcs_console.standing import Standing
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES
-from evgp_testing.process import PATIENCE, wait_until_ended
+from evgp_testing.part import PATIENCE
+from evgp_testing.process import wait_until_ended
 from evgp_testing.race_control import RaceControl
 from evgp_testing.wire_kart import Acknowledges
 import pytest

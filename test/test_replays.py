@@ -24,7 +24,8 @@ import subprocess
 import time
 
 from evgp_protocol.states import RaceState
-from evgp_testing.process import executable, PATIENCE
+from evgp_testing.part import PATIENCE
+from evgp_testing.process import executable
 from evgp_testing.wire_race import WireRace
 import pytest
 from rig.replaying import replay_without_difference

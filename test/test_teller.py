@@ -29,7 +29,7 @@ from evgp_rcs.teller import MOST_UNTOLD, Teller
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
-from evgp_testing.process import PATIENCE
+from evgp_testing.part import PATIENCE
 from evgp_testing.ros_side import RosSide
 import pytest
 

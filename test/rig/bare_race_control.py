@@ -23,9 +23,8 @@ import time
 
 from evgp_protocol.frames import encode, FrameDecoder, StateFrame
 from evgp_protocol.states import RaceState
-from evgp_testing.part import Part
+from evgp_testing.part import Part, PATIENCE
 from evgp_testing.ports import free_port
-from evgp_testing.process import PATIENCE
 
 BEAT = 0.05
 """Between two frames, seconds."""

@@ -34,7 +34,8 @@ import threading
 import time
 from typing import Any
 
-from evgp_testing.process import PATIENCE, Program
+from evgp_testing.part import PATIENCE
+from evgp_testing.process import Program
 from rig.screen import Screen
 
 DROPPED = 'while the window hung'

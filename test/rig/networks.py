@@ -42,8 +42,7 @@ import sys
 import threading
 from typing import Any
 
-from evgp_testing.part import Part
-from evgp_testing.process import PATIENCE
+from evgp_testing.part import Part, PATIENCE
 import pytest
 
 _CLONE_NEWNET = 0x40000000

@@ -25,8 +25,7 @@ from typing import TypeVar
 
 from evgp_node.graph import bind_graph, fence_graph
 from evgp_node.spinning import Spinning
-from evgp_testing.part import Part
-from evgp_testing.process import PATIENCE
+from evgp_testing.part import Part, PATIENCE
 import rclpy
 from rclpy.client import Client
 from rclpy.context import Context
