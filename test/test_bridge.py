@@ -43,8 +43,6 @@ from evgp_testing.ports import free_port
 from evgp_testing.process import Process
 from evgp_testing.race_control import address_of, RaceControl
 import pytest
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from rig.faulty_nodes import (
     BridgeThatHangs,
     BridgeThatRaises,
@@ -643,17 +641,6 @@ def test_its_names_are_private(
     team = parts.enter_context(Team(domain.number, bridge='/kart1/link'))
     team.wait_for_state(IN_GARAGE)
     team.wait_for_stop(True)
-
-
-def test_no_parameter_changes_while_it_runs(start_race: StartRace) -> None:
-    team = start_race().team
-    client = team.node.create_client(SetParameters, '/kart_bridge/set_parameters')
-    names = ['host', 'port', 'frame_timeout', 'tsr_timeout', 'drive_in_garage']
-    request = SetParameters.Request(
-        parameters=[Parameter(name, value=1.0).to_parameter_msg() for name in names]
-    )
-    response = team.request(client, request)
-    assert [result.successful for result in response.results] == [False] * len(names)
 
 
 # ----- wrong settings ----------------------------------------------------------------------

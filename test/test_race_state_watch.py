@@ -196,24 +196,17 @@ def test_a_stack_is_told_what_the_bridge_says(stack: Stack, start_bare: StartBar
     stack.wait_for_reason('')
 
 
-def test_a_bridge_that_falls_silent_is_red_red(stack: Stack, start_bare: StartBare) -> None:
-    bridge = start_green(start_bare, stack)
-    bridge.fall_silent()
-    stack.wait_for_state(RED_RED)
-
-
-def test_a_bridge_that_leaves_is_red_red(stack: Stack, start_bare: StartBare) -> None:
-    bridge = start_green(start_bare, stack)
-    bridge.close()
-    stack.wait_for_state(RED_RED)
-
-
-@pytest.mark.parametrize('number', [RaceStateMessage.UNKNOWN, 99])
-def test_what_is_no_race_state_is_red_red(
-    stack: Stack, start_bare: StartBare, number: int
+@pytest.mark.parametrize('how', ['falls silent', 'leaves', RaceStateMessage.UNKNOWN, 99])
+def test_a_bridge_that_falls_silent_leaves_or_says_no_race_state_is_red_red(
+    stack: Stack, start_bare: StartBare, how: str | int
 ) -> None:
     bridge = start_green(start_bare, stack)
-    bridge.message = KartRaceState(state=RaceStateMessage(state=number))
+    if how == 'falls silent':
+        bridge.fall_silent()
+    elif how == 'leaves':
+        bridge.close()
+    else:
+        bridge.message = KartRaceState(state=RaceStateMessage(state=how))
     stack.wait_for_state(RED_RED)
 
 

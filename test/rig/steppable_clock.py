@@ -48,11 +48,6 @@ class SteppableClock(Part):
         self._file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
         self._write()
 
-    @property
-    def wall_offset(self) -> float:
-        """Return how far the wall clock is ahead, in seconds."""
-        return self._wall
-
     def set_wall(self, offset: float) -> None:
         """Set the wall clock to this many seconds ahead of the right time."""
         self._wall = offset
