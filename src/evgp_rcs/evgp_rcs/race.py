@@ -858,12 +858,11 @@ class Race:
     def alerts(self, now: float) -> list[Alert]:
         """Return what officials must act on at this time, newest first."""
         alerts = []
-        for kind, kart, due, text in self._alert_conditions():
-            if due is not None and due > now:
-                continue
+        for kind, kart, since, text in self._current_alerts(now):
             number = kart.number if kart else 0
-            told = self._alerts.get((kind, number))
-            since = due if due is not None else told.since if told else now
+            if since is None:
+                told = self._alerts.get((kind, number))
+                since = told.since if told else now
             use_msr = kind in MSR_ALERTS and not self.msr_used
             alerts.append(Alert(kind, number, since, text, use_msr))
         alerts.sort(key=lambda alert: alert.since, reverse=True)
@@ -1495,12 +1494,10 @@ class Race:
             text += f'; did not finish: {", ".join(missing)}'
         self._events.append(Event(EventKind.RESULTS, text))
 
-    def _alert_conditions(self) -> Iterator[tuple[AlertKind, Kart | None, float | None, str]]:
-        """
-        Yield each alert that holds or will hold if nothing changes, from when, and its text.
-
-        No time means that it holds now, since whenever it was first seen.
-        """
+    def _current_alerts(
+        self, now: float
+    ) -> Iterator[tuple[AlertKind, Kart | None, float | None, str]]:
+        """Yield each alert, since when it holds (None: since it was first seen), and its text."""
         msr = 'The MSR was used' if self.msr_used else 'Use the MSR'
         late = {
             GRID_ACTIVE: (AlertKind.NOT_READY, self.times.ready_alert),
@@ -1521,13 +1518,15 @@ class Race:
                 yield AlertKind.MOVING_UNASKED, kart, None, f'Stop {kart} with RED_RED: {text}'
             if kart.sent in late and not kart.acknowledged:
                 alert, limit = late[kart.sent]
+                due = kart.sent_since + limit
+                if due > now or not (kart.connected or alert is AlertKind.NOT_READY):
+                    continue
                 text = f'{kart} has not acknowledged {kart.sent.value}'
                 if alert in MSR_ALERTS:
                     text = f'{msr}: {text}'
                 elif not kart.connected:
                     text += ': it is not connected'
-                if kart.connected or alert is AlertKind.NOT_READY:
-                    yield alert, kart, kart.sent_since + limit, _capital(text)
+                yield alert, kart, due, _capital(text)
         if self.track_open and not self._humans_allowed()[0]:
             text = f'Clear the track, or use the MSR: {self._humans_allowed()[1]}'
             yield AlertKind.TRACK_UNSAFE, None, None, text

@@ -398,9 +398,9 @@ FAULTS = {
         ('refusal-silent',),
     ),
     'looking at alerts acts': Fault(
-        '        alerts = []\n        for kind, kart, due, text in self._alert_conditions():\n',
+        '        alerts = []\n        for kind, kart, since, text in self._current_alerts(now):\n',
         '        alerts = []\n        self.track_open = False\n'
-        '        for kind, kart, due, text in self._alert_conditions():\n',
+        '        for kind, kart, since, text in self._current_alerts(now):\n',
         ('alerts-act',),
     ),
     'a lost kart raises no alert': Fault(
