@@ -434,7 +434,7 @@ def test_the_screenshots_of_the_report(
 def results_of(clauses: Sequence[Clause]) -> list[Result]:
     """Return a pass of these clauses."""
     judged = Finding(Verdict.PASS, 'It took 100.00 s.', 100.0)
-    return [Result(clause, judged, 120.0 if clause.limit else None) for clause in clauses]
+    return [Result(clause, judged, 120.0 if clause.judge.limit else None) for clause in clauses]
 
 
 @pytest.mark.parametrize(
