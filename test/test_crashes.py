@@ -27,6 +27,8 @@ from typing import Any
 
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
+from evgp_rcs.encoding import read
+from evgp_rcs.race import RaceMemory
 from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
@@ -244,15 +246,23 @@ def crashed_in_green(meeting: Event) -> None:
     meeting.run.close()
 
 
+def wait_for_memory(meeting: Event, found: Callable[[RaceMemory], bool]) -> None:
+    """Return once the record has such a memory of the race."""
+    with contextlib.closing(open_read_only(meeting.record)) as database:
+        until = time.monotonic() + 20.0
+        while True:
+            *_, (memory,) = database.execute('SELECT memory FROM session')
+            if memory and found(read(RaceMemory, memory)):
+                return
+            assert time.monotonic() < until
+            time.sleep(0.01)  # a disk has no event to await
+
+
 def test_karts_that_never_got_green_are_lost_on_the_grid_and_not_in_motion(
     meeting: Event,
 ) -> None:
     meeting.grid()
-    with contextlib.closing(open_read_only(meeting.record)) as database:
-        until = time.monotonic() + 20.0
-        while database.execute('SELECT state FROM memory').fetchall()[-1] != ('GRID_ACTIVE',):
-            assert time.monotonic() < until
-            time.sleep(0.01)  # a disk has no event to await
+    wait_for_memory(meeting, lambda memory: memory.state is GRID_ACTIVE)
     meeting.kill()
     meeting.start(connect=())
     race = meeting.official.wait_for_race(lambda race: True, 'the race')
@@ -353,11 +363,7 @@ def test_an_open_track_is_remembered_and_only_an_orderly_end_begins_in_the_garag
 def test_the_statement_that_the_msr_was_used_is_remembered(meeting: Event) -> None:
     meeting.kill_all()
     meeting.official.command('record_msr')
-    with contextlib.closing(open_read_only(meeting.record)) as database:
-        until = time.monotonic() + 20.0
-        while database.execute('SELECT msr_used FROM memory').fetchall()[-1] != (1,):
-            assert time.monotonic() < until
-            time.sleep(0.01)  # a disk has no event to await
+    wait_for_memory(meeting, lambda memory: memory.msr_used)
     meeting.kill()
     meeting.start(connect=())
     race = meeting.official.wait_for_race(lambda race: True, 'the race')

@@ -214,7 +214,7 @@ class KartServer:
         self._addresses = dict(addresses)
         self._settings = settings
         self._outside = outside
-        self._log = inputs.Log(race.state_since)
+        self._log = inputs.Log()
         self._left_behind = left_behind
         self._first_events = () if left_behind is None else self._feed(left_behind).events
         self._links: dict[int, KartLink] = {}
@@ -314,7 +314,7 @@ class KartServer:
 
     def published(self, number: int, digest: int) -> None:
         """Take note of what the ROS half published of a copy (``inputs.digest``)."""
-        self._log.mark(inputs.Published(number, digest))
+        self._log.add(inputs.Published(number, digest))
 
     def report(self, event: Event) -> None:
         """Have something told among the events, in order with them."""
@@ -477,7 +477,7 @@ class KartServer:
             if link is not None:
                 link.order(order.state, order.serial)
         if outcome.orders:
-            self._log.mark(inputs.Ordered(outcome.orders))
+            self._log.add(inputs.Ordered(outcome.orders))
 
     def _tell_of_rules(self, events: tuple[Event, ...], at: float) -> None:
         """
@@ -488,7 +488,7 @@ class KartServer:
         told = [each for each in events if not each.chatter or self._reports[each.kart].take(at)]
         if told:
             stamped = self._stamped(told, at)
-            self._log.mark(inputs.Told(stamped[0].sequence, stamped[-1].sequence))
+            self._log.add(inputs.Told(stamped[0].sequence, stamped[-1].sequence))
             self._gather(stamped)
 
     def _tell(self, event: Event) -> None:
@@ -528,7 +528,7 @@ class KartServer:
         now = self._copied_at = self.now()
         self._take_note_of(self._outside.trouble(), now)
         self._copies += 1
-        self._log.mark(inputs.Shown(now, self._copies))
+        self._log.add(inputs.Shown(now, self._copies))
         self._outside.show(self._race, now, self._copies)
         self._remember(now)
         if self._race.paused_until > max(now, self._copied_pause):

@@ -31,13 +31,16 @@ is `final` only where a file beside the record proves that the last run ended in
 (``orderly_end``). What a GREEN_GREEN leaves behind is on the disk, in the file itself and not only
 in SQLite's ``-wal`` beside it, before it goes out.
 
-The schema (``PRAGMA user_version`` 4):
+The schema (``PRAGMA user_version`` 5). JSON is as ``encoding`` writes it:
 
 ======== =================== ======================================================================
 table    column              meaning
 ======== =================== ======================================================================
 session  id                  one run of race control
 ..       began_ns, ended_ns  wall time, ns since the epoch; `ended_ns` is null after a crash
+..       rules               the version of the rules (``rules_version``); null: not recorded
+..       setup               JSON: with what the rules began (``inputs.Setup``)
+..       memory              JSON: what the next run must know (``RaceMemory``); null: nothing
 event    session, sequence   the run, and the number of the event in it: from 1, without a gap
 ..       wall_ns             wall time, ns since the epoch
 ..       monotonic           the clock of the rules, s
@@ -52,15 +55,6 @@ event    session, sequence   the run, and the number of the event in it: from 1,
 ..       hold                how the kart is held, of kart 0 every kart: a ``RaceState``; null: not
 ..       race                the number of the race in the run; 0: none is under way
 ..       heat                the heat that was last put into the race; empty: none
-memory   session             the run
-..       sequence            the last event that this comes after
-..       state               the race's state
-..       track_open          whether officials have opened the track
-..       msr_used            whether an official has stated that the MSR was used
-..       karts               JSON: of each kart's number, the fields of ``KartMemory`` in order
-setup    session             the run
-..       rules               the version of the rules (``rules_version``)
-..       setup               JSON: with what the rules began (``inputs.Setup``)
 input    session, block      the run, and the number of the block in it: from 1, without a gap
 ..       data                what went into the rules, in order (``inputs.Block``)
 ======== =================== ======================================================================
@@ -72,10 +66,9 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 import contextlib
 import dataclasses
+import enum
 import fcntl
-import json
 import math
-import operator
 import pathlib
 import queue
 import sqlite3
@@ -84,18 +77,18 @@ import time
 from typing import Any, IO
 
 from evgp_protocol import clock
-from evgp_protocol.states import RaceState
+from evgp_rcs.encoding import DAMAGED, read, reader, written
 from evgp_rcs.folder import rcs_folder
 from evgp_rcs.inputs import Block, joined, Setup
 from evgp_rcs.orderly_end import OrderlyEnd
-from evgp_rcs.race import Doubt, EventKind, KartMemory, RaceMemory, StampedEvent
+from evgp_rcs.race import EventKind, RaceMemory, StampedEvent
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 
 MOST_UNWRITTEN = 100_000
 """Maximum backlog of events while the disk takes none; what comes after them is lost."""
 
-MOST_UNWRITTEN_BYTES = 32 * 2**20
+MOST_UNWRITTEN_BYTES = 80 * 2**20
 """Maximum backlog of inputs while the disk takes none, in bytes; what comes after them is lost. An
 hour of racing with 20 karts."""
 
@@ -117,7 +110,10 @@ _SCHEMA = """
 CREATE TABLE session (
     id INTEGER PRIMARY KEY,
     began_ns INTEGER NOT NULL,
-    ended_ns INTEGER
+    ended_ns INTEGER,
+    rules TEXT,
+    setup TEXT,
+    memory TEXT
 );
 CREATE TABLE event (
     session INTEGER NOT NULL REFERENCES session,
@@ -137,19 +133,6 @@ CREATE TABLE event (
     heat TEXT NOT NULL,
     PRIMARY KEY (session, sequence)
 ) WITHOUT ROWID;
-CREATE TABLE memory (
-    session INTEGER PRIMARY KEY REFERENCES session,
-    sequence INTEGER NOT NULL,
-    state TEXT NOT NULL,
-    track_open INTEGER NOT NULL,
-    msr_used INTEGER NOT NULL,
-    karts TEXT NOT NULL
-);
-CREATE TABLE setup (
-    session INTEGER PRIMARY KEY REFERENCES session,
-    rules TEXT NOT NULL,
-    setup TEXT NOT NULL
-);
 CREATE TABLE input (
     session INTEGER NOT NULL REFERENCES session,
     block INTEGER NOT NULL,
@@ -157,9 +140,6 @@ CREATE TABLE input (
     PRIMARY KEY (session, block)
 );
 """
-
-
-_every_field = operator.attrgetter(*(field.name for field in dataclasses.fields(KartMemory)))
 
 
 class RecordError(RuntimeError):
@@ -553,26 +533,16 @@ class Record:
             self._database.executemany(
                 'INSERT INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)', rows
             )
+            self._database.executemany('INSERT INTO input VALUES (?, ?, ?)', blocks)
             if self._begin is not None:
                 self._database.execute(
-                    'INSERT INTO setup VALUES (?, ?, ?)',
-                    (self._session, self._begin.rules, self._begin.setup.to_json()),
+                    'UPDATE session SET rules = ?, setup = ? WHERE id = ?',
+                    (self._begin.rules, written(self._begin.setup), self._session),
                 )
-            self._database.executemany('INSERT INTO input VALUES (?, ?, ?)', blocks)
             if memory is not None:
-                karts = {
-                    number: _every_field(kart) for number, kart in memory.memory.karts.items()
-                }
                 self._database.execute(
-                    'INSERT OR REPLACE INTO memory VALUES (?, ?, ?, ?, ?, ?)',
-                    (
-                        self._session,
-                        sequence,
-                        memory.memory.state.value,
-                        memory.memory.track_open,
-                        memory.memory.msr_used,
-                        json.dumps(karts),
-                    ),
+                    'UPDATE session SET memory = ? WHERE id = ?',
+                    (written(memory.memory), self._session),
                 )
             if self._end is not None and self._end.in_order:
                 self._ended_ns = time.time_ns()
@@ -631,28 +601,14 @@ def _transaction(database: sqlite3.Connection) -> Iterator[None]:
 
 def _row(stamped: StampedEvent) -> tuple[Any, ...]:
     """Return the columns of an event, after the session; the fields of a ``RecordedEvent``."""
-    event = stamped.event
-    return (
-        stamped.sequence,
-        stamped.wall_ns,
-        stamped.monotonic,
-        event.kind.name,
-        event.kart,
-        event.command.name if event.command is not None else None,
-        event.success,
-        event.state.name if event.state is not None else None,
-        _without_nul(event.text),
-        _without_nul(event.official),
-        event.alert.name if event.alert is not None else None,
-        event.hold.name if event.hold is not None else None,
-        event.race,
-        _without_nul(event.heat),
-    )
+    event = (getattr(stamped.event, name) for name in _COLUMNS[3:])
+    return (*stamped[:3], *map(_column, event))
 
 
-def _without_nul(text: str) -> str:
-    """Return the text as it is recorded: a NUL says that a file was cut off within it."""
-    return text.replace('\0', '\ufffd')
+def _column(value: object) -> object:
+    if isinstance(value, str):
+        return value.replace('\0', '\ufffd')  # a NUL says that a file was cut off within it
+    return value.name if isinstance(value, enum.Enum) else value
 
 
 def _left_behind(database: sqlite3.Connection, proof: str) -> RaceMemory | None:
@@ -661,28 +617,16 @@ def _left_behind(database: sqlite3.Connection, proof: str) -> RaceMemory | None:
 
     :param proof: when a run has ended in good order; empty: no proof.
     """
-    row = database.execute(
-        'SELECT ended_ns, state, track_open, msr_used, karts FROM session '
-        'LEFT JOIN memory ON memory.session = session.id ORDER BY session.id DESC LIMIT 1'
-    ).fetchone()
-    if row is None or row[1] is None:
+    last = 'SELECT ended_ns, memory FROM session ORDER BY id DESC LIMIT 1'
+    ended_ns, memory = database.execute(last).fetchone() or (None, None)
+    if memory is None:
         return None  # there is no run, or the last one wrote nothing
-    ended_ns, state, track_open, msr_used, karts = row
     try:
-        return RaceMemory(
-            RaceState[state],
-            {int(number): _remembered(*kart) for number, kart in json.loads(karts).items()},
-            bool(track_open),
-            bool(msr_used),
-            # The end is written with the last memory: without the one, the other is missing too.
-            final=ended_ns is not None and proof == str(ended_ns),
-        )
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        # The end is written with the last memory: without the one, the other is missing too.
+        final = ended_ns is not None and proof == str(ended_ns)
+        return dataclasses.replace(read(RaceMemory, memory), final=final)
+    except ValueError:
         return None  # damaged
-
-
-def _remembered(in_race: bool, held: bool, place: int, doubt: int, alone: bool) -> KartMemory:
-    return KartMemory(bool(in_race), bool(held), int(place), Doubt(doubt), bool(alone))
 
 
 # ----- to read a record -----------------------------------------------------------------------
@@ -711,6 +655,12 @@ class RecordedEvent:
     def of(stamped: StampedEvent) -> RecordedEvent:
         """Return an event as it will be read from a record."""
         return RecordedEvent(*_row(stamped))
+
+
+_COLUMNS = tuple(field.name for field in dataclasses.fields(RecordedEvent))
+"""The columns of an event, after the session."""
+
+_recorded = reader(RecordedEvent)
 
 
 def open_read_only(path: pathlib.Path) -> sqlite3.Connection:
@@ -748,10 +698,9 @@ def setup_of(database: sqlite3.Connection, session: int) -> tuple[str, str] | No
 
     :returns: None if the record does not have it.
     """
-    row: tuple[str, str] | None = database.execute(
-        'SELECT rules, setup FROM setup WHERE session = ?', (session,)
-    ).fetchone()
-    return row
+    found = database.execute('SELECT rules, setup FROM session WHERE id = ?', (session,))
+    rules, setup = found.fetchone() or (None, None)
+    return None if rules is None or setup is None else (str(rules), str(setup))
 
 
 def inputs_of(
@@ -799,25 +748,13 @@ def events(
     query = 'SELECT * FROM event WHERE session = ? AND sequence > ? ORDER BY sequence'
     rows = database.execute(f'{query} DESC' if backwards else query, (session, after))
     for _, *row in rows:
-        # SQLite takes any value for any column.
-        damaged = (
-            not all(map(isinstance, row, _TYPES))
-            or row[1] < 0
-            or not abs(row[2]) < MOST_SECONDS
-            or not 0 <= row[4] < 2**32
-        )
+        try:
+            event: RecordedEvent = _recorded(row)
+        except DAMAGED as error:
+            raise sqlite3.DatabaseError(
+                f'event {row[0]!r} of run {session} is damaged: {error}'
+            ) from error
         # For what is missing at the end of a file, SQLite has zeros.
-        if damaged or any('\0' in value for value in row if isinstance(value, str)):
-            raise sqlite3.DatabaseError(f'event {row[0]!r} of run {session} is damaged')
-        event = RecordedEvent(*row)
-        yield dataclasses.replace(event, success=bool(event.success))
-
-
-MOST_SECONDS = 1e10
-"""Maximum time on the clock of the rules that is no damage, in seconds."""
-
-_TYPES = (
-    *(int, int, float, str, int, str | None, int, str | None, str, str),
-    *(str | None, str | None, int, str),
-)
-"""Of what type the columns of an event are."""
+        if event.kart >= 2**32 or any('\0' in value for value in row if isinstance(value, str)):
+            raise sqlite3.DatabaseError(f'event {event.sequence} of run {session} is damaged')
+        yield event

@@ -34,7 +34,7 @@ import itertools
 from typing import Any, NamedTuple
 
 from evgp_rcs import inputs
-from evgp_rcs.inputs import BlockError, Entry, GapError, Input, InputsError, Setup
+from evgp_rcs.inputs import Entry, GapError, Input, InputsError, Setup
 from evgp_rcs.plain import plain
 from evgp_rcs.progress import watched
 from evgp_rcs.race import Event, EventKind, Order, StampedEvent
@@ -197,14 +197,13 @@ class Replay:
         self._replayed.missing = ''
         try:
             yield from inputs.entries_of(watched(self._blocks, len(self._blocks), what))
-        except GapError as gap:
+        except GapError:
             self._replayed.missing = (
-                'inputs are missing (the disk took none, or they were removed): nothing '
-                f'can be compared from {self._replayed.seconds:.1f} s after the run began '
-                f'on; the next ones are of {gap.next_at - self._began:.1f} s'
+                'inputs are missing (the disk took none, or they were removed): nothing can be '
+                f'compared from {self._replayed.seconds:.1f} s after the run began on'
             )
-        except BlockError as error:
-            self._differ(f'block {error.number} of the inputs', 'it is damaged', str(error))
+        except InputsError as error:
+            self._differ('an input', str(error), 'they cannot run on it')
 
     def _feed(self, given: Input) -> None:
         self._finish()
@@ -392,7 +391,7 @@ class Kept:
         rules, text = found or ('', '')
         setup, lacks = None, ''
         try:
-            setup = Setup.from_json(text) if found else None
+            setup = Setup.read(text) if found else None
         except InputsError as error:
             lacks = str(error)
         if not found:

@@ -25,6 +25,7 @@ import sqlite3
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.encoding import written
 from evgp_rcs.inputs import Entrant, Setup
 from evgp_rcs.race import (
     Command,
@@ -156,8 +157,8 @@ class PaperRace:
         record.end(PATIENCE, in_order)
         with contextlib.closing(sqlite3.connect(path)) as database, database:
             database.execute(
-                'INSERT OR REPLACE INTO setup SELECT max(id), ?, ? FROM session',
-                ('of the test', self.setup.to_json()),
+                'UPDATE session SET rules = ?, setup = ? WHERE id = (SELECT max(id) FROM session)',
+                ('of the test', written(self.setup)),
             )
         return path
 

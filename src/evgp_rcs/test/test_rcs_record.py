@@ -32,16 +32,16 @@ import subprocess
 import sys
 
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.inputs import decode, InputsError, Setup
+from evgp_rcs.encoding import written
+from evgp_rcs.inputs import Setup
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.rcs_record import WAYS
 from evgp_rcs.record import default_path, Record
 from evgp_rcs.rules_version import rules_version
 from evgp_rcs.runs import DONE, FAILED, PARTLY, UNREADABLE
-from hypothesis import given
-from hypothesis import strategies as st
 import pytest
 from recorded_races import PaperRace
+from test_inputs import HOSTILE_JSON, places_in, with_hostile
 from test_replay import Running, SETUP
 
 Capture = pytest.CaptureFixture[str]
@@ -388,27 +388,9 @@ def test_of_a_damaged_record_what_can_be_read_is(
     assert told.out
 
 
-HOSTILE_JSON = (
-    *('[' * 100_000, '1' + '0' * 4000, '1' + '0' * 5000, '-1', '4294967296', '1e999', 'NaN'),
-    *('"x"', '"\\ud800"', 'null', '[]', '{}', 'true'),
-)
-
-
-def fields_of(
-    value: object, before: tuple[str | int, ...] = ()
-) -> Iterator[tuple[str | int, ...]]:
-    """Yield the way to each value in a value of JSON; of a list, to its first."""
-    yield before
-    if isinstance(value, dict):
-        for name in value:
-            yield from fields_of(value[name], (*before, name))
-    if isinstance(value, list) and value:
-        yield from fields_of(value[0], (*before, 0))
-
-
-@pytest.mark.parametrize('where', [*fields_of(json.loads(SETUP.to_json()))], ids=str)
+@pytest.mark.parametrize('where', [*places_in(json.loads(written(SETUP)))], ids=str)
 def test_whatever_stands_in_a_setup_each_subcommand_ends_with_a_sentence(
-    where: tuple[str | int, ...], path: pathlib.Path, capsys: Capture
+    where: tuple[int, ...], path: pathlib.Path, capsys: Capture
 ) -> None:
     record = Record(path)
     record.begin(rules_version(), SETUP)
@@ -417,30 +399,12 @@ def test_whatever_stands_in_a_setup_each_subcommand_ends_with_a_sentence(
         record.put(events, block)
     record.end(60.0)
     for hostile in HOSTILE_JSON:
-        setup = whole = [json.loads(SETUP.to_json())]
-        for step in (0, *where[:-1]):
-            setup = setup[step]
-        setup[(0, *where)[-1]] = 'here'
-        text = json.dumps(whole[0]).replace('"here"', hostile)
+        text = with_hostile(written(SETUP), where, hostile)
         with contextlib.closing(sqlite3.connect(path)) as database, database:
-            database.execute('UPDATE setup SET setup = ?', (text,))
+            database.execute('UPDATE session SET setup = ?', (text,))
         for way in WAYS:
             path.with_name('race.mcap').unlink(missing_ok=True)
             assert rcs_record(arguments_of(way, path)) in (DONE, FAILED, UNREADABLE, PARTLY)
-
-
-@given(
-    st.sampled_from((20, 21, 22, 23)),
-    st.sampled_from(HOSTILE_JSON)
-    | st.recursive(
-        st.none() | st.booleans() | st.integers() | st.text(),
-        lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
-    ).map(json.dumps),
-)
-def test_whatever_stands_in_an_input_it_is_read_or_refused(code: int, text: str) -> None:
-    data = text.encode()
-    with contextlib.suppress(InputsError):
-        list(decode(struct.pack('<BdI', code, 1.0, len(data)) + data))
 
 
 @pytest.mark.parametrize('harm', DAMAGED_FILES)

@@ -69,7 +69,7 @@ class Running:
         self.dice = random.Random(seed)
         self.race = SETUP.race()
         self.now = SETUP.now
-        self.log = Log(SETUP.now)
+        self.log = Log()
         self.stamped: list[StampedEvent] = []
         self.handed_over: list[tuple[list[StampedEvent], Block]] = []
         self.copies = 0
@@ -91,14 +91,14 @@ class Running:
         self.log.add(given)
         outcome = given.feed(self.race)
         if outcome.orders:
-            self.log.mark(inputs.Ordered(outcome.orders))
+            self.log.add(inputs.Ordered(outcome.orders))
         self.tell(outcome, given.at)
 
     def tell(self, outcome: Outcome, at: float) -> None:
         told = [each for each in outcome.events if not each.chatter or self.dice.random() < 0.5]
         if told:
             first = len(self.stamped) + 1
-            self.log.mark(inputs.Told(first, first + len(told) - 1))
+            self.log.add(inputs.Told(first, first + len(told) - 1))
             self.hand_over(told, at)
         if self.dice.random() < 0.05:
             own = self.dice.choice((EventKind.MALFORMED, EventKind.REFUSED_CONNECTION))
@@ -115,10 +115,10 @@ class Running:
 
     def show(self) -> None:
         self.copies += 1
-        self.log.mark(inputs.Shown(self.now, self.copies))
+        self.log.add(inputs.Shown(self.now, self.copies))
         if self.dice.random() < 0.7:
             digest = inputs.digest(inputs.offers(self.race, self.now))
-            self.log.mark(inputs.Published(self.copies, digest))
+            self.log.add(inputs.Published(self.copies, digest))
 
     def anything(self) -> inputs.Input:
         kart = self.race.karts[self.dice.choice(KARTS)]
@@ -218,18 +218,11 @@ def a_run(seed: int = 1) -> Running:
 
 
 def entries_of(running: Running) -> list[Any]:
-    (whole,) = inputs.joined(running.blocks())
-    return list(inputs.decode(whole.data))
+    return [entry for block in running.blocks() for entry in inputs.decode(block.data)]
 
 
 def replay_of(entries: list[Any], happened: list[RecordedEvent]) -> Replayed:
-    log = Log(SETUP.now)
-    for entry in entries:
-        if isinstance(entry, inputs.Mark):
-            log.mark(entry)
-        else:
-            log.add(entry)
-    return replayed([log.take()], happened)
+    return replayed([Block(0, b''.join(map(inputs.encode, entries)))], happened)
 
 
 def number_of_the_last(entries: list[Any], kind: type[Any]) -> tuple[int, int]:
@@ -409,7 +402,8 @@ def test_where_inputs_are_missing_the_replay_ends_and_says_so() -> None:
     found = replayed(kept, running.recorded())
     assert found.difference is None
     assert found.missing
-    assert found.inputs == blocks[lost].inputs
+    before = (entry for block in blocks[:lost] for entry in inputs.decode(block.data))
+    assert found.inputs == sum(isinstance(entry, inputs.Input) for entry in before)
 
 
 def test_a_record_that_goes_on_may_have_events_newer_than_its_inputs() -> None:
@@ -523,7 +517,7 @@ def test_a_run_without_inputs_says_plainly_that_it_cannot_be_replayed(
     path: pathlib.Path, write: Write, capsys: Capture
 ) -> None:
     write(a_run())
-    change(path, 'DELETE FROM setup')
+    change(path, 'UPDATE session SET setup = NULL')
     assert main(['replay', str(path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert 'what went into the rules' in line

@@ -27,6 +27,7 @@ import sqlite3
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.encoding import written as as_json
 from evgp_rcs.inputs import CLOSED_BY_KART
 from evgp_rcs.race import Heat, Kart, Race, RaceMemory
 from evgp_rcs.rcs_record import main as rcs_record
@@ -740,7 +741,7 @@ def test_a_report_says_whether_the_run_was_replayed(tmp_path: pathlib.Path) -> N
         database.commit()
     assert re.search(r'<li class=bad>.*The first difference is event 20,', report(record))
     with contextlib.closing(sqlite3.connect(record)) as database:
-        database.execute('DELETE FROM setup')
+        database.execute('UPDATE session SET setup = NULL')
         database.commit()
     assert 'was not replayed' in report(record)
 
@@ -810,15 +811,15 @@ def test_a_report_of_a_run_without_events_can_be_made(tmp_path: pathlib.Path) ->
 
 def test_the_version_of_the_rules_is_that_of_the_run(written: pathlib.Path) -> None:
     with contextlib.closing(sqlite3.connect(written)) as database:
-        database.execute("INSERT OR REPLACE INTO setup VALUES (1, 'rules-1234', '{}')")
+        database.execute("UPDATE session SET rules = 'rules-1234', setup = '{}'")
         database.commit()
     assert 'rules-1234' in report(written)
 
 
 def test_a_kart_has_the_name_of_its_team_also_if_it_never_came(written: pathlib.Path) -> None:
-    setup = PaperRace({7: 'Purdue', 12: 'The <b>Absent</b>'}).setup.to_json()
+    setup = PaperRace({7: 'Purdue', 12: 'The <b>Absent</b>'}).setup
     with contextlib.closing(sqlite3.connect(written)) as database:
-        database.execute('INSERT OR REPLACE INTO setup VALUES (1, ?, ?)', ('rules-1234', setup))
+        database.execute('UPDATE session SET setup = ?', (as_json(setup),))
         database.commit()
     page = report(written)
     assert 'Kart 7 (<bdi>Purdue</bdi>)' in page

@@ -1,0 +1,113 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+How the record writes values of the rules: as JSON, and back.
+
+The types say it all. A dataclass or a named tuple is the list of its fields, an enum its name
+(an ``IntEnum`` its number), a set a sorted list. What does not fit its type is damaged.
+
+Pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+import dataclasses
+import enum
+import functools
+import json
+import types
+from typing import Any, get_args, get_origin, get_type_hints, TypeVar
+
+MOST_SECONDS = 1e10
+"""Maximum time on the clock of the rules that is no damage, in seconds."""
+
+MOST = 2**63
+"""Maximum number of anything that is no damage."""
+
+DAMAGED = (ValueError, LookupError, TypeError, RecursionError)
+"""What `reader` and `json` raise at what is damaged."""
+
+_Value = TypeVar('_Value')
+
+
+def written(value: object) -> str:
+    """Return a value as JSON."""
+    return _encoder.encode(value)
+
+
+def read(kind: type[_Value], text: str) -> _Value:
+    """
+    Return the value of this type that was written.
+
+    :raises ValueError: if it is damaged.
+    """
+    try:
+        value: _Value = reader(kind)(json.loads(text))
+    except DAMAGED as error:
+        raise ValueError(str(error)[:200]) from error
+    return value
+
+
+def _plain(value: Any) -> object:
+    if isinstance(value, enum.Enum):
+        return value.name
+    if isinstance(value, frozenset):
+        return sorted(value)
+    return [getattr(value, field.name) for field in dataclasses.fields(value)]
+
+
+_encoder = json.JSONEncoder(default=_plain, separators=(',', ':'))
+
+
+def reader(kind: Any) -> Callable[[Any], Any]:
+    """Return what makes a value of this type of what JSON has for it; it raises `DAMAGED`."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if kind in _CHECKS:
+        return functools.partial(_checked, kind, _CHECKS[kind])
+    if origin is types.UnionType:
+        some = reader(inner[0])  # the other is None
+        return lambda value: None if value is None else some(value)
+    if origin in (tuple, frozenset):
+        each = reader(inner[0])
+        return lambda value: origin(map(each, _a_list(value)))
+    if origin is Mapping:
+        of_key, of_value = map(reader, inner)
+        return lambda value: {of_key(int(key)): of_value(value[key]) for key in value}
+    if issubclass(kind, enum.Enum):
+        by_name: Callable[[Any], Any] = kind.__getitem__
+        return kind if issubclass(kind, int) else by_name
+    fields = [reader(hint) for hint in get_type_hints(kind).values()]
+    return lambda value: kind(
+        *(of_field(each) for of_field, each in zip(fields, _a_list(value), strict=True))
+    )
+
+
+_CHECKS: Mapping[type[Any], Callable[[Any], bool]] = {
+    str: lambda value: type(value) is str,
+    bool: lambda value: type(value) in (bool, int) and value in (0, 1),  # SQLite has numbers
+    int: lambda value: type(value) is int and 0 <= value < MOST,
+    float: lambda value: type(value) in (int, float) and abs(value) < MOST_SECONDS,
+    list: lambda value: type(value) is list,
+}
+
+
+def _checked(kind: type[Any], fits: Callable[[Any], bool], value: Any) -> Any:
+    if not fits(value):
+        raise ValueError(f'{value!r:.50} is no {kind.__name__}')
+    return kind(value)
+
+
+_a_list = functools.partial(_checked, list, _CHECKS[list])
