@@ -823,7 +823,7 @@ def test_a_kart_has_the_name_of_its_team_also_if_it_never_came(written: pathlib.
         database.commit()
     page = report(written)
     assert 'Kart 7 (<bdi>Purdue</bdi>)' in page
-    assert '"kart":12,"team":"The \\u003cb>Absent' in page
+    assert '"kart":12,"team":"The \\u003cb\\u003eAbsent' in page
 
 
 def test_names_of_others_are_nothing_but_text(tmp_path: pathlib.Path) -> None:

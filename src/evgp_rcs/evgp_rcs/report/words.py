@@ -157,6 +157,11 @@ def command(kind: str | None, kart: int) -> str:
     return f'{label}, kart {kart}' if kart else label
 
 
+def kind(name: str) -> str:
+    """Return what a kind of event is called."""
+    return KINDS.get(name, plain(name))
+
+
 def karts(numbers: list[int]) -> str:
     """Return karts in a few words."""
     if not numbers:
