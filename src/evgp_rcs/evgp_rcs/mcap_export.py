@@ -30,7 +30,6 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.inputs import entries_of, Entry, Input, InputsError, offers, Published, Setup, Shown
 from evgp_rcs.plain import plain
-from evgp_rcs.progress import watched
 from evgp_rcs.race import AlertKind, Event, EventKind, Race, StampedEvent
 from evgp_rcs.record import RecordedEvent
 from evgp_rcs.replay import Kept
@@ -42,6 +41,7 @@ from evgp_rcs.runs import (
     say,
     UNREADABLE,
     UnreadableError,
+    watched,
 )
 
 NS = 1_000_000_000

@@ -36,7 +36,6 @@ from typing import Any, NamedTuple
 from evgp_rcs import inputs
 from evgp_rcs.inputs import Entry, GapError, Input, InputsError, Setup
 from evgp_rcs.plain import plain
-from evgp_rcs.progress import watched
 from evgp_rcs.race import Event, EventKind, Order, StampedEvent
 from evgp_rcs.record import RecordedEvent, Session
 from evgp_rcs.report.model import Account, clock_steps, read
@@ -49,6 +48,7 @@ from evgp_rcs.runs import (
     PARTLY,
     Runs,
     UnreadableError,
+    watched,
 )
 
 OF_THE_SERVER = frozenset(

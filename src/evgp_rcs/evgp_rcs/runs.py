@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 import contextlib
 from dataclasses import dataclass
 import datetime
@@ -28,7 +28,6 @@ import sys
 from typing import TypeVar
 
 from evgp_rcs.plain import plain
-from evgp_rcs.progress import watched
 from evgp_rcs.race import EventKind
 from evgp_rcs.record import (
     default_path,
@@ -68,6 +67,16 @@ class UnreadableError(RuntimeError):
 def say(text: str) -> None:
     """Say something about the work, apart from what it prints."""
     print(f'rcs_record: {plain(text)}', file=sys.stderr)
+
+
+def watched(items: Iterable[_Row], total: int, what: str) -> Iterable[_Row]:
+    """Return the items; a terminal shows meanwhile how many of about so many are done."""
+    if not sys.stderr.isatty():
+        return items
+    from rich.console import Console  # loads in 0.1 s, and most never need it
+    from rich.progress import track
+
+    return track(items, what, total, console=Console(stderr=True), transient=True)
 
 
 @dataclass
@@ -111,7 +120,7 @@ class Runs:
     def events(self, run: Session) -> list[RecordedEvent]:
         """Return the events of a run that can be read, in order."""
 
-        def read(after: int, backwards: bool) -> Iterator[RecordedEvent]:
+        def read(after: int, backwards: bool) -> Iterable[RecordedEvent]:
             rows = events(self.database, run.number, after, backwards)
             return watched(rows, run.events, 'Reading the events')
 
@@ -134,7 +143,7 @@ class Runs:
             return None
 
     def _readable(
-        self, read: Callable[[int, bool], Iterator[_Row]], number: Callable[[_Row], int]
+        self, read: Callable[[int, bool], Iterable[_Row]], number: Callable[[_Row], int]
     ) -> list[_Row]:
         """Return rows up to where the record is damaged, and those behind it."""
         found: list[_Row] = []
