@@ -49,10 +49,6 @@ NS = 1_000_000_000
 NODE = 'rcs'
 """The node's name in the bag, whatever it was when the record was made."""
 
-_STATES = dict(RaceState.__members__)
-_COMMANDS = dict(CommandKind.__members__)
-_ALERTS = dict(AlertKind.__members__)
-
 DIAGNOSTICS_EVERY = 1.0
 """Time between two messages of diagnostics, in seconds."""
 
@@ -159,17 +155,15 @@ def _events(happened: Sequence[RecordedEvent], shifts: Sequence[int]) -> Iterato
 
     both = list(zip(happened, shifts, strict=True))
     for each, shift in watched(both, len(both), 'Writing the bag'):
-        if each.kind not in EventKind.__members__:
-            continue  # no message can say it
         event = Event(
             EventKind[each.kind],
             each.text,
             each.kart,
-            _STATES.get(each.state or ''),
-            _COMMANDS.get(each.command or ''),
+            RaceState[each.state] if each.state else None,
+            CommandKind[each.command] if each.command else None,
             each.success,
             official=each.official,
-            alert=_ALERTS.get(each.alert or ''),
+            alert=AlertKind[each.alert] if each.alert else None,
         )
         stamped = StampedEvent(each.sequence, each.wall_ns, each.monotonic, event)
         yield f'/{NODE}/events', each.wall_ns + shift, event_message(stamped)

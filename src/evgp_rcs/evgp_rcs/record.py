@@ -77,11 +77,13 @@ import time
 from typing import Any, IO
 
 from evgp_protocol import clock
+from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.encoding import DAMAGED, read, reader, written
 from evgp_rcs.folder import rcs_folder
 from evgp_rcs.inputs import Block, joined, Setup
 from evgp_rcs.orderly_end import OrderlyEnd
-from evgp_rcs.race import EventKind, RaceMemory, StampedEvent
+from evgp_rcs.race import AlertKind, EventKind, RaceMemory, StampedEvent
 
 SCHEMA_VERSION = 5
 
@@ -755,6 +757,18 @@ def events(
                 f'event {row[0]!r} of run {session} is damaged: {error}'
             ) from error
         # For what is missing at the end of a file, SQLite has zeros.
-        if event.kart >= 2**32 or any('\0' in value for value in row if isinstance(value, str)):
+        zeros = any('\0' in value for value in row if isinstance(value, str))
+        known = all(getattr(event, column) in names for column, names in _NAMES.items())
+        if zeros or not known or event.kart >= 2**32:
             raise sqlite3.DatabaseError(f'event {event.sequence} of run {session} is damaged')
         yield event
+
+
+_NAMES: dict[str, set[str | None]] = {
+    'kind': {*EventKind.__members__},
+    'command': {None, *CommandKind.__members__},
+    'state': {None, *RaceState.__members__},
+    'alert': {None, *AlertKind.__members__},
+    'hold': {None, *RaceState.__members__},
+}
+"""What can stand in some columns of an event."""

@@ -328,6 +328,7 @@ def a_value_of_another_type(path: pathlib.Path) -> None:
     with contextlib.closing(sqlite3.connect(path)) as database:
         database.execute("UPDATE event SET monotonic = 'noon' WHERE session = 2 AND sequence = 9")
         database.execute("UPDATE event SET text = x'ff00' WHERE session = 2 AND sequence = 99")
+        database.execute("UPDATE event SET state = 'BLUE' WHERE session = 2 AND sequence = 199")
         database.commit()
 
 

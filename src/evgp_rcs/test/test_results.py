@@ -84,7 +84,7 @@ def test_a_time_is_from_green_green_to_the_finish(paper: PaperRace) -> None:
     found = results(paper)
     assert list(found) == [9, 7, 8]
     assert [each.place for each in found.values()] == [1, 2, 0]
-    assert [each.seconds for each in found.values()] == [30.0, 31.5, None]
+    assert [each.finished for each in found.values()] == [31.0, 32.5, None]
 
 
 def test_a_finish_that_was_undone_is_none_and_later_places_move_up(paper: PaperRace) -> None:

@@ -27,6 +27,7 @@ import dataclasses
 from dataclasses import dataclass, field
 import enum
 from itertools import pairwise
+from typing import NamedTuple, TypeVar
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
@@ -45,7 +46,6 @@ NOT_CONNECTED = 'NOT_CONNECTED'
 NOT_KNOWN = 'NOT_KNOWN'
 """In the place of a state: the record does not say what the kart was sent."""
 
-
 STOPS = frozenset(kind.name for kind, entry in CATALOGUE.items() if entry.stop)
 SENDS_RED = STOPS | {
     kind.name for kind, entry in CATALOGUE.items() if entry.result.race == (RaceState.RED_RED,)
@@ -54,36 +54,25 @@ SENDS_RED = STOPS | {
 
 @dataclass
 class Band:
-    """
-    A time in which something stayed the same.
-
-    :param what: the name of a ``RaceState``, `NOT_CONNECTED` or `NOT_KNOWN`.
-    :param acknowledged: when the kart first acknowledged it; None: not in this time.
-    :param sequence: the event it begins with; 0: none.
-    """
+    """A time in which something was sent: a state, `NOT_CONNECTED` or `NOT_KNOWN`."""
 
     start: float
     end: float
     what: str
     acknowledged: float | None = None
-    sequence: int = 0
+    """When the kart first acknowledged it; None: not in this time."""
 
 
 @dataclass
 class Hold:
-    """
-    A time in which a kart was held on its own account, as far as the events say.
-
-    :param command: the name of the stop that it began with; empty: it began with none.
-    """
+    """A time in which a kart was certainly held; `command`: the stop it began with, or empty."""
 
     start: float
     end: float
     command: str
 
 
-@dataclass(frozen=True)
-class Mark:
+class Mark(NamedTuple):
     """A moment on a kart's lane: the name of an ``EventKind``."""
 
     at: float
@@ -93,17 +82,18 @@ class Mark:
 
 @dataclass
 class Lane:
-    """
-    One kart: what it was sent, when it was known to be held, and what it said or lost.
-
-    :param team: the name of its team; empty: not recorded.
-    """
+    """One kart: what it was sent, when it was held, and what it said or lost."""
 
     kart: int
-    team: str = ''
-    bands: list[Band] = field(default_factory=list)
+    team: str
+    bands: list[Band]
     holds: list[Hold] = field(default_factory=list)
     marks: list[Mark] = field(default_factory=list)
+
+    @property
+    def sent(self) -> str:
+        """Return what it was sent last."""
+        return self.bands[-1].what
 
 
 @dataclass
@@ -129,79 +119,51 @@ class Alert:
         return self.ended is None and not self.lost_sight
 
 
-@dataclass(frozen=True)
-class Finish:
-    """A kart in its place, and when it was marked as finished."""
-
-    kart: int
-    at: float
-
-
 class Why(enum.Enum):
     """Why a kart has no place."""
 
-    LOST = 'LOST'
-    STOPPED_ALONE = 'STOPPED_ALONE'
-    STOPPED = 'STOPPED'
-    FINISH_UNDONE = 'FINISH_UNDONE'
-    RACE_STOPPED = 'RACE_STOPPED'
-    RACE_CONTROL_ENDED = 'RACE_CONTROL_ENDED'
-    STILL_RACING = 'STILL_RACING'
-    NOT_KNOWN = 'NOT_KNOWN'
+    LOST = 'it lost its connection'
+    STOPPED_ALONE = 'an official stopped it alone'
+    STOPPED = 'it was stopped'
+    FINISH_UNDONE = 'its finish was undone after it had been stopped'
+    RACE_STOPPED = 'the race was stopped first'
+    RACE_CONTROL_ENDED = 'race control ended first'
+    STILL_RACING = 'it was still racing at the end of the record'
+    NOT_KNOWN = 'not known: events are missing, and it may have finished'
 
 
-@dataclass(frozen=True)
-class Out:
-    """
-    Why a kart did not finish, and since when.
-
-    :param sequence: the event that says so; 0: none.
-    """
+class Out(NamedTuple):
+    """Why a kart did not finish, since when, and by which event; 0: none."""
 
     why: Why
     at: float
     sequence: int = 0
 
 
-@dataclass(frozen=True)
-class Result:
-    """
-    What became of a starter.
-
-    :param place: from 1; 0: it did not finish.
-    :param seconds: the time from GREEN_GREEN to its finish; None: not finished, or not known.
-    :param finished: when it was marked as finished; None: it was not.
-    :param out: why it did not finish; None: it did.
-    """
+class Result(NamedTuple):
+    """What became of a starter: its place and when it was marked as finished, or why not."""
 
     kart: int
     place: int = 0
-    seconds: float | None = None
     finished: float | None = None
     out: Out | None = None
 
 
 class Silence(enum.Enum):
-    """Why the record has no acknowledgement of what a kart was told, as far as it says."""
+    """Why the record has no acknowledgement of a stop, as far as it says, and since when."""
 
-    LOST = 'LOST'
-    """It lost its connection first."""
-    TOLD_ELSE = 'TOLD_ELSE'
-    """It was sent another state first."""
-    NOT_KNOWN = 'NOT_KNOWN'
-    """Events are missing: it may have acknowledged there."""
-    RECORD_ENDS = 'RECORD_ENDS'
-    """Until the record ends it had not."""
+    LOST = 'not acknowledged: it lost its connection at {}'
+    TOLD_ELSE = 'not acknowledged before it was sent another state, at {}'
+    NOT_KNOWN = 'not known: events are missing from {} on'
+    RECORD_ENDS = 'not acknowledged'
 
 
-@dataclass(frozen=True)
-class Told:
+class Told(NamedTuple):
     """
     What a kart was sent at a stop, and when it acknowledged that.
 
     :param what: `NOT_CONNECTED`: it was sent nothing. `NOT_KNOWN`: the record does not say.
     :param since: when it was first sent that: before the stop, if it was being sent it already.
-    :param acknowledged: when it first acknowledged it; None: not before `until`.
     :param until: when something else followed.
     :param silence: why there is no acknowledgement; None: there is one, or nothing was sent.
     """
@@ -211,16 +173,10 @@ class Told:
     since: float
     acknowledged: float | None
     until: float
-    silence: Silence | None = None
-
-    @property
-    def sent(self) -> bool:
-        """Return whether the record has it that it was sent anything."""
-        return self.what not in (NOT_CONNECTED, NOT_KNOWN)
+    silence: Silence | None
 
 
-@dataclass(frozen=True)
-class Stop:
+class Stop(NamedTuple):
     """
     A stop, and what each kart was sent that it concerned.
 
@@ -234,31 +190,17 @@ class Stop:
 
     def slowest(self) -> Told | None:
         """Return who took longest of those that it told something new, and acknowledged."""
-        return max(
-            (
-                each
-                for each in self.told
-                if each.since == self.at and each.acknowledged is not None
-            ),
-            key=lambda each: (each.acknowledged or 0.0) - each.since,
-            default=None,
-        )
+        new = (each for each in self.told if each.since == self.at and each.acknowledged)
+        return max(new, key=lambda each: each.acknowledged or 0.0, default=None)
 
 
-@dataclass(frozen=True)
-class Change:
-    """
-    A race went to another state.
-
-    :param state: the name of a ``RaceState``, or `NOT_KNOWN`.
-    :param sequence: the event that says so, and why.
-    :param by: the number of the command's event that brought it about; 0: none did.
-    """
+class Change(NamedTuple):
+    """A race went to a state, by the command of the event `by`; 0: by none."""
 
     at: float
     state: str
     sequence: int
-    by: int = 0
+    by: int
 
 
 @dataclass
@@ -268,14 +210,12 @@ class Race:
 
     :param began: the first time that is known of it.
     :param heat: the name of the heat that an official had put into the race; empty: none.
-    :param changes: of its state, in order.
     :param starters: who was sent GREEN_GREEN.
-    :param finished: in the order of their places.
+    :param finished: who was marked as finished when, in the order of their places.
     :param out: why each starter that dropped out did so, before it finished.
     :param results: race control's own sentence; empty: none was recorded.
-    :param incidents: the numbers of the events that a jury asks about first.
-    :param stops: the numbers of the events that are stops, of all or of one kart.
-    :param refused: the numbers of the commands that race control refused in it.
+    :param incidents: the numbers of the events that a jury asks about first; ``stops``: of those
+        that are stops, of all or of one kart; ``refused``: of the commands that were refused.
     :param taken_up: it was under way when the run began.
     :param incomplete: events are missing in it.
     """
@@ -283,41 +223,39 @@ class Race:
     number: int
     began: float
     heat: str
+    taken_up: bool
+    incomplete: bool
     changes: list[Change] = field(default_factory=list)
     starters: list[int] = field(default_factory=list)
-    finished: list[Finish] = field(default_factory=list)
+    finished: dict[int, float] = field(default_factory=dict)
     out: dict[int, Out] = field(default_factory=dict)
     results: str = ''
     incidents: list[int] = field(default_factory=list)
     stops: list[int] = field(default_factory=list)
     refused: list[int] = field(default_factory=list)
-    taken_up: bool = False
-    incomplete: bool = False
 
-    def first(self, *states: str) -> Change | None:
-        """Return its first change to one of these states; None: the record has none."""
+    def _first(self, *states: str) -> Change | None:
         return next((change for change in self.changes if change.state in states), None)
 
     @property
     def green(self) -> float | None:
         """Return when it was started; None: never, or the record does not say."""
-        change = self.first(GREEN_GREEN)
+        change = self._first(GREEN_GREEN)
         return change.at if change is not None else None
 
     @property
     def stop(self) -> Change | None:
         """Return what stopped it as a whole; None: nothing did."""
-        return self.first(RED_FLAG, RED_RED)
+        return self._first(RED_FLAG, RED_RED)
 
     @property
     def garage(self) -> float | None:
         """Return when it went back to IN_GARAGE; None: it had not."""
-        change = self.first(IN_GARAGE)
+        change = self._first(IN_GARAGE)
         return change.at if change is not None else None
 
 
-@dataclass(frozen=True)
-class Gap:
+class Gap(NamedTuple):
     """Events that the record does not have, between two that it has."""
 
     start: float
@@ -325,8 +263,7 @@ class Gap:
     missing: int
 
 
-@dataclass(frozen=True)
-class ClockStep:
+class ClockStep(NamedTuple):
     """
     The wall time goes on by so many seconds more, since the event before, than time did.
 
@@ -356,18 +293,13 @@ class Account:
     length: float
     lanes: list[Lane]
     race_bands: list[Band]
-    races: list[Race]
-    alerts: list[Alert]
-    commands: list[RecordedEvent]
-    gaps: list[Gap]
     clock_steps: list[ClockStep]
-    outside: list[int]
-    ended: RecordedEvent | None
-
-    @property
-    def in_order(self) -> bool:
-        """Return whether the run has ended in good order, by its own events."""
-        return self.ended is not None and self.ended.success
+    races: list[Race] = field(default_factory=list)
+    alerts: list[Alert] = field(default_factory=list)
+    commands: list[RecordedEvent] = field(default_factory=list)
+    gaps: list[Gap] = field(default_factory=list)
+    outside: list[int] = field(default_factory=list)
+    ended: RecordedEvent | None = None
 
     def at(self, event: RecordedEvent) -> float:
         """Return when an event happened."""
@@ -376,13 +308,12 @@ class Account:
 
     def results(self, race: Race) -> list[Result]:
         """Return what became of each starter of a race: in the order of places, then the rest."""
-        green = race.green
-        finished = [
-            Result(each.kart, place, None if green is None else each.at - green, each.at)
-            for place, each in enumerate(race.finished, 1)
+        finished = enumerate(race.finished.items(), 1)
+        rest = sorted(set(race.starters) - race.finished.keys())
+        return [
+            *(Result(kart, place, at) for place, (kart, at) in finished),
+            *(Result(kart, out=self._out(race, kart)) for kart in rest),
         ]
-        rest = sorted(set(race.starters) - {each.kart for each in finished})
-        return finished + [Result(kart, out=self._out(race, kart)) for kart in rest]
 
     def stops(self, race: Race) -> list[Stop]:
         """Return the stops of a race, and what they told to whom; of the account of all karts."""
@@ -395,28 +326,21 @@ class Account:
         for lane in self.lanes:
             if event.kart not in (0, lane.kart):
                 continue
-            number = next((n for n, band in enumerate(lane.bands) if band.end > at), -1)
-            band, *after = lane.bands[number:] if number >= 0 else lane.bands[-1:]
-            concerned = band.what in (RED_FLAG, RED_RED) or (
-                # It should have been told.
-                band.what in (NOT_CONNECTED, NOT_KNOWN)
-                and lane.kart in (event.kart, *race.starters)
+            later = [band for band in lane.bands if band.end > at]
+            band, *after = later or lane.bands[-1:]
+            sent = band.what not in (NOT_CONNECTED, NOT_KNOWN)
+            if sent and band.what not in (RED_FLAG, RED_RED):
+                continue
+            if not sent and lane.kart not in (event.kart, *race.starters):
+                continue  # nobody had to tell it
+            ends = self.ended is not None and band.end >= self.at(self.ended)
+            then = after[0].what if after and not ends else ''
+            silence = None
+            if sent and band.acknowledged is None:
+                silence = _SILENCE.get(then, Silence.TOLD_ELSE)
+            told.append(
+                Told(lane.kart, band.what, band.start, band.acknowledged, band.end, silence)
             )
-            if concerned:
-                ends = self.ended is not None and band.end >= self.at(self.ended)
-                then = after[0].what if after and not ends else ''
-                told.append(
-                    Told(
-                        lane.kart,
-                        band.what,
-                        band.start,
-                        band.acknowledged,
-                        band.end,
-                        None
-                        if band.what in (NOT_CONNECTED, NOT_KNOWN) or band.acknowledged is not None
-                        else _SILENCE.get(then, Silence.TOLD_ELSE),
-                    )
-                )
         return Stop(event.sequence, at, tuple(told))
 
     def _out(self, race: Race, kart: int) -> Out:
@@ -466,192 +390,159 @@ def read(events: Iterable[RecordedEvent], teams: Mapping[int, str] | None = None
     return _Reading(list(events), teams or {}).account
 
 
-class _Kart:
-    """What is known of one kart while the events go by."""
-
-    def __init__(self, lane: Lane) -> None:
-        self.lane = lane
-        self.hold: Hold | None = None
-
-    @property
-    def sent(self) -> str:
-        """Return what it is sent now, `NOT_CONNECTED` or `NOT_KNOWN`."""
-        return self.lane.bands[-1].what
-
-
 class _Reading:
     """One pass over the events."""
 
     def __init__(self, events: list[RecordedEvent], teams: Mapping[int, str]) -> None:
-        self._first = events[0].monotonic if events else 0.0
-        self._length = events[-1].monotonic - self._first if events else 0.0
-        whole = not events or events[0].sequence == 1
-        # No kart is connected when a run begins.
-        before = NOT_CONNECTED if whole else NOT_KNOWN
-        # What a refused command names need not be a kart of the roster.
-        numbers = {event.kart for event in events if event.kart and not _refused(event)}
-        numbers.update(teams)
-        self._karts = {
-            number: _Kart(Lane(number, teams.get(number, ''), [Band(0.0, self._length, before)]))
-            for number in sorted(numbers)
-        }
-        # Every run begins in IN_GARAGE; one that takes up a race says so with its first event.
-        state = IN_GARAGE if whole else NOT_KNOWN
-        self._race_bands = [Band(0.0, self._length, state)]
+        first = events[0] if events else None
+        length = events[-1].monotonic - events[0].monotonic if events else 0.0
+        missing = events[0].sequence - 1 if events else 0
+        # No kart is connected when a run begins, in IN_GARAGE. One that takes up a race says so
+        # with its first event. What a refused command names need not be a kart of the roster.
+        refused = EventKind.COMMAND.name, False
+        numbers = {event.kart for event in events if (event.kind, event.success) != refused}
+        lanes = [
+            Lane(
+                number,
+                teams.get(number, ''),
+                [Band(0.0, length, NOT_KNOWN if missing else NOT_CONNECTED)],
+            )
+            for number in sorted((numbers | teams.keys()) - {0})
+        ]
+        self._lanes = {lane.kart: lane for lane in lanes}
+        self._holds: dict[int, Hold] = {}  # those that last
+        self._standing: dict[tuple[int, str | None], Alert] = {}
         self._race: Race | None = None
-        self._alerts = _Alerts()
-        self._before: RecordedEvent | None = None
         self._command: RecordedEvent | None = None  # the last that was accepted
-        self.account = Account(
-            events,
-            events[0] if events else None,
-            self._length,
-            lanes=[],
-            race_bands=[],
-            races=[],
-            alerts=[],
-            commands=[],
-            gaps=[],
-            clock_steps=clock_steps(events),
-            outside=[],
-            ended=None,
-        )
-        if not whole:
-            self.account.gaps.append(Gap(0.0, 0.0, events[0].sequence - 1))
-        for event in events:
-            self._take(event)
-        for kart in self._karts.values():
-            kart.lane.bands = _lasting(kart.lane.bands)
-            kart.lane.holds = [hold for hold in kart.lane.holds if hold.end > hold.start]
-            self.account.lanes.append(kart.lane)
-        self.account.race_bands = _lasting(self._race_bands)
-        self.account.alerts = self._alerts.told
+        race_bands = [Band(0.0, length, NOT_KNOWN if missing else IN_GARAGE)]
+        self.account = Account(events, first, length, lanes, race_bands, clock_steps(events))
+        if missing:
+            self.account.gaps.append(Gap(0.0, 0.0, missing))
+        for before, event in pairwise([None, *events]):
+            assert event is not None
+            self._take(before, event)
+        for lane in lanes:
+            lane.bands = _lasting(lane.bands)
+            lane.holds = [hold for hold in lane.holds if hold.end > hold.start]
+        self.account.race_bands = _lasting(race_bands)
 
     @property
     def _state(self) -> str:
-        return self._race_bands[-1].what
+        return self.account.race_bands[-1].what
 
-    def _take(self, event: RecordedEvent) -> None:
-        at = event.monotonic - self._first
-        if self._before is not None:
-            self._compare(self._before, event, at)
-        self._before = event
+    def _take(self, before: RecordedEvent | None, event: RecordedEvent) -> None:
+        at = self.account.at(event)
+        if before is not None and event.sequence > before.sequence + 1:
+            self._lose_sight(self.account.at(before), at, event.sequence - before.sequence - 1)
         self._race = self._race_of(event, at)
-        take: Callable[[_Reading, RecordedEvent, float], object] | None = _TAKES.get(event.kind)
-        if take is None and event.kart in self._karts:
-            take = _TAKES_OF_A_KART.get(event.kind)
+        take = _TAKES.get(event.kind)
+        lane = self._lanes.get(event.kart)
         if take is not None:
             take(self, event, at)
+        elif lane is not None and event.kind in _TAKES_OF_A_KART:
+            if event.kind != EventKind.KART_STATE.name:
+                lane.marks.append(Mark(at, event.kind, event.sequence))
+            _TAKES_OF_A_KART[event.kind](self, lane, event, at)
         if event.kind not in _OF_THE_SERVER:
             self._see_holds(event, at)
 
-    def _compare(self, before: RecordedEvent, event: RecordedEvent, at: float) -> None:
-        """Look for missing events."""
-        missing = event.sequence - before.sequence - 1
-        if not missing:
-            return
-        since = before.monotonic - self._first
+    def _lose_sight(self, since: float, at: float, missing: int) -> None:
+        """Take note of missing events: what stands may have ended there."""
         self.account.gaps.append(Gap(since, at, missing))
-        _change(self._race_bands, since, NOT_KNOWN)
-        for kart in self._karts.values():
-            _change(kart.lane.bands, since, NOT_KNOWN)
+        _change(self.account.race_bands, since, NOT_KNOWN)
+        for kart, lane in self._lanes.items():
+            _change(lane.bands, since, NOT_KNOWN)
             self._release(kart, since)
-        self._alerts.lose_sight()
+        for alert in self._standing.values():
+            alert.lost_sight = True
+        self._standing.clear()
         self._command = None
         for race in self.account.races[-1:]:
             race.incomplete |= race.garage is None
 
     # ----- karts --------------------------------------------------------------------------
 
-    def _mark(self, event: RecordedEvent, at: float) -> _Kart:
-        kart = self._karts[event.kart]
-        kart.lane.marks.append(Mark(at, event.kind, event.sequence))
-        return kart
-
-    def _connected(self, event: RecordedEvent, at: float) -> None:
+    def _connected(self, lane: Lane, event: RecordedEvent, at: float) -> None:
         # What it is sent follows, in an event of its own.
-        _change(self._mark(event, at).lane.bands, at, NOT_KNOWN, event.sequence)
+        _change(lane.bands, at, NOT_KNOWN)
 
-    def _disconnected(self, event: RecordedEvent, at: float) -> None:
-        _change(self._mark(event, at).lane.bands, at, NOT_CONNECTED, event.sequence)
+    def _disconnected(self, lane: Lane, event: RecordedEvent, at: float) -> None:
+        _change(lane.bands, at, NOT_CONNECTED)
         if self.account.ended is None:
             if self._race is not None:
                 self._incident(event)
             self._drops_out(event, at, Why.LOST)
 
-    def _kart_state(self, event: RecordedEvent, at: float) -> None:
-        kart = self._karts[event.kart]
-        state = _state_of(event)
-        if kart.sent == NOT_CONNECTED:
+    def _kart_state(self, lane: Lane, event: RecordedEvent, at: float) -> None:
+        if lane.sent == NOT_CONNECTED:
             return  # what it would be sent
-        _change(kart.lane.bands, at, state, event.sequence)
+        state = event.state or NOT_KNOWN
+        _change(lane.bands, at, state)
         if state == GREEN_GREEN and self._race is not None:
             if event.kart not in self._race.starters:
                 self._race.starters.append(event.kart)
         elif self._state == GREEN_GREEN:
             self._drops_out(event, at, Why.STOPPED)
 
-    def _acknowledged(self, event: RecordedEvent, at: float) -> None:
-        kart = self._mark(event, at)
-        state = _state_of(event)
-        if kart.sent == NOT_KNOWN:
+    def _acknowledged(self, lane: Lane, event: RecordedEvent, at: float) -> None:
+        state = event.state or NOT_KNOWN
+        if lane.sent == NOT_KNOWN:
             # Only what a kart is being sent can be acknowledged.
-            _change(kart.lane.bands, at, state)
-        band = kart.lane.bands[-1]
+            _change(lane.bands, at, state)
+        band = lane.bands[-1]
         if band.what == state and band.acknowledged is None:
             band.acknowledged = at
 
-    def _withdrawn(self, event: RecordedEvent, at: float) -> None:
-        kart = self._mark(event, at)
-        if kart.sent in (RED_FLAG, RED_RED):
+    def _withdrawn(self, lane: Lane, event: RecordedEvent, at: float) -> None:
+        if lane.sent in (RED_FLAG, RED_RED):
             self._incident(event)  # it had stopped, by its own word
+
+    def _marked(self, lane: Lane, event: RecordedEvent, at: float) -> None:
+        """Nothing but the mark."""
 
     def _see_holds(self, event: RecordedEvent, at: float) -> None:
         """Take note of how the event says that its kart is held, or every kart."""
         command = event.command if event.success and event.command in STOPS else ''
-        for number, kart in self._karts.items():
-            if event.hold and event.kart in (0, number) and kart.hold is None:
-                kart.hold = Hold(at, self._length, command or '')
-                kart.lane.holds.append(kart.hold)
-            elif event.hold is None and event.kart == number:
-                self._release(kart, at)
+        if event.hold is None:
+            self._release(event.kart, at)
+            return
+        for number in [event.kart] if event.kart else self._lanes:
+            if number in self._lanes and number not in self._holds:
+                self._holds[number] = Hold(at, self.account.length, command or '')
+                self._lanes[number].holds.append(self._holds[number])
 
-    def _release(self, kart: _Kart, at: float) -> None:
-        if kart.hold is not None:
-            kart.hold.end = at
-            kart.hold = None
+    def _release(self, kart: int, at: float) -> None:
+        if kart in self._holds:
+            self._holds.pop(kart).end = at
 
     # ----- the race -----------------------------------------------------------------------
 
-    def _race_state(self, event: RecordedEvent, at: float) -> None:
-        before = self._state
-        state = _state_of(event)
-        _change(self._race_bands, at, state, event.sequence)
-        cause = self._cause(event)
-        by = cause.sequence if cause is not None else 0
-        change = Change(at, state, event.sequence, by)
-        race = self._race
-        if race is not None:
-            race.changes.append(change)
-            if change is race.stop and change.by:
-                # Who was stopped with all others was not stopped alone.
-                race.out = {
-                    kart: out for kart, out in race.out.items() if out.sequence != change.by
-                }
-            goes_on = event.sequence != 1 and before != NOT_KNOWN
-            if state in (RED_FLAG, RED_RED) and goes_on and by not in race.stops:
-                race.stops.append(event.sequence)
-
     def _race_of(self, event: RecordedEvent, at: float) -> Race | None:
         """Return the race that was under way; None: none was."""
+        races = self.account.races
         if not event.race:
             return None
-        if not self.account.races or self.account.races[-1].number != event.race:
-            race = Race(event.race, at, event.heat)
-            race.taken_up = event.command != CommandKind.GRID_ACTIVE.name
-            race.incomplete = race.taken_up and event.sequence != 1
-            self.account.races.append(race)
-        return self.account.races[-1]
+        if not races or races[-1].number != event.race:
+            taken_up = event.command != CommandKind.GRID_ACTIVE.name
+            incomplete = taken_up and event.sequence != 1
+            races.append(Race(event.race, at, event.heat, taken_up, incomplete))
+        return races[-1]
+
+    def _race_state(self, event: RecordedEvent, at: float) -> None:
+        before, state = self._state, event.state or NOT_KNOWN
+        _change(self.account.race_bands, at, state)
+        race = self._race
+        if race is None:
+            return
+        cause = self._cause(event)
+        change = Change(at, state, event.sequence, cause.sequence if cause is not None else 0)
+        race.changes.append(change)
+        if change is race.stop and change.by:
+            # Who was stopped with all others was not stopped alone.
+            race.out = {kart: out for kart, out in race.out.items() if out.sequence != change.by}
+        goes_on = event.sequence != 1 and before != NOT_KNOWN
+        if state in (RED_FLAG, RED_RED) and goes_on and change.by not in race.stops:
+            race.stops.append(event.sequence)
 
     def _cause(self, event: RecordedEvent) -> RecordedEvent | None:
         """Return the event of the command that caused this one: it stands before its effects."""
@@ -659,41 +550,38 @@ class _Reading:
 
     def _commanded(self, event: RecordedEvent, at: float) -> None:
         self.account.commands.append(event)
-        if not event.success and self._race is not None:
-            self._race.refused.append(event.sequence)
-        if not event.success or event.command is None:
+        race = self._race
+        if not event.success:
+            if race is not None:
+                race.refused.append(event.sequence)
             return
         self._command = event
-        if event.command in SENDS_RED and self._race is not None:
-            self._race.stops.append(event.sequence)
+        if event.command in SENDS_RED and race is not None:
+            race.stops.append(event.sequence)
         if event.command in STOPS:
             self._incident(event)
-        if self._race is None or event.kart not in self._karts:
+        if race is None or event.kart not in self._lanes:
             return
         if event.command == CommandKind.KART_FINISH.name:
-            self._race.finished.append(Finish(event.kart, at))
+            race.finished[event.kart] = at
         elif event.command == CommandKind.KART_UNDO_FINISH.name:
-            # Later places move up.
-            self._race.finished = [each for each in self._race.finished if each.kart != event.kart]
-            if self._karts[event.kart].sent != GREEN_GREEN:
+            race.finished.pop(event.kart, None)  # later places move up
+            if self._lanes[event.kart].sent != GREEN_GREEN:
                 self._drops_out(event, at, Why.FINISH_UNDONE)
 
     def _drops_out(self, event: RecordedEvent, at: float, why: Why) -> None:
-        race = self._race
+        race, kart = self._race, event.kart
         if race is None or race.green is None or race.stop is not None:
             return
-        if event.kart not in race.starters or event.kart in race.out:
-            return
-        if all(each.kart != event.kart for each in race.finished):
+        if kart in race.starters and kart not in race.out and kart not in race.finished:
             cause = self._cause(event)
             if why is Why.STOPPED and cause is not None and cause.kart:
                 why = Why.STOPPED_ALONE
-            race.out[event.kart] = Out(why, at, (cause or event).sequence)
+            race.out[kart] = Out(why, at, (cause or event).sequence)
             self._incident(cause or event)
 
     def _incident(self, event: RecordedEvent) -> None:
-        race = self._race
-        incidents = self.account.outside if race is None else race.incidents
+        incidents = self.account.outside if self._race is None else self._race.incidents
         if event.sequence not in incidents[-1:]:
             incidents.append(event.sequence)
 
@@ -704,17 +592,23 @@ class _Reading:
     # ----- the rest -----------------------------------------------------------------------
 
     def _alert_raised(self, event: RecordedEvent, at: float) -> None:
-        self._alerts.raised(event, at)
+        alert = Alert(event.kart, at, event.text, event.sequence)
+        self.account.alerts.append(alert)
+        self._standing[event.kart, event.alert] = alert
 
     def _alert_cleared(self, event: RecordedEvent, at: float) -> None:
-        self._alerts.cleared(event, at)
+        alert = self._standing.pop((event.kart, event.alert), None)
+        if alert is None:
+            alert = Alert(event.kart, None, event.text, event.sequence)
+            self.account.alerts.append(alert)
+        alert.ended = at
 
     def _race_control_ends(self, event: RecordedEvent, at: float) -> None:
         self.account.ended = event
-        for kart in self._karts.values():
-            if kart.sent not in (NOT_CONNECTED, NOT_KNOWN):
+        for lane in self._lanes.values():
+            if lane.sent not in (NOT_CONNECTED, NOT_KNOWN):
                 # The last that every connected kart hears.
-                _change(kart.lane.bands, at, RED_RED, event.sequence)
+                _change(lane.bands, at, RED_RED)
 
 
 _OF_THE_SERVER = {
@@ -722,7 +616,7 @@ _OF_THE_SERVER = {
 }
 """Events that say nothing of holds: the rules do not make them."""
 
-_TAKES = {
+_TAKES: Mapping[str, Callable[[_Reading, RecordedEvent, float], None]] = {
     EventKind.COMMAND.name: _Reading._commanded,
     EventKind.RACE_STATE.name: _Reading._race_state,
     EventKind.ALERT_RAISED.name: _Reading._alert_raised,
@@ -731,59 +625,23 @@ _TAKES = {
     EventKind.ENDED.name: _Reading._race_control_ends,
 }
 
-_TAKES_OF_A_KART = {
+_TAKES_OF_A_KART: Mapping[str, Callable[[_Reading, Lane, RecordedEvent, float], None]] = {
     EventKind.KART_STATE.name: _Reading._kart_state,
     EventKind.ACKNOWLEDGED.name: _Reading._acknowledged,
     EventKind.WITHDRAWN.name: _Reading._withdrawn,
-    EventKind.REPORTED.name: _Reading._mark,
-    EventKind.MALFORMED.name: _Reading._mark,
-    EventKind.SLOW_LINK.name: _Reading._mark,
-    EventKind.REFUSED_CONNECTION.name: _Reading._mark,
+    EventKind.REPORTED.name: _Reading._marked,
+    EventKind.MALFORMED.name: _Reading._marked,
+    EventKind.SLOW_LINK.name: _Reading._marked,
+    EventKind.REFUSED_CONNECTION.name: _Reading._marked,
     EventKind.CONNECTED.name: _Reading._connected,
     EventKind.DISCONNECTED.name: _Reading._disconnected,
 }
 
 
-class _Alerts:
-    """Which alert ended when."""
-
-    def __init__(self) -> None:
-        self.told: list[Alert] = []
-        self._standing: dict[tuple[int, str | None], Alert] = {}
-
-    def raised(self, event: RecordedEvent, at: float) -> None:
-        alert = Alert(event.kart, at, event.text, event.sequence)
-        self.told.append(alert)
-        self._standing[event.kart, event.alert] = alert
-
-    def cleared(self, event: RecordedEvent, at: float) -> None:
-        alert = self._standing.pop((event.kart, event.alert), None)
-        if alert is None:
-            alert = Alert(event.kart, None, event.text, event.sequence)
-            self.told.append(alert)
-        alert.ended = at
-
-    def lose_sight(self) -> None:
-        """Take note that events are missing: what stands may have ended there."""
-        for alert in self._standing.values():
-            alert.lost_sight = True
-        self._standing.clear()
-
-
-def _refused(event: RecordedEvent) -> bool:
-    return event.kind == EventKind.COMMAND.name and not event.success
-
-
-def _state_of(event: RecordedEvent) -> str:
-    """Return the state that an event names; `NOT_KNOWN` if this version does not know it."""
-    state = event.state or NOT_KNOWN
-    return state if state in RaceState.__members__ else NOT_KNOWN
-
-
-def _change(bands: list[Band], at: float, what: str, sequence: int = 0) -> None:
+def _change(bands: list[Band], at: float, what: str) -> None:
     """End the last band, and begin another that lasts to where the last one would have."""
     end, bands[-1].end = bands[-1].end, at
-    bands.append(Band(at, end, what, sequence=sequence))
+    bands.append(Band(at, end, what))
 
 
 def _lasting(bands: Sequence[Band]) -> list[Band]:
@@ -792,6 +650,8 @@ def _lasting(bands: Sequence[Band]) -> list[Band]:
 
 
 # ----- a part of a run ------------------------------------------------------------------------
+
+_Span = TypeVar('_Span', Band, Hold)
 
 
 @dataclass(frozen=True)
@@ -824,74 +684,63 @@ class Part:
         if self.whole:
             return account
         start, end = self.span(account)
+        shown = {self.kart, 0} if self.kart is not None else {0, *(n.kart for n in account.lanes)}
 
-        def has(event: RecordedEvent) -> bool:
-            mine = self.kart is None or event.kart in (0, self.kart)
-            return mine and start <= account.at(event) <= end
+        def touches(begins: float | None, ends: float | None) -> bool:
+            last = account.length if ends is None else ends
+            return (begins or 0.0) <= end and last >= start
 
-        def touches(begins: float, ends: float) -> bool:
-            return begins <= end and ends >= start
+        def cut(spans: list[_Span]) -> list[_Span]:
+            return [
+                dataclasses.replace(each, start=max(each.start, start), end=min(each.end, end))
+                for each in spans
+                if touches(each.start, each.end)
+            ]
 
-        events = [event for event in account.events if has(event)]
+        events = [
+            event
+            for event in account.events
+            if (self.kart is None or event.kart in shown) and start <= account.at(event) <= end
+        ]
         kept = {event.sequence for event in events}
         lanes = [
             Lane(
                 lane.kart,
                 lane.team,
-                [
-                    dataclasses.replace(
-                        band,
-                        start=max(band.start, start),
-                        end=min(band.end, end),
-                        acknowledged=(
-                            band.acknowledged
-                            if band.acknowledged is not None and band.acknowledged <= end
-                            else None
-                        ),
-                    )
-                    for band in lane.bands
-                    if touches(band.start, band.end)
-                ],
-                [
-                    dataclasses.replace(hold, start=max(hold.start, start), end=min(hold.end, end))
-                    for hold in lane.holds
-                    if touches(hold.start, hold.end)
-                ],
+                cut(lane.bands),
+                cut(lane.holds),
                 [mark for mark in lane.marks if mark.sequence in kept],
             )
             for lane in account.lanes
-            if self.kart in (None, lane.kart)
+            if lane.kart in shown
+        ]
+        for lane in lanes:
+            for band in lane.bands:
+                if band.acknowledged is not None and band.acknowledged > end:
+                    band.acknowledged = None
+        races = [
+            dataclasses.replace(
+                race,
+                incidents=[number for number in race.incidents if number in kept],
+                stops=[number for number in race.stops if number in kept],
+                refused=[number for number in race.refused if number in kept],
+            )
+            for race in account.races
+            if touches(race.began, race.garage)
         ]
         return dataclasses.replace(
             account,
             events=events,
             lanes=lanes,
-            race_bands=[
-                dataclasses.replace(band, start=max(band.start, start), end=min(band.end, end))
-                for band in account.race_bands
-                if touches(band.start, band.end)
-            ],
-            races=[
-                dataclasses.replace(
-                    race,
-                    incidents=[n for n in race.incidents if n in kept],
-                    stops=[n for n in race.stops if n in kept],
-                    refused=[n for n in race.refused if n in kept],
-                )
-                for race in account.races
-                if touches(race.began, account.length if race.garage is None else race.garage)
-            ],
+            race_bands=cut(account.race_bands),
+            races=races,
             alerts=[
                 alert
                 for alert in account.alerts
-                if self.kart is None or alert.kart in (0, self.kart)
-                if touches(
-                    alert.raised or 0.0,
-                    account.length if alert.ended is None else alert.ended,
-                )
+                if alert.kart in shown and touches(alert.raised, alert.ended)
             ],
             commands=[event for event in account.commands if event.sequence in kept],
             gaps=[gap for gap in account.gaps if touches(gap.start, gap.end)],
             clock_steps=[step for step in account.clock_steps if start <= step.at <= end],
-            outside=[n for n in account.outside if n in kept],
+            outside=[number for number in account.outside if number in kept],
         )

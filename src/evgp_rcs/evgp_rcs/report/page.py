@@ -139,7 +139,7 @@ def page(whole: Account, part: Part, source: Source) -> str:
         stood=lambda alert: _stood(alert, whole, clock),
         wall_ns=lambda event: clock.of(event.wall_ns, whole.at(event)),
         on_paper=on_paper,
-        kinds=sorted((words.kind(kind), kind) for kind in {each.kind for each in account.events}),
+        kinds=sorted({(words.KINDS[event.kind], event.kind) for event in account.events}),
         MOST=MOST,
         PAPER_ROWS=PAPER_ROWS,
         data=_data(whole, account, part, clock),

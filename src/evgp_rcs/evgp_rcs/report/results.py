@@ -147,7 +147,7 @@ def _rows(account: Account, race: Race, clock: Clock, damaged: bool) -> Iterator
             _seconds(race, result),
             moment(race.green),
             moment(result.finished),
-            'FINISHED' if out is None else out.why.value,
+            'FINISHED' if out is None else out.why.name,
             '' if out is None else words.why_out(out, clock),
             str(out.sequence or '') if out is not None else '',
             'yes' if complete else 'no',

@@ -75,19 +75,7 @@ KINDS = {
     'RESULTS': 'Results',
     'ENDED': 'Race control ends',
 }
-"""What each kind of event is called; one that is missing here keeps its own name."""
-
-WHY = {
-    Why.LOST: 'it lost its connection',
-    Why.STOPPED_ALONE: 'an official stopped it alone',
-    Why.STOPPED: 'it was stopped',
-    Why.FINISH_UNDONE: 'its finish was undone after it had been stopped',
-    Why.RACE_STOPPED: 'the race was stopped first',
-    Why.RACE_CONTROL_ENDED: 'race control ended first',
-    Why.STILL_RACING: 'it was still racing at the end of the record',
-    Why.NOT_KNOWN: 'not known: events are missing, and it may have finished',
-}
-"""Why a kart has no place."""
+"""What each kind of event is called."""
 
 GLOSSARY = (
     ('IN GARAGE', 'The kart is not racing; its team may work on it.'),
@@ -103,15 +91,7 @@ GLOSSARY = (
 )
 """What a reader has to know who has never seen a report."""
 
-SILENCE = {
-    Silence.LOST: 'not acknowledged: it lost its connection at {}',
-    Silence.TOLD_ELSE: 'not acknowledged before it was sent another state, at {}',
-    Silence.NOT_KNOWN: 'not known: events are missing from {} on',
-    Silence.RECORD_ENDS: 'not acknowledged',
-}
-"""Why there is no acknowledgement of a stop, and when that began."""
-
-SILENT = frozenset(SILENCE) - {Silence.NOT_KNOWN}
+SILENT = frozenset(Silence) - {Silence.NOT_KNOWN}
 """Where it is certain that a kart did not acknowledge."""
 
 MOST_OF_A_NAME = 80
@@ -151,15 +131,8 @@ def elapsed(seconds: float, digits: int = 1) -> str:
 
 def command(kind: str | None, kart: int) -> str:
     """Return what an official's command is called."""
-    kind = kind or 'a command'
-    known = kind in CommandKind.__members__
-    label = CATALOGUE[CommandKind[kind]].label if known else plain(kind)
+    label = CATALOGUE[CommandKind[kind]].label if kind else 'a command'
     return f'{label}, kart {kart}' if kart else label
-
-
-def kind(name: str) -> str:
-    """Return what a kind of event is called."""
-    return KINDS.get(name, plain(name))
 
 
 def karts(numbers: list[int]) -> str:
@@ -229,14 +202,12 @@ def acknowledged(stop: Stop, told: Told, clock: Clock) -> tuple[str, str, str]:
     if told.what == NOT_CONNECTED:
         return 'nothing: it was not connected', '', ''
     what = STATES[told.what]
-    if told.sent and told.since < stop.at:
+    if told.what != NOT_KNOWN and told.since < stop.at:
         what += f', already since {clock.at(told.since, 3)}'
     if told.acknowledged is not None:
-        at, after = clock.at(told.acknowledged, 3), exact(told.since, told.acknowledged)
-        return what, at, after
-    if told.silence is None:
-        return what, '', ''
-    return what, SILENCE[told.silence].format(clock.at(told.until, 3)), ''
+        return what, clock.at(told.acknowledged, 3), exact(told.since, told.acknowledged)
+    silence = '' if told.silence is None else told.silence.value
+    return what, silence.format(clock.at(told.until, 3)), ''
 
 
 def _nearest(number: int, unit: int) -> int:
@@ -248,4 +219,4 @@ def why_out(out: Out, clock: Clock) -> str:
     """Return why a kart has no place, and when that was."""
     when = '' if out.why in (Why.STILL_RACING, Why.NOT_KNOWN) else f' at {clock.at(out.at, 3)}'
     joined = ',' if out.why in (Why.RACE_STOPPED, Why.RACE_CONTROL_ENDED) else ''
-    return f'{WHY[out.why]}{joined}{when}'
+    return f'{out.why.value}{joined}{when}'
