@@ -124,20 +124,12 @@ class Commanded(NamedTuple):
     command: Command
     came: float
 
-    def feed(self, race: Race) -> Outcome:
-        """Hand it to the rules."""
-        return race.command(self.command, self.at, self.came)
-
 
 class Connected(NamedTuple):
     """A kart has a new connection."""
 
     at: float
     kart: int
-
-    def feed(self, race: Race) -> Outcome:
-        """Hand it to the rules."""
-        return race.connected(self.kart, self.at)
 
 
 CLOSED_BY_KART = 'the kart closed the connection'
@@ -151,10 +143,6 @@ class Disconnected(NamedTuple):
     kart: int
     reason: str
 
-    def feed(self, race: Race) -> Outcome:
-        """Hand it to the rules."""
-        return race.disconnected(self.kart, self.reason, self.at)
-
 
 class Heard(NamedTuple):
     """A kart said a state, and can have meant the order of this serial."""
@@ -164,19 +152,11 @@ class Heard(NamedTuple):
     serial: int
     state: RaceState
 
-    def feed(self, race: Race) -> Outcome:
-        """Hand it to the rules."""
-        return race.heard(self.kart, self.serial, self.state, self.at)
-
 
 class Tick(NamedTuple):
     """Time passed."""
 
     at: float
-
-    def feed(self, race: Race) -> Outcome:
-        """Hand it to the rules."""
-        return race.tick(self.at)
 
 
 class HeldUp(NamedTuple):
@@ -185,10 +165,6 @@ class HeldUp(NamedTuple):
     at: float
     seconds: float
 
-    def feed(self, race: Race) -> Outcome:
-        """Hand it to the rules."""
-        return race.held_up(self.seconds, self.at)
-
 
 class Rival(NamedTuple):
     """Another race control came or went."""
@@ -196,20 +172,12 @@ class Rival(NamedTuple):
     at: float
     present: bool
 
-    def feed(self, race: Race) -> Outcome:
-        """Hand it to the rules."""
-        return race.rival(self.present, self.at)
-
 
 class RecordTrouble(NamedTuple):
     """Why the record fails, as a sentence for officials; empty: it works."""
 
     at: float
     text: str
-
-    def feed(self, race: Race) -> Outcome:
-        """Hand it to the rules."""
-        return race.record_trouble(self.text, self.at)
 
 
 class StartBecame(NamedTuple):
@@ -219,20 +187,12 @@ class StartBecame(NamedTuple):
     phase: StartPhase
     number: int
 
-    def feed(self, race: Race) -> Outcome:
-        """Hand it to the rules."""
-        return race.start_becomes(self.phase, self.number, self.at)
-
 
 class Recovered(NamedTuple):
     """What is known of the last run; None: nothing."""
 
     at: float
     memory: RaceMemory | None
-
-    def feed(self, race: Race) -> Outcome:
-        """Hand it to the rules."""
-        return race.recover(self.memory, self.at)
 
 
 Input = (
@@ -247,6 +207,31 @@ Input = (
     | StartBecame
     | Recovered
 )
+
+
+def feed(given: Input, race: Race) -> Outcome:
+    """Hand an input to the rules."""
+    match given:
+        case Heard(at, kart, serial, state):
+            return race.heard(kart, serial, state, at)
+        case Tick(at):
+            return race.tick(at)
+        case Commanded(at, command, came):
+            return race.command(command, at, came)
+        case Connected(at, kart):
+            return race.connected(kart, at)
+        case Disconnected(at, kart, reason):
+            return race.disconnected(kart, reason, at)
+        case HeldUp(at, seconds):
+            return race.held_up(seconds, at)
+        case Rival(at, present):
+            return race.rival(present, at)
+        case RecordTrouble(at, text):
+            return race.record_trouble(text, at)
+        case StartBecame(at, phase, number):
+            return race.start_becomes(phase, number, at)
+        case Recovered(at, memory):
+            return race.recover(memory, at)
 
 
 # ----- the marks between them -----------------------------------------------------------------

@@ -445,7 +445,7 @@ class KartServer:
     def _feed(self, given: inputs.Input) -> Outcome:
         """Hand an input to the rules; the only way to them."""
         self._log.add(given)
-        return given.feed(self._race)
+        return inputs.feed(given, self._race)
 
     def _take(self, given: inputs.Input, waiting: Waiting | None = None) -> None:
         """

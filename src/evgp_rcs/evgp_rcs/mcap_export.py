@@ -28,7 +28,17 @@ from typing import Any
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.inputs import entries_of, Entry, Input, InputsError, offers, Published, Setup, Shown
+from evgp_rcs.inputs import (
+    entries_of,
+    Entry,
+    feed,
+    Input,
+    InputsError,
+    offers,
+    Published,
+    Setup,
+    Shown,
+)
 from evgp_rcs.plain import plain
 from evgp_rcs.race import AlertKind, Event, EventKind, Race, StampedEvent
 from evgp_rcs.record import RecordedEvent
@@ -198,7 +208,7 @@ def _published(kept: Kept, setup: Setup) -> Iterator[tuple[Race, float]]:
                 yield race, entry.at
         elif isinstance(entry, Input):
             try:
-                entry.feed(race)
+                feed(entry, race)
             except Exception as error:
                 raise UnreadableError(
                     f'the rules do not take the inputs of run {kept.run.number} ({error!r}): the '

@@ -19,13 +19,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 import difflib
 import io
 import os
 import pathlib
 import sys
-from typing import NoReturn, TypeAlias
+from types import ModuleType
+from typing import NoReturn
 
 from evgp_rcs import mcap_export, replay, timeline
 from evgp_rcs.record import default_path
@@ -33,37 +34,14 @@ from evgp_rcs.report import command as report
 from evgp_rcs.report import results
 from evgp_rcs.runs import say, UNREADABLE, UnreadableError
 
-Main: TypeAlias = Callable[[Sequence[str]], int]
-Options: TypeAlias = Callable[[], argparse.ArgumentParser]
-
-WAYS: dict[str, tuple[Main, Options, str]] = {
-    'show': (
-        timeline.main,
-        timeline.options,
-        'print a run as a timeline; the word show may be left out',
-    ),
-    'results': (
-        results.main,
-        results.options,
-        'write who finished when, and who did not and why, as CSV',
-    ),
-    'report': (
-        report.main,
-        report.options,
-        'write a run, or a part of it, as a report in one HTML file',
-    ),
-    'replay': (
-        replay.main,
-        replay.options,
-        'run the rules again on what went into them, and compare',
-    ),
-    'mcap': (
-        mcap_export.main,
-        mcap_export.options,
-        'make a bag for Foxglove, PlotJuggler and ros2 bag',
-    ),
+WAYS: dict[str, tuple[ModuleType, str]] = {
+    'show': (timeline, 'print a run as a timeline; the word show may be left out'),
+    'results': (results, 'write who finished when, and who did not and why, as CSV'),
+    'report': (report, 'write a run, or a part of it, as a report in one HTML file'),
+    'replay': (replay, 'run the rules again on what went into them, and compare'),
+    'mcap': (mcap_export, 'make a bag for Foxglove, PlotJuggler and ros2 bag'),
 }
-"""What the first argument may be: what it calls with the rest, what reads that, what that does."""
+"""What the first argument may be: the module whose ``main`` takes the rest, and what it does."""
 
 HELP = """\
 usage: rcs_record [show] [FILE] [--list] [--run NUMBER] [--kart NUMBER]
@@ -117,7 +95,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return UNREADABLE
     way = given.pop(0) if given and given[0] in WAYS else 'show'
     try:
-        code = WAYS[way][0](given)
+        code: int = WAYS[way][0].main(given)
         sys.stdout.flush()
     except UnreadableError as error:
         say(str(error))
@@ -137,14 +115,14 @@ def _complete() -> NoReturn:
 
     whole = argparse.ArgumentParser(parents=[timeline.options()], conflict_handler='resolve')
     ways = whole.add_subparsers()
-    for way, (_, options, _) in WAYS.items():
-        ways.add_parser(way, parents=[options()], conflict_handler='resolve')
+    for way, (module, _) in WAYS.items():
+        ways.add_parser(way, parents=[module.options()], conflict_handler='resolve')
     argcomplete.autocomplete(whole)
     raise AssertionError('argcomplete exits')
 
 
 def _help() -> str:
-    lines = '\n'.join(f'  {way:8} {what}' for way, (_, _, what) in WAYS.items())
+    lines = '\n'.join(f'  {way:8} {what}' for way, (_, what) in WAYS.items())
     return HELP.format(
         subcommands='{' + ','.join(way for way in WAYS if way != 'show') + '}',
         default=default_path(),

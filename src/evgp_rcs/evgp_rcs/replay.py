@@ -211,7 +211,7 @@ class Replay:
         self._replayed.inputs += 1
         self._replayed.seconds = given.at - self._began
         try:
-            outcome = given.feed(self._race)
+            outcome = inputs.feed(given, self._race)
             self._orders = outcome.orders
             self._events = [_Made.by(given, event) for event in outcome.events]
         except Exception as error:  # noqa: BLE001 - whatever the rules raise is a difference

@@ -18,11 +18,11 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-import datetime
 
 from evgp_rcs.official import said_by
 from evgp_rcs.plain import plain
 from evgp_rcs.record import default_path, RecordedEvent, Session
+from evgp_rcs.report.words import Clock
 from evgp_rcs.runs import add_run_arguments, open_runs
 
 
@@ -79,38 +79,25 @@ def main(arguments: Sequence[str]) -> int:
 
 
 def _describe(run: Session, present: bool) -> str:
-    ended = _clock(run.ended_ns) if run.ended_ns is not None else 'not ended in good order'
+    clock = Clock(run.began_ns)
+    ended = 'not ended in good order' if run.ended_ns is None else clock.time(run.ended_ns, 3)
     if not run.events:
         ended = 'did not start'
     if present:
         ended = 'still running'
-    began = f'{_day(run.began_ns)} {_clock(run.began_ns)}'
+    began = f'{clock.moment(run.began_ns):%Y-%m-%d} {clock.time(run.began_ns, 3)}'
     return f'{run.number:4}  {began} - {ended}  {run.events} events'
 
 
 def _print_timeline(happened: Sequence[RecordedEvent], kart: int | None) -> None:
-    first: float | None = None
     expected = 1
     for event in happened:
         if event.sequence != expected:
             print(f'       ... {event.sequence - expected} events are missing ...')
         expected = event.sequence + 1
-        first = event.monotonic if first is None else first
         if kart is not None and event.kart not in (0, kart):
             continue
         mark = ' ' if event.success else '!'
         said = plain(said_by(event.text, event.official))
-        print(f'{_clock(event.wall_ns)} {event.monotonic - first:10.3f} {mark} {said}')
-
-
-def _time(wall_ns: int) -> datetime.datetime:
-    # To the nearest millisecond, as everywhere.
-    return datetime.datetime.fromtimestamp((wall_ns + 500_000) // 1_000_000 / 1e3).astimezone()
-
-
-def _day(wall_ns: int) -> str:
-    return _time(wall_ns).strftime('%Y-%m-%d')
-
-
-def _clock(wall_ns: int) -> str:
-    return _time(wall_ns).strftime('%H:%M:%S.%f')[:-3]
+        time = Clock(event.wall_ns).time(event.wall_ns, 3)
+        print(f'{time} {event.monotonic - happened[0].monotonic:10.3f} {mark} {said}')

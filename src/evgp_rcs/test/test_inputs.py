@@ -223,7 +223,8 @@ def test_every_input_of_the_rules_can_be_logged() -> None:
             return lambda *given: name
 
     fields = {'command': Command(CommandKind.ALL_KILL), 'memory': RaceMemory(STATES, {})}
-    fed = [kind(*(fields.get(name, 0) for name in kind._fields)).feed(Noting()) for kind in INPUTS]
+    given = [kind(*(fields.get(name, 0) for name in kind._fields)) for kind in INPUTS]
+    fed = [inputs.feed(each, Noting()) for each in given]
     assert sorted(fed) == sorted(ways_into_the_rules())
 
 

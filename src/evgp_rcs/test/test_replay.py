@@ -89,7 +89,7 @@ class Running:
 
     def feed(self, given: inputs.Input) -> None:
         self.log.add(given)
-        outcome = given.feed(self.race)
+        outcome = inputs.feed(given, self.race)
         if outcome.orders:
             self.log.add(inputs.Ordered(outcome.orders))
         self.tell(outcome, given.at)
