@@ -225,62 +225,55 @@ def replay_of(entries: list[Any], happened: list[RecordedEvent]) -> Replayed:
     return replayed([Block(0, b''.join(map(inputs.encode, entries)))], happened)
 
 
-def number_of_the_last(entries: list[Any], kind: type[Any]) -> tuple[int, int]:
-    """Return the place of the last entry of a kind, and how many inputs there are up to it."""
-    place = max(n for n, entry in enumerate(entries) if isinstance(entry, kind))
-    return place, sum(not isinstance(each, inputs.Mark) for each in entries[: place + 1])
+def last(kind: Any, things: list[Any]) -> int:
+    """Return the place of the last entry of a type, or of the last event of a kind."""
+    return max(
+        n for n, each in enumerate(things) if kind in (type(each), getattr(each, 'kind', 0))
+    )
 
 
-def test_an_order_that_was_changed_is_named() -> None:
-    running = a_run()
-    entries = entries_of(running)
-    place, number = number_of_the_last(entries, inputs.Ordered)
+Harm = Callable[[list[Any], list[RecordedEvent]], str]
+"""Changes entries or events, and returns what must be named as different."""
+
+
+def an_order_is_other(entries: list[Any], happened: list[RecordedEvent]) -> str:
+    place = last(inputs.Ordered, entries)
     first, *rest = entries[place].orders
     entries[place] = inputs.Ordered((first._replace(serial=first.serial + 1), *rest))
-    difference = replay_of(entries, running.recorded()).difference
-    assert difference is not None
-    assert (difference.number, difference.what) == (number, 'an order')
-    assert str(first.serial + 1) in difference.recorded
-    assert str(first.serial) in difference.replayed
+    return 'an order'
 
 
-def test_an_order_that_was_removed_is_named() -> None:
-    running = a_run()
-    entries = entries_of(running)
-    place, number = number_of_the_last(entries, inputs.Ordered)
-    del entries[place]
-    difference = replay_of(entries, running.recorded()).difference
-    assert difference is not None
-    assert (difference.number, difference.recorded) == (number, 'none')
+def an_order_is_missing(entries: list[Any], happened: list[RecordedEvent]) -> str:
+    del entries[last(inputs.Ordered, entries)]
+    return 'an order'
 
 
-@pytest.mark.parametrize(
-    'change',
-    [
-        {'text': 'nothing happened'},
-        {'kart': 99},
-        {'official': 'somebody else'},
-        {'command': 'RED_FLAG'},
-        {'success': 'neither'},
-        {'state': 'GREEN_GREEN?'},
-        {'kind': 'RESULTS'},
-    ],
-    ids=lambda change: next(iter(change)),
-)
-def test_an_event_that_was_changed_is_named(change: dict[str, Any]) -> None:
-    running = a_run()
-    happened = running.recorded()
-    place = max(n for n, each in enumerate(happened) if each.kind == 'COMMAND')
-    happened[place] = dataclasses.replace(happened[place], **change)
-    difference = replayed(running.blocks(), happened).difference
-    assert difference is not None
-    assert difference.what == f'event {place + 1}'
-    assert repr(next(iter(change.values()))) in difference.recorded
+def an_offer_is_other(entries: list[Any], happened: list[RecordedEvent]) -> str:
+    place = last(inputs.Published, entries)
+    published = entries[place]
+    entries[place] = published._replace(digest=published.digest ^ 1)
+    return f'what copy {published.number} of the race offered'
 
 
-def test_an_event_that_was_moved_by_the_least_of_its_clock_is_named() -> None:
-    running = a_run()
-    happened = running.recorded()
+def an_input_is_other(entries: list[Any], happened: list[RecordedEvent]) -> str:
+    place = last(inputs.Disconnected, entries)
+    entries[place] = entries[place]._replace(reason='another one')
+    told = next(each for each in entries[place:] if isinstance(each, inputs.Told))
+    return f'event {told.first}'
+
+
+def an_event_with(**change: Any) -> Harm:
+    def harm(entries: list[Any], happened: list[RecordedEvent]) -> str:
+        place = last('COMMAND', happened)
+        happened[place] = dataclasses.replace(happened[place], **change)
+        return f'event {place + 1}'
+
+    return harm
+
+
+def an_event_is_later_by_the_least_of_its_clock(
+    entries: list[Any], happened: list[RecordedEvent]
+) -> str:
     place, moved = max(
         (n, later)
         for n, (each, after) in enumerate(itertools.pairwise(happened))
@@ -288,74 +281,61 @@ def test_an_event_that_was_moved_by_the_least_of_its_clock_is_named() -> None:
         if each.kind == 'COMMAND'
     )
     happened[place] = dataclasses.replace(happened[place], monotonic=moved)
-    difference = replayed(running.blocks(), happened).difference
-    assert difference is not None
-    assert difference.what == f'event {place + 1}'
-    assert repr(moved) in difference.recorded
+    return f'event {place + 1}'
 
 
-def test_an_event_that_was_removed_is_named() -> None:
-    running = a_run()
-    happened = running.recorded()
-    place = max(n for n, each in enumerate(happened) if each.kind == 'COMMAND')
+def an_event_of_the_server_is_before_the_one_before_it(
+    entries: list[Any], happened: list[RecordedEvent]
+) -> str:
+    place = last('MALFORMED', happened)
+    earlier = happened[place - 1].monotonic - 1e-6
+    happened[place] = dataclasses.replace(happened[place], monotonic=earlier)
+    return f'event {place + 1}'
+
+
+def an_event_is_missing(entries: list[Any], happened: list[RecordedEvent]) -> str:
+    place = last('COMMAND', happened)
     del happened[place]
-    difference = replayed(running.blocks(), happened).difference
-    assert difference is not None
-    assert difference.what == f'event {place + 1}'
+    return f'event {place + 1}'
 
 
-def test_an_event_that_was_added_is_named() -> None:
+def an_event_is_new(entries: list[Any], happened: list[RecordedEvent]) -> str:
+    number = len(happened) + 1
+    happened.append(dataclasses.replace(happened[-1], kind='COMMAND', sequence=number))
+    return f'event {number}'
+
+
+CHANGES = (
+    *({'text': 'nothing happened'}, {'kart': 99}, {'official': 'somebody else'}),
+    *({'command': 'RED_FLAG'}, {'success': 'neither'}, {'state': 'GREEN_GREEN?'}),
+    *({'kind': 'RESULTS'}, {'alert': 'NONE'}, {'hold': 'RED_RED?'}, {'race': 99}, {'heat': '?'}),
+)
+
+
+@pytest.mark.parametrize(
+    'harm',
+    [
+        an_order_is_other,
+        an_order_is_missing,
+        an_offer_is_other,
+        an_input_is_other,
+        *(pytest.param(an_event_with(**each), id=next(iter(each))) for each in CHANGES),
+        an_event_is_later_by_the_least_of_its_clock,
+        an_event_of_the_server_is_before_the_one_before_it,
+        an_event_is_missing,
+        an_event_is_new,
+    ],
+)
+def test_what_was_changed_is_named_with_its_time(harm: Harm) -> None:
     running = a_run()
-    happened = running.recorded()
-    new = dataclasses.replace(happened[-1], kind='COMMAND', sequence=len(happened) + 1)
-    difference = replayed(running.blocks(), [*happened, new]).difference
+    entries, happened = entries_of(running), running.recorded()
+    what = harm(entries, happened)
+    difference = replay_of(entries, happened).difference
     assert difference is not None
-    assert difference.what == f'event {new.sequence}'
-
-
-@pytest.mark.parametrize('by', [-1e-6, -1.0])
-def test_an_event_of_the_server_that_was_moved_before_the_one_before_it_is_named(
-    by: float,
-) -> None:
-    running = a_run()
-    happened = running.recorded()
-    place = max(n for n, each in enumerate(happened) if each.kind == 'MALFORMED')
-    before = happened[place - 1].monotonic
-    happened[place] = dataclasses.replace(happened[place], monotonic=before + by)
-    difference = replayed(running.blocks(), happened).difference
-    assert difference is not None
-    assert difference.what == f'event {place + 1}'
-
-
-def test_an_offer_that_officials_did_not_see_as_it_was_is_named() -> None:
-    running = a_run()
-    entries = entries_of(running)
-    place, _ = number_of_the_last(entries, inputs.Published)
-    published = entries[place]
-    entries[place] = published._replace(digest=published.digest ^ 1)
-    difference = replay_of(entries, running.recorded()).difference
-    assert difference is not None
-    assert difference.what == f'what copy {published.number} of the race offered'
-
-
-def test_an_input_that_was_changed_is_found() -> None:
-    running = a_run()
-    entries = entries_of(running)
-    place, number = number_of_the_last(entries, inputs.Disconnected)
-    entries[place] = entries[place]._replace(reason='another one')
-    difference = replay_of(entries, running.recorded()).difference
-    assert difference is not None
-    assert difference.number == number
-
-
-def test_a_difference_says_when_it_was() -> None:
-    running = a_run()
-    entries = entries_of(running)
-    place, _ = number_of_the_last(entries, inputs.Disconnected)
-    entries[place] = entries[place]._replace(reason='another one')
-    difference = replay_of(entries, running.recorded()).difference
-    assert difference is not None
-    assert difference.at == entries[place].at - SETUP.now
+    assert difference.what == what
+    assert difference.recorded != difference.replayed
+    given = [each for each in entries if isinstance(each, inputs.Input)][difference.number - 1]
+    assert difference.at == given.at - SETUP.now
 
 
 FAULTS = {
@@ -522,17 +502,6 @@ def test_a_run_without_inputs_says_plainly_that_it_cannot_be_replayed(
     (line,) = capsys.readouterr().err.splitlines()
     assert 'what went into the rules' in line
     assert main(['show', str(path)]) == 0
-
-
-def test_a_finish_that_was_moved_in_the_record_is_named(
-    path: pathlib.Path, write: Write, capsys: Capture
-) -> None:
-    running = a_run()
-    write(running)
-    (number,) = [n for n, each in enumerate(running.recorded(), 1) if each.command][-1:]
-    change(path, 'UPDATE event SET monotonic = monotonic - 0.6 WHERE sequence = ?', number)
-    assert main(['replay', str(path)]) == 1
-    assert f'event {number},' in capsys.readouterr().out
 
 
 def test_wall_times_that_were_moved_are_told_and_are_no_difference(
