@@ -29,14 +29,13 @@ import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
 import dataclasses
 from dataclasses import dataclass
-import enum
 import itertools
 from typing import Any, NamedTuple
 
 from evgp_rcs import inputs
 from evgp_rcs.inputs import Entry, GapError, Input, InputsError, Setup
 from evgp_rcs.plain import plain
-from evgp_rcs.race import Event, EventKind, Order, StampedEvent
+from evgp_rcs.race import EventKind, Order, StampedEvent
 from evgp_rcs.record import RecordedEvent, Session
 from evgp_rcs.report.model import Account, clock_steps, read
 from evgp_rcs.rules_version import rules_version
@@ -66,17 +65,12 @@ LONGEST = 400
 """Maximum length of a value in words, in characters."""
 
 
-@dataclass(frozen=True)
-class Difference:
+class Difference(NamedTuple):
     """
-    Where a replay and the record part.
+    What of the record and its replay differs, and after which input: its time (s), number, words.
 
-    :param at: the time of the last input before (s), since the run began.
+    :param at: seconds since the run began.
     :param number: counts the inputs, from 1; 0: before the first.
-    :param given: this input, in words.
-    :param what: what differs.
-    :param recorded: what the record has.
-    :param replayed: what the rules make of the same inputs.
     """
 
     at: float
@@ -160,7 +154,7 @@ class Replay:
         # Of the last input: what it was, and what it made that was not compared yet.
         self._given: Input | None = None
         self._orders: Sequence[Order] = ()
-        self._events: Sequence[_Made] = ()
+        self._events: _Made = []
         self._told = 0
         self._replayed = Replayed()
         self._of_mark: Mapping[type[Any], Callable[[Any], None]] = {
@@ -198,10 +192,7 @@ class Replay:
         try:
             yield from inputs.entries_of(watched(self._blocks, len(self._blocks), what))
         except GapError:
-            self._replayed.missing = (
-                'inputs are missing (the disk took none, or they were removed): nothing can be '
-                f'compared from {self._replayed.seconds:.1f} s after the run began on'
-            )
+            self._stop_at('inputs are missing (the disk took none, or they were removed)')
         except InputsError as error:
             self._differ('an input', str(error), 'they cannot run on it')
 
@@ -213,7 +204,9 @@ class Replay:
         try:
             outcome = inputs.feed(given, self._race)
             self._orders = outcome.orders
-            self._events = [_Made.by(given, event) for event in outcome.events]
+            # What the record should have: an event has the time of its input.
+            stamped = (StampedEvent(0, 0, given.at, event) for event in outcome.events)
+            self._events = [(RecordedEvent.of(each), each.event.chatter) for each in stamped]
         except Exception as error:  # noqa: BLE001 - whatever the rules raise is a difference
             self._differ('an error of the rules', 'it was taken', repr(error))
 
@@ -222,48 +215,48 @@ class Replay:
         if self._orders:
             self._differ('an order', 'none', _order(self._orders[0]))
         self._compare_untold(self._events)
-        self._events = ()
+        self._events = []
 
     def _compare_orders(self, mark: inputs.Ordered) -> None:
         orders, self._orders = self._orders, ()
-        for place in range(max(len(orders), len(mark.orders))):
-            recorded, replayed = (
-                _order(each[place]) if place < len(each) else 'none'
-                for each in (mark.orders, orders)
-            )
+        for recorded, replayed in itertools.zip_longest(mark.orders, orders):
             if recorded != replayed:
-                self._differ('an order', recorded, replayed)
+                self._differ('an order', _order(recorded), _order(replayed))
             self._replayed.orders += 1
 
     def _compare_events(self, mark: inputs.Told) -> None:
-        made, self._events = self._events, ()
+        made, self._events = self._events, []
         left = list(made)
         for sequence in range(mark.first, mark.last + 1):
+            name = f'event {sequence}'
             recorded = self._recorded.pop(sequence, None)
             if recorded is None and self._damaged:
-                self._replayed.missing = (
-                    f'event {sequence} cannot be read: nothing can be compared from '
-                    f'{self._replayed.seconds:.1f} s after the run began on'
-                )
+                self._stop_at(f'{name} cannot be read')
                 raise _UnreadError
             if recorded is None:
-                self._differ(f'event {sequence}', 'it is missing', _event_or_none(left))
+                self._differ(name, 'it is missing', _words(left))
                 return
             what = dataclasses.replace(recorded, sequence=0, wall_ns=0)
             # What karts say too often is left out.
-            while left and left[0].chatter and left[0].event != what:
+            while left and left[0][1] and left[0][0] != what:
                 left.pop(0)
-            if not left or left[0].event != what:
-                self._differ(f'event {sequence}', _words(what), _event_or_none(left or made))
+            if not left or left[0][0] != what:
+                self._differ(name, _words([(what, False)]), _words(left or made))
             left.pop(0)
             self._replayed.events += 1
             self._told = sequence
         self._compare_untold(left)
 
-    def _compare_untold(self, left: Sequence[_Made]) -> None:
-        for event in left:
-            if not event.chatter:
-                self._differ('an event', 'none', _words(event.event))
+    def _compare_untold(self, left: _Made) -> None:
+        for event, chatter in left:
+            if not chatter:
+                self._differ('an event', 'none', _words([(event, False)]))
+
+    def _stop_at(self, why: str) -> None:
+        self._replayed.missing = (
+            f'{why}: nothing can be compared from {self._replayed.seconds:.1f} s after the run '
+            'began on'
+        )
 
     def _compare_offers(self, mark: inputs.Shown) -> None:
         self._finish()
@@ -300,13 +293,13 @@ class Replay:
                 event.kind == EventKind.ALERT_RAISED.name and not event.success
             )
             if not own:
-                self._differ(f'event {sequence}', _words(event), 'no input has made it')
+                self._differ(f'event {sequence}', _words([(event, False)]), 'no input has made it')
 
     def _differ(self, what: str, recorded: str, replayed: str) -> None:
         self._replayed.difference = Difference(
             self._replayed.seconds,
             self._replayed.inputs,
-            'the beginning' if self._given is None else _input(self._given),
+            _input(self._given),
             what,
             _cut(recorded),
             _cut(replayed),
@@ -314,45 +307,30 @@ class Replay:
         raise _DifferentError
 
 
-class _Made(NamedTuple):
-    """An event that the rules make, with neither number nor wall time."""
-
-    chatter: bool
-    event: RecordedEvent
-
-    @staticmethod
-    def by(given: Input, event: Event) -> _Made:
-        """Return what the record should have: an event has the time of its input."""
-        return _Made(event.chatter, RecordedEvent.of(StampedEvent(0, 0, given.at, event)))
+_Made = list[tuple[RecordedEvent, bool]]
+"""Events that the rules make, with neither number nor wall time; of each, if it is chatter."""
 
 
-def _words(event: RecordedEvent) -> str:
-    named = dataclasses.asdict(event).items()
-    place = ('sequence', 'wall_ns')
-    return ', '.join(
-        f'{name} {value!r}'
-        for name, value in named
-        if name not in place and value not in (None, '')
-    )
+def _words(events: _Made) -> str:
+    """Return the first of these events in words."""
+    for event, _ in events:
+        named = list(dataclasses.asdict(event).items())[2:]
+        return ', '.join(f'{name} {value!r}' for name, value in named if value not in (None, ''))
+    return 'no such event'
 
 
-def _event_or_none(left: Sequence[_Made]) -> str:
-    return _words(left[0].event) if left else 'no such event'
-
-
-def _order(order: Order) -> str:
+def _order(order: Order | None) -> str:
+    if order is None:
+        return 'none'
     return f'kart {order.kart} is sent {order.state.value}, order {order.serial}'
 
 
-def _input(given: Input) -> str:
-    name = type(given).__name__
-    fields = given._asdict().items()
-    words = [
-        f'{name} {value.name if isinstance(value, enum.Enum) else repr(value)}'
-        for name, value in fields
-        if name != 'at'
-    ]
-    return _cut(', '.join([name, *words]))
+def _input(given: Input | None) -> str:
+    if given is None:
+        return 'the beginning'
+    _, *fields = given._asdict().items()
+    words = (f'{name} {getattr(value, "name", None) or repr(value)}' for name, value in fields)
+    return _cut(', '.join([type(given).__name__, *words]))
 
 
 def _cut(text: str) -> str:

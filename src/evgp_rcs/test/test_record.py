@@ -52,7 +52,6 @@ from evgp_rcs.record import (
     Record,
     RecordedEvent,
     RecordError,
-    sessions,
 )
 import pytest
 
@@ -433,17 +432,6 @@ def test_a_reader_beside_the_writer_disturbs_neither(begin: Begin, path: pathlib
         wait_for(lambda: len(texts(path, 1)) == 2)
 
 
-def test_a_run_that_is_over_is_told_from_one_that_crashed(
-    begin: Begin, path: pathlib.Path
-) -> None:
-    for success in (False, True):
-        record = begin()
-        record.put([ending(success)])
-        record.end(PATIENCE)
-    with contextlib.closing(open_read_only(path)) as database:
-        assert [run.ended_ns is None for run in sessions(database)] == [True, False]
-
-
 # ----- a bad disk --------------------------------------------------------------------------
 
 
@@ -466,6 +454,14 @@ def small_disk(tmp_path: pathlib.Path) -> Iterator[pathlib.Path]:
         yield folder
     finally:
         subprocess.run(['umount', '-l', str(folder)], check=True)
+
+
+def filled(disk: pathlib.Path) -> pathlib.Path:
+    """Fill a disk, and return the file that does."""
+    ballast = disk / 'ballast'
+    with pytest.raises(OSError, match='No space left'):
+        ballast.write_bytes(bytes(1 << 20))
+    return ballast
 
 
 def test_a_disk_that_keeps_up_is_no_trouble_although_it_is_looked_at_only_when_something_comes(
@@ -492,9 +488,7 @@ def test_a_full_disk_is_trouble_until_there_is_room_and_no_event_is_lost(
     record = started(path)
     record.put([event(1)])
     wait_for(lambda: texts(path, 1))
-    ballast = small_disk / 'ballast'
-    with pytest.raises(OSError, match='No space left'):
-        ballast.write_bytes(bytes(1 << 20))
+    ballast = filled(small_disk)
     count = 2000
     record.put([event(n, f'event {n} ' + 100 * 'x') for n in range(2, count + 1)])
     wait_for(lambda: record.trouble())
@@ -545,9 +539,7 @@ def test_a_run_whose_record_began_to_fail_is_not_taken_for_one_that_ended_in_ord
     path = small_disk / 'record.sqlite3'
     record = started(path)
     have_written(record, HOME)
-    ballast = small_disk / 'ballast'
-    with pytest.raises(OSError, match='No space left'):
-        ballast.write_bytes(bytes(1 << 20))
+    ballast = filled(small_disk)
     record.put([event(n, f'event {n} ' + 100 * 'x') for n in range(1, 2000)])
     wait_for(lambda: record.trouble())
     record.end(PATIENCE)
@@ -560,9 +552,7 @@ def test_a_run_whose_record_began_to_fail_is_not_taken_for_one_that_ended_in_ord
 def test_a_run_whose_record_works_again_is_known_to_the_next(small_disk: pathlib.Path) -> None:
     path = small_disk / 'record.sqlite3'
     record = started(path)
-    ballast = small_disk / 'ballast'
-    with pytest.raises(OSError, match='No space left'):
-        ballast.write_bytes(bytes(1 << 20))
+    ballast = filled(small_disk)
     record.put([event(n, f'event {n} ' + 100 * 'x') for n in range(1, 1000)])
     wait_for(lambda: record.trouble())
     ballast.unlink()
@@ -584,14 +574,15 @@ def test_a_record_that_is_a_pipe_keeps_nobody_waiting(begin: Begin, path: pathli
 # ----- the timeline ------------------------------------------------------------------------
 
 
-def test_the_timeline_tells_the_last_run_in_order(
+def test_the_timeline_tells_the_last_run_in_order_and_of_one_kart_if_asked(
     begin: Begin, path: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = begin()
     before.put([event(1)])
     crash(before)
     record = begin()
-    record.put([event(1, 'first'), event(2, 'refused', success=False), event(4, 'last')])
+    record.put([event(1, 'first', kart=7), event(2, 'refused', kart=8, success=False)])
+    record.put([event(4, 'last')])
     record.end(PATIENCE)
     assert print_timeline([str(path)]) == 0
     before, head, *lines = capsys.readouterr().out.splitlines()
@@ -601,6 +592,9 @@ def test_the_timeline_tells_the_last_run_in_order(
     assert [line.split()[-1] for line in lines] == ['first', 'refused', '...', 'last']
     assert ' ! refused' in lines[1]
     assert '... 1 events are missing ...' in lines[2]
+    assert print_timeline([str(path), '--kart', '7']) == 0
+    _, _, *lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[-1] for line in lines] == ['first', '...', 'last']
 
 
 @pytest.mark.parametrize('asked', [[], ['--run', '2']], ids=['newest', 'by its number'])
@@ -617,46 +611,22 @@ def test_the_timeline_begins_with_a_word_about_a_crash_only_right_after_it(
     assert capsys.readouterr().out.split()[0] == '2'
 
 
-def test_the_timeline_of_one_kart_leaves_the_others_out(
-    begin: Begin, path: pathlib.Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    record = begin()
-    record.put([event(1, 'of 7', kart=7), event(2, 'of 8', kart=8), event(3, 'of all')])
-    record.end(PATIENCE)
-    assert print_timeline([str(path), '--kart', '7']) == 0
-    out = capsys.readouterr().out
-    assert 'of 7' in out
-    assert 'of all' in out
-    assert 'of 8' not in out
-
-
-def test_the_list_has_every_run(
+def test_the_list_has_every_run_and_how_it_ended(
     begin: Begin, path: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for success in (False, True):
         record = begin()
         record.put([ending(success)])
         record.end(PATIENCE)
-    assert print_timeline([str(path), '--list']) == 0
-    first, second = capsys.readouterr().out.splitlines()
-    assert 'not ended in good order' in first
-    assert 'not ended' not in second
-
-
-def test_a_run_in_progress_is_listed_as_running_until_it_ends(
-    begin: Begin, path: pathlib.Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    before = begin()
-    before.put([event(1)])
-    crash(before)
     record = begin()
     record.put([event(1)])
-    wait_for(lambda: texts(path, 2))
+    wait_for(lambda: texts(path, 3))
     assert print_timeline([str(path), '--list']) == 0
-    first, second = capsys.readouterr().out.splitlines()
-    assert 'not ended in good order' in first
-    assert 'still running' in second
-    record.end(PATIENCE, in_order=False)
+    crashed, ended, running = capsys.readouterr().out.splitlines()
+    assert 'not ended in good order' in crashed
+    assert 'not ended' not in ended
+    assert 'still running' in running
+    crash(record)
     assert print_timeline([str(path)]) == 0
     assert 'not ended in good order' in capsys.readouterr().out
 
