@@ -41,7 +41,7 @@ from evgp_rcs.runs import DONE, FAILED, PARTLY, UNREADABLE
 import pytest
 from recorded_races import PaperRace
 from test_inputs import HOSTILE_JSON, places_in, with_hostile
-from test_replay import Running, SETUP
+from test_replay import change, Running, SETUP
 
 Capture = pytest.CaptureFixture[str]
 PAGE = 4096
@@ -212,8 +212,7 @@ def a_text(path: pathlib.Path) -> None:
 
 def another_database(path: pathlib.Path) -> None:
     path.unlink()
-    with contextlib.closing(sqlite3.connect(path)) as database:
-        database.execute('CREATE TABLE bookmark (url TEXT)')
+    change(path, 'CREATE TABLE bookmark (url TEXT)')
 
 
 def another_database_that_looks_like_one(path: pathlib.Path) -> None:
@@ -226,8 +225,7 @@ def another_database_that_looks_like_one(path: pathlib.Path) -> None:
 
 
 def a_later_version(path: pathlib.Path) -> None:
-    with contextlib.closing(sqlite3.connect(path)) as database:
-        database.execute('PRAGMA user_version = 99')
+    change(path, 'PRAGMA user_version = 99')
 
 
 def a_garbled_beginning(path: pathlib.Path) -> None:
@@ -304,11 +302,7 @@ def without_its_last_byte(path: pathlib.Path) -> None:
 
 
 def a_text_that_was_cut_off(path: pathlib.Path) -> None:
-    with contextlib.closing(sqlite3.connect(path)) as database:
-        database.execute(
-            "UPDATE event SET text = 'cut' || x'00' WHERE session = 2 AND sequence = 9"
-        )
-        database.commit()
+    change(path, "UPDATE event SET text = 'cut' || x'00' WHERE session = 2 AND sequence = 9")
 
 
 def pages_overwritten(path: pathlib.Path) -> None:
@@ -325,29 +319,21 @@ def pages_overwritten(path: pathlib.Path) -> None:
 
 
 def a_value_of_another_type(path: pathlib.Path) -> None:
-    with contextlib.closing(sqlite3.connect(path)) as database:
-        database.execute("UPDATE event SET monotonic = 'noon' WHERE session = 2 AND sequence = 9")
-        database.execute("UPDATE event SET text = x'ff00' WHERE session = 2 AND sequence = 99")
-        database.execute("UPDATE event SET state = 'BLUE' WHERE session = 2 AND sequence = 199")
-        database.commit()
+    change(path, "UPDATE event SET monotonic = 'noon' WHERE session = 2 AND sequence = 9")
+    change(path, "UPDATE event SET text = x'ff00' WHERE session = 2 AND sequence = 99")
+    change(path, "UPDATE event SET state = 'BLUE' WHERE session = 2 AND sequence = 199")
 
 
 def a_session_that_is_garbled(path: pathlib.Path) -> None:
-    with contextlib.closing(sqlite3.connect(path)) as database:
-        database.execute("UPDATE session SET began_ns = 'noon'")
-        database.commit()
+    change(path, "UPDATE session SET began_ns = 'noon'")
 
 
 def a_kart_that_no_roster_has(path: pathlib.Path) -> None:
-    with contextlib.closing(sqlite3.connect(path)) as database:
-        database.execute('UPDATE event SET kart = -1 WHERE session = 2 AND sequence = 9')
-        database.commit()
+    change(path, 'UPDATE event SET kart = -1 WHERE session = 2 AND sequence = 9')
 
 
 def a_time_that_no_clock_shows(path: pathlib.Path) -> None:
-    with contextlib.closing(sqlite3.connect(path)) as database:
-        database.execute('UPDATE event SET monotonic = 9e999 WHERE session = 2 AND sequence = 9')
-        database.commit()
+    change(path, 'UPDATE event SET monotonic = 9e999 WHERE session = 2 AND sequence = 9')
 
 
 DAMAGED_FILES = [
@@ -394,8 +380,7 @@ def test_whatever_stands_in_a_setup_each_subcommand_ends_with_a_sentence(
     record.end(60.0)
     for hostile in HOSTILE_JSON:
         text = with_hostile(written(SETUP), where, hostile)
-        with contextlib.closing(sqlite3.connect(path)) as database, database:
-            database.execute('UPDATE session SET setup = ?', (text,))
+        change(path, 'UPDATE session SET setup = ?', text)
         for way in WAYS:
             path.with_name('race.mcap').unlink(missing_ok=True)
             assert rcs_record(arguments_of(way, path)) in (DONE, FAILED, UNREADABLE, PARTLY)
