@@ -30,34 +30,6 @@ What the next run finds is `left_behind`: what this record knows of the last run
 is `final` only where a file beside the record proves that the last run ended in good order
 (``orderly_end``). What a GREEN_GREEN leaves behind is on the disk, in the file itself and not only
 in SQLite's ``-wal`` beside it, before it goes out.
-
-The schema (``PRAGMA user_version`` 5). JSON is as ``encoding`` writes it:
-
-======== =================== ======================================================================
-table    column              meaning
-======== =================== ======================================================================
-session  id                  one run of race control
-..       began_ns, ended_ns  wall time, ns since the epoch; `ended_ns` is null after a crash
-..       rules               the version of the rules (``rules_version``); null: not recorded
-..       setup               JSON: with what the rules began (``inputs.Setup``)
-..       memory              JSON: what the next run must know (``RaceMemory``); null: nothing
-event    session, sequence   the run, and the number of the event in it: from 1, without a gap
-..       wall_ns             wall time, ns since the epoch
-..       monotonic           the clock of the rules, s
-..       kind                a name of ``EventKind``
-..       kart                the kart's number; 0: none
-..       command             the command, or that which caused it: a ``CommandKind``; null: none
-..       success             for a command, whether it was accepted
-..       state               a name of ``RaceState``; null: none
-..       text                one sentence for the official
-..       official            who gave the command, by their own word; empty: unnamed
-..       alert               for an alert, a name of ``AlertKind``; null: none
-..       hold                how the kart is held, of kart 0 every kart: a ``RaceState``; null: not
-..       race                the number of the race in the run; 0: none is under way
-..       heat                the heat that was last put into the race; empty: none
-input    session, block      the run, and the number of the block in it: from 1, without a gap
-..       data                what went into the rules, in order (``inputs.Block``)
-======== =================== ======================================================================
 """
 
 from __future__ import annotations
@@ -109,36 +81,36 @@ SLOW = 2.0
 """Time an event may wait before `trouble` speaks of it, in seconds."""
 
 _SCHEMA = """
-CREATE TABLE session (
+CREATE TABLE session ( -- one run of race control
     id INTEGER PRIMARY KEY,
-    began_ns INTEGER NOT NULL,
-    ended_ns INTEGER,
-    rules TEXT,
-    setup TEXT,
-    memory TEXT
+    began_ns INTEGER NOT NULL, -- wall time, ns since the epoch
+    ended_ns INTEGER, -- null after a crash
+    rules TEXT, -- their version (rules_version); null: not recorded
+    setup TEXT, -- with what the rules began: inputs.Setup, as encoding writes it
+    memory TEXT -- what the next run must know: RaceMemory, likewise; null: nothing
 );
 CREATE TABLE event (
     session INTEGER NOT NULL REFERENCES session,
-    sequence INTEGER NOT NULL,
-    wall_ns INTEGER NOT NULL,
-    monotonic REAL NOT NULL,
-    kind TEXT NOT NULL,
-    kart INTEGER NOT NULL,
-    command TEXT,
-    success INTEGER NOT NULL,
-    state TEXT,
-    text TEXT NOT NULL,
-    official TEXT NOT NULL,
-    alert TEXT,
-    hold TEXT,
-    race INTEGER NOT NULL,
-    heat TEXT NOT NULL,
+    sequence INTEGER NOT NULL, -- counts the events of a run from 1, without a gap
+    wall_ns INTEGER NOT NULL, -- wall time, ns since the epoch
+    monotonic REAL NOT NULL, -- the clock of the rules, s
+    kind TEXT NOT NULL, -- a name of EventKind
+    kart INTEGER NOT NULL, -- the number of the kart; 0: none
+    command TEXT, -- the command, or that which caused it: a CommandKind
+    success INTEGER NOT NULL, -- of a command, whether it was accepted
+    state TEXT, -- a name of RaceState
+    text TEXT NOT NULL, -- one sentence for the official
+    official TEXT NOT NULL, -- who gave the command, by their own word; empty: unnamed
+    alert TEXT, -- of an alert, a name of AlertKind
+    hold TEXT, -- how the kart is held, of kart 0 every kart: a RaceState; null: not
+    race INTEGER NOT NULL, -- the number of the race in the run; 0: none is under way
+    heat TEXT NOT NULL, -- the heat that was last put into the race; empty: none
     PRIMARY KEY (session, sequence)
 ) WITHOUT ROWID;
 CREATE TABLE input (
     session INTEGER NOT NULL REFERENCES session,
-    block INTEGER NOT NULL,
-    data BLOB NOT NULL,
+    block INTEGER NOT NULL, -- counts the blocks of a run from 1, without a gap
+    data BLOB NOT NULL, -- what went into the rules, in order: inputs.Block
     PRIMARY KEY (session, block)
 );
 """
@@ -505,7 +477,7 @@ class Record:
         begins = not self._session
         with _transaction(database):
             if not tables:
-                for statement in _SCHEMA.split(';'):
+                for statement in _SCHEMA.split(';\n'):
                     database.execute(statement)
                 database.execute(f'PRAGMA user_version = {SCHEMA_VERSION}')
             left_behind = _left_behind(database, proof) if begins else None

@@ -172,17 +172,6 @@ def test_where_events_are_missing_nobody_is_said_to_have_not_finished(paper: Pap
 # ----- heats ----------------------------------------------------------------------------------
 
 
-def test_a_race_has_the_name_of_the_heat_that_was_put_into_it(paper: PaperRace) -> None:
-    paper.command(CommandKind.SET_HEAT, heat='Heat A')
-    paper.drive()
-    race_over(paper)
-    paper.command(CommandKind.SET_HEAT, heat='Heat B')
-    paper.drive()
-    race_over(paper)
-    # Another heat has the same karts.
-    assert heats(paper) == ['Heat A', 'Heat B']
-
-
 def test_a_heat_keeps_its_name_with_karts_put_in_and_out(paper: PaperRace) -> None:
     paper.command(CommandKind.SET_HEAT, heat='Heat A')
     paper.command(CommandKind.LEAVE_RACE, 8)

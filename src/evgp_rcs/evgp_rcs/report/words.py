@@ -77,20 +77,6 @@ KINDS = {
 }
 """What each kind of event is called."""
 
-GLOSSARY = (
-    ('IN GARAGE', 'The kart is not racing; its team may work on it.'),
-    ('GRID ACTIVE', 'The race starts soon: the kart gets ready, and nobody is on the track.'),
-    ('GREEN GREEN', 'The race is on: the kart drives.'),
-    ('RED FLAG', 'The kart slows down to a stop, still steering, and stays there.'),
-    ('RED RED', 'The kart stops at once, as fast as it can.'),
-    ('held', 'Race control keeps this one kart stopped, whatever the race does.'),
-    (
-        'acknowledged',
-        'The kart answered with the state that it was sent; to a stop, once it stands still.',
-    ),
-)
-"""What a reader has to know who has never seen a report."""
-
 SILENT = frozenset(Silence) - {Silence.NOT_KNOWN}
 """Where it is certain that a kart did not acknowledge."""
 
