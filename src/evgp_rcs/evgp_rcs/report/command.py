@@ -21,17 +21,15 @@ from collections.abc import Callable, Iterable, Sequence
 import dataclasses
 import datetime
 import hashlib
-from importlib import metadata
 import json
 import pathlib
 import re
-import time
 
 from evgp_rcs.plain import plain
 from evgp_rcs.record import is_being_written, RecordedEvent, Session
 from evgp_rcs.replay import Kept
 from evgp_rcs.report.model import Account, Part
-from evgp_rcs.report.page import page, Source
+from evgp_rcs.report.page import page
 from evgp_rcs.report.words import Clock
 from evgp_rcs.runs import (
     add_run_arguments,
@@ -40,7 +38,6 @@ from evgp_rcs.runs import (
     open_runs,
     Runs,
     say,
-    UNREADABLE,
     UnreadableError,
 )
 
@@ -96,7 +93,7 @@ def main(arguments: Sequence[str]) -> int:
         part = _part(account, run, wanted.start, wanted.end, wanted.kart)
     except ValueError as error:
         options().error(str(error))
-    written = page(account, part, _source(runs, kept, sums, wanted.quick))
+    written = page(runs, kept, account, part, sums, _replay(kept, wanted.quick))
     try:
         wanted.output.write_text(written, encoding='utf-8', errors='replace')
     except OSError as error:
@@ -106,28 +103,15 @@ def main(arguments: Sequence[str]) -> int:
     return runs.code
 
 
-def _source(runs: Runs, kept: Kept, sums: list[tuple[str, str]], quick: bool) -> Source:
-    code, replay = UNREADABLE, ['This run was not replayed: --quick was given.']
-    if not quick:
-        try:
-            code, replay = kept.judge()
-        except UnreadableError as error:
-            replay = [f'It was not replayed: {error}.']
-        else:
-            replay.insert(0, 'The rules were run again on all that went into them.')
-    return Source(
-        file=str(runs.file.absolute()),
-        run=kept.run,
-        present=kept.goes_on,
-        others=[each for each in runs.day_of(kept.run) if each is not kept.run],
-        replay=replay,
-        is_replayed=code == DONE,
-        sums=sums,
-        rules=kept.rules,
-        program=f'evgp_rcs {_version()}',
-        made_ns=time.time_ns(),
-        damage=runs.damage,
-    )
+def _replay(kept: Kept, quick: bool) -> tuple[bool, str]:
+    """Return whether a replay went to the end without a difference, and what there is to say."""
+    if quick:
+        return False, 'This run was not replayed: --quick was given.'
+    try:
+        code, said = kept.judge()
+    except UnreadableError as error:
+        return False, f'It was not replayed: {error}.'
+    return code == DONE, ' '.join(['The rules were run again on all that went into them.', *said])
 
 
 def _sums(runs: Runs, happened: Iterable[RecordedEvent]) -> list[tuple[str, str]]:
@@ -160,13 +144,6 @@ def _sum_of(file: pathlib.Path) -> str:
         while chunk := opened.read(CHUNK):
             digest.update(chunk)
     return digest.hexdigest()
-
-
-def _version() -> str:
-    try:
-        return metadata.version('evgp_rcs')
-    except metadata.PackageNotFoundError:
-        return 'of which the version is not known'
 
 
 def _part(

@@ -23,18 +23,20 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from dataclasses import dataclass
 import hashlib
+from importlib import metadata
 from importlib.resources import files
+import time
 from typing import Any
 
 from evgp_rcs.inputs import CLOSED_BY_KART
 from evgp_rcs.plain import plain
 from evgp_rcs.race import EventKind
-from evgp_rcs.record import Session
+from evgp_rcs.replay import Kept
 from evgp_rcs.report import words
 from evgp_rcs.report.model import Account, Alert, Part, STOPS
 from evgp_rcs.report.words import Clock
+from evgp_rcs.runs import Runs
 from jinja2 import Environment, StrictUndefined
 
 PAPER_ROWS = 1000
@@ -57,36 +59,6 @@ LESSER = frozenset(
 """The kinds of events that are left out first where there is no room for all."""
 
 
-@dataclass(frozen=True)
-class Source:
-    """
-    Where a report comes from.
-
-    :param run: the run that it is about.
-    :param present: race control was still writing this run.
-    :param others: the other runs of that day.
-    :param replay: what a replay of it found, or why there was none, in sentences.
-    :param is_replayed: it was replayed to its end, and nothing differs.
-    :param sums: what was summed, and its SHA-256.
-    :param rules: the version of the rules; empty: not recorded.
-    :param program: the version of the program that makes the report.
-    :param made_ns: when it is made, ns since the epoch.
-    :param damage: why not all of the run could be read; empty: all of it was.
-    """
-
-    file: str
-    run: Session
-    present: bool
-    others: Sequence[Session]
-    replay: Sequence[str]
-    is_replayed: bool
-    sums: Sequence[tuple[str, str]]
-    rules: str
-    program: str
-    made_ns: int
-    damage: str = ''
-
-
 def _hash(text: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
@@ -95,16 +67,29 @@ def _count(number: int, what: str) -> str:
     return f'{number:,} {what}{"" if number == 1 else "s"}'
 
 
-def page(whole: Account, part: Part, source: Source) -> str:
-    """Return the report of a run, or of a part of it."""
+def page(
+    runs: Runs,
+    kept: Kept,
+    whole: Account,
+    part: Part,
+    sums: Sequence[tuple[str, str]],
+    replay: tuple[bool, str],
+) -> str:
+    """
+    Return the report of a run, or of a part of it.
+
+    :param sums: what was summed, and its SHA-256.
+    :param replay: whether it was replayed to its end, and nothing differs; and what there is to
+        say of that.
+    """
     account = part.narrow(whole)
-    clock = Clock(whole.first.wall_ns if whole.first is not None else source.run.began_ns)
+    clock = Clock(whole.first.wall_ns if whole.first is not None else kept.run.began_ns)
     events = {event.sequence: event for event in whole.events}
     shown = _part(part, whole, clock)
     title = f'Race report, {clock.moment(clock.began_ns):%Y-%m-%d %H:%M}'
     title += ' (a part only)' if shown else ''
     # The foot of every printed page; nothing of others is in it.
-    foot = f'{title} · run {source.run.number}' + (f' · shows only {shown}' if shown else '')
+    foot = f'{title} · run {kept.run.number}' + (f' · shows only {shown}' if shown else '')
     incidents = [events[number] for race in whole.races for number in race.incidents]
     lost = [event for event in incidents if event.kind == EventKind.DISCONNECTED.name]
     # Only the sentence of an event says why a connection is gone.
@@ -124,7 +109,14 @@ def page(whole: Account, part: Part, source: Source) -> str:
     return template.render(
         whole=whole,
         account=account,
-        source=source,
+        runs=runs,
+        kept=kept,
+        others=[each for each in runs.day_of(kept.run) if each is not kept.run],
+        sums=sums,
+        is_replayed=replay[0],
+        replay=replay[1],
+        program=f'evgp_rcs {_version()}',
+        made_ns=time.time_ns(),
         part=shown,
         clock=clock,
         words=words,
@@ -155,6 +147,13 @@ def _part(part: Part, whole: Account, clock: Clock) -> str:
     if part.kart is not None:
         phrases.append(f'kart {part.kart} and what concerns no single kart')
     return ', '.join(phrases)
+
+
+def _version() -> str:
+    try:
+        return metadata.version('evgp_rcs')
+    except metadata.PackageNotFoundError:
+        return 'of which the version is not known'
 
 
 def _stood(alert: Alert, whole: Account, clock: Clock) -> str:
