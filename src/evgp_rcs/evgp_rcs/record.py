@@ -666,24 +666,13 @@ def is_being_written(path: pathlib.Path) -> bool:
     return False
 
 
-def setup_of(database: sqlite3.Connection, session: int) -> tuple[str, str] | None:
-    """
-    Return the version of the rules of one run, and with what they began, as JSON.
-
-    :returns: None if the record does not have it.
-    """
-    found = database.execute('SELECT rules, setup FROM session WHERE id = ?', (session,))
-    rules, setup = found.fetchone() or (None, None)
-    return None if rules is None or setup is None else (str(rules), str(setup))
-
-
 def inputs_of(
     database: sqlite3.Connection, session: int, after: int = 0, backwards: bool = False
 ) -> Iterator[tuple[int, bytes]]:
     """
     Yield what went into the rules in one run, in blocks, each with its number and compressed.
 
-    :param after: only those with a higher number; needs a record that has a ``setup_of`` it.
+    :param after: only those with a higher number.
     :param backwards: the last one first.
     """
     query = 'SELECT block, data FROM input WHERE session = ? AND block > ? ORDER BY block'

@@ -361,23 +361,19 @@ class Kept:
     @staticmethod
     def read(runs: Runs, run: Session, inputs_too: bool = True) -> Kept:
         """Read a run; what is damaged of it, it has not."""
-        found = runs.setup(run)
+        rules, text = runs.setup(run)
         # Inputs first: what is written meanwhile are events that no input here has made.
-        blocks = runs.inputs(run) if found and inputs_too else []
+        blocks = runs.inputs(run) if text and inputs_too else []
         happened = runs.events(run)
+        setup, lacks = None, 'the record does not have what went into the rules'
+        if text:
+            try:
+                setup, lacks = Setup.read(text), ''
+            except InputsError as error:
+                lacks = str(error)
+        elif runs.damage:
+            lacks = f'the record is damaged ({runs.damage})'
         goes_on = run is runs.present
-        rules, text = found or ('', '')
-        setup, lacks = None, ''
-        try:
-            setup = Setup.read(text) if found else None
-        except InputsError as error:
-            lacks = str(error)
-        if not found:
-            lacks = (
-                f'the record is damaged ({runs.damage})'
-                if runs.damage
-                else 'the record does not have what went into the rules'
-            )
         return Kept(run, goes_on, rules, setup, lacks, blocks, happened, bool(runs.damage))
 
     def account(self) -> Account:

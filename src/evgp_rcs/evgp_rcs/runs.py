@@ -39,7 +39,6 @@ from evgp_rcs.record import (
     SCHEMA_VERSION,
     Session,
     sessions,
-    setup_of,
 )
 
 DONE = 0
@@ -127,20 +126,24 @@ class Runs:
         return self._readable(read, operator.attrgetter('sequence'))
 
     def inputs(self, run: Session) -> list[tuple[int, bytes]]:
-        """Return what went into the rules, as far as it can be read; needs a `setup`."""
+        """Return what went into the rules, as far as it can be read."""
 
         def read(after: int, backwards: bool) -> Iterator[tuple[int, bytes]]:
             return inputs_of(self.database, run.number, after, backwards)
 
         return self._readable(read, operator.itemgetter(0))
 
-    def setup(self, run: Session) -> tuple[str, str] | None:
-        """Return the version of the rules of a run, and with what they began; None: not there."""
+    def setup(self, run: Session) -> tuple[str, str]:
+        """Return the version of the rules of a run, and with what they began; empty: not there."""
         try:
-            return setup_of(self.database, run.number)
+            found = self.database.execute(
+                'SELECT rules, setup FROM session WHERE id = ?', (run.number,)
+            )
+            rules, setup = found.fetchone() or ('', '')
         except sqlite3.DatabaseError as error:
             self._note(error)
-            return None
+            return '', ''
+        return str(rules or ''), str(setup or '')
 
     def _readable(
         self, read: Callable[[int, bool], Iterable[_Row]], number: Callable[[_Row], int]
