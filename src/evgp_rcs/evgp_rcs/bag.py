@@ -62,15 +62,13 @@ class Bag:
     """
     A bag that is being written.
 
-    :param stream: takes the bytes.
+    :param writer: writes the file.
     """
 
-    def __init__(self, stream: Any) -> None:
-        """Begin the bag."""
-        self._writer = Writer(stream)
-        self._writer.start(profile='ros2', library='evgp_rcs')
+    def __init__(self, writer: Writer) -> None:
+        """Begin with no topic."""
+        self._writer = writer
         self._channels: dict[str, int] = {}
-        self._sequences: dict[str, int] = {}
 
     def write(self, topic: str, wall_ns: int, message: Any) -> None:
         """Write a message that was published on a topic at a wall time (ns since the epoch)."""
@@ -81,19 +79,8 @@ class Bag:
                 f'{package}/msg/{name}', 'ros2msg', definition(kind).encode()
             )
             self._channels[topic] = self._writer.register_channel(topic, 'cdr', schema)
-            self._sequences[topic] = 0
-        self._sequences[topic] += 1
-        self._writer.add_message(
-            self._channels[topic],
-            log_time=wall_ns,
-            publish_time=wall_ns,
-            data=serialize_message(message),
-            sequence=self._sequences[topic],
-        )
-
-    def close(self) -> None:
-        """Finish the bag; without this, readers must search it for its messages."""
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        data = serialize_message(message)
+        self._writer.add_message(self._channels[topic], wall_ns, data, wall_ns)
 
 
 @contextlib.contextmanager
@@ -106,9 +93,10 @@ def open_bag(path: pathlib.Path) -> Iterator[Bag]:
     """
     with path.open('xb') as stream:
         try:
-            bag = Bag(stream)
-            yield bag
-            bag.close()
+            writer: Any = Writer(stream)
+            writer.start(profile='ros2', library='evgp_rcs')
+            yield Bag(writer)
+            writer.finish()
         except BaseException:
             path.unlink()
             raise
