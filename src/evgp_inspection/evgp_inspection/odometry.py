@@ -110,15 +110,35 @@ def _read(source: str, take: Take) -> None:
 
 def _listen_to_ros(topic: str, take: Take) -> Callable[[], None]:
     """Subscribe to ``nav_msgs/Odometry``; ROS is imported here, so nothing else needs it."""
-    ros: Any = importlib.import_module('evgp_inspection.ros_driver')
+    rclpy: Any = importlib.import_module('rclpy')  # without types, and not there for most
+    executors: Any = importlib.import_module('rclpy.executors')
     messages: Any = importlib.import_module('nav_msgs.msg')
     qos: Any = importlib.import_module('rclpy.qos')
+    signals: Any = importlib.import_module('rclpy.signals')
+
+    context = rclpy.Context()
+    rclpy.init(context=context, signal_handler_options=signals.SignalHandlerOptions.NO)
+    node = rclpy.create_node('inspect_kart', context=context)
+    executor = executors.SingleThreadedExecutor(context=context)
+    executor.add_node(node)
 
     def heard(odometry: Any) -> None:
         speed = odometry.twist.twist.linear
         take(math.hypot(speed.x, speed.y, speed.z))
 
-    side = ros.SpinningNode('inspect_kart')
-    side.node.create_subscription(messages.Odometry, topic, heard, qos.qos_profile_sensor_data)
-    close: Callable[[], None] = side.close
-    return close
+    node.create_subscription(messages.Odometry, topic, heard, qos.qos_profile_sensor_data)
+
+    def spin() -> None:
+        with contextlib.suppress(executors.ExternalShutdownException):
+            executor.spin()
+
+    thread = threading.Thread(target=spin, daemon=True)
+    thread.start()
+
+    def end() -> None:
+        executor.shutdown()
+        thread.join(5.0)
+        node.destroy_node()
+        context.try_shutdown()
+
+    return end
