@@ -27,7 +27,7 @@ import ctypes
 import socket
 import struct
 
-from evgp_inspection.kart_wire import close, LATE_BEAT, RESET
+from evgp_inspection.kart_wire import close, RESET
 from evgp_inspection.recording import Recording
 from evgp_inspection.traces import Kind, STRANGER
 from evgp_protocol.frames import encode, FrameDecoder, StateFrame
@@ -35,6 +35,10 @@ from evgp_protocol.states import RaceState
 
 ATTACH_FILTER, DETACH_FILTER = 26, 27
 """Options of Linux that Python does not name."""
+
+LATE_LOOK = 0.15
+"""Maximum delay of this computer that is no excuse, in seconds: two of them, one after the other,
+are no gap that a race control must not leave."""
 
 
 class Link(asyncio.Protocol):
@@ -206,5 +210,5 @@ class Field:
             before = loop.time()
             await asyncio.sleep(0.05)
             late = loop.time() - before - 0.05
-            if late > LATE_BEAT:
+            if late > LATE_LOOK:
                 self.recording.note(Kind.HELD_UP, value=late)

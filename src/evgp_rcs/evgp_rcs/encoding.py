@@ -34,7 +34,7 @@ from typing import Any, get_args, get_origin, get_type_hints, TypeVar
 MOST_SECONDS = 1e10
 """Maximum time on the clock of the rules that is no damage, in seconds."""
 
-MOST = 2**63
+MOST_NUMBER = 2**63
 """Maximum number of anything that is no damage."""
 
 DAMAGED = (ValueError, LookupError, TypeError, RecursionError)
@@ -98,7 +98,7 @@ def reader(kind: Any) -> Callable[[Any], Any]:
 _CHECKS: Mapping[type[Any], Callable[[Any], bool]] = {
     str: lambda value: type(value) is str,
     bool: lambda value: type(value) in (bool, int) and value in (0, 1),  # SQLite has numbers
-    int: lambda value: type(value) is int and 0 <= value < MOST,
+    int: lambda value: type(value) is int and 0 <= value < MOST_NUMBER,
     float: lambda value: type(value) in (int, float) and abs(value) < MOST_SECONDS,
     list: lambda value: type(value) is list,
 }
