@@ -16,11 +16,9 @@
 
 from __future__ import annotations
 
-import functools
-
 from evgp_inspection import kart_judges as judge
 from evgp_inspection.kart_judges import GREEN_GREEN, GRID_ACTIVE, RED_FLAG, RED_RED
-from evgp_inspection.verdicts import Clause
+from evgp_inspection.verdicts import Clause, DISCONNECTED, proposal, wire
 
 KILLING_STEPS = ('bridge', 'stack')
 DRIVING_STEPS = (
@@ -34,8 +32,6 @@ KART_STEPS = (
 """The steps of `inspect_kart`, in their order; in those that are not `DRIVING_STEPS`, the kart
 stands. In the last two, a part of the kart's program is ended by force."""
 
-_proposal = functools.partial(Clause, 'proposal')
-_wire = functools.partial(Clause, 'docs/wire.md')
 
 _WHEN_TRUE = (
     'Say it when it is **true**, not when you read it: on an acknowledged stop, people walk '
@@ -44,48 +40,44 @@ _WHEN_TRUE = (
 _PIECES = (
     'TCP does not keep frames together: one read may return half a frame, the next one ten frames.'
 )
-_DISCONNECTED = (
-    'If a kart has disconnected (as described in Connection status) during the race, the kart '
-    'shall immediately enter the RED_RED state.'
-)
 
 KART: tuple[Clause, ...] = (
-    _proposal(
+    proposal(
         'K-3A-01',
         'IN_GARAGE: stands still by itself',
         'IN_GARAGE: The kart is not currently driving in the Race.',
         'IN_GARAGE is sent when the kart connects, and again after a race.',
         judge.stands('connect/garage', 'race/after'),
     ),
-    _proposal(
+    proposal(
         'K-3A-02',
         'GRID_ACTIVE: acknowledged when ready',
         'When ready to race, karts must reply with $GRID_ACTIVE; message to the RCS.',
         'GRID_ACTIVE is sent after IN_GARAGE. $READY; counts, too.',
         judge.acknowledges(GRID_ACTIVE, 'grid', 'ready/grid'),
     ),
-    _wire(
+    wire(
         'K-3A-03',
         'GRID_ACTIVE: stands still',
         'stands, gets ready',
         'GRID_ACTIVE is sent, and goes on after the kart has acknowledged it.',
         judge.stands('ready/grid'),
     ),
-    _proposal(
+    proposal(
         'K-3A-04',
         'GREEN_GREEN: acknowledged',
         'The kart should acknowledge the first $GREEN_GREEN; command.',
         'GREEN_GREEN is sent after an acknowledged GRID_ACTIVE.',
         judge.acknowledges(GREEN_GREEN, 'green', 'race/green'),
     ),
-    _proposal(
+    proposal(
         'K-3A-05',
         'GREEN_GREEN: drives when it says so',
         'Upon receiving the $GREEN_GREEN; command, a kart should begin driving within 30 seconds',
         'The kart drives, and its acknowledgement is compared with its wheels.',
         judge.drives,
     ),
-    _proposal(
+    proposal(
         'K-3A-06',
         'RED_FLAG: acknowledged once it stands',
         'The kart should remain stopped once it has stopped moving and send a $RED_FLAG; '
@@ -93,14 +85,14 @@ KART: tuple[Clause, ...] = (
         'RED_FLAG is sent while the kart drives.',
         judge.acknowledges(RED_FLAG, 'red_flag', 'race/red_flag'),
     ),
-    _wire(
+    wire(
         'K-3A-07',
         'RED_FLAG: not acknowledged before it stands',
         _WHEN_TRUE,
         'The RED_FLAG acknowledgement of a driving kart is compared with its wheels.',
         judge.says_it_when_true(RED_FLAG, 'race', 'red_flag'),
     ),
-    _proposal(
+    proposal(
         'K-3A-08',
         'RED_FLAG: remains stopped',
         'The kart should remain stopped once it has stopped moving',
@@ -108,7 +100,7 @@ KART: tuple[Clause, ...] = (
         judge.stands('race/stays', needs=judge.has_driven('race')),
         ('K-3A-07',),
     ),
-    _proposal(
+    proposal(
         'K-3A-09',
         'RED_RED: acknowledged once it stands',
         'Karts should reply with a $RED_RED; message after coming to a complete stop (Nominal '
@@ -116,14 +108,14 @@ KART: tuple[Clause, ...] = (
         'RED_RED is sent to a kart that stands, to one that drives, and after each check.',
         judge.stops_when_told,
     ),
-    _wire(
+    wire(
         'K-3A-10',
         'RED_RED: not acknowledged before it stands',
         _WHEN_TRUE,
         'The RED_RED acknowledgement of a driving kart is compared with its wheels.',
         judge.says_it_when_true(RED_RED, 'red', 'red'),
     ),
-    _wire(
+    wire(
         'K-3A-11',
         'GRID_ACTIVE: acknowledged every time',
         'An acknowledgement is valid until the next command.',
@@ -131,7 +123,7 @@ KART: tuple[Clause, ...] = (
         judge.acknowledges(GRID_ACTIVE, 'grid', 'again/grid'),
         ('K-3A-02',),
     ),
-    _wire(
+    wire(
         'K-3A-12',
         'RED_RED while RED_FLAG brakes: not acknowledged before it stands',
         _WHEN_TRUE,
@@ -140,7 +132,7 @@ KART: tuple[Clause, ...] = (
         judge.says_it_when_true(RED_RED, 'flag_red', 'red'),
         ('K-3A-07', 'K-3A-10'),
     ),
-    _proposal(
+    proposal(
         'K-3A-13',
         'RED_RED: brakes harder than for RED_FLAG',
         'RED_RED: The kart must immediately stop as quickly as possible.',
@@ -148,21 +140,21 @@ KART: tuple[Clause, ...] = (
         judge.brakes_harder,
         ('K-3A-07', 'K-3A-10'),
     ),
-    _proposal(
+    proposal(
         'K-3A-14',
         'RED_RED right after GREEN_GREEN: stops',
         'RED_RED: The kart must immediately stop as quickly as possible.',
         'RED_RED is sent 0.15 s after GREEN_GREEN.',
         judge.stops_early,
     ),
-    _wire(
+    wire(
         'K-3B-01',
         'GREEN_GREEN without GRID_ACTIVE: stands',
         'any other `GREEN_GREEN`',
         'GREEN_GREEN is sent after IN_GARAGE, without GRID_ACTIVE.',
         judge.stands('alone/green'),
     ),
-    _wire(
+    wire(
         'K-3B-02',
         'GREEN_GREEN after RED_RED: stands',
         '**Nothing may come between `GRID_ACTIVE` and `GREEN_GREEN`:**',
@@ -170,7 +162,7 @@ KART: tuple[Clause, ...] = (
         judge.stands('again/green', needs=judge.has_acknowledged(GRID_ACTIVE, 'again/grid')),
         ('K-3B-01',),
     ),
-    _wire(
+    wire(
         'K-3B-03',
         'GREEN_GREEN before the GRID_ACTIVE acknowledgement: stands',
         '`GREEN_GREEN`, after a `GRID_ACTIVE` that it acknowledged **on this connection**',
@@ -178,7 +170,7 @@ KART: tuple[Clause, ...] = (
         judge.waits_for_its_own_word,
         ('K-3B-01', 'K-3B-02'),
     ),
-    _wire(
+    wire(
         'K-3B-04',
         'GREEN_GREEN after RED_FLAG: stands',
         '**Nothing may come between `GRID_ACTIVE` and `GREEN_GREEN`:**',
@@ -186,7 +178,7 @@ KART: tuple[Clause, ...] = (
         judge.stands('race/flag_green', needs=judge.has_driven('race')),
         ('K-3A-08', 'K-3B-01', 'K-3B-02'),
     ),
-    _proposal(
+    proposal(
         'K-3C-01',
         'connection closed: stops',
         'For safety, all karts must default to an ESTOP or stopped state upon disconnecting '
@@ -194,29 +186,29 @@ KART: tuple[Clause, ...] = (
         'The connection is closed (FIN) while the kart drives.',
         judge.stops('fin'),
     ),
-    _wire(
+    wire(
         'K-3E-01',
         'silence: stops',
         'nothing for **1 s**, or the connection is gone',
         'Nothing more is sent while the kart drives; the connection stays open.',
         judge.stops('silence', silent=True),
     ),
-    _proposal(
+    proposal(
         'K-3E-02',
         'after silence: GREEN_GREEN does not start it',
-        _DISCONNECTED,
+        DISCONNECTED,
         'After silence, GREEN_GREEN is sent again, without GRID_ACTIVE.',
         judge.stands('silence/back', needs=judge.has_driven('silence')),
         ('K-3B-01', 'K-3B-02', 'K-3E-01'),
     ),
-    _wire(
+    wire(
         'K-3E-03',
         'connection reset: stops',
         'nothing for **1 s**, or the connection is gone',
         'The connection is reset (RST) while the kart drives.',
         judge.stops('reset'),
     ),
-    _wire(
+    wire(
         'K-3E-04',
         'connection half-closed: stops',
         'nothing for **1 s**, or the connection is gone',
@@ -224,7 +216,7 @@ KART: tuple[Clause, ...] = (
         judge.stops('half'),
         ('K-3C-01',),
     ),
-    _wire(
+    wire(
         'K-3E-05',
         'after a lost connection: GREEN_GREEN does not start it',
         'a new connection, a kart that gets `GREEN_GREEN` stands until it has acknowledged '
@@ -235,7 +227,7 @@ KART: tuple[Clause, ...] = (
         ),
         ('K-3B-01', 'K-3B-02', 'K-3C-01', 'K-3E-03', 'K-3E-04'),
     ),
-    _wire(
+    wire(
         'K-3E-06',
         'race control restarted in mid-race: never moves by itself',
         'after any other state, or a new connection, a kart that gets `GREEN_GREEN` stands '
@@ -245,7 +237,7 @@ KART: tuple[Clause, ...] = (
         judge.stands('restart/away', 'restart/back', needs=judge.has_driven('restart')),
         ('K-3B-01', 'K-3B-02', 'K-3C-01', 'K-3E-05'),
     ),
-    _wire(
+    wire(
         'K-3E-07',
         'nothing but malformed bytes: stops',
         'For a kart, malformed bytes are the same as silence: after 1 s without a whole, '
@@ -254,7 +246,7 @@ KART: tuple[Clause, ...] = (
         judge.stops('noise', silent=True),
         ('K-3E-01', 'K-4C-07', 'K-4C-08'),
     ),
-    _wire(
+    wire(
         'K-3E-08',
         'RED_RED on a new connection: not acknowledged before it stands',
         _WHEN_TRUE,
@@ -263,22 +255,22 @@ KART: tuple[Clause, ...] = (
         judge.says_it_when_true(RED_RED, 'cut', 'lost'),
         ('K-3A-10', 'K-3E-03', 'K-4C-12', 'K-4D-02'),
     ),
-    _proposal(
+    proposal(
         'K-3E-09',
         'its program for race control is killed: stops',
-        _DISCONNECTED,
+        DISCONNECTED,
         'The program that is connected to race control (our bridge) is killed while the kart '
         'drives.',
         judge.stops_when_killed('bridge'),
     ),
-    _wire(
+    wire(
         'K-3E-10',
         'its program that drives is killed: stops',
         'It must also brake if this program ends.',
         'The program that commands the motors (the stack) is killed while the kart drives.',
         judge.stops_when_killed('stack'),
     ),
-    _proposal(
+    proposal(
         'K-4A-01',
         'connects',
         'The kart must be able to connect to and send/receive messages to the RCS through the '
@@ -286,7 +278,7 @@ KART: tuple[Clause, ...] = (
         'The inspection listens in place of race control.',
         judge.connects('connect', 'wait', 'connect'),
     ),
-    _wire(
+    wire(
         'K-4A-02',
         'one connection at a time',
         'One connection per kart.',
@@ -294,7 +286,7 @@ KART: tuple[Clause, ...] = (
         judge.has_one_connection,
         ('K-4D-03',),
     ),
-    _proposal(
+    proposal(
         'K-4C-01',
         'says whole, correct frames only',
         'Each message will begin with a start character (a dollar sign: $) followed by a '
@@ -303,7 +295,7 @@ KART: tuple[Clause, ...] = (
         'All that the kart says is read, during the whole inspection.',
         judge.says_frames,
     ),
-    _wire(
+    wire(
         'K-4C-02',
         'frames cut into single bytes',
         _PIECES,
@@ -311,7 +303,7 @@ KART: tuple[Clause, ...] = (
         judge.acknowledges(RED_RED, 'red_red', 'pieces/bytes', link_stays=True),
         ('K-4C-05',),
     ),
-    _wire(
+    wire(
         'K-4C-03',
         'many frames in one piece',
         _PIECES,
@@ -319,7 +311,7 @@ KART: tuple[Clause, ...] = (
         judge.acknowledges(RED_RED, 'red_red', 'pieces/many', link_stays=True),
         ('K-4C-02', 'K-4C-05'),
     ),
-    _wire(
+    wire(
         'K-4C-04',
         'frames whose second half is late',
         _PIECES,
@@ -327,14 +319,14 @@ KART: tuple[Clause, ...] = (
         judge.acknowledges(RED_RED, 'red_red', 'pieces/late', link_stays=True),
         ('K-4C-02', 'K-4C-05'),
     ),
-    _proposal(
+    proposal(
         'K-4C-05',
         '10 frames a second are enough',
         'The RCS will send the race state at least 10 times per second.',
         'RED_RED is sent 10 times a second to a kart that stands.',
         judge.acknowledges(RED_RED, 'red_red', 'pieces/slow', link_stays=True),
     ),
-    _wire(
+    wire(
         'K-4C-06',
         'sees a stop in time, however many frames came before it',
         '**Read all there is, and obey the last frame**, not those before it.',
@@ -343,7 +335,7 @@ KART: tuple[Clause, ...] = (
         judge.acknowledges(RED_RED, 'red_red', 'backlog/red'),
         ('K-3A-09',),
     ),
-    _wire(
+    wire(
         'K-4C-07',
         'obeys nothing that only looks like GREEN_GREEN',
         'a name that is not a state (`$GREEN;`, `$red_red;`)',
@@ -352,7 +344,7 @@ KART: tuple[Clause, ...] = (
         judge.stands('ready/malformed', needs=judge.has_acknowledged(GRID_ACTIVE, 'ready/grid')),
         ('K-3A-03',),
     ),
-    _wire(
+    wire(
         'K-4C-08',
         'survives malformed bytes',
         'malformed; skips to the next `$`',
@@ -360,7 +352,7 @@ KART: tuple[Clause, ...] = (
         judge.survives,
         ('K-4C-05', 'K-4C-07'),
     ),
-    _wire(
+    wire(
         'K-4C-09',
         'says only what it is being sent',
         'To acknowledge, say the same frame back, once or with every frame.',
@@ -368,7 +360,7 @@ KART: tuple[Clause, ...] = (
         judge.says_what_it_is_sent,
         ('K-3A-14', 'K-4C-06', 'K-4C-07', 'K-4C-12'),
     ),
-    _wire(
+    wire(
         'K-4C-10',
         'does not flood race control',
         'reads about 4096 bytes a beat at most; accepts no acknowledgement from it during the '
@@ -376,14 +368,14 @@ KART: tuple[Clause, ...] = (
         'The bytes that the kart says are counted during the whole inspection.',
         judge.does_not_flood,
     ),
-    _wire(
+    wire(
         'K-4C-11',
         'nothing sent yet: says nothing, stands',
         'as `RED_RED`: it stops, or stays where it is',
         'Nothing is sent for a moment on the first connection.',
         judge.says_nothing_first,
     ),
-    _wire(
+    wire(
         'K-4C-12',
         'says nothing old on a new connection',
         'A kart that comes back after a loss has to acknowledge again.',
@@ -391,21 +383,21 @@ KART: tuple[Clause, ...] = (
         judge.says_nothing_old,
         ('K-4C-11',),
     ),
-    _wire(
+    wire(
         'K-4D-01',
         'connects again after FIN',
         'Then connect again, and wait half a second between attempts',
         'The connection is closed while the kart drives.',
         judge.connects('fin'),
     ),
-    _wire(
+    wire(
         'K-4D-02',
         'connects again after RST',
         'Then connect again, and wait half a second between attempts',
         'The connection is reset while the kart drives.',
         judge.connects('reset'),
     ),
-    _wire(
+    wire(
         'K-4D-03',
         'connects again after a half-close',
         'Then connect again, and wait half a second between attempts',
@@ -413,7 +405,7 @@ KART: tuple[Clause, ...] = (
         judge.connects('half'),
         ('K-4D-01',),
     ),
-    _wire(
+    wire(
         'K-4D-04',
         'connects again after silence (half-open connection)',
         'nothing for **1 s**, or the connection is gone',
@@ -421,7 +413,7 @@ KART: tuple[Clause, ...] = (
         "control's computer has lost its power.",
         judge.connects('half_open'),
     ),
-    _wire(
+    wire(
         'K-4D-05',
         'connects again when race control was restarted',
         'Then connect again, and wait half a second between attempts',
@@ -429,7 +421,7 @@ KART: tuple[Clause, ...] = (
         judge.connects('restart', 'back'),
         ('K-4D-01',),
     ),
-    _wire(
+    wire(
         'K-4D-06',
         'acknowledges again on a new connection',
         'A kart that comes back after a loss has to acknowledge again.',

@@ -29,7 +29,7 @@ from evgp_inspection.rcs_judges import (
     RED_RED,
     TWO,
 )
-from evgp_inspection.verdicts import Clause
+from evgp_inspection.verdicts import Clause, DISCONNECTED, proposal, wire
 from evgp_protocol.states import RaceState
 
 RCS_STEPS = (
@@ -38,17 +38,11 @@ RCS_STEPS = (
 )
 """The steps of `inspect_rcs`, in their order."""
 
-_proposal = functools.partial(Clause, 'proposal')
-_wire = functools.partial(Clause, 'docs/wire.md')
 _rules = functools.partial(Clause, 'docs/rules.md')
 
 _UNTIL = (
     'The RCS will not permit the race to be started until all karts in the race have '
     'acknowledged the GRID_ACTIVE command.'
-)
-_DISCONNECTED = (
-    'If a kart has disconnected (as described in Connection status) during the race, the kart '
-    'shall immediately enter the RED_RED state.'
 )
 _RELEASE = (
     'When all karts have Acknowledged and track officials deem the track safe for humans, a '
@@ -56,7 +50,7 @@ _RELEASE = (
 )
 
 RCS: tuple[Clause, ...] = (
-    _proposal(
+    proposal(
         'R-3A-01',
         'IN_GARAGE first to a kart that connects',
         'All karts will be in this state as they connect to the RCS.',
@@ -80,14 +74,14 @@ RCS: tuple[Clause, ...] = (
         judge.stays_red('held/flag', ONE),
         ('R-3A-02', 'R-4B-03'),
     ),
-    _proposal(
+    proposal(
         'R-3B-01',
         'no GREEN_GREEN without acknowledgements',
         _UNTIL,
         'GREEN_GREEN is commanded after GRID_ACTIVE; no kart has acknowledged.',
         judge.no_green('grid/silent'),
     ),
-    _wire(
+    wire(
         'R-3B-02',
         'no GREEN_GREEN on what a kart said before GRID_ACTIVE',
         'An acknowledgement counts if it is the state that the kart is being sent',
@@ -103,7 +97,7 @@ RCS: tuple[Clause, ...] = (
         judge.no_green('lost/green'),
         ('R-3B-01',),
     ),
-    _wire(
+    wire(
         'R-3B-04',
         'no GREEN_GREEN on an acknowledgement of an earlier connection',
         'A kart that comes back after a loss has to acknowledge again.',
@@ -111,7 +105,7 @@ RCS: tuple[Clause, ...] = (
         judge.no_green('lost/back'),
         ('R-3B-01', 'R-3B-02', 'R-3B-03'),
     ),
-    _wire(
+    wire(
         'R-3B-05',
         'no GREEN_GREEN on an acknowledgement of an earlier GRID_ACTIVE',
         'An acknowledgement is valid until the next command.',
@@ -120,7 +114,7 @@ RCS: tuple[Clause, ...] = (
         ('R-3B-01',),
         after=('race',),
     ),
-    _proposal(
+    proposal(
         'R-3B-06',
         'GRID_ACTIVE to the karts of the race',
         'the RCS will broadcast *\\$GRID_ACTIVE*; until all In Race karts have Acknowledged the '
@@ -128,7 +122,7 @@ RCS: tuple[Clause, ...] = (
         'GRID_ACTIVE is commanded in IN_GARAGE.',
         judge.reaches('race/order', 'reach', GRID_ACTIVE, ONE, TWO),
     ),
-    _proposal(
+    proposal(
         'R-3B-07',
         'GREEN_GREEN once all have acknowledged',
         _UNTIL,
@@ -136,7 +130,7 @@ RCS: tuple[Clause, ...] = (
         judge.reaches('race/started', 'reach', GREEN_GREEN, ONE, TWO),
         ('R-3B-06',),
     ),
-    _wire(
+    wire(
         'R-3B-08',
         'no GREEN_GREEN on a word that was begun before GRID_ACTIVE',
         'An acknowledgement counts if it is the state that the kart is being sent',
@@ -145,7 +139,7 @@ RCS: tuple[Clause, ...] = (
         judge.no_green('halves/green'),
         ('R-3B-01', 'R-3B-02'),
     ),
-    _proposal(
+    proposal(
         'R-3C-01',
         'FINISH: RED_FLAG to that kart alone',
         'The RCS will send the kart a *\\$RED_FLAG*; command as described in the RCS Software '
@@ -153,7 +147,7 @@ RCS: tuple[Clause, ...] = (
         'One kart of the race is marked as finished.',
         judge.reaches('race/finish_one', 'finish', RED_FLAG, ONE, not_to=TWO),
     ),
-    _proposal(
+    proposal(
         'R-3C-02',
         'FINISH: the later place has another delay',
         'The set amount of time will depend on what place the kart finished to stagger karts '
@@ -162,7 +156,7 @@ RCS: tuple[Clause, ...] = (
         judge.staggers,
         ('R-3C-01',),
     ),
-    _proposal(
+    proposal(
         'R-3C-03',
         'RACE_OVER: RED_RED to the race',
         'The RCS will then broadcast the *\\$RED_RED*; command until all participating karts '
@@ -170,7 +164,7 @@ RCS: tuple[Clause, ...] = (
         'RACE_OVER is commanded once both karts have their RED_FLAG.',
         judge.reaches('race/over', 'reach', RED_RED, ONE, TWO),
     ),
-    _proposal(
+    proposal(
         'R-3C-04',
         'no IN_GARAGE before all have acknowledged RED_RED',
         _RELEASE,
@@ -178,7 +172,7 @@ RCS: tuple[Clause, ...] = (
         judge.unchanged('race/unacknowledged'),
         ('R-3C-03',),
     ),
-    _proposal(
+    proposal(
         'R-3C-05',
         'IN_GARAGE once all have acknowledged RED_RED',
         _RELEASE,
@@ -186,7 +180,7 @@ RCS: tuple[Clause, ...] = (
         judge.reaches('race/released', 'reach', IN_GARAGE, ONE, TWO),
         ('R-3C-03', 'R-3C-04'),
     ),
-    _wire(
+    wire(
         'R-3E-01',
         'a kart that comes back in IN_GARAGE: IN_GARAGE',
         '`$IN_GARAGE;` when the kart connects, if no race is under way and the kart is not held.',
@@ -194,7 +188,7 @@ RCS: tuple[Clause, ...] = (
         judge.is_sent_only('connect/back', {IN_GARAGE}, TWO),
         ('R-3A-01',),
     ),
-    _wire(
+    wire(
         'R-3E-02',
         'a kart that comes back in GRID_ACTIVE: not GREEN_GREEN',
         'A kart of a race under way is sent what the rules say',
@@ -202,33 +196,33 @@ RCS: tuple[Clause, ...] = (
         judge.is_sent_only('lost/returned', {*RaceState} - {GREEN_GREEN}, ONE),
         ('R-3B-03',),
     ),
-    _proposal(
+    proposal(
         'R-3E-03',
         'a kart that comes back in GREEN_GREEN: RED_RED',
-        _DISCONNECTED,
+        DISCONNECTED,
         'The connection of a kart is reset in GREEN_GREEN; it connects again.',
         judge.is_sent_only('again/back', {RED_RED}, TWO),
     ),
-    _proposal(
+    proposal(
         'R-3E-04',
         'a kart that comes back in RED_FLAG: RED_RED',
-        _DISCONNECTED,
+        DISCONNECTED,
         'A kart closes its connection in RED_FLAG and connects again.',
         judge.is_sent_only('flag/back', {RED_RED}, ONE),
         ('R-4B-02',),
     ),
-    _proposal(
+    proposal(
         'R-3E-05',
         'a kart that comes back in RED_RED: RED_RED',
-        _DISCONNECTED,
+        DISCONNECTED,
         'After ALL_KILL, a kart closes its connection and connects again.',
         judge.is_sent_only('stop/back', {RED_RED}, ONE),
         ('R-4B-01',),
     ),
-    _proposal(
+    proposal(
         'R-3E-06',
         'a kart that vanished comes back: RED_RED',
-        _DISCONNECTED,
+        DISCONNECTED,
         'The kart that vanished in GREEN_GREEN connects again.',
         judge.is_sent_only('vanish/back', {RED_RED}, ONE),
         ('R-3E-03', 'R-4D-01'),
@@ -241,7 +235,7 @@ RCS: tuple[Clause, ...] = (
         judge.is_sent_only('absent/back', {RED_RED}, ONE, let_in=True),
         ('R-3E-05',),
     ),
-    _proposal(
+    proposal(
         'R-3F-01',
         'a kart outside the race: IN_GARAGE, or RED_RED once it is stopped',
         'Any Kart that connects to the RCS that is not in the race will be kept in the IN '
@@ -249,7 +243,7 @@ RCS: tuple[Clause, ...] = (
         'A kart that is not in the race is connected during the whole inspection.',
         judge.keeps_in_garage,
     ),
-    _proposal(
+    proposal(
         'R-4A-01',
         'takes the connection of each kart',
         'All karts will be assigned a static IP address corresponding to their team number for '
@@ -257,42 +251,42 @@ RCS: tuple[Clause, ...] = (
         'Each kart connects from its own address.',
         judge.connects,
     ),
-    _wire(
+    wire(
         'R-4A-02',
         'sends nothing to an unknown address, and closes its connection',
         'Race control closes a connection from any other address at once, without a frame',
         'Somebody connects from an address that is no kart.',
         judge.refuses_strangers,
     ),
-    _wire(
+    wire(
         'R-4A-03',
         'a second connection of a kart takes the place of the first',
         'A second one from the same address takes the place of the first.',
         'A kart connects a second time in IN_GARAGE and keeps the first connection.',
         judge.replaces,
     ),
-    _proposal(
+    proposal(
         'R-4B-01',
         'ALL_KILL reaches every kart, in the race or not',
         'Send *\\$RED_RED*; command to All karts',
         'ALL_KILL is commanded in GREEN_GREEN.',
         judge.reaches('stop/all_kill', 'all_kill', RED_RED, ONE, TWO, OUT),
     ),
-    _proposal(
+    proposal(
         'R-4B-02',
         'RED_FLAG reaches the race',
         'Sends *\\$RED_FLAG*; to In Race karts.',
         'RED_FLAG is commanded in GREEN_GREEN.',
         judge.reaches('flag/flag', 'reach', RED_FLAG, ONE, TWO),
     ),
-    _proposal(
+    proposal(
         'R-4B-03',
         'RED_RED to one kart reaches it, and it alone',
         'Send *\\$RED_RED*; to the Individual kart',
         'RED_RED is commanded for one kart in GREEN_GREEN.',
         judge.reaches('again/one', 'reach', RED_RED, ONE, not_to=TWO),
     ),
-    _proposal(
+    proposal(
         'R-4B-04',
         'a command that is not possible changes nothing on the wire',
         'Requires GRID_ACTIVE to be the last button pressed and every kart In Race to send the '
@@ -312,7 +306,7 @@ RCS: tuple[Clause, ...] = (
         judge.is_sent_only('absent/back', {RED_RED}, OUT),
         ('R-3E-05', 'R-4B-01'),
     ),
-    _proposal(
+    proposal(
         'R-4B-06',
         'no GREEN_GREEN unless GRID_ACTIVE was the last button pressed',
         'Requires GRID_ACTIVE to be the last button pressed',
@@ -321,14 +315,14 @@ RCS: tuple[Clause, ...] = (
         judge.no_green('last/green'),
         ('R-3B-01',),
     ),
-    _proposal(
+    proposal(
         'R-4C-01',
         'sends at least 10 frames a second',
         'The RCS will send the race state at least 10 times per second.',
         'All frames are counted, on each connection of 1 s or more.',
         judge.sends_often,
     ),
-    _proposal(
+    proposal(
         'R-4C-02',
         'no long gap between two frames',
         'The RCS will send the race state at least 10 times per second.',
@@ -336,7 +330,7 @@ RCS: tuple[Clause, ...] = (
         judge.leaves_no_gap,
         ('R-4C-01',),
     ),
-    _proposal(
+    proposal(
         'R-4C-03',
         'sends whole, correct frames only',
         'Each message will begin with a start character (a dollar sign: \\$) followed by a '
@@ -345,7 +339,7 @@ RCS: tuple[Clause, ...] = (
         'All bytes are read, during the whole inspection.',
         judge.sends_frames,
     ),
-    _proposal(
+    proposal(
         'R-4D-01',
         'notices that a kart has vanished (half-open connection)',
         'The RCS will continuously determine if a kart is connected and will follow the '

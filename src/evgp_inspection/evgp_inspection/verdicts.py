@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 import dataclasses
 import enum
+import functools
 from typing import Any
 
 from evgp_inspection.traces import Event, Kind, Section, Trace
@@ -173,6 +174,16 @@ class Clause:
     def line(self) -> str:
         """Return it in one line."""
         return f'{self.name}{"*" if self.judge.starred else " "} {self.section:5} {self.title}'
+
+
+proposal = functools.partial(Clause, 'proposal')
+wire = functools.partial(Clause, 'docs/wire.md')
+
+DISCONNECTED = (
+    'If a kart has disconnected (as described in Connection status) during the race, the kart '
+    'shall immediately enter the RED_RED state.'
+)
+"""A sentence of the proposal (§3.E) that speaks of a kart and of race control."""
 
 
 @dataclasses.dataclass(frozen=True)

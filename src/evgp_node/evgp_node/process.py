@@ -125,12 +125,17 @@ def _end_within(seconds: float, code: int) -> None:
     Have the C library end this process; a later call replaces an earlier one.
 
     `faulthandler` knows no exit code but 1, and in some Pythons it goes by the wall clock.
+
+    :raises OSError: if the system gives no timer.
     """
-    libc, timer = ctypes.CDLL(None), ctypes.c_void_p()
+    libc, timer = ctypes.CDLL(None, use_errno=True), ctypes.c_void_p()
     end = ctypes.cast(libc._exit, ctypes.c_void_p).value
     event = struct.pack('qiiPP32x', code, 0, _SIGEV_THREAD, end, 0)
-    libc.timer_create(time.CLOCK_MONOTONIC, event, ctypes.byref(timer))
-    libc.timer_settime(timer, 0, struct.pack('qqqq', 0, 0, int(seconds), 0), None)
+    setting = struct.pack('qqqq', 0, 0, int(seconds), 0)
+    if libc.timer_create(time.CLOCK_MONOTONIC, event, ctypes.byref(timer)) or libc.timer_settime(
+        timer, 0, setting, None
+    ):
+        raise OSError(ctypes.get_errno(), 'no timer for the end of the process')
     while _ends:
         libc.timer_delete(_ends.pop())
     _ends.append(timer)
