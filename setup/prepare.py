@@ -60,7 +60,8 @@ BUILD_STAMP = BUILD / '.stamp'
 CONSOLE_STAMP = VENV / '.console-stamp'
 
 PIP = [VENV / 'bin/python', '-m', 'pip', '--disable-pip-version-check', 'install', '--no-input']
-PIP += ['--require-hashes', '--only-binary', ':all:']
+# The lists name every package, so pip has nothing to resolve: a newer release changes nothing.
+PIP += ['--require-hashes', '--no-deps', '--only-binary', ':all:']
 
 # There are wheels of Jazzy for these, on x86-64 Linux with glibc 2.28 or later, and no others.
 WHEEL_PYTHONS = ('3.11', '3.12')
