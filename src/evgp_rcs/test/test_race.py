@@ -1307,6 +1307,20 @@ def test_humans_are_allowed_once_a_kart_has_stood_by_its_stop(patient: Officials
     patient.does('IN_GARAGE')
 
 
+def test_a_kart_is_not_taken_to_have_stood_while_race_control_was_held_up(
+    patient: Officials,
+) -> None:
+    """What it said meanwhile, and that its link is gone, waits unread."""
+    patient.to_green().does('ALL_KILL')
+    patient.acknowledge(*TEAMS)
+    patient.now += 4.0
+    patient.race.held_up(4.0, patient.now)
+    patient.wait(2.9)
+    assert not patient.race.track_access().allowed
+    patient.wait(0.1)
+    assert patient.race.track_access().allowed
+
+
 # ----- what stands in the way of a start ---------------------------------------------------
 
 
