@@ -592,7 +592,8 @@ class Race:
             kart.doubt = before.doubt
             if before.in_race and not final:
                 kart.doubt = max(kart.doubt, Doubt.GRID)
-            kart.held_alone = before.held and before.held_alone
+            # One that left the roster can never answer: only its own release lets it go.
+            kart.held_alone = kart in gone or (before.held and before.held_alone)
             if kart.doubt:
                 kart.lost_since = now
         for kart in self.karts.values():
@@ -920,7 +921,8 @@ class Race:
         if kart.hold is None or hold.strictness > kart.hold.strictness:
             kart.hold = hold
             # That an official held it stays to be seen, for only an official lets it go.
-            kart.hold_reason = f'{reason}; {kart.hold_reason}' if kart.held_alone else reason
+            before = f'; {kart.hold_reason}' if kart.held_alone and kart.hold_reason else ''
+            kart.hold_reason = reason + before
         self._redirect(kart, now)
 
     def _unhold(self, kart: Kart) -> None:

@@ -1286,6 +1286,17 @@ def test_a_kart_that_left_the_roster_is_named_and_held_until_it_is_released_by_h
     assert race.memory().karts[7] == CALM
 
 
+def test_no_statement_for_the_race_releases_a_kart_that_left_the_roster() -> None:
+    stood = KartMemory(True, True, 0, Doubt.NONE, False)
+    race = Race([Kart(1)], now=0.0)
+    race.recover(RaceMemory(RED_RED, {1: stood, 7: stood}, final=True), 0.0)
+    assert race.availability(CommandKind.IN_GARAGE, 0, 0.0).karts == (1,)
+    race.command(Command(CommandKind.IN_GARAGE, 0, True, frozenset({1})), 0.0)
+    assert race.karts[1].hold is None
+    assert race.karts[7].hold is RED_RED
+    assert race.karts[7].hold_reason == 'race control was restarted'
+
+
 # ----- a stop counts for people once the kart has stood ------------------------------------
 
 
