@@ -44,9 +44,9 @@ RED_RED                       GRID_ACTIVE               nothing
 
 *A pause.* IN_GARAGE need not be said back. When the kart's TCP has answered an order, and for
 `QUIET` after that nothing came from the kart, then it has read that order. A kart that reads and
-says each frame late is not silent; one that reads nothing for 1 s gives its connection up. One that
-says each *change* late is silent in between: so for a kart that has said IN_GARAGE back on this
-connection no pause counts. It will say the next one too, and IN_GARAGE comes between any two
+says each frame late is not silent; one that reads nothing for 1 s gives its connection up. One
+that says each *change* late is silent in between: so for a kart that has said IN_GARAGE back on
+this connection no pause counts. It will say the next one too, and IN_GARAGE comes between any two
 orders of the same state.
 
 What a flood queued answers nothing either. A kart that sends faster than it is read has more bytes
