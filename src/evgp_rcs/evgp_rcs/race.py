@@ -592,8 +592,7 @@ class Race:
             kart.doubt = before.doubt
             if before.in_race and not final:
                 kart.doubt = max(kart.doubt, Doubt.GRID)
-            # One that left the roster can never answer: only its own release lets it go.
-            kart.held_alone = kart in gone or (before.held and before.held_alone)
+            kart.held_alone = before.held and before.held_alone
             if kart.doubt:
                 kart.lost_since = now
         for kart in self.karts.values():

@@ -1268,7 +1268,7 @@ def check_recovery(
         if number in remembered:
             old = remembered[number]
             since = ON_GRID if old.in_race and not final else HARMLESS
-            expected = expected._replace(doubt=max(old.doubt, since), alone=gone or old.alone)
+            expected = expected._replace(doubt=max(old.doubt, since), alone=old.alone)
             if not gone:
                 expected = expected._replace(in_race=old.in_race, place=old.place)
         if kart != expected:

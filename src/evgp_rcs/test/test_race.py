@@ -1286,15 +1286,11 @@ def test_a_kart_that_left_the_roster_is_named_and_held_until_it_is_released_by_h
     assert race.memory().karts[7] == CALM
 
 
-def test_no_statement_for_the_race_releases_a_kart_that_left_the_roster() -> None:
-    stood = KartMemory(True, True, 0, Doubt.NONE, False)
+def test_a_kart_that_was_held_alone_before_a_restart_is_held_for_one_reason() -> None:
     race = Race([Kart(1)], now=0.0)
-    race.recover(RaceMemory(RED_RED, {1: stood, 7: stood}, final=True), 0.0)
-    assert race.availability(CommandKind.IN_GARAGE, 0, 0.0).karts == (1,)
-    race.command(Command(CommandKind.IN_GARAGE, 0, True, frozenset({1})), 0.0)
-    assert race.karts[1].hold is None
-    assert race.karts[7].hold is RED_RED
-    assert race.karts[7].hold_reason == 'race control was restarted'
+    memory = RaceMemory(RED_RED, {1: KartMemory(True, True, 0, Doubt.NONE, True)}, final=True)
+    race.recover(memory, 0.0)
+    assert race.karts[1].hold_reason == 'race control was restarted'
 
 
 # ----- a stop counts for people once the kart has stood ------------------------------------

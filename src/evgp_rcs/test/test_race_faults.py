@@ -851,7 +851,7 @@ FAULTS = {
         ('restart',),
     ),
     'a restart forgets who was held alone': Fault(
-        '            kart.held_alone = kart in gone or (before.held and before.held_alone)\n',
+        '            kart.held_alone = before.held and before.held_alone\n',
         '',
         ('restart',),
     ),
@@ -885,11 +885,6 @@ FAULTS = {
         'return self._uninspected(self.karts[number] for number in heat.karts)',
         "return ''",
         ('uninspected',),
-    ),
-    'the statement answers for a kart that left the roster': Fault(
-        'kart in gone or (before.held and before.held_alone)',
-        'before.held and before.held_alone',
-        ('restart',),
     ),
     'the statement that the track is safe leaves the doubt of a restart': Fault(
         '        self.restarted = False\n        self._tell_results()',
