@@ -97,7 +97,7 @@ class AlertBook:
             if not notice.standing:
                 kept.append(notice)
             elif key in now:
-                if notice.alert.use_msr or not now[key].use_msr:
+                if two or notice.alert.use_msr or not now[key].use_msr:
                     known.add(key)
                     kept.append(replace(notice, alert=now[key]))
             elif two:
