@@ -70,6 +70,17 @@ WORLDS: dict[str, tuple[int, dict[str, Any]]] = {
         150,
         {'racing': 1, 'outside': 0, 'begin': 'grid', 'waits': True, 'around': True},
     ),
+    'held up': (
+        200,
+        {
+            'racing': 0,
+            'outside': 1,
+            'begin': 'unknown',
+            'waits': True,
+            'without': ALL_OF_ONE,
+            'times': {'settle': 2.0},
+        },
+    ),
     'two in green': (300, {'racing': 2, 'outside': 0, 'begin': 'green'}),
     'two on the grid': (100, {'racing': 2, 'outside': 0, 'begin': 'grid'}),
     'two': (150, {'racing': 2, 'outside': 0}),
@@ -117,6 +128,7 @@ FAR = {
     'GREEN_GREEN while a kart outside the race is lost on the grid': 'two on the grid',
     'GREEN_GREEN while a kart that left the grid has only just acknowledged': 'two on the grid',
     'a record that fails while a start waits does not stop it': 'waits around',
+    'a kart stands while race control is held up and hears nothing': 'held up',
     'every word said again begins the time to stand again': 'unknown outside',
     'the time to stand counts from the order': 'green',
     'a new order lets the time to stand run on': 'green',
@@ -217,8 +229,8 @@ FAULTS = {
         ('stop-idempotent',),
     ),
     'a kart is not told at once': Fault(
-        'if kart.held_alone else reason\n        self._redirect(kart, now)\n',
-        'if kart.held_alone else reason\n',
+        'kart.hold_reason = reason + before\n        self._redirect(kart, now)\n',
+        'kart.hold_reason = reason + before\n',
         ('stop-at-once', 'sent-wrong', 'restart'),
     ),
     'ALL_KILL forgets the karts outside the race': Fault(
@@ -910,6 +922,11 @@ FAULTS = {
     'a new order lets the time to stand run on': Fault(
         '        kart.withdrawn = False\n        kart.settles_at = None\n',
         '        kart.withdrawn = False\n',
+        ('settle', 'effect'),
+    ),
+    'a kart stands while race control is held up and hears nothing': Fault(
+        '            kart.settles_at = now + self.times.settle\n        pause = max',
+        '            kart.settles_at += 0.0\n        pause = max',
         ('settle', 'effect'),
     ),
     'every word said again begins the time to stand again': Fault(
