@@ -26,7 +26,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.encoding import written as as_json
 from evgp_rcs.inputs import CLOSED_BY_KART
-from evgp_rcs.race import EventKind, Heat, Kart, Race, RaceMemory
+from evgp_rcs.race import Event, EventKind, Heat, Kart, Race, RaceMemory
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record import Record, RecordedEvent
 from evgp_rcs.report import words
@@ -39,6 +39,7 @@ from evgp_rcs.report.model import (
     Lane,
     NOT_CONNECTED,
     NOT_KNOWN,
+    OF_THE_SERVER,
     Part,
     read,
     RED_FLAG,
@@ -170,6 +171,18 @@ def test_holds_that_are_shown_are_holds_of_the_rules(dice: random.Random) -> Non
                     shown += 1
                     assert each.kart in numbers
     assert shown
+
+
+@pytest.mark.parametrize('kind', sorted(OF_THE_SERVER))
+def test_what_the_server_tells_of_a_kart_ends_no_hold(paper: PaperRace, kind: str) -> None:
+    paper.drive()
+    paper.command(CommandKind.KART_RED_RED, 7)
+    paper.wait(5.0)
+    paper.tell([Event(EventKind[kind], 'it is so', 7, success=False)])
+    paper.wait(5.0)
+    paper.command(CommandKind.RACE_OVER)
+    account = read(paper.events)
+    assert [hold.end for hold in lane(account, 7).holds] == [account.length]
 
 
 def test_a_hold_is_not_put_down_to_a_command_that_came_later(paper: PaperRace) -> None:
