@@ -337,7 +337,7 @@ def test_on_a_narrow_link_frames_go_further_apart_and_the_kart_is_not_lost(
 ) -> None:
     race.green()
     began = time.monotonic()
-    race.machine.air(rate=12_000.0)
+    race.machine.air(rate=8_000.0)
     race.good.wait_for_frames(300)  # 15 s
     assert not race.events(Event.DISCONNECTED, FAULTY, began)
     race.official.command('all_kill')

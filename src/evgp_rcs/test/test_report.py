@@ -52,6 +52,7 @@ from evgp_rcs.report.model import (
 )
 from evgp_rcs.report.words import Clock
 from evgp_rcs.rules_version import rules_version
+from evgp_rcs.runs import PARTLY
 import pytest
 from recorded_races import PaperRace
 from test_replay import change, Running, SETUP
@@ -654,6 +655,16 @@ def test_that_a_run_ended_in_good_order_is_what_its_events_say(
     is_in_order = 'ended_ns' in harm
     assert ('not ended in good order' in capsys.readouterr().out) is not is_in_order
     assert ('ended in good order at' in report(written)) is is_in_order
+
+
+def test_a_damaged_record_too_says_that_a_run_did_not_end_in_good_order(
+    written: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change(written, "UPDATE event SET success = 0 WHERE kind = 'ENDED'")
+    change(written, "UPDATE session SET began_ns = 'noon'")
+    capsys.readouterr()
+    assert rcs_record([str(written), '--list']) == PARTLY
+    assert 'not ended in good order' in capsys.readouterr().out
 
 
 def test_a_report_names_who_brought_the_race_to_each_state_with_what(
