@@ -15,6 +15,7 @@ import socket
 import subprocess
 
 from ament_index_python.packages import get_package_prefix
+from evgp_node.graph import INTERFACE
 from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
@@ -370,6 +371,7 @@ def test_a_bridge_that_starts_well_raises_no_alarm(start_race: StartRace) -> Non
     before = next(index for index, line in enumerate(lines) if 'Obey IN_GARAGE' in line)
     assert before > 0
     assert not any('[WARN]' in line for line in lines[: before + 1]), race.bridge.output
+    assert any('graph can be reached from this machine only' in line for line in lines)
 
 
 def test_a_failure_that_comes_back_with_every_attempt_is_not_logged_every_time(
@@ -389,7 +391,7 @@ def test_a_bridge_that_nobody_reads_says_in_which_domain(start_bridge: StartBrid
     with socket.create_server(('127.0.0.1', free_port())) as silent:
         bridge = start_bridge(silent.getsockname()[1])
         bridge.wait_for_line(
-            f'Nobody reads /kart_bridge/race_state in ROS domain {bridge.domain} '
+            f'Nobody reads /kart_bridge/race_state in ROS domain {bridge.domain} .*{INTERFACE}'
         )
 
 
@@ -397,7 +399,8 @@ def test_a_stack_without_a_bridge_says_in_which_domain(parts: contextlib.ExitSta
     domain = parts.enter_context(Domain())
     stack = parts.enter_context(ExampleStack(domain.number))
     stack.wait_for_line(
-        f'no bridge is heard on /kart_bridge/race_state in ROS domain {domain.number}:'
+        'no bridge is heard on /kart_bridge/race_state in ROS domain '
+        f'{domain.number}:.*{INTERFACE}'
     )
 
 

@@ -285,6 +285,10 @@ def test_an_official_is_back_once_the_interfaces_are_plugged_in_again_under_othe
         official = join(control, parts)
     official.command('kart/red_flag', kart=1)
 
+    # A loose plug: the address goes and comes, and goes again while the fence moves.
+    networks.own.ip(
+        *(f'addr del {OFFICIALS}/24 dev officials', f'addr add {OFFICIALS}/24 dev officials') * 300
+    )
     networks.own.ip('link del officials')
     control.wait_for_line(f'No interface of this machine has the address {OFFICIALS} now')
     networks.own.ip(

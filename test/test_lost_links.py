@@ -316,8 +316,21 @@ def test_a_link_that_answers_all_the_time_but_too_late_is_a_lost_link(race: Netw
     for delay in (0.2, 0.4, 0.6):  # so that no second passes without an answer
         race.machine.air(delay=delay)
         race.good.wait_for_frames(20)
-    race.wait_for_lost(began)
+    lost = race.wait_for_lost(began)
+    assert lost.text.endswith('its network link stopped answering')
     check_the_other_kart_raced_on(race)
+
+
+def test_on_a_narrow_link_frames_go_further_apart_and_the_kart_is_not_lost(
+    race: NetworkRace,
+) -> None:
+    race.green()
+    began = time.monotonic()
+    race.machine.air(rate=8_000.0)
+    race.good.wait_for_frames(300)  # 15 s
+    assert not race.events(Event.DISCONNECTED, FAULTY, began)
+    race.official.command('all_kill')
+    race.wait_for_stopped(began)
 
 
 def test_officials_are_told_of_a_link_that_is_slow_again_and_again(race: NetworkRace) -> None:

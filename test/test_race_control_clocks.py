@@ -55,6 +55,13 @@ def test_a_wall_clock_that_is_set_ends_no_race_and_delays_no_stop(
     scene.official.wait_for_acks(RED_RED, 1)
 
 
+def test_a_wall_clock_past_2038_ends_race_control_with_red_red(scene: Scene) -> None:
+    scene.clock.set_wall(20 * YEAR)
+    scene.kart.wait_for_end()
+    assert scene.kart.state is RED_RED
+    assert scene.control.wait() == 1
+
+
 def test_after_a_suspend_nothing_is_started_that_was_sent_before(scene: Scene) -> None:
     scene.bring_to(RED_RED)
     scene.bring_to(GRID_ACTIVE)

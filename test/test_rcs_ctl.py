@@ -29,6 +29,7 @@ from evgp_rcs_console.commands import Order
 from evgp_rcs_console.ctl import COMMANDS, STARTING, STATEMENTS, TIDY
 from evgp_rcs_console.desk import Desk
 from evgp_rcs_console.standing import Standing
+from evgp_rcs_console.words import SETTLING
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES
@@ -485,7 +486,7 @@ def test_without_race_control_the_exit_code_says_so(words: tuple[str, ...], said
 def test_watch_shows_the_race_and_what_happens(
     start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
 ) -> None:
-    control = start_race_control(in_race=(1,), others=(2,))
+    control = start_race_control(in_race=(1,), others=(2,), settle_time=60.0)
     official = join_official(control)
     connect_kart(control, 1, Acknowledges.EACH_CHANGE)
     official.wait_for_connected(1)
@@ -498,6 +499,8 @@ def test_watch_shows_the_race_and_what_happens(
     assert shown.returncode == ACCEPTED
     assert 'Race: ■ RED RED' in shown.stdout
     assert 'held: ALL_KILL' in shown.stdout
+    # It says that it stands: not for people yet.
+    assert re.search(SETTLING.format(seconds=r'\d\d'), shown.stdout)
     assert 'ALL_KILL by ' in shown.stdout.splitlines()[0]
     assert events.returncode == ACCEPTED
     assert 'Kart 1 (Team 1) acknowledged RED_RED' in events.stdout
@@ -517,9 +520,12 @@ def test_watch_says_the_banner_of_race_control_first(
 
 
 def test_every_answer_says_the_banner_so_that_no_rehearsal_is_taken_for_a_race(
-    start_race_control: StartRaceControl,
+    start_race_control: StartRaceControl, join_official: JoinOfficial
 ) -> None:
     control = start_race_control(banner='REHEARSAL', in_race=(1,))
+    official = join_official(control)
+    for service in ('all_kill', 'green_green'):  # whoever asks
+        assert official.call(service).message.startswith('REHEARSAL: ')
 
     for line, code in (
         ('all-kill', ACCEPTED),

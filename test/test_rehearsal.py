@@ -313,4 +313,5 @@ def test_ctrl_c_in_mid_race_gives_the_findings_so_far() -> None:
         assert trial.wait() == 130
     findings = [line for line in rest.splitlines() if line.startswith(('good', 'BAD', 'note'))]
     assert len(findings) == 2, ''.join([*printed, rest])
+    assert sum('waiting for your kart' in line for line in printed) >= 3  # nor is it mute
     assert all(line.startswith('good') for line in findings), rest

@@ -332,6 +332,10 @@ def a_kart_that_no_roster_has(path: pathlib.Path) -> None:
     change(path, 'UPDATE event SET kart = -1 WHERE session = 2 AND sequence = 9')
 
 
+def a_kart_with_a_number_that_no_message_holds(path: pathlib.Path) -> None:
+    change(path, 'UPDATE event SET kart = 4294967296 WHERE session = 2 AND sequence = 9')
+
+
 def a_time_that_no_clock_shows(path: pathlib.Path) -> None:
     change(path, 'UPDATE event SET monotonic = 9e999 WHERE session = 2 AND sequence = 9')
 
@@ -345,6 +349,7 @@ DAMAGED_FILES = [
     a_value_of_another_type,
     a_session_that_is_garbled,
     a_kart_that_no_roster_has,
+    a_kart_with_a_number_that_no_message_holds,
     a_time_that_no_clock_shows,
 ]
 
