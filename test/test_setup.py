@@ -37,8 +37,8 @@ FITTING = prepare.Interpreter(
     executable='python3.12',
     version='3.12',
     implementation='CPython',
-    platform='Linux x86_64',
-    glibc=(2, 36),
+    machine='Linux x86_64',
+    libc=('glibc', '2.36'),
     has_venv=True,
     has_headers=True,
     modules=frozenset({'colcon_core', 'pytest', 'rclpy', 'yaml'}),
@@ -55,10 +55,10 @@ def test_python_3_12_with_all_it_takes_fits() -> None:
         ({'version': '3.10'}, 'install CPython 3.11 or 3.12'),
         ({'version': '3.13'}, 'install CPython 3.11 or 3.12'),
         ({'implementation': 'PyPy'}, 'install CPython 3.11 or 3.12'),
-        ({'platform': 'Linux aarch64'}, 'install ROS 2 Jazzy itself'),
-        ({'platform': 'Darwin x86_64'}, 'install ROS 2 Jazzy itself'),
-        ({'glibc': ()}, 'install ROS 2 Jazzy itself'),
-        ({'glibc': (2, 27)}, 'install ROS 2 Jazzy itself'),
+        ({'machine': 'Linux aarch64'}, 'install ROS 2 Jazzy itself'),
+        ({'machine': 'Darwin x86_64'}, 'install ROS 2 Jazzy itself'),
+        ({'libc': ('', '')}, 'install ROS 2 Jazzy itself'),
+        ({'libc': ('glibc', '2.27')}, 'install ROS 2 Jazzy itself'),
         ({'has_venv': False}, "'apt-get install python3.12-venv'"),
         ({'has_headers': False}, "'apt-get install python3.12-dev'"),
     ],
@@ -70,7 +70,7 @@ def test_a_python_that_does_not_fit_is_told_what_to_install(
 
 
 def test_a_sourced_jazzy_is_used_whatever_the_machine() -> None:
-    arm = dataclasses.replace(FITTING, version='3.13', platform='Linux aarch64')
+    arm = dataclasses.replace(FITTING, version='3.13', machine='Linux aarch64')
     assert prepare.why_unfit(arm, sourced=True) is None
 
 
@@ -104,27 +104,25 @@ def test_another_sourced_ros_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ('made', 'chosen', 'kept'),
+    ('marked', 'there', 'made'),
     [
-        (None, False, False),  # nothing, or half-made
-        (('key', '3.12'), True, True),
-        (('other', '3.12'), False, False),  # another lock, or the checkout was moved
-        (('key', '3.11'), False, True),  # it came from PYTHON=python3.11 and is still good
-        (('key', '3.11'), True, False),
+        (None, True, True),  # nothing, or half-made
+        ('', True, True),  # damaged
+        ('other', True, True),
+        ('wanted', False, True),
+        ('wanted', True, False),
     ],
 )
-def test_an_environment_is_kept_while_it_is_what_is_asked_for(
-    made: tuple[str, str] | None, chosen: bool, kept: bool
+def test_what_is_there_is_made_anew_unless_it_is_what_is_wanted(
+    tmp_path: pathlib.Path, marked: str | None, there: bool, made: bool
 ) -> None:
-    found = None if made is None else prepare.Stamp(*made)
-    assert prepare.is_kept(found, prepare.Stamp('key', '3.12'), chosen=chosen) is kept
-
-
-@pytest.mark.parametrize('content', ['', 'key', 'key 3.12 more', None])
-def test_a_damaged_stamp_is_none(tmp_path: pathlib.Path, content: str | None) -> None:
-    if content is not None:
-        (tmp_path / 'stamp').write_text(content)
-    assert prepare.read_stamp(tmp_path / 'stamp') is None
+    stamp = tmp_path / 'stamp'
+    if marked is not None:
+        stamp.write_text(marked)
+    marks = []
+    prepare.make(stamp, 'wanted', lambda: marks.append(stamp.exists()), there)
+    assert marks == ([False] if made else [])
+    assert stamp.read_text() == 'wanted'
 
 
 BROKEN = (
