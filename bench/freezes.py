@@ -8,16 +8,14 @@ Freeze programs around race control, in traffic, and see whether a kart or a sto
 client that calls services without a pause, an official's ``rcs_ctl watch``, and race control's own
 ROS half, for less than its limit and for more. Meanwhile another official sends stops.
 
-A gap is measured on the wire, by the kernel's times (`arrivals`), since the process that plays the
-karts here shares the processors with all others. What that process read stands beside it, and
-counts where the kernel tells nothing, as it does for others than root.
+A gap is measured on the wire, by the kernel (`arrivals`; root only): the process that plays the
+karts here shares the processors with all others.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
-import itertools
 import pathlib
 import random
 import signal
@@ -57,46 +55,29 @@ def worst(values: list[float]) -> str:
 
 
 class Gaps:
-    """Worst gap of all karts at each freeze, s: on the wire (where it is known), and as read."""
+    """Worst gap on the wire of all karts at each freeze, in seconds."""
 
     def __init__(self) -> None:
         """Begin."""
-        self._wire: list[float] = []
-        self._read: list[float] = []
+        self._worst: list[float] = []
 
     def follow(self, stack: contextlib.ExitStack, parts: WireRace) -> None:
         """Listen to the karts of this race."""
-        self._karts, self._since = parts.karts, time.monotonic()
-        self._arrivals: Arrivals | None = None
-        with contextlib.suppress(PermissionError):
-            self._arrivals = stack.enter_context(Arrivals(parts.control.port))
+        self._karts = parts.karts
+        self._arrivals = stack.enter_context(Arrivals(parts.control.port))
         for kart in self._karts:
             kart.wait_for_frames(2)  # what the first gap begins with
-        self._worst_on_wire()
+        self._arrivals.worst_gap(len(self._karts))
 
     def note(self) -> None:
         """Note the worst gap that ended since the last call."""
-        since, self._since = self._since, time.monotonic()
-        gaps = (
-            late - early
-            for kart in self._karts
-            for early, late in itertools.pairwise(kart.times)
-            if late > since
-        )
-        self._read.append(max(gaps, default=0.0))
-        self._wire += self._worst_on_wire()
-
-    def _worst_on_wire(self) -> list[float]:
-        if self._arrivals is None:
-            return []
         # Behind the last frame of a connection that has ended is no gap.
         ended = any(kart.ended for kart in self._karts)
-        return [self._arrivals.worst_gap(len(self._karts), going_on=not ended)]
+        self._worst.append(self._arrivals.worst_gap(len(self._karts), going_on=not ended))
 
     def __str__(self) -> str:
-        """Return three columns of the table."""
-        late = sum(gap > GAP for gap in self._wire or self._read)
-        return f'{worst(self._wire)} | {late} | {worst(self._read)}'
+        """Return two columns of the table."""
+        return f'{worst(self._worst)} | {sum(gap > GAP for gap in self._worst)}'
 
 
 def race(stack: contextlib.ExitStack, folder: pathlib.Path) -> WireRace:
@@ -185,9 +166,9 @@ def main() -> None:
     times = parser.parse_args().times
     print(
         '| frozen | times | worst gap of a kart, on the wire, ms, median / worst | over 100 ms '
-        "| as read | another official's stop, call to answer, ms | over 50 ms |"
+        "| another official's stop, call to answer, ms | over 50 ms |"
     )
-    print('|---|---|---|---|---|---|---|', flush=True)
+    print('|---|---|---|---|---|---|', flush=True)
     for what in ('client', 'watch'):
         with tempfile.TemporaryDirectory() as folder:
             freeze_others(pathlib.Path(folder), times, what)

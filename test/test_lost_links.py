@@ -404,29 +404,3 @@ def test_a_stolen_address_stops_the_kart_and_gets_the_thief_nothing_but_red_red(
         if not lost.text.endswith('the kart closed the connection'):
             break
     assert lost.text.endswith('a new connection from its address took its place')
-
-
-# ----- the networks themselves -------------------------------------------------------------
-
-
-def test_networks_are_gone_after_a_failing_test(networks: None, tmp_path: pathlib.Path) -> None:
-    before = open_files()
-    kart: RosKart | None = None
-    with pytest.raises(ZeroDivisionError), NetworkRace(tmp_path) as race:
-        kart = race.faulty
-        race.machine.unplug()
-        raise ZeroDivisionError
-    assert kart is not None
-    assert kart.bridge.wait() is not None
-    assert open_files() == before
-
-
-def open_files() -> list[str]:
-    """Return the network namespaces that this process holds open."""
-    links = []
-    for each in pathlib.Path('/proc/self/fd').iterdir():
-        try:
-            links.append(str(each.readlink()))
-        except FileNotFoundError:
-            pass  # the folder's own
-    return sorted(link for link in links if link.startswith('net:'))
