@@ -84,7 +84,7 @@ class Kart:
     ends: list[float] = field(default_factory=list)  # when it stopped itself, or was told
     stops: list[float] = field(default_factory=list)  # when each was given
     reads: list[float] = field(default_factory=list)  # when each RED_RED began
-    next: float = 0.0
+    due: float = 0.0
     released: float = 0.0  # infinite: it is held
 
     def drive(self, port: int, ending: threading.Event) -> None:
@@ -127,11 +127,11 @@ class Kart:
                 self.stops.append(time.monotonic())
                 self.released = float('inf')
                 assert official.call('kart/red_red', kart=self.number).success
-                self.next = time.monotonic() + 1.6
+                self.due = time.monotonic() + 1.6
         elif official.call('kart/in_garage', kart=self.number, made_safe_by_hand=True).success:
             self.released = time.monotonic()
             # No RED_RED from before is under way any more.
-            self.next = self.released + self.air.toward + random.uniform(1.2, 4.0)  # noqa: S311
+            self.due = self.released + self.air.toward + random.uniform(1.2, 4.0)  # noqa: S311
 
     def had_stopped(self, at: float) -> bool:
         """Return whether it had no connection then: it has stopped by itself."""
@@ -183,7 +183,7 @@ def measure(airs: tuple[Air, ...], stops: int, seconds: float, seed: int) -> int
         for number, air in zip(numbers, airs, strict=True):
             machine = track.machine(f'kart{number}', kart_address(number))
             machine.air(air.loss, air.toward, delay_back=air.back, rate=air.rate)
-            karts.append(Kart(number, air, machine, next=time.monotonic() + 3.0))  # connected
+            karts.append(Kart(number, air, machine, due=time.monotonic() + 3.0))  # connected
         for kart in karts:
             drive = threading.Thread(target=kart.drive, args=(control.port, ending))
             drive.start()
@@ -192,7 +192,7 @@ def measure(airs: tuple[Air, ...], stops: int, seconds: float, seed: int) -> int
         until = time.monotonic() + seconds
         while time.monotonic() < until and any(len(kart.stops) < stops for kart in karts):
             for kart in karts:
-                if time.monotonic() >= kart.next and len(kart.stops) < stops:
+                if time.monotonic() >= kart.due and len(kart.stops) < stops:
                     kart.press(official)
             time.sleep(0.005)
         time.sleep(LIMIT + GRACE)
@@ -222,7 +222,8 @@ def main() -> int:
         with Track() as track, track.middle.inside(), Domain() as domain:
             Official(domain.number).close()  # Fast DDS looks for the networks once
         for first in range(0, len(AIRS), options.links):
-            airs = AIRS[first : first + options.links]
+            last = first + options.links
+            airs = AIRS[first:last]
             uncovered += measure(airs, options.stops, options.seconds, options.seed)
     except NetworkError as error:
         print(error, file=sys.stderr)
