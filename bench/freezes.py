@@ -19,7 +19,6 @@ import contextlib
 import pathlib
 import random
 import signal
-import statistics
 import sys
 import tempfile
 import time
@@ -28,6 +27,7 @@ from arrivals import Arrivals
 from evgp_protocol.states import RaceState
 from evgp_testing.process import executable, Program
 from evgp_testing.wire_race import WireRace
+from kills import typical_and_worst
 
 KARTS = range(1, 6)
 
@@ -45,13 +45,6 @@ while True:
     official.call_all('kart/finish', [{'kart': 60000}] * 20)
 """
 """A client of services that never pauses: it asks for a finish of a kart that is not there."""
-
-
-def worst(values: list[float]) -> str:
-    """Return median and worst, ms."""
-    if not values:
-        return '-'
-    return f'{statistics.median(values) * 1e3:.1f} / {max(values) * 1e3:.1f}'
 
 
 class Gaps:
@@ -77,7 +70,7 @@ class Gaps:
 
     def __str__(self) -> str:
         """Return two columns of the table."""
-        return f'{worst(self._worst)} | {sum(gap > GAP for gap in self._worst)}'
+        return f'{typical_and_worst(self._worst)} | {sum(gap > GAP for gap in self._worst)}'
 
 
 def race(stack: contextlib.ExitStack, folder: pathlib.Path) -> WireRace:
@@ -113,7 +106,7 @@ def freeze_others(folder: pathlib.Path, times: int, what: str) -> None:
             assert not any(kart.ended for kart in parts.karts), 'a kart was dropped'
     slow = sum(stop > STOP for stop in stops)
     print(
-        f'| {what} | {times} | {gaps} | {worst(stops)} | {slow} of {len(stops)} |',
+        f'| {what} | {times} | {gaps} | {typical_and_worst(stops)} | {slow} of {len(stops)} |',
         flush=True,
     )
 
