@@ -30,15 +30,10 @@ GRID_ACTIVE = RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN
 RED_RED = RaceState.RED_RED
 
-AT_ONCE = 0.7
-"""By then a kart brakes, in seconds: it takes a few hundredths, but this machine may be busy."""
-
-LEASE = 0.5
-"""The bridge's `liveliness_lease`, in seconds."""
-
 YEAR = 365.25 * 86400.0
 
-STEPS = {'20 s back': -20.0, 'a year back': -YEAR, '10 years ahead': 10 * YEAR}
+STEPS = {'1 min back': -60.0, 'a year back': -YEAR, '10 years ahead': 10 * YEAR}
+"""In seconds. All are more than any test waits: what went by such a clock would come too late."""
 
 
 class Onlooker(Team):
@@ -50,20 +45,16 @@ class Onlooker(Team):
         self.bridge_ahead = self.stack_ahead = 0.0
         super().__init__(domain, 'onlooker')
 
-    def wait_for_braking(self, since: float) -> float:
-        """Return how long after `since` the kart began to slow down, and wait until it stands."""
+    def wait_for_braking(self, since: float) -> None:
+        """Return once the kart has begun to slow down since then (monotonic, s), and stands."""
 
-        def began() -> float | None:
+        def stands() -> bool:
             pairs = itertools.pairwise(self.speeds)
-            return next((at for (_, was), (at, is_) in pairs if at >= since and is_ < was), None)
+            return self.speeds[-1][1] == 0.0 and any(
+                at >= since and speed < before for (_, before), (at, speed) in pairs
+            )
 
-        def last() -> str:
-            return f'braking; the last was {self.speeds[-1:]}'
-
-        at = self.wait_until(began, last)
-        self.wait_until(lambda: self.speeds[-1][1] == 0.0, last)
-        assert at is not None
-        return at - since
+        self.wait_until(stands, lambda: f'braking; the last was {self.speeds[-1:]}')
 
     def wait_for_wall_clocks(self, offset: float) -> None:
         """Return once the stamps of bridge and stack show how far their clock is ahead."""
@@ -147,21 +138,20 @@ def test_a_wall_clock_that_is_set_delays_no_stop(start_kart: StartKart, step: fl
     kart.onlooker.wait_for_wall_clocks(0.0)
     # At the very moment of the stop, and well before it.
     kart.clock.set_wall(step)
-    killed = kart.onlooker.wait_for_braking(kart.control.say(RED_RED))
+    kart.onlooker.wait_for_braking(kart.control.say(RED_RED))
     kart.onlooker.wait_for_wall_clocks(step)
     kart.control.wait_until_it_says(RED_RED)
     kart.drive()
-    silent = kart.onlooker.wait_for_braking(kart.control.fall_silent())
+    kart.onlooker.wait_for_braking(kart.control.fall_silent())
     kart.drive()
     kart.clock.set_wall(0.0)
-    back = kart.onlooker.wait_for_braking(kart.control.say(RED_RED))
+    kart.onlooker.wait_for_braking(kart.control.say(RED_RED))
     kart.onlooker.wait_for_wall_clocks(0.0)
-    assert max(killed, back, silent - 1.0) < AT_ONCE
     assert kart.stack.close() == 0
     assert kart.bridge.close() == 0
 
 
-@pytest.mark.parametrize('step', [-20.0, -YEAR], ids=['20 s back', 'a year back'])
+@pytest.mark.parametrize('step', [-60.0, -YEAR], ids=['1 min back', 'a year back'])
 def test_a_wall_clock_that_is_set_back_as_the_bridge_dies_keeps_no_kart_driving(
     start_kart: StartKart, step: float
 ) -> None:
@@ -170,18 +160,16 @@ def test_a_wall_clock_that_is_set_back_as_the_bridge_dies_keeps_no_kart_driving(
     at = time.monotonic()
     kart.bridge.kill()  # nothing is said to the stack any more that could wake it
     kart.clock.set_wall(step)
-    braking = kart.onlooker.wait_for_braking(at)
-    assert braking < LEASE + AT_ONCE
+    kart.onlooker.wait_for_braking(at)
 
 
 def test_simulated_time_that_nobody_publishes_delays_no_stop(start_kart: StartKart) -> None:
     kart = start_kart(use_sim_time=True)
     kart.drive()
-    killed = kart.onlooker.wait_for_braking(kart.control.say(RED_RED))
+    kart.onlooker.wait_for_braking(kart.control.say(RED_RED))
     kart.control.wait_until_it_says(RED_RED)
     kart.drive()
-    silent = kart.onlooker.wait_for_braking(kart.control.fall_silent())
-    assert max(killed, silent - 1.0) < AT_ONCE
+    kart.onlooker.wait_for_braking(kart.control.fall_silent())
 
 
 def test_a_wall_clock_past_2038_stops_the_kart_which_races_again_once_it_is_right(
@@ -194,14 +182,13 @@ def test_a_wall_clock_past_2038_stops_the_kart_which_races_again_once_it_is_righ
     # Fast DDS publishes nothing with such a time. So the bridge ends, which race control sees, and
     # the stack hears silence.
     kart.stack.wait_for_line('RED_RED the bridge is silent')
-    braking = time.monotonic() - at
+    silent = time.monotonic()
     assert kart.bridge.wait() == 1, kart.bridge.output
     assert 'the race state cannot be published' in kart.bridge.output
     assert 'Look at the clock' in kart.bridge.output
-    assert braking < LEASE + AT_ONCE
     kart.clock.set_wall(0.0)
     kart.onlooker.wait_until(
-        lambda: kart.onlooker.speeds[-1][0] > at + braking,
+        lambda: kart.onlooker.speeds[-1][0] > silent,
         lambda: f'odometry again; the stack printed {kart.stack.output}',
     )
     kart.onlooker.wait_for_braking(at)
@@ -216,15 +203,14 @@ def test_a_suspended_kart_wakes_in_red_red_and_stays_there(start_kart: StartKart
     kart.drive()
     # Race control goes on saying GREEN_GREEN: those are the frames that wait for the kart.
     at = time.monotonic()
-    kart.clock.suspend(30.0)
+    kart.clock.suspend(60.0)
     states = kart.onlooker.changes
     said = kart.onlooker.wait_until(
         lambda: next((when for when, said in states if when >= at and said is RED_RED), 0.0),
         lambda: f'RED_RED; the last was {states[-1:]}',
     )
-    braking = kart.onlooker.wait_for_braking(at)
-    assert max(said - at, braking) < AT_ONCE
-    kart.onlooker.wait_for_wall_clocks(30.0)
+    kart.onlooker.wait_for_braking(at)
+    kart.onlooker.wait_for_wall_clocks(60.0)
     heard = [state for when, state in states if when >= said]
     assert GREEN_GREEN not in heard
 
@@ -233,8 +219,7 @@ def test_a_suspended_stack_wakes_in_red_red_and_stays_there(start_kart: StartKar
     kart = start_kart(bridge_on_it=False)
     kart.drive()
     at = time.monotonic()
-    kart.clock.suspend(30.0)  # and its bridge goes on saying GREEN_GREEN
-    braking = kart.onlooker.wait_for_braking(at)
-    assert braking < AT_ONCE
+    kart.clock.suspend(60.0)  # and its bridge goes on saying GREEN_GREEN
+    kart.onlooker.wait_for_braking(at)
     kart.stack.wait_for_line('RED_RED no GRID_ACTIVE was heard before GREEN_GREEN')
     assert kart.onlooker.changes[-1][1] is GREEN_GREEN
