@@ -30,6 +30,9 @@ GRID_ACTIVE = RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN
 RED_RED = RaceState.RED_RED
 
+ATTEMPTS = 5
+"""Maximum number of ways to GREEN_GREEN."""
+
 YEAR = 365.25 * 86400.0
 
 STEPS = {'1 min back': -60.0, 'a year back': -YEAR, '10 years ahead': 10 * YEAR}
@@ -101,14 +104,22 @@ class Kart:
         self.bridge = self._parts.enter_context(bridge)
 
     def drive(self) -> None:
-        """Come to race from wherever it stands."""
-        self.control.say(RaceState.IN_GARAGE)
-        self.onlooker.wait_for_state(RaceState.IN_GARAGE)
-        self.control.say(GRID_ACTIVE)
-        self.control.wait_until_it_says(GRID_ACTIVE)
-        self.control.say(GREEN_GREEN)
-        self.onlooker.wait_for_state(GREEN_GREEN)
-        self.onlooker.wait_for_speed(lambda speed: speed >= 2.0)
+        """
+        Come to race from wherever it stands.
+
+        Again and again: on a busy computer it may meet a silence of a second on its way, after
+        which it obeys no GREEN_GREEN.
+        """
+        for _ in range(ATTEMPTS):
+            self.control.say(RaceState.IN_GARAGE)
+            self.onlooker.wait_for_state(RaceState.IN_GARAGE)
+            self.control.say(GRID_ACTIVE)
+            self.control.wait_until_it_says(GRID_ACTIVE)
+            self.control.say(GREEN_GREEN)
+            with self.onlooker.news:
+                if self.onlooker.news.wait_for(lambda: (self.onlooker.speed or 0.0) >= 2.0, 5.0):
+                    return
+        raise AssertionError(f'no way to GREEN_GREEN in {ATTEMPTS} attempts')
 
 
 StartKart = Callable[..., Kart]
