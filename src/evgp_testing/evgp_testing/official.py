@@ -242,15 +242,7 @@ class Official(RosSide):
                 lambda race: state_of(race.state) is state, f'the race in {state.value}'
             )
         acknowledge(state)
-        for number in numbers:
-            self.wait_for_kart(
-                number,
-                lambda kart: (
-                    state_of(kart.sent) is state
-                    and (kart.acknowledged or state is RaceState.IN_GARAGE)
-                ),
-                f'{state.value}, and acknowledged',
-            )
+        self.wait_for_acks(state, *numbers)
 
     def wait_for_available(self, service: str, **request: Any) -> msg.Race:
         """
@@ -310,14 +302,19 @@ class Official(RosSide):
 
     def wait_for_acks(self, state: RaceState, *numbers: int) -> None:
         """
-        Return once each of these karts is sent, and has acknowledged, this state.
+        Return once each of these karts is sent this state and has acknowledged it.
+
+        IN_GARAGE needs no acknowledgement.
 
         :raises AssertionError: if that does not happen in time.
         """
         for number in numbers:
             self.wait_for_kart(
                 number,
-                lambda kart: kart.acknowledged and state_of(kart.sent) is state,
+                lambda kart: (
+                    state_of(kart.sent) is state
+                    and (kart.acknowledged or state is RaceState.IN_GARAGE)
+                ),
                 f'{state.value} acknowledged',
             )
 
