@@ -245,7 +245,8 @@ class Show:
 
     def _wait_for(self, state: RaceState, karts: Sequence[int]) -> None:
         """Wait until race control has these karts' acknowledgements, and each sees the state."""
-        self.official.wait_for_acks(state, *karts)
+        garage = state is RaceState.IN_GARAGE
+        self.official.wait_for_acks(state, *karts, needs_ack=not garage)
         for kart in karts:
             side = self._side(kart)
             assert side is not None, f'kart {kart} has lost its connection'

@@ -242,7 +242,7 @@ class Official(RosSide):
                 lambda race: state_of(race.state) is state, f'the race in {state.value}'
             )
         acknowledge(state)
-        self.wait_for_acks(state, *numbers)
+        self.wait_for_acks(state, *numbers, needs_ack=state is not RaceState.IN_GARAGE)
 
     def wait_for_available(self, service: str, **request: Any) -> msg.Race:
         """
@@ -300,21 +300,17 @@ class Official(RosSide):
         )
         return next(kart for kart in race.karts if kart.number == number)
 
-    def wait_for_acks(self, state: RaceState, *numbers: int) -> None:
+    def wait_for_acks(self, state: RaceState, *numbers: int, needs_ack: bool = True) -> None:
         """
-        Return once each of these karts is sent this state and has acknowledged it.
+        Return once each of these karts is sent this state, and has acknowledged it.
 
-        IN_GARAGE needs no acknowledgement.
-
+        :param needs_ack: False: it need not have, as in IN_GARAGE.
         :raises AssertionError: if that does not happen in time.
         """
         for number in numbers:
             self.wait_for_kart(
                 number,
-                lambda kart: (
-                    state_of(kart.sent) is state
-                    and (kart.acknowledged or state is RaceState.IN_GARAGE)
-                ),
+                lambda kart: state_of(kart.sent) is state and (kart.acknowledged or not needs_ack),
                 f'{state.value} acknowledged',
             )
 
