@@ -48,7 +48,7 @@ from evgp_inspection.limits import Limits, RcsLimits
 from evgp_inspection.odometry import listen
 from evgp_inspection.rcs_clauses import RCS
 from evgp_inspection.recording import first
-from evgp_inspection.report import as_html, as_json, as_junit, Header, summary
+from evgp_inspection.report import as_html, as_json, Header, summary
 from evgp_inspection.verdicts import Clause, NOT_DONE, Result, select
 from evgp_protocol.frames import DEFAULT_PORT
 
@@ -261,7 +261,7 @@ def _parser(
         '--report',
         metavar='FOLDER',
         default='inspections',
-        help='where HTML, JUnit XML and JSON go (%(default)s); empty: nowhere',
+        help='where HTML and JSON go (%(default)s); empty: nowhere',
     )
     add('--version', action='version', version=VERSION)
     group = parser.add_argument_group('limits, in seconds unless they say otherwise')
@@ -339,24 +339,26 @@ async def _with_the_word(
     with contextlib.ExitStack() as stack:
         inspector: Inspector = Unattended(printer.tell)
         if not options.unattended:
-            inspector = stack.enter_context(AtTerminal(printer, stopping.set, first=options.first))
-        given = loop.create_task(inspector.confirm())
-        await first(given, stopping)
-        if not given.done() or not given.result():
-            given.cancel()
-            return Inspection([Result(each, NOT_DONE) for each in clauses], remarks=['Not begun.'])
+            terminal = AtTerminal(printer, stopping.set, first=options.first)
+            inspector = stack.enter_context(terminal)
+            given = loop.create_task(terminal.confirm())
+            await first(given, stopping)
+            if not given.done() or not given.result():
+                given.cancel()
+                not_done = [Result(each, NOT_DONE) for each in clauses]
+                return Inspection(not_done, remarks=['Not begun.'])
         return await inspect(options, inspector, limits, clauses, stopping)
 
 
 def _write(
     folder: pathlib.Path, header: Header, results: list[Result], began: datetime.datetime
 ) -> None:
-    """Write the three files of the report."""
+    """Write the two files of the report."""
     name = re.sub('[^a-z0-9]+', '-', header.subject.lower())
     stem = f'{name}-{began:%Y%m%d-%H%M%S}'
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for ending, write in (('html', as_html), ('xml', as_junit), ('json', as_json)):
+        for ending, write in (('html', as_html), ('json', as_json)):
             path = folder / f'{stem}.{ending}'
             path.write_text(write(header, results), encoding='utf-8')
             print(f'written: {path}')

@@ -45,8 +45,7 @@ class Recording:
         self.trace.add(Event(self.now, kind, link, data, text, value))
         waiting, self._waiting = self._waiting, []
         for future in waiting:
-            if not future.done():
-                future.set_result(None)
+            future.set_result(None)
 
     async def until(self, found: Callable[[], object], seconds: float) -> bool:
         """Return True once `found` is true, or False after so many seconds."""
@@ -57,11 +56,7 @@ class Recording:
                 return False
             future = self._loop.create_future()
             self._waiting.append(future)
-            timer = self._loop.call_later(left, _wake, future)
-            try:
-                await future
-            finally:
-                timer.cancel()
+            await asyncio.wait([future], timeout=left)
         return True
 
 
@@ -76,8 +71,3 @@ async def first(task: asyncio.Future[Any], event: asyncio.Event) -> None:
         await asyncio.wait([task, waiting], return_when=asyncio.FIRST_COMPLETED)
     finally:
         waiting.cancel()
-
-
-def _wake(future: asyncio.Future[None]) -> None:
-    if not future.done():
-        future.set_result(None)

@@ -100,9 +100,6 @@ class OneInspection:
     def tell(self, line: str) -> None:
         self.lines.append(line)
 
-    async def confirm(self) -> bool:
-        return True
-
     async def ask(self, question: str, seconds: float) -> bool | None:
         if question != START_KART_AGAIN or not self._starts_again:
             return None

@@ -431,9 +431,6 @@ class AtTheScreen:
     def tell(self, line: str) -> None:
         pass
 
-    async def confirm(self) -> bool:
-        return True
-
     async def ask(self, question: str, seconds: float) -> bool | None:
         if question == START_RACE_CONTROL_AGAIN:
             self.restarts += 1
