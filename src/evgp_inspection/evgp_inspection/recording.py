@@ -45,7 +45,7 @@ class Recording:
         self.trace.add(Event(self.now, kind, link, data, text, value))
         waiting, self._waiting = self._waiting, []
         for future in waiting:
-            future.set_result(None)
+            _wake(future)
 
     async def until(self, found: Callable[[], object], seconds: float) -> bool:
         """Return True once `found` is true, or False after so many seconds."""
@@ -54,10 +54,20 @@ class Recording:
             left = deadline - self._loop.time()
             if left <= 0:
                 return False
+            # No asyncio.wait: a few turns later, what follows belongs to another phase.
             future = self._loop.create_future()
             self._waiting.append(future)
-            await asyncio.wait([future], timeout=left)
+            timer = self._loop.call_later(left, _wake, future)
+            try:
+                await future
+            finally:
+                timer.cancel()
         return True
+
+
+def _wake(future: asyncio.Future[None]) -> None:
+    if not future.done():
+        future.set_result(None)
 
 
 class EndedError(Exception):
