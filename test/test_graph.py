@@ -382,29 +382,17 @@ def test_make_tells_race_control_and_both_consoles_the_officials_address_alike(
 
 
 @pytest.mark.parametrize('environment', NEIGHBOURS.values(), ids=NEIGHBOURS)
-def test_a_node_with_ross_own_settings_on_this_machine_finds_race_control_and_is_answered(
-    environment: dict[str, str], start_race_control: StartRaceControl
+def test_a_node_with_ross_own_settings_on_this_machine_finds_race_control_and_its_bridge(
+    environment: dict[str, str], start_race_control: StartRaceControl, start_bridge: StartBridge
 ) -> None:
-    control = start_race_control(in_race=[1])
-
-    found = Visitor(control.domain, environment, seconds=30).findings()
-
-    print(f'found after {found.after:.2f} s')
-    assert '/rcs/all_kill' in found.answered
-    assert '/rcs/race' in found.heard
-
-
-@pytest.mark.parametrize('environment', NEIGHBOURS.values(), ids=NEIGHBOURS)
-def test_a_node_with_ross_own_settings_on_this_machine_finds_its_bridge_and_is_answered(
-    environment: dict[str, str], start_bridge: StartBridge
-) -> None:
-    bridge = start_bridge(12017)
-
-    found = Visitor(bridge.domain, environment, seconds=30).findings()
-
-    print(f'found after {found.after:.2f} s')
-    assert '/kart_bridge/acknowledge' in found.answered
-    assert '/kart_bridge/race_state' in found.heard
+    for started, service, topic in (
+        (start_race_control(in_race=[1]), '/rcs/all_kill', '/rcs/race'),
+        (start_bridge(12017), '/kart_bridge/acknowledge', '/kart_bridge/race_state'),
+    ):
+        found = Visitor(started.domain, environment, seconds=30).findings()
+        print(f'found after {found.after:.2f} s')
+        assert service in found.answered
+        assert topic in found.heard
 
 
 CROWD = """
