@@ -39,9 +39,9 @@ from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl
 import pytest
 from rig.console import Console
+from rig.foreign_node import Findings, ForeignNode
 from rig.networks import Namespace, need_networks
 from rig.screen import Screen, why_no_screen
-from rig.visitor import Findings, Visitor
 
 KARTS = '10.77.0.1'
 """Race control's address on the karts' network, and a bridge's on its own: the same here."""
@@ -143,7 +143,8 @@ def break_in(
     """Send strangers, in all ways at once, and return what each found."""
     with networks.stranger.inside():
         strangers = {
-            way: Visitor(domain, environment) for way, environment in ways_in(addresses).items()
+            way: ForeignNode(domain, environment)
+            for way, environment in ways_in(addresses).items()
         }
     found = {way: stranger.findings() for way, stranger in strangers.items()}
     inside = [way for way, each in found.items() if each.got_in]
@@ -210,7 +211,7 @@ def test_a_stranger_on_the_network_finds_nothing_of_a_bridge_and_changes_nothing
     start_in(environment, monkeypatch)
     with networks.own.inside():
         bridge = start_bridge(12017)
-        neighbour = Visitor(bridge.domain, {}, seconds=30)
+        neighbour = ForeignNode(bridge.domain, {}, seconds=30)
     assert '/kart_bridge/acknowledge' in neighbour.findings().answered
 
     found = break_in(networks, bridge.domain, (KARTS, OFFICIALS))
@@ -267,7 +268,7 @@ def test_an_official_on_the_officials_network_gets_in_and_a_stranger_on_the_kart
     with networks.own.inside():
         monkeypatch.setenv(graph.INTERFACE, OFFICIALS)
         control = start_race_control(in_race=[1], address=KARTS)
-        neighbour = Visitor(control.domain, {}, seconds=30)
+        neighbour = ForeignNode(control.domain, {}, seconds=30)
     assert f'at {OFFICIALS}' in control.wait_for_line('graph can be reached.*')[0]
     assert neighbour.findings().answered
 
@@ -389,7 +390,7 @@ def test_a_node_with_ross_own_settings_on_this_machine_finds_race_control_and_it
         (start_race_control(in_race=[1]), '/rcs/all_kill', '/rcs/race'),
         (start_bridge(12017), '/kart_bridge/acknowledge', '/kart_bridge/race_state'),
     ):
-        found = Visitor(started.domain, environment, seconds=30).findings()
+        found = ForeignNode(started.domain, environment, seconds=30).findings()
         print(f'found after {found.after:.2f} s')
         assert service in found.answered
         assert topic in found.heard
