@@ -44,7 +44,7 @@ class RosDriver:
         testing: Any = importlib.import_module('evgp_testing.official')
         domain = int(os.environ.get('ROS_DOMAIN_ID') or 0)
         self._official = testing.Official(domain, 'inspect_rcs', hears=['race'])
-        self._official.patience = ANSWER
+        self._official.timeout = ANSWER
         self.close = self._official.close
 
     async def prepare(self, in_race: tuple[int, ...], outside: tuple[int, ...]) -> str:

@@ -112,7 +112,7 @@ class Show:
     def __init__(self, console: Console, rehearsal: Rehearsal, mute: int) -> None:
         """Show nothing yet."""
         self.console, self.rehearsal, self.official = console, rehearsal, rehearsal.official
-        self.official.patience = MUTE_TIMEOUT if mute else TIMEOUT
+        self.official.timeout = MUTE_TIMEOUT if mute else TIMEOUT
         self.teams: dict[int, Team] = {}
         self.found: list[Finding] = []
         self._mute = mute
@@ -126,7 +126,7 @@ class Show:
         """
         self.official.wait_for_connected(*PLAN.numbers)
         for team in self.teams.values():
-            team.patience = TIMEOUT
+            team.timeout = TIMEOUT
             team.wait_for_speed(lambda speed: True)
         self.official.bring_to(RaceState.IN_GARAGE)
         self.official.command('set_in_race', kart=OUTSIDE, in_race=False)
@@ -160,7 +160,7 @@ class Show:
             time.sleep(GAP)
         official.wait_for_race(lambda race: race.over, 'the race goes over by itself')
         self.found.append(Finding(True, 'the race went over by itself'))
-        self._home(STARTERS)
+        self._to_garage(STARTERS)
 
     def kill(self) -> None:
         """Drive a race in which a kart spins, and the official presses ALL_KILL."""
@@ -175,7 +175,7 @@ class Show:
         took = (max(self._changes(kart)[-1][0] for kart in PLAN.numbers) - called) * 1000
         text = f'ALL_KILL: from the call to the last kart that saw RED_RED {took:.0f} ms'
         self.found.append(Finding(True, text))
-        self._home(PLAN.numbers)
+        self._to_garage(PLAN.numbers)
 
     def play(self, title: str, drive: Callable[[], None]) -> bool:
         """Show a race, on a terminal with a table, and return whether it went to its end."""
@@ -256,7 +256,7 @@ class Show:
         self.official.bring_to(RaceState.GREEN_GREEN, *STARTERS)
         self._wait_for(RaceState.GREEN_GREEN, STARTERS)
 
-    def _home(self, stopped: Sequence[int]) -> None:
+    def _to_garage(self, stopped: Sequence[int]) -> None:
         """Wait until these karts have stopped, and send everybody to the garage."""
         self._wait_for(RaceState.RED_RED, stopped)
         self.console.print(self.table())

@@ -45,7 +45,7 @@ from evgp_rehearsal.field import Failure, Field, Link, TICK_LENGTH
 from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS, Phase
 from evgp_rehearsal.officials import Act, AnOfficial, KartView, look, LOOKS, Steward, View
 from evgp_rehearsal.plan import Plan
-from evgp_rehearsal.score import Line, score, STEWARD, Took, Truth
+from evgp_rehearsal.score import Line, Occurrence, score, STEWARD, Truth
 from evgp_testing.domains import Domain
 from evgp_testing.judge import Judge
 from evgp_testing.kart import Bridge, ExampleStack
@@ -138,11 +138,11 @@ class Rehearsal(Part):
         self.field = Field(plan, plan.numbers[:simulated])
         self.lock = threading.Condition()
         self.paused = False
-        self.took: list[Took] = []
+        self.took: list[Occurrence] = []
         self.window: Process | None = None
         self._folder = folder
         self._times: list[float] = []  # of each tick, on race control's clock
-        self.present: Took | None = None
+        self.present: Occurrence | None = None
         self._ended = False
         self._again: Future[None] | None = None
         self.links: dict[int, DrivenKart | WireKart] = {}
@@ -174,7 +174,7 @@ class Rehearsal(Part):
 
     # ----- what the instructor does -------------------------------------------------------
 
-    def inject(self, name: str, kart: int = 0) -> Took:
+    def inject(self, name: str, kart: int = 0) -> Occurrence:
         """
         Let an incident begin now; the one before it ends.
 
@@ -191,7 +191,7 @@ class Rehearsal(Part):
                 raise RefusedError(f'Not now: {name} begins {WHEN[row.phase]}')
             self._end_incident()
             number = choose_kart(self.field, row, kart)
-            self.present = Took(name, number, self.field.tick, self.field.tick)
+            self.present = Occurrence(name, number, self.field.tick, self.field.tick)
             row.begin(self.field, number)
             return self.present
 
@@ -289,13 +289,13 @@ class Rehearsal(Part):
 
         :raises AssertionError: if it does not get there in time.
         """
-        home = RaceState.IN_GARAGE
 
         def there() -> bool:
             race = self.official.race
-            return race is not None and self.state is home and not race.track.open
+            in_garage = self.state is RaceState.IN_GARAGE
+            return race is not None and in_garage and not race.track.open
 
-        self.attend(Steward(home), STEWARD, there, GET_THERE)
+        self.attend(Steward(RaceState.IN_GARAGE), STEWARD, there, GET_THERE)
 
     def play(self, name: str, official: AnOfficial, kart: int = 0) -> Line:
         """

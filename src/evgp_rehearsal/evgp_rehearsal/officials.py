@@ -92,7 +92,7 @@ class AnOfficial(Protocol):
 
 class Steward:
     """
-    Brings a race to where an incident can begin: first home, then to its goal.
+    Brings a race to where an incident can begin: first to the garage, then to its goal.
 
     :param goal: IN_GARAGE, GRID_ACTIVE or GREEN_GREEN.
     """
@@ -100,12 +100,12 @@ class Steward:
     def __init__(self, goal: RaceState) -> None:
         """Have done nothing yet."""
         self._goal = goal
-        self._home = False
+        self._gathered = False
 
     def act(self, view: View) -> Act | None:
         """Return the next step."""
-        if not self._home:
-            return self._go_home(view)
+        if not self._gathered:
+            return self._to_garage(view)
         if view.track_open:
             return Act(K.CLOSE_TRACK)
         for state, kind in (
@@ -116,7 +116,7 @@ class Steward:
                 return Act(kind)
         return None
 
-    def _go_home(self, view: View) -> Act | None:
+    def _to_garage(self, view: View) -> Act | None:
         """Return what brings the race, or one of its karts, nearer to the garage."""
         if view.state is RaceState.RED_RED:
             wanted = [(K.IN_GARAGE, 0)]
@@ -124,7 +124,7 @@ class Steward:
             wanted = [
                 (kind, number) for kind in (K.KART_IN_GARAGE, K.JOIN_RACE) for number in view.karts
             ]
-            self._home = all(
+            self._gathered = all(
                 kart.in_race and kart.connected and kart.sent is RaceState.IN_GARAGE
                 for kart in view.karts.values()
             )

@@ -30,7 +30,7 @@ from evgp_rehearsal.field import Failure, Field, Link, TICK_LENGTH
 from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS
 from evgp_rehearsal.officials import Act, AnOfficial, look, LOOKS, Steward, View
 from evgp_rehearsal.plan import Plan
-from evgp_rehearsal.score import Line, score, STEWARD, Took, Truth
+from evgp_rehearsal.score import Line, Occurrence, score, STEWARD, Truth
 
 RESTART = 40
 """Ticks from the death of race control to its return."""
@@ -177,7 +177,7 @@ def play(plan: Plan, name: str, official: AnOfficial, kart: int = 0) -> Line:
     row.begin(table.field, number)
     ends = began + row.ticks + AFTER
     _until(table, official, 'trainee', lambda: table.field.tick >= ends, began)
-    took = Took(name, number, began, ends)
+    took = Occurrence(name, number, began, ends)
     return score([took], table.events, Truth.of(table.field), 0.0)[0]
 
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 from evgp_rcs.record import RecordedEvent
 from evgp_rehearsal.field import TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
-from evgp_rehearsal.score import Line, score, STEWARD, Took, Truth
+from evgp_rehearsal.score import Line, Occurrence, score, STEWARD, Truth
 import pytest
 
 ZERO = 1000.0
@@ -43,7 +43,7 @@ def sheet(
         for at, (seconds, kind, kart) in enumerate(commands, start=1)
     ]
     kart = 1 if INCIDENTS[incident].to_kart else 0
-    took = Took(incident, kart, round(5 / TICK_LENGTH), round(100 / TICK_LENGTH))
+    took = Occurrence(incident, kart, round(5 / TICK_LENGTH), round(100 / TICK_LENGTH))
     (line,) = score([took], events, Truth(moving, crossed, msr), ZERO)
     return line
 

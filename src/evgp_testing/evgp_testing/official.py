@@ -176,14 +176,14 @@ class Official(RosSide):
         :raises AssertionError: if race control does not answer each in time.
         """
         client = self._clients[service]
-        assert client.wait_for_service(self.patience), f'there is no service {service}'
+        assert client.wait_for_service(self.timeout), f'there is no service {service}'
         answered = threading.Semaphore(0)
         futures = []
         for request in requests:
             future = client.call_async(SERVICES[service].Request(**request))
             future.add_done_callback(lambda _: answered.release())
             futures.append(future)
-        count = sum(answered.acquire(timeout=self.patience) for _ in futures)
+        count = sum(answered.acquire(timeout=self.timeout) for _ in futures)
         assert count == len(futures), f'{service}: {count} of {len(futures)} were answered'
         responses = [future.result() for future in futures]
         return [Answer(response.success, response.message) for response in responses]
