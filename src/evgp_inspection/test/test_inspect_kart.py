@@ -27,7 +27,7 @@ import time
 from evgp_inspection.inspection import Exit, inspect, Inspection
 from evgp_inspection.inspector import Unattended
 from evgp_inspection.kart_clauses import KART
-from evgp_inspection.kart_steps import START_KART_AGAIN
+from evgp_inspection.kart_steps import Kill, START_KART_AGAIN
 from evgp_inspection.kart_wire import KartWire, LATE_BEAT, RESET
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import Take
@@ -91,7 +91,7 @@ class OneInspection:
                 select(KART, self._only),
                 self.stopping,
                 odometry=self._odometry if self._seen else None,
-                kills={'bridge': self._kill_bridge, 'stack': self._kill_stack},
+                kills={'bridge': self._kill('bridge'), 'stack': self._kill('stack')},
                 listening=self._start_kart,
             )
         finally:
@@ -107,13 +107,13 @@ class OneInspection:
         self._start_kart(self._port)
         return True
 
-    async def _kill_bridge(self) -> bool:
-        assert self.kart is not None
-        return await self.kart.kill_bridge()
+    def _kill(self, part: str) -> Kill:
+        async def kill() -> bool:
+            assert self.kart is not None
+            self.kart.kill(part)
+            return True
 
-    async def _kill_stack(self) -> bool:
-        assert self.kart is not None
-        return await self.kart.kill_stack()
+        return kill
 
     async def _end_kart(self) -> None:
         if self._running is not None:

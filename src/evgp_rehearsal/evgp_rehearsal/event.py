@@ -346,7 +346,7 @@ class Rehearsal(Part):
                 took.append(dataclasses.replace(self.present, ended=self.field.tick))
             truth = Truth.of(self.field)
             times = list(self._times)
-        return score(took, [_in_ticks(event, times) for event in self.events()], truth, 0.0)
+        return score(took, [_in_ticks(event, times) for event in self.events()], truth)
 
     def events(self) -> list[RecordedEvent]:
         """Return all events of the record."""

@@ -148,14 +148,8 @@ class Line:
         )
 
 
-def score(
-    took: Iterable[Occurrence], events: Sequence[RecordedEvent], truth: Truth, zero: float
-) -> list[Line]:
-    """
-    Return a line for each incident.
-
-    :param zero: the time of tick 0 on the clock of the events, in seconds.
-    """
+def score(took: Iterable[Occurrence], events: Sequence[RecordedEvent], truth: Truth) -> list[Line]:
+    """Return a line for each incident; the times of the events are the field's, in seconds."""
     commands = []
     red: set[int] = set()
     for event in events:
@@ -163,7 +157,7 @@ def score(
             (red.add if event.state in _REDS else red.discard)(event.kart)
         elif event.kind == 'COMMAND' and event.command and event.official != STEWARD:
             kind = CommandKind[event.command]
-            tick = _tick(event, zero)
+            tick = round(event.monotonic / TICK_LENGTH)
             commands.append(_Command(tick, kind, event.kart, event.success, frozenset(red)))
     return [_line(each, commands, truth) for each in took]
 
@@ -184,10 +178,6 @@ class _Command:
     def __str__(self) -> str:
         name = f'{self.kind.name} {self.kart}' if self.kart else self.kind.name
         return name if self.accepted else f'{name} (refused)'
-
-
-def _tick(event: RecordedEvent, zero: float) -> int:
-    return round((event.monotonic - zero) / TICK_LENGTH)
 
 
 def _line(took: Occurrence, commands: Sequence[_Command], truth: Truth) -> Line:

@@ -178,7 +178,7 @@ def play(plan: Plan, name: str, official: AnOfficial, kart: int = 0) -> Line:
     ends = began + row.ticks + AFTER
     _until(table, official, 'trainee', lambda: table.field.tick >= ends, began)
     took = Occurrence(name, number, began, ends)
-    return score([took], table.events, Truth.of(table.field), 0.0)[0]
+    return score([took], table.events, Truth.of(table.field))[0]
 
 
 MOST_TICKS = 30_000
