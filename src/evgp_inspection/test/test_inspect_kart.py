@@ -28,10 +28,10 @@ from evgp_inspection.inspection import Exit, inspect, Inspection
 from evgp_inspection.inspector import Unattended
 from evgp_inspection.kart_clauses import KART
 from evgp_inspection.kart_steps import Kill, START_KART_AGAIN
-from evgp_inspection.kart_wire import KartWire, LATE_BEAT, RESET
+from evgp_inspection.kart_wire import KartWire, LATE_BEAT
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import Take
-from evgp_inspection.recording import Recording
+from evgp_inspection.recording import Recording, RESET
 from evgp_inspection.traces import Kind
 from evgp_inspection.verdicts import select, Verdict
 from inspected_kart import FAULTS, InspectedKart
