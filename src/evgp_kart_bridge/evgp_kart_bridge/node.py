@@ -452,6 +452,37 @@ class KartBridge(StrictNode):
         return array
 
 
+OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
+    (
+        'frame_timeout',
+        'Time without a frame after which the link is lost, s (§3.E).',
+        (0.2, 1.0),
+    ),
+    (
+        'tsr_timeout',
+        'Time without ~/tsr after which it is a team stop, s; 0: no remote is required.',
+        (0.0, 10.0),
+    ),
+    (
+        'odometry_required',
+        'Acknowledge no RED_FLAG or RED_RED unless ~/odom shows that the kart stands still.',
+    ),
+    (
+        'auto_acknowledge_stop',
+        'Acknowledge RED_FLAG and RED_RED once ~/odom shows that the kart stands still.',
+    ),
+    ('standstill_speed', 'Maximum speed of a kart that stands still, m/s.', (0.0, 0.5)),
+    ('standstill_time', 'Time at standstill after which the kart has stopped, s.', (0.1, 10.0)),
+    (
+        'red_flag_drive_time',
+        'Time for which ~/stop lets a driving kart roll out under RED_FLAG, s (§3.A).',
+        (0.0, 30.0),
+    ),
+    ('drive_in_garage', 'Under IN_GARAGE, ~/stop lets the team drive its kart (§3.A).'),
+)
+"""Parameters of the arbiter: name, meaning and range; their defaults are in `Settings`."""
+
+
 def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float]:
     """
     Declare every parameter of the bridge.
@@ -460,17 +491,10 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
     :raises ParameterError: if a parameter is wrong.
     """
     declare = parameters.declare
-    rules = Settings()
     host = declare('host', '', 'The IPv4 address of race control.')
     port = declare('port', DEFAULT_PORT, 'The TCP port of race control.', (1, 65535))
     local = declare(
         'local_address', '', "The IPv4 address of the kart's end; empty: the system's choice."
-    )
-    frame_timeout = declare(
-        'frame_timeout',
-        rules.frame_timeout,
-        'Time without a frame after which the link is lost, s (§3.E).',
-        (0.2, 1.0),
     )
     lease = declare(
         'liveliness_lease',
@@ -478,50 +502,10 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
         'Time of silence of the bridge after which a subscriber must stop, s.',
         (0.2, 2.0),
     )
-    tsr_timeout = declare(
-        'tsr_timeout',
-        rules.tsr_timeout,
-        'Time without ~/tsr after which it is a team stop, s; 0: no remote is required.',
-        (0.0, 10.0),
-    )
-    settings = Settings(
-        frame_timeout=frame_timeout,
-        tsr_timeout=tsr_timeout,
-        team_timeout=TEAM_TIMEOUT,
-        odometry_required=declare(
-            'odometry_required',
-            rules.odometry_required,
-            'Acknowledge no RED_FLAG or RED_RED unless ~/odom shows that the kart stands still.',
-        ),
-        auto_acknowledge_stop=declare(
-            'auto_acknowledge_stop',
-            rules.auto_acknowledge_stop,
-            'Acknowledge RED_FLAG and RED_RED once ~/odom shows that the kart stands still.',
-        ),
-        standstill_speed=declare(
-            'standstill_speed',
-            rules.standstill_speed,
-            'Maximum speed of a kart that stands still, m/s.',
-            (0.0, 0.5),
-        ),
-        standstill_time=declare(
-            'standstill_time',
-            rules.standstill_time,
-            'Time at standstill after which the kart has stopped, s.',
-            (0.1, 10.0),
-        ),
-        red_flag_drive_time=declare(
-            'red_flag_drive_time',
-            rules.red_flag_drive_time,
-            'Time for which ~/stop lets a driving kart roll out under RED_FLAG, s (§3.A).',
-            (0.0, 30.0),
-        ),
-        drive_in_garage=declare(
-            'drive_in_garage',
-            rules.drive_in_garage,
-            'Under IN_GARAGE, ~/stop lets the team drive its kart (§3.A).',
-        ),
-    )
+    rules: dict[str, Any] = {
+        name: declare(name, getattr(Settings, name), *meaning_and_limits)
+        for name, *meaning_and_limits in OF_THE_RULES
+    }
     parameters.refuse_unknown()
     if not host:
         raise ParameterError(
@@ -531,6 +515,7 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
     for name, address in (('host', host), ('local_address', local)):
         if address:
             check_address(name, address)
+    settings = Settings(team_timeout=TEAM_TIMEOUT, **rules)
     return LinkSettings(host, port, local), settings, lease
 
 

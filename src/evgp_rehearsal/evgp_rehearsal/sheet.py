@@ -36,7 +36,7 @@ HEADINGS = ('at', 'incident', 'kart', 'result', 'first right', 'solved', 'mistak
 MISTAKES = ('wrong', 'needless', 'stopped without need', 'people in danger')
 """What the last column may have."""
 
-WIDTH = 130
+PAGE_WIDTH = 130
 """Width of the page, in characters."""
 
 
@@ -76,7 +76,7 @@ def table(lines: Sequence[Line]) -> Table:
 
 def page(lines: Sequence[Line]) -> str:
     """Return the sheet as an HTML page that needs nothing else."""
-    console = Console(record=True, width=WIDTH, file=io.StringIO())
+    console = Console(record=True, width=PAGE_WIDTH, file=io.StringIO())
     console.print(table(lines))
     return console.export_html(inline_styles=True)
 
