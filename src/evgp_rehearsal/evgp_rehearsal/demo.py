@@ -41,7 +41,7 @@ from evgp_rcs.record import RecordedEvent
 from evgp_rcs_msgs import msg
 from evgp_rehearsal import sheet
 from evgp_rehearsal.conduct import Finding
-from evgp_rehearsal.event import BANNER, live_events, Rehearsal
+from evgp_rehearsal.event import BANNER, Rehearsal
 from evgp_rehearsal.field import Fault
 from evgp_rehearsal.officials import Act
 from evgp_rehearsal.plan import Ability, Plan, Track
@@ -327,7 +327,7 @@ def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Find
             for kart in BRIDGED:
                 team = Team(rehearsal.domains[kart], f'team_{kart}')
                 show.teams[kart] = running.enter_context(team)
-            with live_events(rehearsal.official, show.tell):
+            with rehearsal.official.telling(show.tell):
                 for title, drive in (
                     ('the karts connect', show.gather),
                     ('race 1, from the garage to the garage', show.race),

@@ -23,11 +23,10 @@ race whose karts are not those of this roster.
 from __future__ import annotations
 
 import bisect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 import contextlib
 import dataclasses
-import itertools
 import os
 import pathlib
 import signal
@@ -492,38 +491,6 @@ def recorded(folder: pathlib.Path) -> list[RecordedEvent]:
     """Return all events of the record in a folder, of every run of race control."""
     with contextlib.closing(open_read_only(folder / 'record.sqlite3')) as database:
         return [event for run in sessions(database) for event in events(database, run.number)]
-
-
-@contextlib.contextmanager
-def live_events(official: Official, tell: Callable[[msg.RaceEvent], None]) -> Iterator[None]:
-    """Tell each event that an official hears once, in order, in a thread, until this is left."""
-    over = threading.Event()
-
-    def tell_all() -> None:
-        told = 0
-
-        def news() -> bool:
-            return over.is_set() or told < len(official.events)
-
-        while True:
-            with official.news:
-                official.news.wait_for(news)
-                events = list(itertools.islice(official.events, told, None))
-            if not events:
-                return
-            told += len(events)
-            for event in events:
-                tell(event)
-
-    teller = threading.Thread(target=tell_all, daemon=True)
-    teller.start()
-    try:
-        yield
-    finally:
-        over.set()
-        with official.news:
-            official.news.notify_all()
-        teller.join()
 
 
 GET_THERE = 120.0

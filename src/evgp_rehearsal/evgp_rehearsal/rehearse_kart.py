@@ -39,7 +39,7 @@ from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rehearsal.conduct import conduct, Cut, Finding, LIMITS, NO_CUT
-from evgp_rehearsal.event import live_events, recorded
+from evgp_rehearsal.event import recorded
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl
@@ -241,7 +241,7 @@ def _play(given: argparse.Namespace) -> tuple[list[Finding], int]:
             print(f'Connect your kart from {given.address} to {given.host}:{given.port}')
             sys.stdout.flush()
             try:
-                with live_events(trial.official, lambda event: trial.say(event.text)):
+                with trial.official.telling(lambda event: trial.say(event.text)):
                     _race(trial, given.incident, given.wait)
             except AssertionError as error:
                 # What was awaited in vain; behind the first semicolon stands what came instead.

@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+import contextlib
 from dataclasses import dataclass
 import threading
 import time
@@ -121,6 +122,7 @@ class Official(RosSide):
         self._judge = judge
         self.race: msg.Race | None = None
         self.events: list[msg.RaceEvent] = []
+        self._tell: Callable[[msg.RaceEvent], object] = _tell_nobody
         self._clients = {
             # With the usual depth of 10 a burst of answers would push out its first ones.
             service: self.node.create_client(
@@ -318,6 +320,18 @@ class Official(RosSide):
         for number in numbers:
             self.wait_for_kart(number, lambda kart: kart.connected, 'connected')
 
+    @contextlib.contextmanager
+    def telling(self, tell: Callable[[msg.RaceEvent], object]) -> Iterator[None]:
+        """Tell each event once, in order: those heard already, then each as it is heard."""
+        with self.news:
+            for event in self.events:
+                tell(event)
+            self._tell = tell
+        try:
+            yield
+        finally:
+            self._tell = _tell_nobody
+
     def _close_track(self) -> None:
         """Close the track, if it is open: GRID_ACTIVE is for a track that is closed."""
         if self.race is not None and self.race.track.open:
@@ -332,4 +346,10 @@ class Official(RosSide):
     def _hear_event(self, event: msg.RaceEvent) -> None:
         with self.news:
             self.events.append(event)
+            tell = self._tell
             self.news.notify_all()
+        tell(event)
+
+
+def _tell_nobody(event: msg.RaceEvent) -> None:
+    pass
