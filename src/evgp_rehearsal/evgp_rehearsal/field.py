@@ -23,7 +23,7 @@ thread here, and no chance but the seed's. Karts do not collide: they steer arou
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 import enum
 import random
 
@@ -278,15 +278,5 @@ class Field:
 
 
 def _spread(plan: Plan, rng: random.Random) -> Ability:
-    def some(value: float) -> float:
-        return value * rng.uniform(1 - plan.spread, 1 + plan.spread)
-
-    mean = plan.ability
-    return Ability(
-        some(mean.top),
-        some(mean.acceleration),
-        some(mean.flag_braking),
-        some(mean.red_braking),
-        some(mean.reaction),
-        some(mean.ready),
-    )
+    least, most = 1 - plan.spread, 1 + plan.spread
+    return Ability(*(mean * rng.uniform(least, most) for mean in astuple(plan.ability)))
