@@ -99,12 +99,10 @@ class TwoNetworks:
         )
         self.own.ip(
             f'link add karts type veth peer name eth0 netns {self.stranger.path}',
-            f'link add officials type veth peer name eth0 netns {self.official.path}',
             f'addr add {KARTS}/24 dev karts',
-            f'addr add {OFFICIALS}/24 dev officials',
             'link set karts up',
-            'link set officials up',
         )
+        self.plug_in_officials()
         self.stranger.ip(
             f'addr add {STRANGER}/24 dev eth0',
             'link set eth0 up',
@@ -112,13 +110,21 @@ class TwoNetworks:
             f'route add {OFFICIALS} via {KARTS}',
             'route add 239.0.0.0/8 dev eth0',
         )
+        # As with two network cards, one of which leads on: whoever knows no better goes there.
+        self.own.ip(f'route add default via {STRANGER}')
+
+    def plug_in_officials(self) -> None:
+        """Lay the cable to the officials' network."""
+        self.own.ip(
+            f'link add officials type veth peer name eth0 netns {self.official.path}',
+            f'addr add {OFFICIALS}/24 dev officials',
+            'link set officials up',
+        )
         self.official.ip(
             f'addr add {OFFICIAL}/24 dev eth0',
             'link set eth0 up',
             'route add 239.0.0.0/8 dev eth0',
         )
-        # As with two network cards, one of which leads on: whoever knows no better goes there.
-        self.own.ip(f'route add default via {STRANGER}')
 
 
 @pytest.fixture
@@ -299,15 +305,7 @@ def test_an_official_is_back_once_the_interfaces_are_plugged_in_again_under_othe
 
     networks.own.ip('link del officials')
     control.wait_for_line(f'No interface of this machine has the address {OFFICIALS} now')
-    networks.own.ip(
-        f'link add officials type veth peer name eth0 netns {networks.official.path}',
-        f'addr add {OFFICIALS}/24 dev officials',
-        'link set officials up',
-    )
-    networks.official.ip(
-        f'addr add {OFFICIAL}/24 dev eth0', 'link set eth0 up', 'route add 239.0.0.0/8 dev eth0'
-    )
-
+    networks.plug_in_officials()
     control.wait_for_line('graph is in order again')
     official.command('all_kill')
     with networks.official.inside():

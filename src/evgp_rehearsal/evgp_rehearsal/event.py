@@ -40,7 +40,7 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.race import AlertKind
 from evgp_rcs.record import events, open_read_only, RecordedEvent, sessions
 from evgp_rcs_msgs import msg
-from evgp_rehearsal.field import Failure, Field, Link, TICK_LENGTH
+from evgp_rehearsal.field import Connected, Failure, Field, TICK_LENGTH
 from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS, Phase
 from evgp_rehearsal.officials import Act, AnOfficial, KartView, look, LOOKS, Steward, View
 from evgp_rehearsal.plan import Plan
@@ -388,18 +388,18 @@ class Rehearsal(Part):
                 self._happen(each)
             self._keep_race_control()
 
-    def _connect(self, number: int, wanted: Link) -> None:
+    def _connect(self, number: int, wanted: Connected) -> None:
         link = self.links.get(number)
         there = (
-            Link.NOBODY
+            Connected.NOBODY
             if link is None or link.ended
-            else Link.KART
+            else Connected.KART
             if isinstance(link, DrivenKart)
-            else Link.STRANGER
+            else Connected.STRANGER
         )
         if link is not None and there is not wanted:
             del self.links[number]
-            if wanted is Link.STRANGER and there is Link.KART:
+            if wanted is Connected.STRANGER and there is Connected.KART:
                 # The new connection takes the place of the kart's: race control ends that one.
                 self._join(number, wanted)
                 link.wait_for_end()
@@ -410,12 +410,12 @@ class Rehearsal(Part):
         elif there is not wanted and self.field.tick - self._tried[number] >= CONNECT_AGAIN:
             self._join(number, wanted)
 
-    def _join(self, number: int, wanted: Link) -> None:
+    def _join(self, number: int, wanted: Connected) -> None:
         self._tried[number] = self.field.tick
         with contextlib.suppress(OSError):  # race control is not there: again later
             self.links[number] = (
                 DrivenKart(number, self.control.port, self._hear, self._judge)
-                if wanted is Link.KART
+                if wanted is Connected.KART
                 else WireKart(address_of(number), self.control.port)
             )
 

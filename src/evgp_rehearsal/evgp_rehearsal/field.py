@@ -62,7 +62,7 @@ class Fault(enum.Enum):
     NEVER_READY = enum.auto()  # it does not acknowledge GRID_ACTIVE
 
 
-class Link(enum.Enum):
+class Connected(enum.Enum):
     """Who is to be connected from a kart's address."""
 
     NOBODY = enum.auto()
@@ -127,16 +127,16 @@ class SimulatedKart:
         """Return whether it moves."""
         return self.speed > 0.0
 
-    def link(self, tick: int) -> Link:
+    def link(self, tick: int) -> Connected:
         """Return who is to be connected from its address."""
         if Fault.REPLACED in self.faults:
-            return Link.STRANGER
+            return Connected.STRANGER
         if Fault.STORMY in self.faults:
             away, there, times = STORM
             passed = tick - self.stormy_since
             if passed < times * (away + there) and passed % (away + there) < away:
-                return Link.NOBODY
-        return Link.NOBODY if Fault.OFFLINE in self.faults else Link.KART
+                return Connected.NOBODY
+        return Connected.NOBODY if Fault.OFFLINE in self.faults else Connected.KART
 
     def hear(self, state: RaceState, tick: int) -> None:
         """Take what it is sent; the same again changes nothing."""
