@@ -202,14 +202,6 @@ class Machine(Namespace):
             ],
         )
 
-    def link_down(self) -> None:
-        """Take its interface down."""
-        self.ip('link set eth0 down')
-
-    def link_up(self) -> None:
-        """Take its interface up again."""
-        self.ip('link set eth0 up')
-
     def unplug(self) -> float:
         """Have its interface vanish, as when the power goes; return the time (monotonic, s)."""
         self.plugged = False
