@@ -24,7 +24,7 @@ from typing import Protocol
 from evgp_inspection.inspector import Inspector
 
 
-class Act(enum.Enum):
+class Press(enum.Enum):
     """A command of §4.B, by its name in `evgp_rcs`'s catalogue; the value is for people."""
 
     ALL_KILL = 'Press ALL KILL (RED_RED to every kart)'
@@ -64,7 +64,7 @@ class Driver(Protocol):
     async def prepare(self, in_race: tuple[int, ...], outside: tuple[int, ...]) -> str:
         """Have these karts in the race, in IN_GARAGE; return why that is not so, or nothing."""
 
-    async def give(self, act: Act, kart: int, given: Callable[[], None]) -> Reply:
+    async def give(self, act: Press, kart: int, given: Callable[[], None]) -> Reply:
         """
         Give a command.
 
@@ -113,7 +113,7 @@ class Human:
         self._prepared = bool(done)
         return '' if done else 'The race was not prepared.'
 
-    async def give(self, act: Act, kart: int, given: Callable[[], None]) -> Reply:
+    async def give(self, act: Press, kart: int, given: Callable[[], None]) -> Reply:
         """Ask for it; the key says that it was done, or that race control does not let it."""
         given()
         done = await self._inspector.ask(

@@ -32,7 +32,7 @@ from evgp_inspection.kart_wire import KartWire
 from evgp_inspection.limits import Limits, RcsLimits
 from evgp_inspection.odometry import Take
 from evgp_inspection.rcs_clauses import RCS_BY_NAME, RCS_STEPS
-from evgp_inspection.rcs_karts import Field
+from evgp_inspection.rcs_karts import PlayedKarts
 from evgp_inspection.rcs_steps import RcsSteps
 from evgp_inspection.recording import EndedError, first, Recording
 from evgp_inspection.report import line
@@ -226,7 +226,7 @@ async def inspect_race_control(
     :param stranger: an IPv4 address that is no kart's.
     """
     recording = Recording()
-    field = Field(recording, *where, addresses, stranger)
+    field = PlayedKarts(recording, *where, addresses, stranger)
     results = _Results(
         clauses, lambda each: judge(RCS_BY_NAME, each, recording.trace, limits), inspector.tell
     )

@@ -82,7 +82,7 @@ class PlayedKart:
     :ivar link: its newest connection.
     """
 
-    def __init__(self, field: Field, number: int, address: str) -> None:
+    def __init__(self, field: PlayedKarts, number: int, address: str) -> None:
         self.field = field
         self.number = number
         self.name = f'kart {number}' if number else STRANGER
@@ -126,7 +126,7 @@ class PlayedKart:
             self.link.end(reset)
 
 
-class Field:
+class PlayedKarts:
     """
     All karts that the inspection plays.
 

@@ -26,7 +26,7 @@ import importlib
 import os
 from typing import Any
 
-from evgp_inspection.drivers import Act, Reply
+from evgp_inspection.drivers import Press, Reply
 
 ANSWER = 10.0
 """Maximum time to wait for race control or its answer, s."""
@@ -70,12 +70,12 @@ class RosDriver:
         official.wait_for_race(lambda race: _racing(race) == sorted(in_race), 'these karts alone')
         return ''
 
-    async def give(self, act: Act, kart: int, given: Callable[[], None]) -> Reply:
+    async def give(self, act: Press, kart: int, given: Callable[[], None]) -> Reply:
         """Call the service, with the statement and the karts that an official would name."""
         entry = self._catalogue.CATALOGUE[self._catalogue.CommandKind[act.name]]
         request = dict(entry.fixed)
         # No statement for a record that fails: GREEN_GREEN must not need it.
-        if entry.statement and act is not Act.GREEN_GREEN:
+        if entry.statement and act is not Press.GREEN_GREEN:
             request[entry.statement] = True
         if entry.to_one_kart:
             request['kart'] = kart
