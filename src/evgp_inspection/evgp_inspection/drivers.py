@@ -17,9 +17,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import dataclasses
 import enum
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 from evgp_inspection.inspector import Inspector
 
@@ -43,17 +42,8 @@ class Press(enum.Enum):
         return self.name.startswith('KART_')
 
 
-@dataclasses.dataclass(frozen=True)
-class Reply:
-    """
-    What became of a command.
-
-    :ivar accepted: race control says that it carries it out.
-    :ivar why: why not, a sentence.
-    """
-
-    accepted: bool
-    why: str = ''
+Reply: TypeAlias = tuple[bool, str]
+"""Whether race control says that it carries out a command; and what else it says."""
 
 
 class Driver(Protocol):
@@ -120,7 +110,7 @@ class Human:
             act.value.format(kart=kart) + '. y: pressed, n: refused or not offered.',
             self._seconds,
         )
-        return Reply(bool(done), '' if done else 'not possible, says the person at the screen')
+        return bool(done), '' if done else 'not possible, says the person at the screen'
 
     async def start_again(self) -> bool:
         """Ask for it; whatever was in the race has to be put there again."""

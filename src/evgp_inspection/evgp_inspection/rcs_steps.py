@@ -348,9 +348,9 @@ class RcsSteps:
         def given() -> None:
             self._recording.note(Kind.COMMAND, text=text, value=float(self._driver.exact))
 
-        reply = await self._driver.give(act, kart, given)
-        self._recording.note(Kind.ANSWERED, text=reply.why, value=float(reply.accepted))
-        return reply.accepted
+        accepted, said = await self._driver.give(act, kart, given)
+        self._recording.note(Kind.ANSWERED, text=said, value=float(accepted))
+        return accepted
 
     def _all_are(self, state: RaceState, karts: Sequence[PlayedKart]) -> Callable[[], bool]:
         return lambda: all(kart.sent is state for kart in karts)

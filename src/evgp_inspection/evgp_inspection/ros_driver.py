@@ -85,8 +85,8 @@ class RosDriver:
         try:
             answer = await asyncio.to_thread(self._official.call, entry.service, **request)
         except AssertionError as error:
-            return Reply(False, str(error))
-        return Reply(answer.success, answer.message)
+            return False, str(error)
+        return answer.success, answer.message
 
     async def start_again(self) -> bool:
         """Return False: nobody is there to do it."""

@@ -363,7 +363,7 @@ class OurRaceControl:
         self.server.submit(command, answered.set_result)
         self.server.take_commands()
         answer = await answered
-        return Reply(answer.success, answer.message)
+        return answer.success, answer.message
 
     async def start_again(self) -> bool:
         return False
@@ -440,10 +440,10 @@ class AtTheScreen:
             return True
         for act, kart in itertools.product(Press, (0, 1, 2, 3)):
             if question.startswith(act.value.format(kart=kart)):
-                reply = await self._control.give(act, kart, lambda: None)
-                if not reply.accepted:
+                accepted, _ = await self._control.give(act, kart, lambda: None)
+                if not accepted:
                     self.refused.append(act)
-                return reply.accepted
+                return accepted
         return True  # karts 1 and 2 are in the race from the beginning
 
 
