@@ -185,7 +185,10 @@ def monotonic(event: msg.RaceEvent) -> float:
 
 
 CUTS: dict[str, tuple[Callable[[Machine], object], Callable[[Machine], object]]] = {
-    'link down': (lambda kart: kart.link_down(), lambda kart: kart.link_up()),
+    'link down': (
+        lambda kart: kart.ip('link set eth0 down'),
+        lambda kart: kart.ip('link set eth0 up'),
+    ),
     'all packets dropped': (lambda kart: kart.air(loss=1.0), lambda kart: kart.air()),
     'dropped toward the kart': (lambda kart: kart.air(toward=1.0), lambda kart: kart.air()),
     'dropped from the kart': (lambda kart: kart.air(back=1.0), lambda kart: kart.air()),

@@ -118,11 +118,12 @@ def test_tests_of_other_modules_run_after_one_in_its_own_process(tmp_path: pathl
         'def test_that_cannot_run(): pytest.skip("for a reason")\n',
         encoding='utf-8',
     )
+    path = os.pathsep.join(sys.path)
     (tmp_path / 'test_second.py').write_text('def test_after(): ...\n', encoding='utf-8')
     done = subprocess.run(
         [sys.executable, '-m', 'pytest', '-rA', '-p', 'no:cacheprovider', str(tmp_path)],
         cwd=tmp_path,
-        env={**os.environ, 'PYTEST_ADDOPTS': ''},
+        env={**os.environ, 'PYTEST_ADDOPTS': '-p rig.own_process', 'PYTHONPATH': path},
         capture_output=True,
         text=True,
     )
