@@ -21,6 +21,7 @@ import sys
 import threading
 import time
 from typing import Any
+from xml.etree import ElementTree
 
 from evgp_inspection.inspection import Exit
 from evgp_inspection.traces import Kind
@@ -187,6 +188,10 @@ def test_the_client_of_the_document_passes_every_clause_but_that_nobody_kills_it
     assert those(report, 'fail') == {}
     assert set(those(report, 'not judged')) == KILLED
     assert (report['verdict'], code) == ('not judged', 2)
+    *_, junit = sorted(tmp_path.glob('*/*.xml'))
+    suite = ElementTree.parse(junit).getroot()  # noqa: S314 - our own file
+    assert int(suite.attrib['tests']) == len(report['checks'])
+    assert suite.attrib['failures'] == '0'
 
 
 def example_of_the_c_kit(folder: pathlib.Path, udp: int) -> pathlib.Path:

@@ -1,4 +1,7 @@
 # Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+# Copyright 2026 EVGP race control contributors
 #
 # Licensed under the Apache License, Version 2.0 (the "License");
 # you may not use this file except in compliance with the License.

@@ -48,7 +48,7 @@ from evgp_inspection.limits import Limits, RcsLimits
 from evgp_inspection.odometry import listen
 from evgp_inspection.rcs_clauses import RCS
 from evgp_inspection.recording import first
-from evgp_inspection.report import as_html, as_json, Header, summary
+from evgp_inspection.report import as_html, as_json, as_junit, Header, summary
 from evgp_inspection.verdicts import Clause, NOT_DONE, Result, select
 from evgp_protocol.frames import DEFAULT_PORT
 
@@ -260,7 +260,7 @@ def _parser(
         '--report',
         metavar='FOLDER',
         default='inspections',
-        help='where HTML and JSON go (%(default)s); empty: nowhere',
+        help='where HTML, JUnit XML and JSON go (%(default)s); empty: nowhere',
     )
     add('--version', action='version', version=VERSION)
     group = parser.add_argument_group('limits, in seconds unless they say otherwise')
@@ -352,12 +352,12 @@ async def _with_the_word(
 def _write(
     folder: pathlib.Path, header: Header, results: list[Result], began: datetime.datetime
 ) -> None:
-    """Write the two files of the report."""
+    """Write the three files of the report."""
     name = re.sub('[^a-z0-9]+', '-', header.subject.lower())
     stem = f'{name}-{began:%Y%m%d-%H%M%S}'
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for ending, write in (('html', as_html), ('json', as_json)):
+        for ending, write in (('html', as_html), ('xml', as_junit), ('json', as_json)):
             path = folder / f'{stem}.{ending}'
             path.write_text(write(header, results), encoding='utf-8')
             print(f'written: {path}')

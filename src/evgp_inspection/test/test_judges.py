@@ -21,11 +21,12 @@ import json
 import pathlib
 import re
 from typing import Any
+from xml.etree import ElementTree
 
 from evgp_inspection.kart_clauses import BY_NAME, KART, KART_STEPS
 from evgp_inspection.limits import Limits, RcsLimits
 from evgp_inspection.rcs_clauses import RCS, RCS_BY_NAME, RCS_STEPS
-from evgp_inspection.report import as_html, as_json, Header
+from evgp_inspection.report import as_html, as_json, as_junit, Header
 from evgp_inspection.traces import describe, Event, Kind, Trace
 from evgp_inspection.verdicts import Clause, Finding, judge, Result, select, Verdict, verdict_on
 from evgp_protocol.frames import encode
@@ -222,6 +223,8 @@ def results(verdict: Verdict, why: str = 'so it was') -> list[Result]:
 def test_a_report_is_well_formed_whatever_people_and_karts_are_called(team: str, why: str) -> None:
     header = dataclasses.replace(HEADER, team=team)
     failed = results(Verdict.FAIL, why)
+    suite = ElementTree.fromstring(as_junit(header, failed))  # noqa: S314 - our own
+    assert len(suite.findall('.//failure')) == len(KART)
     assert json.loads(as_json(header, failed))['team'] == team
     page = as_html(dataclasses.replace(HEADER, team='<script>alert(1)</script>'), failed)
     assert '<script' not in page

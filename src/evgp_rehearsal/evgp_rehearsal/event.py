@@ -138,10 +138,12 @@ class Rehearsal(Part):
         self.lock = threading.Condition()
         self.paused = False
         self.took: list[Occurrence] = []
+        self.cues = list(plan.script)
         self.window: Process | None = None
         self._folder = folder
         self._times: list[float] = []  # of each tick, on race control's clock
         self.present: Occurrence | None = None
+        self._first: dict[RaceState, int] = {}  # the tick at which the race came to it
         self._ended = False
         self._again: Future[None] | None = None
         self.links: dict[int, DrivenKart | WireKart] = {}
@@ -377,6 +379,7 @@ class Rehearsal(Part):
                 self._times.append(clock.now())
                 failures, self.field.failures = self.field.failures, []
                 self._time_is_up()
+                self._cue()
                 self.lock.notify_all()
             for number, state in said:
                 link = self.links.get(number)
@@ -452,6 +455,18 @@ class Rehearsal(Part):
     def _wait_for_tick(self, tick: int) -> None:
         """Wait for a tick, or for a while: the field may be paused."""
         self.lock.wait_for(lambda: self.field.tick >= tick, LOOKS * TICK_LENGTH * 10)
+
+    def _cue(self) -> None:
+        """Let the incidents of the script begin that are due."""
+        self._first.setdefault(self.state, self.field.tick)
+        for cue in self.cues:
+            since = self._first.get(INCIDENTS[cue.incident].state)
+            if since is None or (self.field.tick - since) * TICK_LENGTH < cue.at:
+                continue
+            with contextlib.suppress(RefusedError):  # it begins once it can
+                self.inject(cue.incident, cue.kart)
+                self.cues.remove(cue)
+            return
 
     def _end_incident(self) -> None:
         if self.present is not None:

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The plan of a rehearsal: track, karts and seed, as a YAML file says them.
+The plan of a rehearsal: track, karts, seed and script, as a YAML file says them.
 
 Pure: text in, a ``Plan`` or one ``PlanError`` out.
 """
@@ -93,6 +93,20 @@ class Ability:
 
 
 @dataclass(frozen=True)
+class Cue:
+    """
+    A line of the script.
+
+    :param at: seconds since the first GREEN_GREEN, or GRID_ACTIVE for an incident of the grid.
+    :param kart: to which kart it happens; 0: the seed decides.
+    """
+
+    incident: str
+    at: float
+    kart: int = 0
+
+
+@dataclass(frozen=True)
 class Plan:
     """
     A rehearsal.
@@ -107,6 +121,7 @@ class Plan:
     laps: int = 6
     spread: float = 0.15
     seed: int = 1
+    script: tuple[Cue, ...] = ()
 
     @property
     def numbers(self) -> tuple[int, ...]:
@@ -132,7 +147,7 @@ def read_plan(text: str) -> Plan:
 
 
 def _plan(given: Mapping[str, Any]) -> Plan:
-    unknown = set(given) - {'seed', 'karts', 'laps', 'track', 'kart'}
+    unknown = set(given) - {'seed', 'karts', 'laps', 'track', 'kart', 'script'}
     if unknown:
         # A roster in particular: the karts of a rehearsal exist nowhere else.
         raise PlanError(f'a plan has no {", ".join(sorted(map(str, unknown)))}')
@@ -147,6 +162,7 @@ def _plan(given: Mapping[str, Any]) -> Plan:
         int(given.get('laps', Plan.laps)),
         spread,
         int(given.get('seed', Plan.seed)),
+        tuple(Cue(**line) for line in given.get('script') or ()),
     )
     figures = (*dataclasses.astuple(ability), *itertools.chain(*corners))
     for wrong, why in (

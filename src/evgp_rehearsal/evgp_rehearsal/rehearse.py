@@ -94,6 +94,9 @@ def load_plan(file: pathlib.Path | None, seed: int | None, karts: int | None) ->
         shared = get_package_share_directory('evgp_rehearsal')
         file = pathlib.Path(shared, 'config', 'rehearsal.yaml')
     plan = read_plan(file.read_text(encoding='utf-8'))
+    for cue in plan.script:
+        if cue.incident not in INCIDENTS:
+            raise PlanError(f'{file}: there is no incident {cue.incident}')
     changes: dict[str, Any] = {'seed': seed, 'karts': karts}
     return dataclasses.replace(
         plan, **{name: value for name, value in changes.items() if value is not None}
