@@ -483,6 +483,12 @@ ANSWERS: list[tuple[Reach, str, int, str]] = [
     ),
     (does(('KART_RED_RED', 1)), 'KART_IN_GARAGE', 1, 'Kart 1 (Ohm) is released to IN_GARAGE'),
     (
+        does(('KART_RED_RED', SPECTATOR), at='GREEN_GREEN'),
+        'KART_IN_GARAGE',
+        SPECTATOR,
+        'Kart 3 (Tesla) is released to IN_GARAGE',
+    ),
+    (
         STATES['IN_GARAGE'],
         'SET_HEAT',
         0,
@@ -629,10 +635,13 @@ def test_the_end_of_the_race_can_be_left_to_the_official() -> None:
     officials.does('RACE_OVER')
 
 
-def test_places_are_given_anew_in_the_next_race(officials: Officials) -> None:
+def test_places_are_given_anew_in_the_next_race_and_who_left_has_none(
+    officials: Officials,
+) -> None:
     finish_both(officials).does('RACE_OVER')
     officials.acknowledge(1, 2)
     officials.does('IN_GARAGE')
+    officials.does('LEAVE_RACE', 1)
     officials.to_green().does('KART_FINISH', 2)
     assert officials.race.karts[2].place == 1
     assert officials.race.karts[1].place == 0
@@ -677,7 +686,7 @@ def test_all_kill_does_not_hide_that_an_official_held_a_kart_alone(
     first: str, officials: Officials
 ) -> None:
     second = 'KART_RED_FLAG' if first == 'ALL_KILL' else 'ALL_KILL'
-    for kind in (first, second):
+    for kind in (first, second, second):
         officials.does(kind, SPECTATOR if kind == 'KART_RED_FLAG' else None)
     assert officials.race.karts[SPECTATOR].hold_reason == 'ALL_KILL; RED_FLAG by an official'
     officials.acknowledge(1, 2, SPECTATOR)
@@ -1025,6 +1034,16 @@ def test_karts_start_once_it_is_on_the_disk_that_they_may_move(officials: Offici
     assert [order.state for order in outcome.orders] == [GREEN_GREEN, GREEN_GREEN]
 
 
+def test_what_the_disk_says_of_an_earlier_start_starts_nothing(officials: Officials) -> None:
+    earlier = starting(officials)
+    officials.becomes(earlier, StartPhase.WITHDRAWN)
+    later = officials.race.command(officials.as_seen('GREEN_GREEN'), officials.now).start
+    assert later is not None
+    assert officials.becomes(earlier, StartPhase.WRITTEN).answer is None
+    assert officials.race.start is later
+    assert officials.race.state is GRID_ACTIVE
+
+
 # ----- what is wrong around race control --------------------------------------------------
 
 
@@ -1139,7 +1158,7 @@ def test_humans_are_allowed_once_a_kart_has_stood_by_its_stop(patient: Officials
 
 
 def test_a_change_of_state_names_its_cause_and_who_gave_it(officials: Officials) -> None:
-    officials.to_green()
+    officials.to_green().wait(1.0)
     command = Command(CommandKind.ALL_KILL, official='Anna')
     events = officials.race.command(command, officials.now).events
     of_state = (EventKind.RACE_STATE, EventKind.KART_STATE)
@@ -1147,6 +1166,7 @@ def test_a_change_of_state_names_its_cause_and_who_gave_it(officials: Officials)
     assert len(changes) == 1 + len(TEAMS)
     assert {(each.command, each.official) for each in changes} == {(CommandKind.ALL_KILL, 'Anna')}
     assert officials.race.state_cause == 'ALL_KILL by Anna'
+    assert officials.race.state_since == officials.now
     assert officials.race.karts[1].hold_reason == 'ALL_KILL by Anna'
 
 

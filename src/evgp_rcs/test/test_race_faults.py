@@ -46,6 +46,7 @@ WORLDS: dict[str, tuple[int, dict[str, Any]]] = {
         {'racing': 1, 'outside': 0, 'begin': 'grid', 'around': True, 'times': AT_ONCE},
     ),
     'crash': (150, {'racing': 1, 'outside': 0, 'begin': 'crash'}),
+    'crash on the grid': (150, {'racing': 1, 'outside': 0, 'begin': 'crash on the grid'}),
     'unknown': (150, {'racing': 1, 'outside': 0, 'begin': 'unknown'}),
     'unknown outside': (
         150,
@@ -431,6 +432,9 @@ a kart that was lost before a restart raises no alarm: alerts
 the statement answers for a kart that was known in doubt: availability, as-seen, hold-forgotten
     [crash]
     _is_answered_for: doubt or kart.held_alone => held_alone
+the statement answers for a kart that was lost on the grid: availability, as-seen, hold-forgotten
+    [crash on the grid]
+    _is_answered_for: kart.doubt => kart.may_be_moving
 the statement answers for a kart that was held alone: availability, as-seen, alone-released,
     hold-forgotten [unknown]
     _is_answered_for: or kart.held_alone =>
