@@ -1505,8 +1505,8 @@ class Search:
     :param track: officials open the track.
     :param around: another race control comes and goes, and the record fails and works again.
     :param begin: where: in the 'garage', on the 'grid' or in 'green' with every kart of the race
-        connected and its word given, after a 'crash' in mid-race or a 'crash on the grid', or where
-        all is 'unknown'.
+        connected and its word given, after a 'crash' in mid-race or a 'crash on the grid', or
+        where all is 'unknown'.
     :param uninspected: the karts whose inspection the roster does not have.
     :param without: commands to one kart that are not given.
     :param waits: starts wait for the disk, commands come before they are judged, and race control
