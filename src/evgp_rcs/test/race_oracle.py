@@ -1757,7 +1757,9 @@ class Search:
                     continue
             report.transitions += 1
             if after == view and learned == facts and after_time == now:
-                # It changed nothing but what was reported and told.
+                # It changed nothing but what was reported and told; nor the last button unseen.
+                if given.what == 'command':
+                    check_announced(self.rules, race, after, facts, 'GREEN_GREEN', 0, now)
                 scratch.load(saved)
                 continue
             check_state(race, after, learned, after_time)

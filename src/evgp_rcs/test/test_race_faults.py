@@ -122,6 +122,8 @@ ALL_KILL forgets the karts outside the race: stop-at-once
 GREEN_GREEN after another command than GRID_ACTIVE: available-from, availability, green-needs-grid
     [grid]
     _decide: grid_was_last = command => grid_was_last |= command
+closing the track comes between GRID_ACTIVE and GREEN_GREEN: availability [grid]
+    COMMANDS: Rule(Race._close_track, is_command=False) => Rule(Race._close_track)
 GREEN_GREEN while a kart is not connected: availability, green-needs-acks
     _no_green_green: not (each.connected and each.acknowledged) => each.connected and not
         each.acknowledged
