@@ -35,50 +35,32 @@ REQUIRED = {'require_inspection': True}
 AT_ONCE = {'settle': 0.0}
 ALL_OF_ONE = oracle.KART_COMMANDS
 
-# Each small world with the number of its states that are searched. Each fault is found in one of
-# them well before.
-WORLDS: dict[str, tuple[int, dict[str, Any]]] = {
-    'one outside': (150, {'racing': 1, 'outside': 1}),
-    'green': (150, {'racing': 1, 'outside': 0, 'begin': 'green'}),
-    'grid': (150, {'racing': 1, 'outside': 1, 'begin': 'grid', 'times': AT_ONCE}),
-    'around': (
-        320,
-        {'racing': 1, 'outside': 0, 'begin': 'grid', 'around': True, 'times': AT_ONCE},
-    ),
-    'crash': (150, {'racing': 1, 'outside': 0, 'begin': 'crash'}),
-    'crash on the grid': (150, {'racing': 1, 'outside': 0, 'begin': 'crash on the grid'}),
-    'unknown': (150, {'racing': 1, 'outside': 0, 'begin': 'unknown'}),
-    'unknown outside': (
-        150,
-        {'racing': 0, 'outside': 1, 'begin': 'unknown', 'times': {'settle': 2.0}},
-    ),
-    'waits': (
-        150,
-        {'racing': 1, 'outside': 1, 'begin': 'grid', 'waits': True, 'times': AT_ONCE},
-    ),
-    'a start alone': (
-        300,
-        {
-            'racing': 1,
-            'outside': 0,
-            'begin': 'grid',
-            'waits': True,
-            'track': False,
-            'without': ALL_OF_ONE,
-        },
-    ),
-    'waits around': (
-        150,
-        {'racing': 1, 'outside': 0, 'begin': 'grid', 'waits': True, 'around': True},
-    ),
-    'two in green': (300, {'racing': 2, 'outside': 0, 'begin': 'green'}),
-    'two on the grid': (100, {'racing': 2, 'outside': 0, 'begin': 'grid'}),
-    'two': (150, {'racing': 2, 'outside': 0}),
-    'uninspected outside': (
-        60,
-        {'racing': 1, 'outside': 1, 'times': REQUIRED, 'uninspected': (2,)},
-    ),
-    'uninspected': (60, {'racing': 1, 'outside': 1, 'times': REQUIRED, 'uninspected': (1,)}),
+World = tuple[int, dict[str, Any]]
+
+
+def world(most: int, racing: int, outside: int, begin: str = 'garage', **more: object) -> World:
+    """Return a small world, and the number of its states that are searched."""
+    return most, {'racing': racing, 'outside': outside, 'begin': begin, **more}
+
+
+# Each fault is found in one of them well before so many states.
+WORLDS = {
+    'one outside': world(150, 1, 1),
+    'green': world(150, 1, 0, 'green'),
+    'grid': world(150, 1, 1, 'grid', times=AT_ONCE),
+    'around': world(320, 1, 0, 'grid', around=True, times=AT_ONCE),
+    'crash': world(150, 1, 0, 'crash'),
+    'crash on the grid': world(150, 1, 0, 'crash on the grid'),
+    'unknown': world(150, 1, 0, 'unknown'),
+    'unknown outside': world(150, 0, 1, 'unknown', times={'settle': 2.0}),
+    'waits': world(150, 1, 1, 'grid', waits=True, times=AT_ONCE),
+    'a start alone': world(300, 1, 0, 'grid', waits=True, track=False, without=ALL_OF_ONE),
+    'waits around': world(150, 1, 0, 'grid', waits=True, around=True),
+    'two in green': world(300, 2, 0, 'green'),
+    'two on the grid': world(100, 2, 0, 'grid'),
+    'two': world(150, 2, 0),
+    'uninspected outside': world(60, 1, 1, times=REQUIRED, uninspected=(2,)),
+    'uninspected': world(60, 1, 1, times=REQUIRED, uninspected=(1,)),
 }
 
 # The nearest states of all worlds come first: there most faults are found.
@@ -507,18 +489,18 @@ a race cannot go home without a record: availability _no_in_garage: if self.msr_
 
 def search(rules: ModuleType) -> None:
     """Search all worlds."""
-    for bound, world in WORLDS.values():
-        oracle.Search(rules, **world).run(bound)
+    for bound, options in WORLDS.values():
+        oracle.Search(rules, **options).run(bound)
 
 
 def search_nearest_first(rules: ModuleType, begin: str) -> None:
     """Search all worlds: first the one to begin with, then the nearest states of each."""
     if begin:
-        bound, world = WORLDS[begin]
-        oracle.Search(rules, **world).run(bound)
+        bound, options = WORLDS[begin]
+        oracle.Search(rules, **options).run(bound)
     for bound in NEAREST:
-        for _, world in WORLDS.values():
-            oracle.Search(rules, **world).run(bound)
+        for _, options in WORLDS.values():
+            oracle.Search(rules, **options).run(bound)
     search(rules)
 
 
