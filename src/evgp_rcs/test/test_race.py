@@ -1096,6 +1096,15 @@ unproved = pytest.mark.parametrize(
 )
 
 
+def test_after_a_crash_in_the_garage_no_results_are_told_again(officials: Officials) -> None:
+    finish_both(officials).does('RACE_OVER')
+    officials.acknowledge(1, 2)
+    officials.does('IN_GARAGE')
+    assert officials.race.karts[1].place == 1
+    again = restarted(officials.race.memory(), *TEAMS)
+    assert not results(again.does('RACE_OVER'))
+
+
 @unproved
 def test_a_statement_in_the_garage_answers_for_karts_that_are_away(
     memory: RaceMemory | None,
