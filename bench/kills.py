@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """
 Kill either half of race control in each of the five states, and see what karts get, and when.
@@ -90,9 +79,9 @@ def listed(counter: Counter[str]) -> str:
     return ', '.join(f'{name} {count}' for name, count in counter.most_common())
 
 
-def spread(values: list[float]) -> str:
+def typical_and_worst(values: list[float]) -> str:
     """Return median and worst, ms."""
-    return f'{statistics.median(values) * 1e3:.0f} / {max(values) * 1e3:.0f}' if values else '-'
+    return f'{statistics.median(values) * 1e3:.1f} / {max(values) * 1e3:.1f}' if values else '-'
 
 
 def main() -> None:
@@ -114,8 +103,8 @@ def main() -> None:
                     one(pathlib.Path(folder), state, kills_ros_half, figures)
             print(
                 f'| {"ROS half" if kills_ros_half else "kart server"} | {state.value} | {times} '
-                f'| {listed(figures.last)} | {spread(figures.ended)} | {spread(figures.told)} '
-                f'| {listed(figures.first)} |',
+                f'| {listed(figures.last)} | {typical_and_worst(figures.ended)} '
+                f'| {typical_and_worst(figures.told)} | {listed(figures.first)} |',
                 flush=True,
             )
 

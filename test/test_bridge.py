@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """The bridge as a process, between a real race control and a team's node."""
 
@@ -26,6 +15,7 @@ import socket
 import subprocess
 
 from ament_index_python.packages import get_package_prefix
+from evgp_node.graph import INTERFACE
 from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
@@ -381,6 +371,7 @@ def test_a_bridge_that_starts_well_raises_no_alarm(start_race: StartRace) -> Non
     before = next(index for index, line in enumerate(lines) if 'Obey IN_GARAGE' in line)
     assert before > 0
     assert not any('[WARN]' in line for line in lines[: before + 1]), race.bridge.output
+    assert any('graph can be reached from this machine only' in line for line in lines)
 
 
 def test_a_failure_that_comes_back_with_every_attempt_is_not_logged_every_time(
@@ -400,7 +391,7 @@ def test_a_bridge_that_nobody_reads_says_in_which_domain(start_bridge: StartBrid
     with socket.create_server(('127.0.0.1', free_port())) as silent:
         bridge = start_bridge(silent.getsockname()[1])
         bridge.wait_for_line(
-            f'Nobody reads /kart_bridge/race_state in ROS domain {bridge.domain} '
+            f'Nobody reads /kart_bridge/race_state in ROS domain {bridge.domain} .*{INTERFACE}'
         )
 
 
@@ -408,7 +399,8 @@ def test_a_stack_without_a_bridge_says_in_which_domain(parts: contextlib.ExitSta
     domain = parts.enter_context(Domain())
     stack = parts.enter_context(ExampleStack(domain.number))
     stack.wait_for_line(
-        f'no bridge is heard on /kart_bridge/race_state in ROS domain {domain.number}:'
+        'no bridge is heard on /kart_bridge/race_state in ROS domain '
+        f'{domain.number}:.*{INTERFACE}'
     )
 
 

@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """The ROS graphs: nobody on another machine is in them, and everybody on this one is."""
 
@@ -296,6 +285,10 @@ def test_an_official_is_back_once_the_interfaces_are_plugged_in_again_under_othe
         official = join(control, parts)
     official.command('kart/red_flag', kart=1)
 
+    # A loose plug: the address goes and comes, and goes again while the fence moves.
+    networks.own.ip(
+        *(f'addr del {OFFICIALS}/24 dev officials', f'addr add {OFFICIALS}/24 dev officials') * 300
+    )
     networks.own.ip('link del officials')
     control.wait_for_line(f'No interface of this machine has the address {OFFICIALS} now')
     networks.own.ip(

@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """What every package of this repository has, as the ROS world expects it."""
 
@@ -193,8 +182,9 @@ def test_every_source_file_has_a_header() -> None:
 @pytest.mark.parametrize(
     ('name', 'text', 'first_lines'),
     [
-        ('new.py', '"""New."""\n', ['# Copyright', '#', '# Licensed']),
-        ('new.h', '#pragma once\n', ['// Copyright', '//', '// Licensed']),
+        ('src/new.py', '"""New."""\n', ['# Copyright', '#', '# Licensed']),
+        ('src/new.h', '#pragma once\n', ['// Copyright', '//', '// Licensed']),
+        ('test/new.py', '"""New."""\n', ['# Copyright', '# SPDX', '', '"""New']),
         ('run', '#!/bin/sh\necho\n', ['#!/bin/sh', '# Copyright', '# SPDX', '', 'echo']),
         ('Makefile', '# All.\n', ['# Copyright', '# SPDX', '#', '# All.']),
         ('page.html', '<!doctype html>\n<p>\n', ['<!doctype', '<!-- Copy', '<!-- SPDX', '<p>']),
@@ -205,9 +195,11 @@ def test_a_new_file_is_found_until_it_has_a_header(
     name: str, text: str, first_lines: list[str], tmp_path: pathlib.Path
 ) -> None:
     path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
     path.write_text(text, encoding='utf-8')
-    assert [found for found, _ in headers.missing(tmp_path)] == [path]
-    path.write_text(headers.with_header(path, text), encoding='utf-8')
+    [(found, _)] = headers.missing(tmp_path)
+    assert found == pathlib.Path(name)
+    path.write_text(headers.with_header(found, text), encoding='utf-8')
     assert list(headers.missing(tmp_path)) == []
     lines = path.read_text(encoding='utf-8').splitlines()
     for line, beginning in zip(lines, first_lines, strict=False):

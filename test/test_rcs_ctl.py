@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """The officials' terminal client, as a process, against a real race control."""
 
@@ -40,6 +29,7 @@ from evgp_rcs_console.commands import Order
 from evgp_rcs_console.ctl import COMMANDS, STARTING, STATEMENTS, TIDY
 from evgp_rcs_console.desk import Desk
 from evgp_rcs_console.standing import Standing
+from evgp_rcs_console.words import SETTLING
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES
@@ -496,7 +486,7 @@ def test_without_race_control_the_exit_code_says_so(words: tuple[str, ...], said
 def test_watch_shows_the_race_and_what_happens(
     start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
 ) -> None:
-    control = start_race_control(in_race=(1,), others=(2,))
+    control = start_race_control(in_race=(1,), others=(2,), settle_time=60.0)
     official = join_official(control)
     connect_kart(control, 1, Acknowledges.EACH_CHANGE)
     official.wait_for_connected(1)
@@ -509,6 +499,8 @@ def test_watch_shows_the_race_and_what_happens(
     assert shown.returncode == ACCEPTED
     assert 'Race: ■ RED RED' in shown.stdout
     assert 'held: ALL_KILL' in shown.stdout
+    # It says that it stands: not for people yet.
+    assert re.search(SETTLING.format(seconds=r'\d\d'), shown.stdout)
     assert 'ALL_KILL by ' in shown.stdout.splitlines()[0]
     assert events.returncode == ACCEPTED
     assert 'Kart 1 (Team 1) acknowledged RED_RED' in events.stdout
@@ -528,9 +520,12 @@ def test_watch_says_the_banner_of_race_control_first(
 
 
 def test_every_answer_says_the_banner_so_that_no_rehearsal_is_taken_for_a_race(
-    start_race_control: StartRaceControl,
+    start_race_control: StartRaceControl, join_official: JoinOfficial
 ) -> None:
     control = start_race_control(banner='REHEARSAL', in_race=(1,))
+    official = join_official(control)
+    for service in ('all_kill', 'green_green'):  # whoever asks
+        assert official.call(service).message.startswith('REHEARSAL: ')
 
     for line, code in (
         ('all-kill', ACCEPTED),

@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """The rehearsal with the real race control: karts over TCP, the page, and one kart's race."""
 
@@ -324,4 +313,5 @@ def test_ctrl_c_in_mid_race_gives_the_findings_so_far() -> None:
         assert trial.wait() == 130
     findings = [line for line in rest.splitlines() if line.startswith(('good', 'BAD', 'note'))]
     assert len(findings) == 2, ''.join([*printed, rest])
+    assert sum('waiting for your kart' in line for line in printed) >= 3  # nor is it mute
     assert all(line.startswith('good') for line in findings), rest

@@ -1,16 +1,5 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
 """What teams get with ``evgp_testing``: a plugin that needs little, and failures that say much."""
 
@@ -124,11 +113,9 @@ def test_tests_of_other_modules_run_after_one_in_its_own_process(tmp_path: pathl
         'import os, pytest\n'
         'def test_plain(): ...\n'
         '@pytest.mark.own_process\n'
-        'def test_own(): assert os.environ["EVGP_TEST_IN_OWN_PROCESS"]\n'
+        'def test_that_fails(): assert not os.getenv("EVGP_TEST_IN_OWN_PROCESS"), "found out"\n'
         '@pytest.mark.own_process\n'
-        'def test_own_that_fails(): assert not "found out"\n'
-        '@pytest.mark.own_process\n'
-        'def test_own_that_cannot_run(): pytest.skip("for a reason")\n',
+        'def test_that_cannot_run(): pytest.skip("for a reason")\n',
         encoding='utf-8',
     )
     (tmp_path / 'test_second.py').write_text('def test_after(): ...\n', encoding='utf-8')
@@ -141,8 +128,7 @@ def test_tests_of_other_modules_run_after_one_in_its_own_process(tmp_path: pathl
     )
     for outcome in (
         'PASSED test_first.py::test_plain',
-        'PASSED test_first.py::test_own',
-        'FAILED test_first.py::test_own_that_fails',
+        'FAILED test_first.py::test_that_fails',
         'PASSED test_second.py::test_after',
     ):
         assert outcome in done.stdout.splitlines() or f'{outcome} - ' in done.stdout, done.stdout

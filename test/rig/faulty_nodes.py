@@ -1,18 +1,7 @@
 # Copyright 2026 EVGP race control contributors
-#
-# Licensed under the Apache License, Version 2.0 (the "License");
-# you may not use this file except in compliance with the License.
-# You may obtain a copy of the License at
-#
-#     http://www.apache.org/licenses/LICENSE-2.0
-#
-# Unless required by applicable law or agreed to in writing, software
-# distributed under the License is distributed on an "AS IS" BASIS,
-# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
-# See the License for the specific language governing permissions and
-# limitations under the License.
+# SPDX-License-Identifier: Apache-2.0
 
-"""A bridge and a stack with a fault of the kind that programmers make, to be run as processes."""
+"""Nodes with a fault of the kind that programmers make, to be run as processes."""
 
 from __future__ import annotations
 
@@ -27,6 +16,9 @@ from evgp_kart_bridge.shortest_stack import Stack
 from evgp_kart_bridge.watch import Order
 from evgp_node.process import run_node
 from evgp_node.states import state_of
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.node import RcsNode
+from evgp_rcs.race import Answer, Command
 from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
@@ -90,6 +82,15 @@ class StackThatAnswersTheLatest(Stack):
 
     def close(self) -> None:
         """End; the base brakes by itself."""
+
+
+class RaceControlThatTakesNoStops(RcsNode):
+    """Keeps the thread that takes the stops busy for ever, from the first RED_FLAG on."""
+
+    def _command(self, command: Command) -> Answer:
+        if command.kind is CommandKind.RED_FLAG:
+            threading.Event().wait()
+        return super()._command(command)
 
 
 def program_of(node: type, folder: pathlib.Path) -> str:

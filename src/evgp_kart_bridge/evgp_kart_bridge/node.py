@@ -303,7 +303,8 @@ class KartBridge(StrictNode):
             self._unread_at = None
             self.get_logger().warning(
                 f'Nobody reads {self._race_state.topic_name} in {self._graph} for {UNREAD:g} s: '
-                'does the stack run, with the same ROS_DOMAIN_ID?'
+                'does the stack run, with the same ROS_DOMAIN_ID? On another machine of the kart, '
+                'both need EVGP_GRAPH_INTERFACE'
             )
 
     def _odometry(self, message: Odometry) -> None:

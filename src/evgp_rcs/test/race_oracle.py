@@ -221,7 +221,8 @@ class KartFacts(NamedTuple):
     :param phase: 0 after a red, 1 after IN_GARAGE, 2 after IN_GARAGE and then GRID_ACTIVE.
     :param missing: since when it is missing, if it dropped from a race or in motion; in motion,
         until it stands.
-    :param stood: since when it has stood by its acknowledgement of the red it is sent.
+    :param stood: since when it has stood by its acknowledgement of the red it is sent, and race
+        control would have heard it take that back.
     """
 
     ready: bool = False
@@ -634,8 +635,12 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
         rival = given.statement
     elif what == 'record':
         trouble = given.statement
-    elif what in (*OF_A_START, 'held up'):
+    elif what in OF_A_START:
         pass
+    elif what == 'held up':
+        for each in after:
+            if each['settles'] is not None:
+                each['settles'] = now + times.settle
     elif what == 'tick':
         for each in after:
             _stand(each, now)
@@ -825,6 +830,8 @@ def learn(
                     stood = now
         if kart.serial != old.serial or not kart.connected:
             stood = None
+        if given.what == 'held up' and stood is not None:
+            stood = now
         if given.what in ('heard', 'tick') and old.doubt and not kart.doubt:
             missing = None
         if kart.sent is RED_RED or kart.sent is RED_FLAG:

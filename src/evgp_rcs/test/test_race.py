@@ -1142,6 +1142,13 @@ def test_a_kart_that_left_the_roster_is_named_and_held_until_it_is_released_by_h
     assert race.memory().karts[7] == CALM
 
 
+def test_a_kart_that_was_held_alone_before_a_restart_is_held_for_one_reason() -> None:
+    race = Race([Kart(1)], now=0.0)
+    memory = RaceMemory(RED_RED, {1: KartMemory(True, True, 0, Doubt.NONE, True)}, final=True)
+    race.recover(memory, 0.0)
+    assert race.karts[1].hold_reason == 'race control was restarted'
+
+
 # ----- a stop counts for people once the kart has stood ------------------------------------
 
 
@@ -1161,6 +1168,20 @@ def test_humans_are_allowed_once_a_kart_has_stood_by_its_stop(patient: Officials
     patient.wait(0.1)
     assert patient.race.track_access().allowed
     patient.does('IN_GARAGE')
+
+
+def test_a_kart_is_not_taken_to_have_stood_while_race_control_was_held_up(
+    patient: Officials,
+) -> None:
+    """What it said meanwhile, and that its link is gone, waits unread."""
+    patient.to_green().does('ALL_KILL')
+    patient.acknowledge(*TEAMS)
+    patient.now += 4.0
+    patient.race.held_up(4.0, patient.now)
+    patient.wait(2.9)
+    assert not patient.race.track_access().allowed
+    patient.wait(0.1)
+    assert patient.race.track_access().allowed
 
 
 # ----- who caused it -----------------------------------------------------------------------

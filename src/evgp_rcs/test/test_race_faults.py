@@ -56,6 +56,7 @@ WORLDS = {
     'waits': world(150, 1, 1, 'grid', waits=True, times=AT_ONCE),
     'a start alone': world(300, 1, 0, 'grid', waits=True, track=False, without=ALL_OF_ONE),
     'waits around': world(150, 1, 0, 'grid', waits=True, around=True),
+    'held up': world(200, 0, 1, 'unknown', waits=True, without=ALL_OF_ONE, times={'settle': 2.0}),
     'two in green': world(300, 2, 0, 'green'),
     'two on the grid': world(100, 2, 0, 'grid'),
     'two': world(150, 2, 0),
@@ -361,6 +362,8 @@ a kart that is lost while it settles is taken to stand: settle, effect, doubt-fo
     _drop: kart.settles_at = None => pass
 a new order lets the time to stand run on: settle, effect [green]
     _redirect: kart.settles_at = None =>
+a kart stands while race control is held up and hears nothing: settle, effect [held up]
+    held_up: kart.settles_at = now + self.times.settle => kart.settles_at += 0.0
 every word said again begins the time to stand again: effect [unknown outside]
     heard: not kart.acknowledged => (not kart.acknowledged or kart.settles_at is not None)
 the doubt never ends by standing: effect, stuck tick: self._settle(kart, now) =>
@@ -368,7 +371,7 @@ humans are allowed as soon as a kart has acknowledged: track-access, availabilit
     _danger: stands => stopped
 IN_GARAGE goes out as soon as every kart has acknowledged: availability, false-news
     answered: stands if self.sent.is_red else self.acknowledged => acknowledged
-IN_GARAGE releases a kart that has not stood yet: as-seen, hold-forgotten, red-loosened
+IN_GARAGE releases a kart that has not stood yet: as-seen, hold-forgotten, red-loosened [green]
     _released_by_garage: stands => stopped
 a kart that has only just acknowledged is released alone without a word: statement
     _state_made_safe: stands => stopped
@@ -479,9 +482,10 @@ a race goes home from the grid with a kart that has an unanswered stop: availabi
     _no_in_garage: each.may_be_moving => (each.may_be_moving and each.hold is None)
 a race never goes home from the grid with a kart on it: availability, stuck
     _no_in_garage: may_be_moving or (each.doubt and not each.connected) => doubt
-the statement that the MSR was used ends without a record: availability
+the statement that the MSR was used ends without a record: availability [around]
     _no_in_garage: self._no_record() if self.msr_used else =>
-a race cannot go home without a record: availability _no_in_garage: if self.msr_used else '' =>
+a race cannot go home without a record: availability [around]
+    _no_in_garage: if self.msr_used else '' =>
 """
 )
 """Each fault under what it would mean on the track."""

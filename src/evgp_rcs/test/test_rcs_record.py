@@ -300,6 +300,7 @@ DAMAGED_FILES: dict[str, Harm] = {
     ),
     'a session that is garbled': changed("UPDATE session SET began_ns = 'noon'"),
     'a kart that no roster has': changed(EVENT.format('kart = -1', 9)),
+    'a kart with a number that no message holds': changed(EVENT.format('kart = 4294967296', 9)),
     'a time that no clock shows': changed(EVENT.format('monotonic = 9e999', 9)),
 }
 
