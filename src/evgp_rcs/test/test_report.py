@@ -29,7 +29,7 @@ from evgp_rcs.inputs import CLOSED_BY_KART
 from evgp_rcs.race import Event, EventKind, Heat, Kart, Race, RaceMemory
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record import Record, RecordedEvent
-from evgp_rcs.report import words
+from evgp_rcs.report import wording
 from evgp_rcs.report.command import seconds_of
 from evgp_rcs.report.model import (
     Account,
@@ -50,7 +50,7 @@ from evgp_rcs.report.model import (
     STOPS,
     Why,
 )
-from evgp_rcs.report.words import Clock
+from evgp_rcs.report.wording import Clock
 from evgp_rcs.rules_version import rules_version
 from evgp_rcs.runs import PARTLY
 import pytest
@@ -226,7 +226,7 @@ def test_a_stop_of_the_catalogue_is_a_stop_of_the_report() -> None:
 
 
 def test_every_kind_of_event_has_a_name() -> None:
-    assert words.KINDS.keys() == EventKind.__members__.keys()
+    assert wording.KINDS.keys() == EventKind.__members__.keys()
 
 
 @pytest.mark.parametrize('waits', [1.0, 8.0], ids=['at once', 'after its RED_FLAG'])
@@ -602,9 +602,9 @@ def test_the_times_that_are_shown_add_up(dice: random.Random, began_ns: int) -> 
     for _ in range(1000):
         start = dice.uniform(0.0, 50.0)
         end = start + dice.uniform(0.0, 9.0)
-        took = float(words.exact(start, end).removesuffix(' s'))
+        took = float(wording.exact(start, end).removesuffix(' s'))
         assert (shown(end) - shown(start)) % 86_400_000 == round(took * 1000)
-        assert took == words.between(start, end)
+        assert took == wording.between(start, end)
 
 
 def test_a_time_of_day_is_rounded_never_cut() -> None:
