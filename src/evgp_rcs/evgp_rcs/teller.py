@@ -32,8 +32,6 @@ from diagnostic_msgs.msg import DiagnosticArray
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.last_words import wait_until_heard
 from evgp_protocol import clock
-from evgp_rcs.channel import Copy
-from evgp_rcs.inputs import digest, offers
 from evgp_rcs.messages import (
     diagnostics_message,
     event_message,
@@ -44,6 +42,7 @@ from evgp_rcs.messages import (
 from evgp_rcs.official import said_by
 from evgp_rcs.race import Event, EventKind, StampedEvent
 from evgp_rcs.roster import Roster
+from evgp_rcs.snapshot import Snapshot
 from evgp_rcs_msgs import msg
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -67,13 +66,6 @@ EVENTS_QOS = QoSProfile(
 TURN = 0.05
 """Maximum time spent publishing events before a newer race is published, in seconds."""
 
-PAUSE = 0.001
-"""Time after each event in which no further one is published, in seconds. Without it a stop waits
-for the interpreter and the processors while a hundred karts acknowledge."""
-
-MOST_PAUSED = 1000
-"""Maximum backlog of events with such pauses; a longer one is published without."""
-
 MOST_UNTOLD = 5000
 """Maximum backlog of events to publish; beyond it, `LESSER` events go to the record only."""
 
@@ -86,8 +78,6 @@ class Teller:
     Publishes the race, its events and diagnostics.
 
     :param on_failure: is called, in the teller's thread, when it cannot go on.
-    :param on_published: takes, in the teller's thread, the number of a copy that was published,
-        and the digest of the commands that it offered.
     :param banner: what every screen says at its top.
     """
 
@@ -96,19 +86,17 @@ class Teller:
         node: Node,
         roster: Roster,
         on_failure: Callable[[BaseException], None],
-        on_published: Callable[[int, int], None] = lambda number, offered: None,
         banner: str = '',
     ) -> None:
         """Create the publishers; nothing is published before ``start``."""
         self._node = node
         self._on_failure = on_failure
-        self._on_published = on_published
         self._banner = banner
         self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
         self._events = node.create_publisher(msg.RaceEvent, '~/events', EVENTS_QOS)
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
-        self._happened: queue.SimpleQueue[list[StampedEvent] | Copy | str | None]
+        self._happened: queue.SimpleQueue[list[StampedEvent] | Snapshot | str | None]
         self._happened = queue.SimpleQueue()
         self._graph_alerts: list[msg.Alert] = []
         self._thread = threading.Thread(target=self._run, name='teller', daemon=True)
@@ -120,9 +108,9 @@ class Teller:
         """Take events, from any thread."""
         self._happened.put(events)
 
-    def race(self, copy: Copy) -> None:
-        """Take a copy of the race, from any thread."""
-        self._happened.put(copy)
+    def race(self, race: Snapshot) -> None:
+        """Take a snapshot of the race, from any thread."""
+        self._happened.put(race)
 
     def graph_trouble(self, text: str) -> None:
         """Take, from any thread, what is wrong with the graph from now on; empty: nothing."""
@@ -167,11 +155,11 @@ class Teller:
             came = [] if waiting else [self._happened.get()]
             while not self._happened.empty():
                 came.append(self._happened.get())
-            newest: Copy | None = None
+            newest: Snapshot | None = None
             for news in came:
                 if news is None:
                     ended = True
-                elif isinstance(news, Copy):
+                elif isinstance(news, Snapshot):
                     newest = news
                 elif isinstance(news, str):
                     self._take_graph_trouble(news)
@@ -182,8 +170,6 @@ class Teller:
             until = time.monotonic() + TURN
             while waiting and time.monotonic() < until:
                 self._tell(waiting.popleft())
-                if not ended and len(waiting) <= MOST_PAUSED:
-                    time.sleep(PAUSE)
             if newest is not None:
                 self._tell_race(newest)
 
@@ -217,18 +203,15 @@ class Teller:
         self._events.publish(event_message(stamped))
         self._sequence = stamped.sequence
 
-    def _tell_race(self, copy: Copy) -> None:
-        race, at = copy.race, copy.at
-        wall_ns = time.time_ns() - round((clock.now() - at) * 1e9)
-        offered = offers(race, at)
-        message = race_message(race, at, wall_ns, self._addresses, offered, self._banner)
+    def _tell_race(self, race: Snapshot) -> None:
+        wall_ns = time.time_ns() - round((clock.now() - race.at) * 1e9)
+        message = race_message(race, wall_ns, self._addresses, self._banner)
         message.alerts = [*message.alerts, *self._graph_alerts]
         self._race.publish(message)
-        self._on_published(copy.number, digest(offered))
         self._published = message
-        if at - self._told_diagnostics >= 1.0:
-            self._told_diagnostics = at
+        if race.at - self._told_diagnostics >= 1.0:
+            self._told_diagnostics = race.at
             name = self._node.get_fully_qualified_name().lstrip('/')
             self._diagnostics.publish(
-                diagnostics_message(race, at, time.time_ns(), name, self._addresses)
+                diagnostics_message(race, time.time_ns(), name, self._addresses)
             )
