@@ -31,6 +31,7 @@ import sys
 import threading
 
 from evgp_protocol.states import RaceState
+from evgp_rcs.priority import NICENESS
 from evgp_rcs_msgs import msg
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.process import freeze, wait_until_ended
@@ -288,10 +289,15 @@ def mount(folder: pathlib.Path) -> None:
 
 
 @pytest.mark.skipif(not may_come_first(), reason='it takes root, or a limit for the user')
-def test_the_ros_half_comes_before_other_programs_and_the_kart_server_before_it(
+def test_all_of_race_control_comes_before_other_programs_and_the_loop_of_the_karts_first(
     scene: WireRace,
 ) -> None:
-    threads = pathlib.Path(f'/proc/{scene.control.pid}/task').iterdir()
-    ros_half = {os.sched_getparam(int(each.name)).sched_priority for each in threads}
-    assert min(ros_half) > 0
-    assert max(ros_half) < os.sched_getparam(scene.control.kart_server_pid).sched_priority
+    control = scene.control
+    every = [
+        int(thread.name)
+        for pid in (control.pid, control.kart_server_pid, control.record_pid)
+        for thread in pathlib.Path(f'/proc/{pid}/task').iterdir()
+    ]
+    assert {os.getpriority(os.PRIO_PROCESS, each) for each in every} == {NICENESS}
+    first = [each for each in every if os.sched_getscheduler(each) != os.SCHED_OTHER]
+    assert first == [control.kart_server_pid]

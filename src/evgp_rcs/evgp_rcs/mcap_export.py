@@ -160,7 +160,7 @@ def _shifts(happened: Sequence[RecordedEvent]) -> list[int]:
 
 
 def _events(happened: Sequence[RecordedEvent], shifts: Sequence[int]) -> Iterator[Message]:
-    from evgp_rcs.messages import event_message
+    from evgp_rcs.messages import events_message
 
     both = list(zip(happened, shifts, strict=True))
     for each, shift in watched(both, len(both), 'Writing the bag'):
@@ -175,7 +175,7 @@ def _events(happened: Sequence[RecordedEvent], shifts: Sequence[int]) -> Iterato
             alert=AlertKind[each.alert] if each.alert else None,
         )
         stamped = StampedEvent(each.sequence, each.wall_ns, each.monotonic, event)
-        yield f'/{NODE}/events', each.wall_ns + shift, event_message(stamped)
+        yield f'/{NODE}/events', each.wall_ns + shift, events_message([stamped])
 
 
 def _races(kept: Kept, setup: Setup, shifts: Sequence[int]) -> Iterator[Message]:

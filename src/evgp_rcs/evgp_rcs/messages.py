@@ -136,8 +136,12 @@ def race_message(
     )
 
 
-def event_message(stamped: StampedEvent) -> msg.RaceEvent:
-    """Return an event as a message."""
+def events_message(events: Iterable[StampedEvent]) -> msg.RaceEvents:
+    """Return events as a message."""
+    return msg.RaceEvents(events=list(map(_event, events)))
+
+
+def _event(stamped: StampedEvent) -> msg.RaceEvent:
     event = stamped.event
     monotonic_ns = round(stamped.monotonic * NS)
     return msg.RaceEvent(

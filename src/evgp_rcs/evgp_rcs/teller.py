@@ -16,8 +16,8 @@
 Publishes what the kart server tells, in a thread of its own.
 
 Events go out in order, all of them unless more than `MOST_UNTOLD` wait. Of several copies of the
-race only the newest does, and that may overtake events: it waits for no more of them than are
-published in `TURN`, so that what officials see is the present race.
+race only the newest does, and that may overtake events: it waits for no more of them than
+`BATCH`, so that what officials see is the present race.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from evgp_node.last_words import wait_until_heard
 from evgp_protocol import clock
 from evgp_rcs.messages import (
     diagnostics_message,
-    event_message,
+    events_message,
     failure_alert,
     graph_alert,
     race_message,
@@ -61,10 +61,10 @@ EVENTS_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""Of ``~/events``: a late subscriber gets the last 200 events."""
+"""Of ``~/events``: a late subscriber gets the last 200 messages, each of some events."""
 
-TURN = 0.05
-"""Maximum time spent publishing events before a newer race is published, in seconds."""
+BATCH = 100
+"""Maximum number of events in one message; then a newer race is published."""
 
 MOST_UNTOLD = 5000
 """Maximum backlog of events to publish; beyond it, `LESSER` events go to the record only."""
@@ -94,7 +94,7 @@ class Teller:
         self._banner = banner
         self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
-        self._events = node.create_publisher(msg.RaceEvent, '~/events', EVENTS_QOS)
+        self._events = node.create_publisher(msg.RaceEvents, '~/events', EVENTS_QOS)
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         self._happened: queue.SimpleQueue[list[StampedEvent] | Snapshot | str | None]
         self._happened = queue.SimpleQueue()
@@ -139,7 +139,7 @@ class Teller:
         self._race.publish(self._published)
         event = Event(EventKind.ALERT_RAISED, text, success=False)
         stamped = StampedEvent(self._sequence + 1, wall_ns, clock.now(), event)
-        self._events.publish(event_message(stamped))
+        self._events.publish(events_message([stamped]))
         wait_until_heard(self._race, self._events)
 
     def _run(self) -> None:
@@ -167,9 +167,8 @@ class Teller:
                     waiting += news
             if len(waiting) > MOST_UNTOLD:
                 waiting = self._without_lesser(waiting)
-            until = time.monotonic() + TURN
-            while waiting and time.monotonic() < until:
-                self._tell(waiting.popleft())
+            if waiting:
+                self._tell([waiting.popleft() for _ in range(min(BATCH, len(waiting)))])
             if newest is not None:
                 self._tell_race(newest)
 
@@ -190,18 +189,17 @@ class Teller:
         )
         return deque(kept)
 
-    def _tell(self, stamped: StampedEvent) -> None:
-        event = stamped.event
+    def _tell(self, batch: list[StampedEvent]) -> None:
+        self._events.publish(events_message(batch))
+        self._sequence = batch[-1].sequence
         log = self._node.get_logger()
-        text = said_by(event.text, event.official)
-        if event.kind is EventKind.ALERT_RAISED or not event.success:
-            log.warning(text)
-        elif event.kind is EventKind.ACKNOWLEDGED:
-            log.debug(text)  # that all have, or that one is late, is told for itself
-        elif event.kind is not EventKind.KART_STATE:  # the command says it
-            log.info(text)
-        self._events.publish(event_message(stamped))
-        self._sequence = stamped.sequence
+        for _, _, _, event in batch:
+            text = said_by(event.text, event.official)
+            if event.kind is EventKind.ALERT_RAISED or not event.success:
+                log.warning(text)
+            elif event.kind not in (EventKind.ACKNOWLEDGED, EventKind.KART_STATE):
+                # What karts are sent, the command says; that all or not all answer, other events.
+                log.info(text)
 
     def _tell_race(self, race: Snapshot) -> None:
         wall_ns = time.time_ns() - round((clock.now() - race.at) * 1e9)

@@ -137,7 +137,7 @@ class Official(RosSide):
         if 'race' in hears:
             subscribe(msg.Race, '/rcs/race', self._hear_race, latched(1))
         if 'events' in hears:
-            subscribe(msg.RaceEvent, '/rcs/events', self._hear_event, latched(200))
+            subscribe(msg.RaceEvents, '/rcs/events', self._hear_events, latched(200))
         self.spin()
 
     def call(self, service: str, **request: Any) -> Answer:
@@ -341,7 +341,7 @@ class Official(RosSide):
             self.race = race
             self.news.notify_all()
 
-    def _hear_event(self, event: msg.RaceEvent) -> None:
+    def _hear_events(self, message: msg.RaceEvents) -> None:
         with self.news:
-            self.events.append(event)
+            self.events += message.events
             self.news.notify_all()

@@ -143,7 +143,8 @@ class RaceControl(Process):
     def lose_power(self) -> None:
         """End all processes at once: what any would still write is lost with it."""
         self.freeze()
-        for pid in reversed(self._pids):  # the record's first: it writes on when the kart server ends
+        # The record's first: it writes on when the kart server ends.
+        for pid in reversed(self._pids):
             os.kill(pid, signal.SIGKILL)
         self.wait()
 
