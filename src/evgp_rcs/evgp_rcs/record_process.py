@@ -95,8 +95,10 @@ class RecordProcess:
         try:
             opened = self._end.first()
         except EOFError:
-            raise RecordError(f'{path} cannot be used: its process has failed') from None
+            opened = Refused(f'{path} cannot be used: its process has failed')
         if isinstance(opened, Refused):
+            end.close()
+            os.waitpid(self.pid, 0)
             raise RecordError(opened.text)
         self._error: str = opened.error
         self.left_behind: RaceMemory | None = opened.left_behind
