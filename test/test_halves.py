@@ -213,6 +213,30 @@ def test_race_control_that_hangs_as_a_whole_goes_on_and_starts_nothing_that_wait
         assert GREEN_GREEN not in [state for _, state in kart.changes]
 
 
+@pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGSTOP], ids=['killed', 'frozen'])
+def test_a_race_goes_on_without_the_process_of_its_record_and_no_other_starts(
+    scene: WireRace, how: signal.Signals
+) -> None:
+    scene.bring_to(GREEN_GREEN)
+    os.kill(scene.control.record_pid, how)
+    assert not scene.official.call('green_green').success
+    scene.official.wait_for_race(
+        lambda race: any(alert.kind == msg.Alert.RECORD_FAILING for alert in race.alerts),
+        'the alert that the record fails',
+    )
+    racing = scene.karts[: len(RACING)]
+    for kart in racing:
+        kart.wait_for_frames(3)
+        assert kart.state is GREEN_GREEN
+    scene.bring_to(RED_RED)
+    scene.bring_to(IN_GARAGE)
+    answer = scene.official.call('grid_active', track_clear=True)
+    assert not answer.success
+    assert 'record' in answer.message
+    for kart in racing:
+        kart.wait_for_state(IN_GARAGE)
+
+
 def mapped(pid: int) -> str:
     return pathlib.Path(f'/proc/{pid}/maps').read_text(encoding='utf-8')
 
@@ -293,11 +317,12 @@ def test_all_of_race_control_comes_before_other_programs_and_the_loop_of_the_kar
     scene: WireRace,
 ) -> None:
     control = scene.control
-    every = [
-        int(thread.name)
-        for pid in (control.pid, control.kart_server_pid, control.record_pid)
-        for thread in pathlib.Path(f'/proc/{pid}/task').iterdir()
-    ]
-    assert {os.getpriority(os.PRIO_PROCESS, each) for each in every} == {NICENESS}
-    first = [each for each in every if os.sched_getscheduler(each) != os.SCHED_OTHER]
+    processes = [control.pid, control.kart_server_pid, control.record_pid]
+    taking_stops = receiving_threads(control.pid, UNICAST_CALLS + 250 * scene.domain)
+    for each in (*processes, *taking_stops):
+        assert os.getpriority(os.PRIO_PROCESS, each) == NICENESS
+        session = pathlib.Path(f'/proc/{each}/autogroup')
+        if session.exists():  # Linux shares by sessions
+            assert session.read_text().split()[-1] == str(NICENESS)
+    first = [each for each in processes if os.sched_getscheduler(each) != os.SCHED_OTHER]
     assert first == [control.kart_server_pid]

@@ -114,6 +114,7 @@ def main(arguments: list[str] | None = None) -> int:
     (descriptor,) = sys.argv[1:] if arguments is None else arguments
     # One that was stopped goes on when the ROS half has died: it finds that out, and ends.
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGCONT)
+    priority.come_before_others()  # in a session of its own
     with socket.socket(fileno=int(descriptor)) as end:
         ros_half = LocalEnd(end)
         try:

@@ -82,9 +82,13 @@ kart that finds the queue full tries again after 1, 3, 7, ... s, and is left out
 CONNECTIONS_AT_ONCE = 16
 """Maximum number of connections taken before a stop or a beat has its turn."""
 
-GATHER = 0.002
+GATHER = 0.005
 """Time for which events are gathered until they are handed on, in seconds. When a hundred karts
-acknowledge, each by itself would keep all processes busy."""
+acknowledge, each by itself would keep all processes busy; and what officials are told would be in
+the way of the answer to the stop that made it happen."""
+
+SHOW_AFTER = 0.01
+"""Time after something has happened until a snapshot shows it, in seconds; for the same reason."""
 
 MOST_GATHERED = 100
 """Number of gathered events to which no more are added. To hand them on takes some 0.4 ms, for
@@ -504,7 +508,7 @@ class KartServer:
             assert self._loop is not None
             self._showing = True
             delay = self._shown_at + self._settings.snapshot_interval - self.now()
-            self._loop.call_later(max(delay, 0.0), self._show)
+            self._loop.call_later(max(delay, SHOW_AFTER), self._show)
 
     def _show(self) -> None:
         """Send a snapshot, unless the ROS half has not even taken what was sent before."""
