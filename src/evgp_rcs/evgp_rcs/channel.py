@@ -39,7 +39,7 @@ from evgp_rcs.inputs import Block, Setup
 from evgp_rcs.race import Answer, Command, RaceMemory, RaceTimes, StampedEvent
 from evgp_rcs.roster import Roster
 
-READ_BYTES = 65536
+PAIR_BYTES = 65536
 """Maximum read from a pair at a time, in bytes."""
 
 _LENGTH = struct.Struct('!I')
@@ -265,7 +265,7 @@ class LocalEnd:
 
         :raises EOFError: if the other end ends before.
         """
-        while data := self._end.recv(READ_BYTES):
+        while data := self._end.recv(PAIR_BYTES):
             for message in self._unpacker.feed(data):
                 return message
         raise EOFError('the other end ended before it began')
@@ -286,7 +286,7 @@ class LocalEnd:
         """Yield the messages that have come."""
         while not self.gone:
             try:
-                data = self._end.recv(READ_BYTES)
+                data = self._end.recv(PAIR_BYTES)
             except BlockingIOError:
                 return
             except OSError as error:
@@ -296,7 +296,7 @@ class LocalEnd:
                 self.lose('it has ended')
                 return
             yield from self._unpacker.feed(data)
-            if len(data) < READ_BYTES:
+            if len(data) < PAIR_BYTES:
                 return
 
     def send(self, data: bytes) -> None:

@@ -43,7 +43,7 @@ from evgp_rcs.channel import (
     LocalEnd,
     Opened,
     pack,
-    READ_BYTES,
+    PAIR_BYTES,
     Refused,
     Remember,
     Rules,
@@ -191,7 +191,7 @@ class RecordProcess:
         until = time.monotonic() + timeout
         with contextlib.suppress(OSError):
             self._socket.settimeout(timeout)
-            while time.monotonic() < until and self._socket.recv(READ_BYTES):
+            while time.monotonic() < until and self._socket.recv(PAIR_BYTES):
                 pass
         self._socket.close()
         with contextlib.suppress(ChildProcessError):
