@@ -13,9 +13,10 @@
 # limitations under the License.
 
 """
-Race control's two processes: whichever of them dies or hangs, karts stop and officials know.
+Race control's processes: whichever of the two halves dies or hangs, karts stop and officials know.
 
 One has ROS (``rcs_node``), the other the rules and the karts' sockets. Neither outlives the other.
+The third writes the record, and karts go on without it.
 """
 
 from __future__ import annotations
