@@ -28,7 +28,7 @@ import pathlib
 NICENESS = -10
 """Of all of race control: a stop must be taken however busy the computer is."""
 
-LOOP = 1
+LOOP = 3
 """The real-time priority of the kart server's loop (SCHED_RR), for the karts' frames."""
 
 
