@@ -187,15 +187,18 @@ class RecordProcess:
         :param timeout: wait no longer than this, s.
         :param in_order: the next run need not take up a race that was not under way.
         """
-        self._end.send_the_rest(End(in_order), timeout=timeout)
         until = time.monotonic() + timeout
-        with contextlib.suppress(OSError):
-            self._socket.settimeout(timeout)
-            while time.monotonic() < until and self._socket.recv(PAIR_BYTES):
-                pass
+        self._end.send_the_rest(End(in_order), timeout=timeout)
+        self._socket.settimeout(max(until - time.monotonic(), 0.01))
+        with contextlib.suppress(TimeoutError, ChildProcessError):
+            try:
+                while self._socket.recv(PAIR_BYTES) and time.monotonic() < until:
+                    pass
+            except ConnectionError:
+                pass  # it has ended without a look at the last messages
+            if time.monotonic() < until:
+                os.waitpid(self.pid, 0)  # nothing of it is left when the kart server ends
         self._socket.close()
-        with contextlib.suppress(ChildProcessError):
-            os.waitpid(self.pid, os.WNOHANG)
 
 
 # ----- the process itself ---------------------------------------------------------------------
