@@ -44,35 +44,21 @@ def rules(count: int) -> None:
     """Run the kart server and the rules without ROS; give commands, and answer with when."""
     from evgp_protocol import clock
     from evgp_rcs.catalogue import CommandKind
-    from evgp_rcs.kart_server import KartServer, ServerSettings
+    from evgp_rcs.channel import ServerSettings
+    from evgp_rcs.kart_server import KartServer
     from evgp_rcs.race import Answer, Command, Kart, Race, RaceTimes
 
-    class Outside:
-        """No ROS half, and no record."""
+    class Nobody:
+        """Neither a ROS half nor a record."""
 
-        def look(self) -> None:
-            """Nothing comes by here."""
+        gone = ''
+        unsent = 1  # so that nothing is shown
 
-        def tell(self, events: object, log: object) -> None:
-            """Nobody listens."""
+        def __getattr__(self, name: str) -> Any:
+            """Take what is sent or recorded, and hear nothing."""
+            return lambda *given: ''
 
-        def show(self, race: object, at: float, number: int) -> None:
-            """Nobody looks."""
-
-        def remember(self, memory: object, at: float) -> None:
-            """Nothing is kept."""
-
-        def make_sure(self, memory: object, at: float, done: Any) -> None:
-            """Nothing is kept."""
-
-        def trouble(self) -> str:
-            """Have none."""
-            return ''
-
-        def silent_since(self) -> float | None:
-            """Expect nobody."""
-            return None
-
+    nobody: Any = Nobody()
     race = Race(
         [Kart(number, f'Team {number}', True) for number in range(1, count + 1)],
         RaceTimes(pause=0.0),
@@ -81,7 +67,8 @@ def rules(count: int) -> None:
         race,
         {address_of(number): number for number in race.karts},
         ServerSettings(host='127.0.0.1', port=0),
-        Outside(),
+        nobody,
+        nobody,
     )
 
     def give() -> None:

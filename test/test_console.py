@@ -737,10 +737,10 @@ def test_a_long_event_hides_no_other_one(
     control = speak(race=race_of((1,)))
     console = open_console(control)
     console.wait_for('kart_1')
-    telling = control.node.create_publisher(msg.RaceEvent, 'rcs/events', latched(200))
+    telling = control.node.create_publisher(msg.RaceEvents, 'rcs/events', latched(200))
 
-    telling.publish(msg.RaceEvent(sequence=1, text='RED_RED is sent to ' + 'kart 99, ' * 200))
-    telling.publish(msg.RaceEvent(sequence=2, text='the newest'))
+    long = msg.RaceEvent(sequence=1, text='RED_RED is sent to ' + 'kart 99, ' * 200)
+    telling.publish(msg.RaceEvents(events=[long, msg.RaceEvent(sequence=2, text='the newest')]))
 
     console.wait_for('log', text='the newest')
     # A bar below the log would lie over its last line; this is Qt's name for its place.

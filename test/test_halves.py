@@ -2,9 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Race control's two processes: whichever of them dies or hangs, karts stop and officials know.
+Race control's processes: whichever of the two halves dies or hangs, karts stop and officials know.
 
 One has ROS (``rcs_node``), the other the rules and the karts' sockets. Neither outlives the other.
+The third writes the record, and karts go on without it.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import sys
 import threading
 
 from evgp_protocol.states import RaceState
+from evgp_rcs.priority import NICENESS
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
@@ -225,6 +227,30 @@ def test_race_control_that_hangs_as_a_whole_goes_on_and_starts_nothing_that_wait
         assert GREEN_GREEN not in [state for _, state in kart.changes]
 
 
+@pytest.mark.parametrize('how', [signal.SIGKILL, signal.SIGSTOP], ids=['killed', 'frozen'])
+def test_a_race_goes_on_without_the_process_of_its_record_and_no_other_starts(
+    scene: WireRace, how: signal.Signals
+) -> None:
+    scene.bring_to(GREEN_GREEN)
+    os.kill(scene.control.record_pid, how)
+    assert not scene.official.call('green_green').success
+    scene.official.wait_for_race(
+        lambda race: any(alert.kind == msg.Alert.RECORD_FAILING for alert in race.alerts),
+        'the alert that the record fails',
+    )
+    racing = scene.karts[: len(RACING)]
+    for kart in racing:
+        kart.wait_for_frames(3)
+        assert kart.state is GREEN_GREEN
+    scene.bring_to(RED_RED)
+    scene.bring_to(IN_GARAGE)
+    answer = scene.official.call('grid_active', track_clear=True)
+    assert not answer.success
+    assert 'record' in answer.message
+    for kart in racing:
+        kart.wait_for_state(IN_GARAGE)
+
+
 def mapped(pid: int) -> str:
     return pathlib.Path(f'/proc/{pid}/maps').read_text(encoding='utf-8')
 
@@ -301,10 +327,16 @@ def mount(folder: pathlib.Path) -> None:
 
 
 @pytest.mark.skipif(not may_come_first(), reason='it takes root, or a limit for the user')
-def test_the_ros_half_comes_before_other_programs_and_the_kart_server_before_it(
+def test_all_of_race_control_comes_before_other_programs_and_the_loop_of_the_karts_first(
     scene: WireRace,
 ) -> None:
-    threads = pathlib.Path(f'/proc/{scene.control.pid}/task').iterdir()
-    ros_half = {os.sched_getparam(int(each.name)).sched_priority for each in threads}
-    assert min(ros_half) > 0
-    assert max(ros_half) < os.sched_getparam(scene.control.kart_server_pid).sched_priority
+    control = scene.control
+    processes = [control.pid, control.kart_server_pid, control.record_pid]
+    taking_stops = receiving_threads(control.pid, UNICAST_CALLS + 250 * scene.domain)
+    for each in (*processes, *taking_stops):
+        assert os.getpriority(os.PRIO_PROCESS, each) == NICENESS
+        session = pathlib.Path(f'/proc/{each}/autogroup')
+        if session.exists():  # Linux shares by sessions
+            assert session.read_text().split()[-1] == str(NICENESS)
+    first = [each for each in processes if os.sched_getscheduler(each) != os.SCHED_OTHER]
+    assert first == [control.kart_server_pid]

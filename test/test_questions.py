@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.inputs import offers
 from evgp_rcs.messages import race_message
 from evgp_rcs.race import (
     Command,
@@ -29,6 +28,7 @@ from evgp_rcs.race import (
     RaceTimes,
     StartPhase,
 )
+from evgp_rcs.snapshot import snapshot_of
 from evgp_rcs_console.commands import asks
 from evgp_rcs_console.effects import Effects, effects
 from evgp_rcs_console.reading import read_race
@@ -64,7 +64,7 @@ LETS_HUMANS_NEAR = (
 
 def published(race: Race, now: float) -> ShownRace:
     """Return the race as a console reads it."""
-    return read_race(race_message(race, now, round(now * 1e9), {}, offers(race, now)))
+    return read_race(race_message(snapshot_of(race, now), round(now * 1e9), {}))
 
 
 def given(button: Button) -> Command:

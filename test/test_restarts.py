@@ -58,7 +58,7 @@ class Kept(Process):
             # Either may just have ended.
             with contextlib.suppress(FileNotFoundError, ProcessLookupError):
                 _, *running = family(self.pid)
-                if len(running) == 2:
+                if len(running) == 3:  # the record's too
                     return running[0], running[1]
             time.sleep(0.01)
         raise AssertionError(f'race control does not run:\n{self.output}')

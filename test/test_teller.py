@@ -11,9 +11,9 @@ import threading
 import time
 
 from evgp_protocol import clock
-from evgp_rcs.channel import Copy
 from evgp_rcs.race import Event, EventKind, Kart, Race, StampedEvent
 from evgp_rcs.roster import Roster, RosterEntry
+from evgp_rcs.snapshot import Snapshot, snapshot_of
 from evgp_rcs.teller import MOST_UNTOLD, Teller
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
@@ -64,17 +64,13 @@ def alert(text: str) -> StampedEvent:
     return StampedEvent(1, time.time_ns(), 0.0, Event(EventKind.ALERT_RAISED, text))
 
 
-def a_race() -> Race:
-    return Race([Kart(7, 'Team', True)])
-
-
-def a_copy(race: Race) -> Copy:
-    return Copy(race, clock.now(), 1)
+def a_race() -> Snapshot:
+    return snapshot_of(Race([Kart(7, 'Team', True)]), clock.now())
 
 
 def test_the_race_does_not_wait_for_all_the_events_before_it(telling: Telling) -> None:
     telling.teller.events(some_events(MOST_UNTOLD))
-    telling.teller.race(a_copy(a_race()))
+    telling.teller.race(a_race())
     telling.teller.start()
     telling.official.wait_for_race(lambda race: race.karts[0].number == 7, 'the race')
     assert len(telling.official.events) < MOST_UNTOLD
@@ -100,12 +96,10 @@ def test_an_alert_is_told_however_often_karts_say_too_much(telling: Telling) -> 
 def test_a_teller_that_cannot_go_on_says_so_and_its_last_words_are_heard(
     telling: Telling,
 ) -> None:
-    telling.teller.race(a_copy(a_race()))
+    telling.teller.race(a_race())
     telling.teller.start()
     telling.official.wait_for_race(lambda race: True, 'a race')
-    broken = a_race()
-    broken.karts = None  # type: ignore[assignment]
-    telling.teller.race(a_copy(broken))
+    telling.teller.race(a_race()._replace(track=None))  # type: ignore[arg-type]
     assert telling.failed.wait(PATIENCE)
     assert isinstance(telling.failures[0], AttributeError)
 

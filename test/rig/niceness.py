@@ -10,7 +10,7 @@ import contextlib
 import os
 import threading
 
-from evgp_rcs.priority import come_first, LOOP
+from evgp_rcs.priority import come_first
 
 
 @contextlib.contextmanager
@@ -40,8 +40,8 @@ def may_come_first() -> bool:
     """Return whether a program may take a real-time priority here; a thread of ours tries it."""
 
     def take_it() -> None:
-        come_first(LOOP)
-        took.append(os.sched_getscheduler(0) == os.SCHED_RR)
+        come_first()
+        took.append(os.sched_getscheduler(0) & os.SCHED_RR == os.SCHED_RR)
 
     took: list[bool] = []
     thread = threading.Thread(target=take_it)

@@ -302,7 +302,7 @@ class OurRaceControl:
     """
     Our rules and kart server in this loop, with a fault or none; and who gives them commands.
 
-    It is the server's ``Outside`` itself, and keeps nothing.
+    It is the server's ROS half and record itself, and keeps nothing.
     """
 
     exact = True
@@ -310,13 +310,13 @@ class OurRaceControl:
     def __init__(self, flaw: Flaw | None, port: int = 0) -> None:
         flaw = flaw or Flaw()
         rules: Any = race
-        served: Any = kart_server
+        whole = 'HELD_UP = 1.0', 'HELD_UP = 1.0'
+        change = (flaw.old, flaw.new) if flaw.module is kart_server else whole
+        served: Any = module_with(kart_server, *change)
+        served.pack = lambda message: b''  # what is of no module of Python cannot be packed
         if flaw.module is race:
             rules = module_with(race, flaw.old, flaw.new)
-        elif flaw.module is kart_server:
-            served = module_with(kart_server, flaw.old, flaw.new)
         elif flaw.module is kart_link:
-            served = module_with(kart_server, 'HELD_UP = 1.0', 'HELD_UP = 1.0')
             served.KartLink = module_with(kart_link, flaw.old, flaw.new).KartLink
         self.race = rules.Race(
             [rules.Kart(number, '', number <= 2) for number in (1, 2, 3)],
@@ -326,6 +326,7 @@ class OurRaceControl:
             self.race,
             {f'127.0.1.{number}': number for number in (1, 2, 3)},
             kart_server.ServerSettings(**{**SETTINGS, 'port': port, **flaw.settings}),
+            self,
             self,
         )
 
@@ -371,15 +372,18 @@ class OurRaceControl:
     def close(self) -> None:
         pass
 
-    # ----- the outside --------------------------------------------------------------------
+    # ----- the ROS half and the record ----------------------------------------------------
 
-    def look(self) -> None:
+    gone = ''
+    unsent = 1  # so that it is shown nothing
+
+    def receive(self) -> tuple[()]:
+        return ()
+
+    def send(self, data: bytes) -> None:
         pass
 
-    def tell(self, events: list[Any], log: Any) -> None:
-        pass
-
-    def show(self, race: Any, at: float, number: int) -> None:
+    def put(self, events: int, happened: bytes, log: Any) -> None:
         pass
 
     def remember(self, memory: Any, at: float) -> None:
@@ -390,9 +394,6 @@ class OurRaceControl:
 
     def trouble(self) -> str:
         return ''
-
-    def silent_since(self) -> float | None:
-        return None
 
 
 async def inspected(

@@ -13,37 +13,60 @@
 # limitations under the License.
 
 """
-What the two processes of race control say to each other, over one local socket pair.
+What the processes of race control say to each other, over local socket pairs.
 
-The *ROS half* (``node``) and the *kart server* (``kart_process``) are the two. Each message is one
-of the classes below, pickled, behind its length; a `Request` as a plain tuple, for speed. Both
-ends are this package and nobody else can reach the pair, so pickle is safe here.
+The *kart server* (``kart_process``) has one pair with the *ROS half* (``node``) and one with the
+*record* (``record_process``). Each message is one of the classes below or a ``Snapshot``, pickled,
+behind its length. All are this package and nobody else can reach a pair, so pickle is safe here.
 
 No ROS, no thread, no clock.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import asyncio
+from collections.abc import Callable, Iterator
+import contextlib
 from dataclasses import dataclass
 import pathlib
 import pickle
+import socket
 import struct
 from typing import Any, NamedTuple
 
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.kart_server import ServerSettings
-from evgp_rcs.race import Answer, Command, Race, RaceTimes, StampedEvent
+from evgp_protocol.frames import DEFAULT_PORT
+from evgp_rcs.inputs import Block, Setup
+from evgp_rcs.race import Answer, Command, RaceMemory, RaceTimes, StampedEvent
 from evgp_rcs.roster import Roster
+
+PAIR_BYTES = 65536
+"""Maximum read from a pair at a time, in bytes."""
 
 _LENGTH = struct.Struct('!I')
 
-# Both ends are of one version.
-_KINDS = tuple(CommandKind)
-_NUMBER = {kind: number for number, kind in enumerate(_KINDS)}
-
 
 # ----- from the ROS half to the kart server ---------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ServerSettings:
+    """
+    How the kart server listens and sends.
+
+    :param host: the IPv4 address to listen at; 0.0.0.0 is every address of the machine.
+    :param port: the TCP port; 0 lets the system choose one (for tests).
+    :param beat_rate: frames per second to each kart; §4.C wants at least 10 Hz.
+    :param send_timeout: how long a kart may leave bytes unanswered before it counts as lost, s.
+    :param snapshot_interval: the least time between two snapshots of the race, s.
+    :param snapshot_at_least: the most time between two snapshots, even if nothing changed, s.
+    """
+
+    host: str = '0.0.0.0'
+    port: int = DEFAULT_PORT
+    beat_rate: float = 20.0
+    send_timeout: float = 1.0
+    snapshot_interval: float = 0.05
+    snapshot_at_least: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -60,9 +83,6 @@ class Request(NamedTuple):
     """
     An official's command.
 
-    A stop waits until it is packed and unpacked. So it is a named tuple, and for pickle a plain
-    one, which takes half the time.
-
     :param number: counts the requests, so that the answer finds its way back.
     :param came: when the command came, on the clock of the rules (s).
     """
@@ -70,17 +90,6 @@ class Request(NamedTuple):
     number: int
     command: Command
     came: float
-
-    def plain(self) -> tuple[object, ...]:
-        """Return it as a tuple of which pickle need not name the class."""
-        kind, *rest = self.command
-        return self.number, self.came, _NUMBER[kind], *rest
-
-    @staticmethod
-    def of(plain: tuple[Any, ...]) -> Request:
-        """Return the request that ``plain`` made this of."""
-        number, came, kind, *rest = plain
-        return Request(number, Command(_KINDS[kind], *rest), came)
 
 
 @dataclass(frozen=True)
@@ -98,26 +107,17 @@ class Alive:
 
 
 @dataclass(frozen=True)
-class Published:
-    """
-    What officials were shown of a copy. It is no sign of life: it says nothing about stops.
-
-    :param number: of the `Copy`.
-    :param digest: of the commands that it offered (``inputs.digest``).
-    """
-
-    number: int
-    digest: int
-
-
-@dataclass(frozen=True)
 class End:
-    """Send RED_RED to every kart and end."""
+    """
+    From the ROS half: send RED_RED to every kart and end. To the record: this is all.
+
+    :param in_order: the next run need not take up a race that was not under way.
+    """
 
     in_order: bool
 
 
-# ----- from the kart server to the ROS half ---------------------------------------------------
+# ----- from the kart server to the ROS half; and its snapshots --------------------------------
 
 
 @dataclass(frozen=True)
@@ -129,37 +129,22 @@ class Listening:
 
 @dataclass(frozen=True)
 class Refused:
-    """The kart server cannot start; the text says why and what would be right."""
+    """The kart server, or the record, cannot start; the text says why and what would be right."""
 
     text: str
 
 
-@dataclass(frozen=True)
-class Answered:
+class Answered(NamedTuple):
     """The answer to a request."""
 
     number: int
     answer: Answer
 
 
-@dataclass(frozen=True)
-class Happened:
+class Happened(NamedTuple):
     """What happened, in order."""
 
     events: list[StampedEvent]
-
-
-@dataclass(frozen=True)
-class Copy:
-    """
-    The race as it was at this time (the clock of the rules, s).
-
-    :param number: counts the copies; one that was left out is missing.
-    """
-
-    race: Race
-    at: float
-    number: int
 
 
 @dataclass(frozen=True)
@@ -169,10 +154,72 @@ class Failed:
     text: str
 
 
+# ----- from the kart server to the record -----------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Rules:
+    """With what the rules begin, and their version."""
+
+    version: str
+    setup: Setup
+
+
+class Batch(NamedTuple):
+    """
+    Events, and what went into the rules up to them.
+
+    :param happened: a packed `Happened`, as the ROS half gets it; empty: no events.
+    """
+
+    happened: bytes
+    inputs: Block
+
+
+class Remember(NamedTuple):
+    """
+    What the next run is to find.
+
+    :param at: the time of it (s): what is older than what is known is ignored.
+    :param confirm: a number that comes back when it is on the disk or failed; 0: none does.
+    """
+
+    memory: RaceMemory
+    at: float
+    confirm: int = 0
+
+
+# ----- from the record to the kart server -----------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Opened:
+    """The first message: what is known of the last run (None: nothing), and what fails."""
+
+    left_behind: RaceMemory | None
+    error: str
+
+
+class Written(NamedTuple):
+    """
+    How writing went.
+
+    :param batches: number of batches on the disk so far.
+    :param error: what fails; empty: nothing.
+    :param confirmed: of the memories that are on the disk now, or failed if there is an error.
+    """
+
+    batches: int
+    error: str
+    confirmed: tuple[int, ...]
+
+
+# ----- bytes ----------------------------------------------------------------------------------
+
+
 def pack(message: object) -> bytes:
     """Return a message as bytes."""
-    given = message.plain() if isinstance(message, Request) else message
-    data = pickle.dumps(given, pickle.HIGHEST_PROTOCOL)
+    data = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
     return _LENGTH.pack(len(data)) + data
 
 
@@ -193,4 +240,99 @@ class Unpacker:
                 return
             message = pickle.loads(bytes(self._data[head:end]))  # noqa: S301 - see above
             del self._data[:end]
-            yield Request.of(message) if isinstance(message, tuple) else message
+            yield message
+
+
+class LocalEnd:
+    """
+    The kart server's end of a pair; nothing here waits, but for `first` and `send_the_rest`.
+
+    :ivar gone: why the other end is gone; empty: it is there.
+    """
+
+    def __init__(self, end: socket.socket) -> None:
+        """Say nothing yet."""
+        self._end = end
+        self._unpacker = Unpacker()
+        self._unsent = bytearray()
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._on_news: Callable[[], None] = lambda: None
+        self.gone = ''
+
+    def first(self) -> Any:
+        """
+        Wait for the first message.
+
+        :raises EOFError: if the other end ends before.
+        """
+        while data := self._end.recv(PAIR_BYTES):
+            for message in self._unpacker.feed(data):
+                return message
+        raise EOFError('the other end ended before it began')
+
+    def attach(self, loop: asyncio.AbstractEventLoop, on_news: Callable[[], None]) -> None:
+        """Call something in this loop when there is something to receive, or it is gone."""
+        self._loop = loop
+        self._on_news = on_news
+        self._end.setblocking(False)
+        loop.add_reader(self._end, on_news)
+
+    @property
+    def unsent(self) -> int:
+        """Return the number of bytes that the other end has not taken yet."""
+        return len(self._unsent)
+
+    def receive(self) -> Iterator[Any]:
+        """Yield the messages that have come."""
+        while not self.gone:
+            try:
+                data = self._end.recv(PAIR_BYTES)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                self.lose(str(error))
+                return
+            if not data:
+                self.lose('it has ended')
+                return
+            yield from self._unpacker.feed(data)
+            if len(data) < PAIR_BYTES:
+                return
+
+    def send(self, data: bytes) -> None:
+        """Send a packed message; what the other end does not take now waits here."""
+        if not self.gone:
+            self._unsent += data
+            self._flush()
+
+    def send_the_rest(self, *messages: object, timeout: float) -> None:
+        """Send all that waits and the last messages, as long as the other end takes it."""
+        if self.gone:
+            return  # half a message may be out: what follows could not be read
+        self._unsent += b''.join(map(pack, messages))
+        with contextlib.suppress(OSError):  # it is gone, or does not take it: the end either way
+            self._end.settimeout(timeout)
+            self._end.sendall(self._unsent)
+
+    def lose(self, why: str) -> None:
+        """Give the other end up."""
+        self.gone = why
+        self._unsent.clear()
+        if self._loop is not None:
+            self._loop.remove_reader(self._end)
+            self._loop.remove_writer(self._end)
+            self._loop.call_soon(self._on_news)
+
+    def _flush(self) -> None:
+        try:
+            while self._unsent:
+                sent = self._end.send(self._unsent)
+                del self._unsent[:sent]
+        except BlockingIOError:
+            if self._loop is not None:
+                self._loop.add_writer(self._end, self._flush)
+            return
+        except OSError as error:
+            self.lose(str(error))
+        if self._loop is not None:
+            self._loop.remove_writer(self._end)

@@ -18,28 +18,26 @@ What goes into the rules, as data: enough to run them again, and to compare what
 Every input of a ``Race`` is a value here, with its time to the last bit, and `feed` hands it on.
 The kart server feeds its race in no other way, and keeps each input in a `Log`, in order. Between
 the inputs the log has *marks*: the orders that an input has brought about, which of the record's
-events it made, where the race was shown to the ROS half, and what the ROS half published of it.
+events it made, and where the race was shown to officials.
 
 A log is cut into blocks. A block says how many entries came before it, so that a missing one is
-noticed. The thread that stops karts only appends to the log, and encodes what is new when frames
-and answers are out; ``compressed`` is for the record's thread.
+noticed. The process that stops karts only appends to the log, and encodes what is new when frames
+and answers are out; ``compressed`` is for the record's.
 
 Pure. No clock, socket, ROS, thread, file or log.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 import dataclasses
 import json
 from typing import get_args, NamedTuple
 import zlib
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.encoding import DAMAGED, read, reader, written
 from evgp_rcs.race import (
-    Availability,
     Command,
     Heat,
     Kart,
@@ -255,51 +253,13 @@ class Told(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """A copy of the race of this number was shown to the ROS half here."""
+    """A snapshot of the race was sent to the ROS half here."""
 
     at: float
-    number: int
 
 
-class Published(NamedTuple):
-    """What the ROS half published of the copy of this number: the `digest` of what it offered."""
-
-    number: int
-    digest: int
-
-
-Mark = Ordered | Told | Shown | Published
+Mark = Ordered | Told | Shown
 Entry = Input | Mark
-
-
-# ----- what officials are offered -------------------------------------------------------------
-
-_TO_ONE_KART = tuple(kind for kind, entry in CATALOGUE.items() if entry.to_one_kart)
-_TO_ALL = tuple(kind for kind, entry in CATALOGUE.items() if not entry.to_one_kart)
-
-Offers = Mapping[int, list[Availability]]
-"""Every command that is offered, by the number of the kart; 0: no single kart."""
-
-
-def offers(race: Race, now: float) -> Offers:
-    """Return for every command whether it would be accepted at this time (s)."""
-    offered = {0: [race.availability(kind, 0, now) for kind in _TO_ALL]}
-    for number in sorted(race.karts):
-        offered[number] = [race.availability(kind, number, now) for kind in _TO_ONE_KART]
-    return offered
-
-
-def digest(offered: Offers) -> int:
-    """Return a number (32 bits) in which any two that differ will hardly ever be alike."""
-    return zlib.crc32(
-        '\n'.join(
-            [
-                f'{number}\t{each.reason}\t{each.statement}\t{each.karts}\t{each.available_from}'
-                for number, availabilities in offered.items()
-                for each in availabilities
-            ]
-        ).encode(errors='surrogatepass')
-    )
 
 
 # ----- encoding -------------------------------------------------------------------------------

@@ -34,17 +34,16 @@ import sys
 import threading
 from typing import Any
 
+from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.channel import (
     Alive,
     Answered,
     Begin,
-    Copy,
     End,
     Failed,
     Happened,
     Listening,
     pack,
-    Published,
     Refused,
     Request,
     Unpacker,
@@ -52,6 +51,7 @@ from evgp_rcs.channel import (
 )
 from evgp_rcs.kart_server import KartServerError
 from evgp_rcs.race import Answer, Command, StampedEvent
+from evgp_rcs.snapshot import Snapshot
 
 KART_SERVER_END_TIMEOUT = 5.0
 """Maximum time the kart server's process may take to end, in seconds; then it is killed."""
@@ -61,8 +61,8 @@ START_TIMEOUT = 20.0
 must not keep officials without an answer."""
 
 KART_SERVER_SILENCE = 1.5
-"""Time after which a kart server that says nothing counts as hung, in seconds. A copy of the race
-comes every 0.5 s at least."""
+"""Time after which a kart server that says nothing counts as hung, in seconds. A snapshot of
+the race comes every 0.5 s at least."""
 
 LOOKS = 10
 """Number of looks in which that time passes. If this process was stopped too, it is one look."""
@@ -71,7 +71,7 @@ SEND_TIMEOUT = 0.5
 """Maximum time a message may wait for a kart server that reads nothing, in seconds."""
 
 FROM_KART_SERVER_BYTES = 1 << 20
-"""Maximum read from the kart server at a time, in bytes: a copy of a large race in one go."""
+"""Maximum read from the kart server at a time, in bytes: a snapshot of a large race in one go."""
 
 _CHILD = (
     'import sys; sys.path[:] = sys.argv[2:]; '
@@ -80,48 +80,13 @@ _CHILD = (
 """What the kart server's process runs: it finds its modules where this process finds them."""
 
 
-class Submitted:
-    """
-    A command that was handed over to the kart server.
-
-    Not a future: to make one takes longer than to send a stop.
-
-    :param number: counts the commands.
-    """
-
-    def __init__(self, number: int) -> None:
-        """Begin without an answer."""
-        self.number = number
-        self._answers: queue.SimpleQueue[Answer | KartServerError] = queue.SimpleQueue()
-
-    def put(self, answer: Answer | KartServerError) -> None:
-        """Take the answer, or why there will be none."""
-        self._answers.put(answer)
-
-    def answer(self, timeout: float) -> Answer | None:
-        """
-        Wait for the answer, which comes once every frame has been written.
-
-        :param timeout: maximum time to wait, in seconds.
-        :return: the answer, once; None if it has not come.
-        :raises KartServerError: if the kart server is gone: then only the MSR is left.
-        """
-        try:
-            answer = self._answers.get(timeout=timeout)
-        except queue.Empty:
-            return None
-        if isinstance(answer, KartServerError):
-            raise answer
-        return answer
-
-
 class KartServerClient:
     """
     The kart server in its process, as the ROS half sees it.
 
     :param begin: with what it starts.
     :param on_events: takes the events, in order, in the hearing thread: it must only hand them on.
-    :param on_copy: takes a copy of the race, likewise.
+    :param on_snapshot: takes a snapshot of the race, likewise.
     :param on_end: is called, in the hearing thread, when the kart server has ended by itself; the
         text says why. Every kart has been sent RED_RED or has lost its connection.
     """
@@ -130,16 +95,16 @@ class KartServerClient:
         self,
         begin: Begin,
         on_events: Callable[[list[StampedEvent]], None],
-        on_copy: Callable[[Copy], None],
+        on_snapshot: Callable[[Snapshot], None],
         on_end: Callable[[str], None],
     ) -> None:
         """Take note of everything; nothing is started before ``start``."""
         self._begin = begin
         self._on_events = on_events
-        self._on_copy = on_copy
+        self._on_snapshot = on_snapshot
         self._on_end = on_end
         self._numbers = itertools.count(1)
-        self._waiting: dict[int, Submitted] = {}
+        self._waiting: dict[int, queue.SimpleQueue[Answer | None]] = {}
         self._listening: concurrent.futures.Future[tuple[str, int]] = concurrent.futures.Future()
         self._sending = threading.Lock()
         self._ended = ''
@@ -183,24 +148,34 @@ class KartServerClient:
                 f'record hang ({self._begin.record})?'
             ) from None
 
-    def submit(self, command: Command, came: float) -> Submitted:
+    def command(self, command: Command, came: float, timeout: float) -> Answer | None:
         """
-        Hand over an official's command.
+        Hand over an official's command, and wait for its answer.
+
+        A stop that has no answer goes on waiting to be judged; any other command does not.
 
         :param came: when it came, on the clock of the rules (s).
+        :param timeout: maximum time to wait, in seconds.
+        :return: the answer, which comes once every frame has been written; None: it has not come.
         :raises KartServerError: if the kart server is gone: then only the MSR is left.
         """
-        submitted = Submitted(next(self._numbers))
-        self._waiting[submitted.number] = submitted
-        self._send(Request(submitted.number, command, came))
+        number = next(self._numbers)
+        # Not a future: to make one takes longer than to send a stop.
+        answers = self._waiting[number] = queue.SimpleQueue()
+        self._send(Request(number, command, came))
         if self._ended:
             self._refuse_the_rest()
-        return submitted
-
-    def withdraw(self, submitted: Submitted) -> None:
-        """Have a command that was not judged yet not judged at all."""
-        if self._waiting.pop(submitted.number, None) is not None:
-            self._send(Withdraw(submitted.number))
+        try:
+            answer = answers.get(timeout=timeout)
+        except queue.Empty:
+            if not CATALOGUE[command.kind].overtakes:
+                # What is not in force by now does not come into force later, unseen.
+                self._waiting.pop(number, None)
+                self._send(Withdraw(number))
+            return None
+        if answer is None:
+            raise KartServerError('the kart server is gone: use the MSR')
+        return answer
 
     def alive(self, rival: bool) -> None:
         """
@@ -210,12 +185,6 @@ class KartServerClient:
         """
         if not self._stopping:
             self._send(Alive(rival))
-
-    def published(self, number: int, digest: int) -> None:
-        """Say what officials were shown of a copy, for the record; nothing if it has ended."""
-        if not self._stopping:
-            with contextlib.suppress(KartServerError):  # its end is noticed by another thread
-                self._send(Published(number, digest))
 
     def end(self, in_order: bool) -> None:
         """
@@ -303,12 +272,12 @@ class KartServerClient:
     def _take(self, message: Any) -> None:
         if isinstance(message, Happened):
             self._on_events(message.events)
-        elif isinstance(message, Copy):
-            self._on_copy(message)
+        elif isinstance(message, Snapshot):
+            self._on_snapshot(message)
         elif isinstance(message, Answered):
-            submitted = self._waiting.pop(message.number, None)
-            if submitted is not None:
-                submitted.put(message.answer)
+            answers = self._waiting.pop(message.number, None)
+            if answers is not None:
+                answers.put(message.answer)
         elif isinstance(message, Listening):
             self._listening.set_result(message.address)
         else:
@@ -318,7 +287,7 @@ class KartServerClient:
     def _refuse_the_rest(self) -> None:
         while self._waiting:
             try:
-                _, submitted = self._waiting.popitem()
+                _, answers = self._waiting.popitem()
             except KeyError:
                 return  # the other thread that refuses was quicker
-            submitted.put(KartServerError('the kart server is gone: use the MSR'))
+            answers.put(None)

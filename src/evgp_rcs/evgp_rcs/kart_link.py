@@ -23,8 +23,9 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-import ctypes
+import fcntl
 import socket
+import sys
 import termios
 from typing import Protocol
 
@@ -55,16 +56,7 @@ SIOCOUTQNSD = 0x894B
 
 FRAMES = {state: encode(state) for state in RaceState}
 
-# Python gives the interpreter's lock away with every call of the system, and gets it back when the
-# record's thread lets go: with a thousand karts, a thousand times for one stop. These two never
-# wait in the kernel, so they keep it.
-_LIBC = ctypes.PyDLL(None)
-_SEND = _LIBC.send
-_SEND.argtypes = (ctypes.c_int, ctypes.c_char_p, ctypes.c_size_t, ctypes.c_int)
-_SEND.restype = ctypes.c_ssize_t
-_IOCTL = _LIBC.ioctl
-_IOCTL.argtypes = (ctypes.c_int, ctypes.c_ulong, ctypes.POINTER(ctypes.c_int))
-_NOW = socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
+_COUNT = bytes(4)
 
 
 class LinkOwner(Protocol):
@@ -224,20 +216,12 @@ class KartLink(asyncio.BufferedProtocol):
             self._transport.close()
 
     def _write(self, now: float) -> None:
-        if self._transport is None or self._socket is None:
+        if self._transport is None:
             return
-        frame = self._frame
-        self._written += len(frame)
+        self._written += len(self._frame)
         self._unanswered.append((self._written, now))
         self._wrote_at = now
-        if not self._transport.get_write_buffer_size():
-            # What the kernel takes now goes out without giving the interpreter to the record.
-            sent = _SEND(self._socket.fileno(), frame, len(frame), _NOW)
-            if sent == len(frame):
-                return
-            taken = max(sent, 0)
-            frame = frame[taken:]  # the rest; or all of it, and asyncio meets the error
-        self._transport.write(frame)
+        self._transport.write(self._frame)
 
     def _look(self, now: float) -> None:
         """Take note of what the kart's TCP has answered."""
@@ -273,9 +257,7 @@ class KartLink(asyncio.BufferedProtocol):
         """Return how many bytes the kernel has: unread, unanswered or unsent (the constants)."""
         if self._socket is None or self._transport is None:
             return 0
-        count = ctypes.c_int(0)
-        _IOCTL(self._socket.fileno(), which, ctypes.byref(count))
-        return count.value
+        return int.from_bytes(fcntl.ioctl(self._socket.fileno(), which, _COUNT), sys.byteorder)
 
 
 def in_words(error: BaseException) -> str:

@@ -19,7 +19,8 @@ Rules of what lives in this file:
 
 - One thread, one asyncio loop, in a process without ROS (``kart_process``). The race, the sockets
   and everything below are touched by that thread alone.
-- No disk, no log, no other process. What they need leaves through ``Outside``, which never waits.
+- No disk, no log. What the ROS half and the record need goes into two socket pairs (``channel``),
+  which never wait.
 - A command is judged and its frames are written to every socket in one go, without an await in
   between: nothing else runs between an official's stop and its bytes.
 - Everything goes into the rules through ``KartServer._take``, which logs it: what does not could
@@ -36,11 +37,22 @@ from dataclasses import dataclass
 import itertools
 import socket
 import time
-from typing import Protocol
+from typing import Any
 
-from evgp_protocol.frames import DEFAULT_PORT, MalformedFrame
+from evgp_protocol.frames import MalformedFrame
 from evgp_rcs import inputs
 from evgp_rcs.catalogue import CATALOGUE
+from evgp_rcs.channel import (
+    Alive,
+    Answered,
+    End,
+    Happened,
+    LocalEnd,
+    pack,
+    Request,
+    ServerSettings,
+    Withdraw,
+)
 from evgp_rcs.hearing import Heard
 from evgp_rcs.kart_link import in_words, KartLink
 from evgp_rcs.race import (
@@ -50,10 +62,11 @@ from evgp_rcs.race import (
     EventKind,
     Outcome,
     Race,
-    RaceMemory,
     StampedEvent,
     StartPhase,
 )
+from evgp_rcs.record_process import RecordProcess
+from evgp_rcs.snapshot import snapshot_of
 
 HELD_UP = 1.0
 """Delay of a beat after which race control counts as held up, in seconds."""
@@ -69,13 +82,13 @@ kart that finds the queue full tries again after 1, 3, 7, ... s, and is left out
 CONNECTIONS_AT_ONCE = 16
 """Maximum number of connections taken before a stop or a beat has its turn."""
 
-COPY_PER_KART = 0.0005
-"""Minimum time between two copies of the race, for each of its karts, in seconds. With a thousand
-karts, one costs the ROS half 35 ms of a core, and each official more: time that a stop lacks."""
+GATHER = 0.005
+"""Time for which events are gathered until they are handed on, in seconds. When a hundred karts
+acknowledge, each by itself would keep all processes busy; and what officials are told would be in
+the way of the answer to the stop that made it happen."""
 
-GATHER = 0.002
-"""Time for which events are gathered until they are handed on, in seconds. When a thousand karts
-acknowledge, each by itself would keep both processes and the record's thread busy."""
+SHOW_AFTER = 0.01
+"""Time after something has happened until a snapshot shows it, in seconds; for the same reason."""
 
 MOST_GATHERED = 100
 """Number of gathered events to which no more are added. To hand them on takes some 0.4 ms, for
@@ -83,6 +96,9 @@ which a stop waits."""
 
 KARTS_BETWEEN_LOOKS = 8
 """Number of karts that a beat writes to before it looks again whether a command has come."""
+
+TO_ROS_HALF_BYTES = 64 * 2**20
+"""Maximum backlog to the ROS half, in bytes; beyond it, the ROS half counts as gone."""
 
 ROS_HALF_SILENCE = 1.0
 """Time after which a silent ROS half counts as gone, in seconds."""
@@ -96,28 +112,6 @@ class KartServerError(RuntimeError):
 
 class RosHalfGoneError(RuntimeError):
     """The ROS half was not heard for longer than `ROS_HALF_SILENCE`, or is gone."""
-
-
-@dataclass(frozen=True)
-class ServerSettings:
-    """
-    How the kart server listens and sends.
-
-    :param host: the IPv4 address to listen at; 0.0.0.0 is every address of the machine.
-    :param port: the TCP port; 0 lets the system choose one (for tests).
-    :param beat_rate: frames per second to each kart; §4.C wants at least 10 Hz.
-    :param send_timeout: how long a kart may leave bytes unanswered before it counts as lost, s.
-    :param copy_interval: the least time between two copies of the race handed out, s; it is
-        longer with many karts, by `COPY_PER_KART`.
-    :param copy_at_least: the most time between two copies, even if nothing changed, s.
-    """
-
-    host: str = '0.0.0.0'
-    port: int = DEFAULT_PORT
-    beat_rate: float = 20.0
-    send_timeout: float = 1.0
-    copy_interval: float = 0.05
-    copy_at_least: float = 0.5
 
 
 @dataclass
@@ -134,35 +128,6 @@ class Waiting:
     answered: Callable[[Answer], None]
     came: float
     withdrawn: bool = False
-
-
-class Outside(Protocol):
-    """What the kart server needs of the world; nothing here may wait for anything."""
-
-    def look(self) -> None:
-        """Take in what has come, and hand commands over with ``submit``."""
-
-    def tell(self, events: list[StampedEvent], log: inputs.Block) -> None:
-        """Take the events, in order, perhaps none; and what went into the rules up to now."""
-
-    def show(self, race: Race, at: float, number: int) -> None:
-        """
-        Take what there is to see of the race at this time (s); it must not be kept.
-
-        :param number: counts what is shown, from 1.
-        """
-
-    def remember(self, memory: RaceMemory, at: float) -> None:
-        """Save this for the next run, as soon as the disk takes it."""
-
-    def make_sure(self, memory: RaceMemory, at: float, done: Callable[[bool], None]) -> None:
-        """Have this on the disk, then call ``done`` in the loop with whether it is there."""
-
-    def trouble(self) -> str:
-        """Return why the record fails, as a sentence for an official; empty: it does not."""
-
-    def silent_since(self) -> float | None:
-        """Return when the ROS half was heard last (s); None while nothing is expected of it."""
 
 
 class _Allowance:
@@ -197,7 +162,8 @@ class KartServer:
     :param race: the race; from ``serve`` on it belongs to this server.
     :param addresses: the roster's IPv4 addresses and the kart number of each (§4.A).
     :param settings: how to listen and send.
-    :param outside: the ROS half and the record.
+    :param ros_half: the pair with the ROS half.
+    :param record: the record's process.
     :param left_behind: what is known of the last run; ``None``: the race just begins (for tests).
     """
 
@@ -206,14 +172,17 @@ class KartServer:
         race: Race,
         addresses: Mapping[str, int],
         settings: ServerSettings,
-        outside: Outside,
+        ros_half: LocalEnd,
+        record: RecordProcess,
         left_behind: inputs.Recovered | None = None,
     ) -> None:
         """Take note of everything; nothing is opened before ``serve``."""
         self._race = race
         self._addresses = dict(addresses)
         self._settings = settings
-        self._outside = outside
+        self._ros_half = ros_half
+        self._ros_half_heard_at: float | None = None
+        self._record = record
         self._log = inputs.Log()
         self._left_behind = left_behind
         self._first_events = () if left_behind is None else self._feed(left_behind).events
@@ -222,6 +191,7 @@ class KartServer:
         self._commands: deque[Waiting] = deque()
         # Whose answer is still to come: a start that waits for the record.
         self._starting: Waiting | None = None
+        self._requests: dict[int, Waiting] = {}
         self._sequence = itertools.count(1)
         self._gathered: list[StampedEvent] = []
         self._refusals = _Allowance(5)
@@ -231,11 +201,9 @@ class KartServer:
         self._reports = {number: _Allowance(20) for number in race.karts}
         self._beat_at = 0.0
         self._began_again_at = 0.0
-        self._copied_at = 0.0
-        self._copies = 0
-        self._copy_interval = max(settings.copy_interval, COPY_PER_KART * len(race.karts))
-        self._copy_asked = False
-        self._copied_pause = 0.0
+        self._shown_at = 0.0
+        self._showing = False
+        self._shown_pause = 0.0
         self._loop: asyncio.AbstractEventLoop | None = None
         self._closing: asyncio.Event | None = None
         self._failure: BaseException | None = None
@@ -285,7 +253,7 @@ class KartServer:
                 link.farewell()
             self._tell(_ended(self._failure))
             self._refuse_the_rest()
-            # What changed since the last copy must be found by the next run too.
+            # What changed since the last snapshot must be found by the next run too.
             self._remember(self.now())
         # One turn of the loop, so that closed transports let go of their sockets, and the
         # disconnections are told after the end that they come from.
@@ -307,18 +275,9 @@ class KartServer:
         (self._stops if CATALOGUE[command.kind].overtakes else self._commands).append(waiting)
         return waiting
 
-    def rival(self, present: bool) -> None:
-        """Take note whether another race control answers in the same ROS domain."""
-        if present != self._race.has_rival:
-            self._take(inputs.Rival(self.now(), present))
-
-    def published(self, number: int, digest: int) -> None:
-        """Take note of what the ROS half published of a copy (``inputs.digest``)."""
-        self._log.add(inputs.Published(number, digest))
-
-    def report(self, event: Event) -> None:
-        """Have something told among the events, in order with them."""
-        self._tell(event)
+    def expect_ros_half(self, allowance: float) -> None:
+        """Expect a sign of life of the ROS half; the first may take this much longer (s)."""
+        self._ros_half_heard_at = self.now() + allowance
 
     def end(self, failure: BaseException | None = None) -> None:
         """
@@ -377,8 +336,8 @@ class KartServer:
             if count % KARTS_BETWEEN_LOOKS == 0:
                 self.take_commands()
             link.beat()
-        if now - self._copied_at >= self._settings.copy_at_least:
-            self._ask_for_copy()
+        if now - self._shown_at >= self._settings.snapshot_at_least:
+            self._ask_to_show()
         period = 1.0 / self._settings.beat_rate
         # A late beat is not made up for: the next one is a whole period away at the most.
         due = max(due + period, self._loop.time())
@@ -386,17 +345,19 @@ class KartServer:
 
     def _look_at_the_ros_half(self, now: float) -> None:
         """End when the ROS half is silent: then no official could stop a kart any more."""
-        since = self._outside.silent_since()
-        if since is None:
+        if self._ros_half_heard_at is None:
             return
         # While race control itself was held up, nobody could have been heard.
-        silent_for = now - max(since, self._began_again_at)
+        silent_for = now - max(self._ros_half_heard_at, self._began_again_at)
         if silent_for > ROS_HALF_SILENCE:
             self.end(RosHalfGoneError(f'the ROS half was silent for {silent_for:.1f} s'))
 
     def take_commands(self) -> None:
         """Judge what officials have sent, stops first; called before any other work."""
-        self._outside.look()
+        for message in self._ros_half.receive():
+            self._hear(message)
+        if self._ros_half.gone:
+            self.end(RosHalfGoneError(f'the ROS half is gone: {self._ros_half.gone}'))
         if self._starting is not None and self._starting.withdrawn:
             self._withdraw_start()
         while self._stops or self._commands:
@@ -410,8 +371,31 @@ class KartServer:
                 continue
             if CATALOGUE[waiting.command.kind].loosens:
                 # No race starts without a record, and what counts is whether it works now.
-                self._take_note_of(self._outside.trouble(), now)
+                self._take_note_of(self._record.trouble(), now)
             self._take(inputs.Commanded(now, waiting.command, waiting.came), waiting)
+
+    def _hear(self, message: Any) -> None:
+        """Take a message of the ROS half, each of which is a sign that it takes stops."""
+        self._ros_half_heard_at = self.now()
+        if isinstance(message, Request):
+            number = message.number
+
+            def answered(answer: Answer) -> None:
+                self._requests.pop(number, None)
+                self._ros_half.send(pack(Answered(number, answer)))
+
+            self._requests[number] = self.submit(message.command, answered, message.came)
+        elif isinstance(message, Withdraw):
+            waiting = self._requests.pop(message.number, None)
+            if waiting is not None:
+                waiting.withdrawn = True
+        elif isinstance(message, Alive):
+            if message.rival != self._race.has_rival:
+                self._take(inputs.Rival(self.now(), message.rival))
+        elif isinstance(message, End):
+            self.end(None if message.in_order else RosHalfGoneError('the ROS half failed'))
+        else:
+            raise TypeError(f'the ROS half sent {message!r}')
 
     def _is_ending(self) -> bool:
         return self._closing is not None and self._closing.is_set()
@@ -424,7 +408,7 @@ class KartServer:
         now = self.now()
         self._notice_delay(now)
         if not written:
-            self._take_note_of(self._outside.trouble(), now)
+            self._take_note_of(self._record.trouble(), now)
         phase = StartPhase.WRITTEN if written else StartPhase.FAILED
         self._take(inputs.StartBecame(now, phase, number))
 
@@ -440,7 +424,7 @@ class KartServer:
         if held_up > HELD_UP:
             self._beat_at = self._began_again_at = now
             self._take(inputs.HeldUp(now, held_up))
-            self._ask_for_copy()
+            self._ask_to_show()
 
     def _feed(self, given: inputs.Input) -> Outcome:
         """Hand an input to the rules; the only way to them."""
@@ -467,7 +451,7 @@ class KartServer:
             number = outcome.start.number
             self._starting = waiting
             self._hand_on()
-            self._outside.make_sure(
+            self._record.make_sure(
                 outcome.start.memory, self.now(), lambda written: self._journal(number, written)
             )
 
@@ -506,35 +490,41 @@ class KartServer:
             assert self._loop is not None
             self._loop.call_later(GATHER, self._hand_on)
         self._gathered += stamped
-        self._ask_for_copy()
+        self._ask_to_show()
 
     def _hand_on(self) -> None:
         """Hand on what was gathered, and what went into the rules, up to now."""
         gathered, self._gathered = self._gathered, []
         log = self._log.take()
-        if log.length or gathered:
-            self._outside.tell(gathered, log)
+        if log.data or gathered:
+            happened = pack(Happened(gathered)) if gathered else b''
+            self._ros_half.send(happened)
+            self._record.put(len(gathered), happened, log)
+            if self._ros_half.unsent > TO_ROS_HALF_BYTES:
+                self._ros_half.lose('it takes nothing any more')
 
-    def _ask_for_copy(self) -> None:
-        if not self._copy_asked:
+    def _ask_to_show(self) -> None:
+        if not self._showing:
             assert self._loop is not None
-            self._copy_asked = True
-            delay = self._copied_at + self._copy_interval - self.now()
-            self._loop.call_later(max(delay, 0.0), self._copy)
+            self._showing = True
+            delay = self._shown_at + self._settings.snapshot_interval - self.now()
+            self._loop.call_later(max(delay, SHOW_AFTER), self._show)
 
-    def _copy(self) -> None:
+    def _show(self) -> None:
+        """Send a snapshot, unless the ROS half has not even taken what was sent before."""
         assert self._loop is not None
-        self._copy_asked = False
-        now = self._copied_at = self.now()
-        self._take_note_of(self._outside.trouble(), now)
-        self._copies += 1
-        self._log.add(inputs.Shown(now, self._copies))
-        self._outside.show(self._race, now, self._copies)
+        self.take_commands()
+        self._showing = False
+        now = self._shown_at = self.now()
+        self._take_note_of(self._record.trouble(), now)
+        if not self._ros_half.unsent:
+            self._log.add(inputs.Shown(now))
+            self._ros_half.send(pack(snapshot_of(self._race, now)))
         self._remember(now)
-        if self._race.paused_until > max(now, self._copied_pause):
+        if self._race.paused_until > max(now, self._shown_pause):
             # Then more commands are available, though nothing happens.
-            self._copied_pause = self._race.paused_until
-            self._loop.call_at(self._copied_pause, self._ask_for_copy)
+            self._shown_pause = self._race.paused_until
+            self._loop.call_at(self._shown_pause, self._ask_to_show)
 
     def _take_note_of(self, trouble: str, now: float) -> None:
         if trouble != self._race.record_fails:
@@ -542,7 +532,7 @@ class KartServer:
 
     def _remember(self, now: float) -> None:
         self._hand_on()
-        self._outside.remember(self._race.memory(), now)
+        self._record.remember(self._race.memory(), now)
 
     # ----- what the links tell ------------------------------------------------------------
 

@@ -34,13 +34,11 @@ from evgp_rcs.inputs import (
     feed,
     Input,
     InputsError,
-    offers,
-    Published,
     Setup,
     Shown,
 )
 from evgp_rcs.plain import plain
-from evgp_rcs.race import AlertKind, Event, EventKind, Race, StampedEvent
+from evgp_rcs.race import AlertKind, Event, EventKind, StampedEvent
 from evgp_rcs.record import RecordedEvent
 from evgp_rcs.replay import Kept
 from evgp_rcs.runs import (
@@ -53,6 +51,7 @@ from evgp_rcs.runs import (
     UnreadableError,
     watched,
 )
+from evgp_rcs.snapshot import Snapshot, snapshot_of
 
 NS = 1_000_000_000
 
@@ -161,7 +160,7 @@ def _shifts(happened: Sequence[RecordedEvent]) -> list[int]:
 
 
 def _events(happened: Sequence[RecordedEvent], shifts: Sequence[int]) -> Iterator[Message]:
-    from evgp_rcs.messages import event_message
+    from evgp_rcs.messages import events_message
 
     both = list(zip(happened, shifts, strict=True))
     for each, shift in watched(both, len(both), 'Writing the bag'):
@@ -176,7 +175,7 @@ def _events(happened: Sequence[RecordedEvent], shifts: Sequence[int]) -> Iterato
             alert=AlertKind[each.alert] if each.alert else None,
         )
         stamped = StampedEvent(each.sequence, each.wall_ns, each.monotonic, event)
-        yield f'/{NODE}/events', each.wall_ns + shift, event_message(stamped)
+        yield f'/{NODE}/events', each.wall_ns + shift, events_message([stamped])
 
 
 def _races(kept: Kept, setup: Setup, shifts: Sequence[int]) -> Iterator[Message]:
@@ -185,27 +184,24 @@ def _races(kept: Kept, setup: Setup, shifts: Sequence[int]) -> Iterator[Message]
 
     clocks = [event.monotonic for event in kept.happened]
     told = -math.inf
-    for race, at in _published(kept, setup):
+    for race in _shown(kept, setup):
         # By the last event before: the wall clock may have been set in the meantime.
-        place = max(0, bisect.bisect(clocks, at) - 1)
-        wall_ns = kept.happened[place].wall_ns + round((at - clocks[place]) * NS)
+        place = max(0, bisect.bisect(clocks, race.at) - 1)
+        wall_ns = kept.happened[place].wall_ns + round((race.at - clocks[place]) * NS)
         in_bag = wall_ns + shifts[place]
-        yield f'/{NODE}/race', in_bag, race_message(race, at, wall_ns, {}, offers(race, at))
-        if at - told >= DIAGNOSTICS_EVERY:
-            told = at
-            yield '/diagnostics', in_bag, diagnostics_message(race, at, wall_ns, NODE, {})
+        yield f'/{NODE}/race', in_bag, race_message(race, wall_ns, {})
+        if race.at - told >= DIAGNOSTICS_EVERY:
+            told = race.at
+            yield '/diagnostics', in_bag, diagnostics_message(race, wall_ns, NODE, {})
 
 
-def _published(kept: Kept, setup: Setup) -> Iterator[tuple[Race, float]]:
-    """Yield the race whenever it was published, and the time of it (s)."""
-    published = {each.number for each in _entries(kept) if isinstance(each, Published)}
-    # Of the last ones the word may not have come back before the end.
-    last = max(published, default=0)
+def _shown(kept: Kept, setup: Setup) -> Iterator[Snapshot]:
+    """Yield every snapshot that the ROS half was sent."""
     race = setup.race()
     for entry in _entries(kept):
         if isinstance(entry, Shown):
-            if (entry.number in published or entry.number > last) and kept.happened:
-                yield race, entry.at
+            if kept.happened:
+                yield snapshot_of(race, entry.at)
         elif isinstance(entry, Input):
             try:
                 feed(entry, race)

@@ -15,14 +15,13 @@
 """
 The race in ROS messages: what the rules say, in the words of ``evgp_rcs_msgs``.
 
-Nothing is decided here. A copy of the race goes in, a message comes out.
+Nothing is decided here. A snapshot goes in, a message comes out.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 import enum
-import functools
 from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
@@ -31,18 +30,14 @@ from evgp_node.stamps import stamp_of
 from evgp_node.states import state_message
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.inputs import Offers
-from evgp_rcs.race import AlertKind, Availability, EventKind, Kart, Race, StampedEvent
+from evgp_rcs.race import AlertKind, EventKind, StampedEvent
+from evgp_rcs.snapshot import KartSnapshot, Offer, Snapshot
 from evgp_rcs_msgs import msg
 
 NS = 1_000_000_000
 
 ERRORS = (AlertKind.RECORD_FAILING, AlertKind.TWO_RACE_CONTROLS)
 """Alerts without the MSR that are errors in the diagnostics."""
-
-MOST_KEPT = 8192
-"""Maximum number of messages about one command that are kept and used again. Of the thousands in
-the race of a thousand karts, hardly any changes from one copy to the next."""
 
 
 def _constants(kinds: Iterable[enum.Enum], message: Any) -> dict[enum.Enum, int]:
@@ -65,51 +60,34 @@ def graph_alert(text: str, since_ns: int) -> msg.Alert:
     return msg.Alert(kind=msg.Alert.GRAPH_TROUBLE, text=text, since=stamp_of(since_ns))
 
 
-def _availability(
-    kind: CommandKind, reason: str, statement: str, karts: tuple[int, ...]
-) -> msg.CommandAvailability:
-    return msg.CommandAvailability(
-        command=_COMMAND[kind],
-        available=not reason,
-        reason=reason,
-        statement=statement,
-        karts=karts,
-    )
-
-
-_same_availability = functools.lru_cache(MOST_KEPT)(_availability)
-
-
 def race_message(
-    race: Race,
-    now: float,
-    wall_ns: int,
-    addresses: dict[int, str],
-    offered: Offers,
-    banner: str = '',
+    race: Snapshot, wall_ns: int, addresses: Mapping[int, str], banner: str = ''
 ) -> msg.Race:
     """
     Return the whole race as one message.
 
-    :param now: the race's clock when the race was copied (s).
-    :param wall_ns: the wall time of that moment (ns since the epoch).
+    :param wall_ns: the wall time of the snapshot (ns since the epoch).
     :param addresses: the address of each kart of the roster.
-    :param offered: the commands that it offers.
     :param banner: what every screen says at its top.
     """
 
-    def wall(monotonic: float) -> Time:
-        return stamp_of(wall_ns + round((monotonic - now) * NS))
+    def wall(monotonic: float | None) -> Time:
+        if monotonic is None:
+            return Time()
+        return stamp_of(wall_ns + round((monotonic - race.at) * NS))
 
-    def availability(available: Availability) -> msg.CommandAvailability:
-        what = available.kind, available.reason, available.statement, available.karts
-        if available.available_from is None:
-            return _same_availability(*what)
-        message = _availability(*what)
-        message.available_from = wall(available.available_from)
-        return message
+    def availability(offer: Offer) -> msg.CommandAvailability:
+        kind, _, reason, statement, karts, available_from = offer
+        return msg.CommandAvailability(
+            command=_COMMAND[kind],
+            available=not reason,
+            reason=reason,
+            statement=statement,
+            karts=karts,
+            available_from=wall(available_from),
+        )
 
-    def status(kart: Kart) -> msg.KartStatus:
+    def status(kart: KartSnapshot) -> msg.KartStatus:
         return msg.KartStatus(
             number=kart.number,
             team=kart.team,
@@ -123,26 +101,25 @@ def race_message(
             hold=_STATE[kart.hold],
             hold_reason=kart.hold_reason,
             may_be_moving=kart.may_be_moving,
-            settles_at=wall(kart.settles_at) if kart.settles_at is not None else Time(),
+            settles_at=wall(kart.settles_at),
             place=kart.place,
             inspected=kart.inspected,
-            commands=[availability(each) for each in offered[kart.number]],
+            commands=[availability(each) for each in kart.commands],
         )
 
-    access = race.track_access()
     return msg.Race(
         stamp=stamp_of(wall_ns),
         state=state_message(race.state),
         state_since=wall(race.state_since),
         state_cause=race.state_cause,
         over=race.over,
-        karts=[status(race.karts[number]) for number in sorted(race.karts)],
-        commands=[availability(each) for each in offered[0]],
+        karts=[status(kart) for kart in race.karts],
+        commands=[availability(each) for each in race.commands],
         track=msg.TrackAccess(
-            open=access.is_open,
-            allowed=access.allowed,
-            reason=access.reason,
-            msr_used=access.msr_used,
+            open=race.track.is_open,
+            allowed=race.track.allowed,
+            reason=race.track.reason,
+            msr_used=race.track.msr_used,
         ),
         alerts=[
             msg.Alert(
@@ -152,15 +129,19 @@ def race_message(
                 text=alert.text,
                 since=wall(alert.since),
             )
-            for alert in race.alerts(now)
+            for alert in race.alerts
         ],
         heats=[msg.Heat(name=heat.name, karts=heat.karts) for heat in race.heats],
         banner=banner,
     )
 
 
-def event_message(stamped: StampedEvent) -> msg.RaceEvent:
-    """Return an event as a message."""
+def events_message(events: Iterable[StampedEvent]) -> msg.RaceEvents:
+    """Return events as a message."""
+    return msg.RaceEvents(events=list(map(_event, events)))
+
+
+def _event(stamped: StampedEvent) -> msg.RaceEvent:
     event = stamped.event
     monotonic_ns = round(stamped.monotonic * NS)
     return msg.RaceEvent(
@@ -179,17 +160,16 @@ def event_message(stamped: StampedEvent) -> msg.RaceEvent:
 
 
 def diagnostics_message(
-    race: Race, now: float, wall_ns: int, name: str, addresses: Mapping[int, str]
+    race: Snapshot, wall_ns: int, name: str, addresses: Mapping[int, str]
 ) -> DiagnosticArray:
     """
     Return race control's diagnostics: the race, and each kart.
 
-    :param now: the race's clock when the race was copied (s).
     :param wall_ns: the wall time of the message (ns since the epoch).
     :param name: the node's, with its namespace.
     :param addresses: the address of each kart of the roster.
     """
-    alerts = race.alerts(now)
+    alerts = race.alerts
     level, summary = DiagnosticStatus.OK, f'The race is in {race.state.value}'
     if alerts:
         level, summary = DiagnosticStatus.WARN, alerts[0].text
@@ -210,15 +190,12 @@ def diagnostics_message(
                 KeyValue(key='alerts', value=str(len(alerts))),
             ],
         ),
-        *(
-            _kart_diagnostic(name, kart, addresses.get(kart.number, ''))
-            for kart in race.karts.values()
-        ),
+        *(_kart_diagnostic(name, kart, addresses.get(kart.number, '')) for kart in race.karts),
     ]
     return array
 
 
-def _kart_diagnostic(name: str, kart: Kart, address: str) -> DiagnosticStatus:
+def _kart_diagnostic(name: str, kart: KartSnapshot, address: str) -> DiagnosticStatus:
     lost = kart.in_race and not kart.connected
     return DiagnosticStatus(
         level=DiagnosticStatus.WARN if lost else DiagnosticStatus.OK,

@@ -132,21 +132,17 @@ class RcsNode(StrictNode):
         self._closing = threading.Event()
         self._calls = self._heard = 0
         self._asking = threading.Thread(target=self._ask, name='asking', daemon=True)
-        self._teller = Teller(
-            self, begin.roster, self._teller_failed, self._published, self._banner
-        )
+        self._teller = Teller(self, begin.roster, self._teller_failed, self._banner)
         self._server = KartServerClient(
             begin,
             on_events=self._teller.events,
-            on_copy=self._teller.race,
+            on_snapshot=self._teller.race,
             on_end=self._kart_server_ended,
         )
         self._offer_services()
         self._server.start()
         self._teller.start()
         self._asking.start()
-        # Only now: a start keeps a processor busy, which officials' programs may need.
-        priority.all_come_first(priority.ROS_HALF)
         self.get_logger().info(
             f'Race control listens for {len(begin.roster.entries)} karts at '
             f'{self._server.address[0]}, port {self._server.address[1]}'
@@ -164,9 +160,6 @@ class RcsNode(StrictNode):
         self._teller.stop()
         self._closing.set()
         self._asking.join()
-
-    def _published(self, number: int, offered: int) -> None:
-        self._server.published(number, offered)
 
     def _teller_failed(self, error: BaseException) -> None:
         self._fail(
@@ -265,13 +258,9 @@ class RcsNode(StrictNode):
 
     def _command(self, command: Command) -> Answer:
         try:
-            submitted = self._server.submit(command, clock.now())
-            answer = submitted.answer(ANSWER_TIMEOUT)
+            answer = self._server.command(command, clock.now(), ANSWER_TIMEOUT)
             if answer is not None:
                 return answer
-            if not CATALOGUE[command.kind].overtakes:
-                # What is not in force by now does not come into force later, unseen.
-                self._server.withdraw(submitted)
         except KartServerError as error:
             return Answer(False, f'{command.kind.value} was not sent: {error}.')
         return Answer(
@@ -312,6 +301,8 @@ def main(args: list[str] | None = None) -> int:
         connection), 2 if a setting is wrong, 3 if another program is in the way. What a crashed
         race control left behind may be in the way for a few seconds.
     """
+    # First: what ROS starts gets it too, and so does the kart server.
+    priority.come_before_others()
     refusals = (ParameterError, GraphError, RosterError)
     return run_node('rcs', RcsNode, refusals, args, obstacles=(RivalError, KartServerError))
 

@@ -12,7 +12,12 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Which part of race control has the processor first; each comes before other programs."""
+"""
+What of race control has the processor before other programs.
+
+Where it is allowed (root, or a limit for the user); else as any other program, and
+docs/performance.md says what that costs.
+"""
 
 from __future__ import annotations
 
@@ -20,34 +25,24 @@ import contextlib
 import os
 import pathlib
 
-ROS_HALF = 1
-RECORD = 2
+NICENESS = -10
+"""Of all of race control: a stop must be taken however busy the computer is."""
+
 LOOP = 3
-"""Real-time priorities (SCHED_RR), where they are allowed (root, or a limit for the user). The
-kart server's loop has the highest, for the karts' frames. Its record comes next, so that it can
-hand the interpreter back to the loop whatever else there is to do. The ROS half must take a stop
-however busy the computer is."""
-
-_THREADS = pathlib.Path('/proc/self/task')
+"""The real-time priority of the kart server's loop (SCHED_RR), for the karts' frames."""
 
 
-def come_first(priority: int, thread: int = 0) -> None:
-    """
-    Have a thread, and those that it starts from now on, come before other programs.
-
-    :param thread: its number; 0: this one.
-    """
-    # Where it is not allowed: as any other program. docs/performance.md says what that costs.
+def come_before_others() -> None:
+    """Have this thread and its session, and all that it starts, get more of the processor."""
+    with contextlib.suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
+    # Linux shares the processor between sessions first, where it is told to, and this is theirs.
     with contextlib.suppress(OSError):
-        os.sched_setscheduler(thread, os.SCHED_RR, os.sched_param(priority))
+        pathlib.Path('/proc/self/autogroup').write_text(str(NICENESS), encoding='ascii')
 
 
-def all_come_first(priority: int) -> None:
-    """Have every thread of this process come before other programs, as `come_first` does."""
-    done: set[int] = set()
-    with contextlib.suppress(OSError):
-        # A thread that was started by one before its turn is found the next time.
-        while new := {int(each.name) for each in _THREADS.iterdir()} - done:
-            for each in new:
-                come_first(priority, each)
-            done |= new
+def come_first() -> None:
+    """Have this thread, and none that it starts, come before all ordinary programs."""
+    with contextlib.suppress(PermissionError):
+        policy = os.SCHED_RR | os.SCHED_RESET_ON_FORK
+        os.sched_setscheduler(0, policy, os.sched_param(LOOP))

@@ -59,7 +59,6 @@ import dataclasses
 from dataclasses import dataclass
 import enum
 import math
-import operator
 from typing import NamedTuple
 
 from evgp_protocol.states import RaceState, stricter
@@ -382,10 +381,6 @@ class Kart:
         """Return how officials call this kart."""
         return f'kart {self.number} ({self.team})' if self.team else f'kart {self.number}'
 
-    def __reduce__(self) -> tuple[type[Kart], tuple[object, ...]]:
-        """Return how to make this kart again in another process."""
-        return Kart, _every_field(self)
-
     @property
     def may_be_moving(self) -> bool:
         """Return whether it counts as moving."""
@@ -405,9 +400,6 @@ class Kart:
     def answered(self) -> bool:
         """Return whether it has done what it is sent, so that the race may go on."""
         return self.stands if self.sent.is_red else self.acknowledged
-
-
-_every_field = operator.attrgetter(*(field.name for field in dataclasses.fields(Kart)))
 
 
 @dataclass(frozen=True)

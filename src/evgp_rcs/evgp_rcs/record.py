@@ -15,16 +15,13 @@
 """
 The record: every event of race control, and what a race must find again after a crash (§3.E).
 
-One thread writes; whoever hands something over puts it into a queue and waits for nothing. Each
-batch of events is one transaction of SQLite, together with what the race must remember, so that
-after a crash of the process or of the machine both are there up to the same event, or neither is.
+It is written in a process of its own (``record_process``). Each batch of events is one
+transaction of SQLite, together with what the race must remember, so that after a crash of the
+process or of the machine both are there up to the same event, or neither is.
 
 The same transaction has what went into the rules up to these events (``inputs``), so that a run
 can be replayed up to its last event. Inputs without events are written every `INPUTS_EVERY`
-seconds.
-
-When the disk does not take it, the events wait here, `trouble` says so, and the writer tries
-again. Nothing is lost until `MOST_UNWRITTEN` events or `MOST_UNWRITTEN_BYTES` of inputs wait.
+seconds. When the disk does not take it, everything waits here and is tried again.
 
 What the next run finds is `left_behind`: what this record knows of the last run, or nothing. It
 is `final` only where a file beside the record proves that the last run ended in good order
@@ -34,17 +31,14 @@ in SQLite's ``-wal`` beside it, before it goes out.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 import contextlib
 import dataclasses
 import enum
 import fcntl
 import math
 import pathlib
-import queue
 import sqlite3
-import threading
 import time
 from typing import Any, IO
 
@@ -59,13 +53,6 @@ from evgp_rcs.race import AlertKind, EventKind, RaceMemory, StampedEvent
 
 SCHEMA_VERSION = 5
 
-MOST_UNWRITTEN = 100_000
-"""Maximum backlog of events while the disk takes none; what comes after them is lost."""
-
-MOST_UNWRITTEN_BYTES = 80 * 2**20
-"""Maximum backlog of inputs while the disk takes none, in bytes; what comes after them is lost. An
-hour of racing with 20 karts."""
-
 INPUTS_EVERY = 1.0
 """Maximum time that inputs without events wait for others, in seconds. A disk that must confirm
 every write has little to do then."""
@@ -75,10 +62,7 @@ CLAIM_TIMEOUT = 2.0
 seconds."""
 
 RETRY = 1.0
-"""Time after a failure until the writer tries again, in seconds."""
-
-SLOW = 2.0
-"""Time an event may wait before `trouble` speaks of it, in seconds."""
+"""Time after a failure until the next try, in seconds."""
 
 _SCHEMA = """
 CREATE TABLE session ( -- one run of race control
@@ -144,52 +128,16 @@ def default_path() -> pathlib.Path:
     return rcs_folder() / 'record.sqlite3'
 
 
-@dataclasses.dataclass(frozen=True)
-class _Remember:
-    """
-    What the next run is to find.
-
-    :param done: takes whether it is on the disk; None: nobody waits for that.
-    """
-
-    memory: RaceMemory
-    at: float
-    done: Callable[[bool], None] | None = None
-
-
-@dataclasses.dataclass(frozen=True)
-class _Happened:
-    """Events, and what went into the rules up to them; None: nothing, or it is lost."""
-
-    events: Sequence[StampedEvent]
-    inputs: Block | None
-
-
-@dataclasses.dataclass(frozen=True)
-class _Begin:
-    """With what the rules begin, and their version."""
-
-    rules: str
-    setup: Setup
-
-
-@dataclasses.dataclass(frozen=True)
-class _End:
-    """The run ends."""
-
-    in_order: bool
-
-
-_Given = _Happened | _Remember | _Begin | _End
-
-
 class Record:
     """
     Writes the record of one run of race control.
 
+    What is handed over waits in memory; ``write`` writes all of it. So whoever calls it decides
+    when it waits for the disk.
+
     :param path: the file; made, with its folder, if there is none. If it cannot be written, or is
-        no record, `trouble` says so, the writer tries again and again, and nothing is known of the
-        time before.
+        no record, `error` says so, ``write`` tries it again, and nothing is known of the time
+        before.
     :raises RecordError: if it is the record of another race control that is running; or if what
         proves that the last run ended in good order cannot be taken away, so that the run after
         this one would rely on it.
@@ -199,34 +147,22 @@ class Record:
         """Claim the file, and find what the last run left."""
         self._path = path
         self._orderly_end = OrderlyEnd(path)
-        self._given: queue.SimpleQueue[_Given] = queue.SimpleQueue()
-        # Written by whoever hands over.
-        self._put = 0
-        self._put_bytes = 0
-        self._caught_up_at = time.monotonic()
-        # Written by the writer alone; one word each, so that anybody can read them.
-        self._taken = 0
-        self._taken_bytes = 0
-        self._lost = 0
-        self._error = ''
-        # The writer's own.
-        self._waiting: deque[StampedEvent] = deque()
+        self._events: list[StampedEvent] = []
         self._inputs: list[Block] = []
         self._inputs_since = 0.0
         self._blocks: list[bytes] = []  # compressed once, however often the disk fails
         self._blocks_written = 0
-        self._unwritten_bytes = 0
-        self._begin: _Begin | None = None
-        self._memory: _Remember | None = None
+        self._rules: tuple[str, Setup] | None = None
+        self._memory: RaceMemory | None = None  # to be written
         self._remembered: RaceMemory | None = None
         self._remembered_at = -math.inf
-        self._confirm: list[Callable[[bool], None]] = []
-        self._end: _End | None = None
+        self._surely = False  # the memory must be in the file itself
+        self._failed_at = 0.0
         self._database: sqlite3.Connection | None = None
         self._session = 0
-        self._ended_ns = 0
         self._claimed: IO[bytes] | None = None
-        self._written = 0  # the sequence number of the last event
+        self.error = ''
+        """Why the last try to write failed, in a phrase; empty: it did not."""
         self.left_behind: RaceMemory | None = None
         """What is known of the last run; None: nothing."""
         try:
@@ -235,172 +171,86 @@ class Record:
             self.left_behind = self._open(proof)
         except _UNWRITABLE as error:
             self._take_proof()
-            self._error = _in_words(error)
-        self._thread: threading.Thread | None = None
+            self._fail(error)
 
-    def start(self, on_failure: Callable[[BaseException], None]) -> None:
-        """
-        Begin to write what is handed over.
-
-        :param on_failure: is called, in the writer's thread, when it cannot go on.
-        """
-        self._thread = threading.Thread(
-            target=self._run, args=(on_failure,), name='record', daemon=True
-        )
-        self._thread.start()
-
-    # ----- for whoever owns the race; none of these waits ---------------------------------
+    # ----- what is to be written; none of these waits -------------------------------------
 
     def begin(self, rules: str, setup: Setup) -> None:
-        """Have written with what the rules begin, and their version."""
-        self._given.put(_Begin(rules, setup))
+        """Take with what the rules begin, and their version."""
+        self._rules = rules, setup
 
     def put(self, events: Sequence[StampedEvent], inputs: Block | None = None) -> None:
         """
-        Have events written.
+        Take events.
 
         :param inputs: what went into the rules up to these events, and was not handed over yet.
         """
-        if inputs is not None:
-            if self._put_bytes - self._taken_bytes + len(inputs.data) > MOST_UNWRITTEN_BYTES:
-                inputs = None  # the next block shows that this one is missing
-            else:
-                self._put_bytes += len(inputs.data)
-        if self._put == self._taken:
-            self._caught_up_at = time.monotonic()
-        self._put += len(events)
-        self._given.put(_Happened(events, inputs))
+        self._events += events
+        if inputs is not None and inputs.data:
+            if not self._inputs:
+                self._inputs_since = clock.now()
+            self._inputs.append(inputs)
 
-    def remember(self, memory: RaceMemory, at: float) -> None:
+    def remember(self, memory: RaceMemory, at: float, surely: bool = False) -> None:
         """
-        Save this for the next run.
+        Take what the next run is to find.
 
         :param at: the time of it, on any clock (s): what is older than what is known is ignored.
+        :param surely: have it in the file itself.
         """
-        self._given.put(_Remember(memory, at))
+        if at >= self._remembered_at:
+            self._remembered_at = at
+            if surely or memory != (self._memory or self._remembered):
+                self._memory = memory
+        self._surely |= surely
 
-    def make_sure(self, memory: RaceMemory, at: float, done: Callable[[bool], None]) -> None:
+    def due_in(self) -> float | None:
+        """Return after which time it is to be written, in seconds; None: there is nothing."""
+        now = clock.now()
+        if self.error:
+            return max(0.0, self._failed_at + RETRY - now)
+        if self._events or self._memory or self._surely or self._rules:
+            return 0.0
+        return max(0.0, self._inputs_since + INPUTS_EVERY - now) if self._inputs else None
+
+    # ----- writing ------------------------------------------------------------------------
+
+    def write(self, ended_ns: int | None = None) -> bool:
         """
-        Save this for the next run, in the file itself.
+        Write all that was handed over; return whether it is on the disk now.
 
-        :param done: is called, in the writer's thread, with whether it is on the disk.
+        :param ended_ns: the wall time at which the run ends in good order.
         """
-        self._given.put(_Remember(memory, at, done))
+        try:
+            if self._database is None:
+                self._claim()
+                self._open('')
+            self._write(ended_ns)
+        except (*_UNWRITABLE, RecordError) as error:
+            # What SQLite knows of the file may be wrong by now: the next try opens it again.
+            if self._database is not None:
+                self._database.close()
+                self._database = None
+            self._fail(error)
+            return False
+        self.error = ''
+        return True
 
-    def trouble(self) -> str:
-        """Return why the record fails, as a sentence for an official; empty: it does not."""
-        # Not the clock of the rules: a disk is not slow because the machine was suspended.
-        now = time.monotonic()
-        waiting = self._put - self._taken
-        if not waiting:
-            self._caught_up_at = now
-        reason = self._error
-        if not reason and now - self._caught_up_at > SLOW:
-            reason = f'nothing could be written for {now - self._caught_up_at:.0f} s'
-        if not reason:
-            return ''
-        lost = f', {self._lost} are lost' if self._lost else ''
-        wait = 'event waits' if waiting == 1 else 'events wait'
-        return f'The record {self._path} fails: {reason}; {waiting} {wait}{lost}'
-
-    def end(self, timeout: float, in_order: bool = True) -> None:
+    def end(self, in_order: bool = True) -> None:
         """
-        Write what is left and that this run has ended.
+        Write what is left and that this run has ended, and let the file go.
 
-        :param timeout: wait no longer than this, s.
         :param in_order: the next run need not take up a race that was not under way.
         """
-        if self._thread is not None:
-            self._given.put(_End(in_order))
-            self._thread.join(timeout)
+        ended_ns = time.time_ns() if in_order else None
+        if self.write(ended_ns) and in_order:
+            with contextlib.suppress(OSError):  # the next start is careful
+                self._orderly_end.write(str(ended_ns))
+        self._release()
 
-    # ----- the writer ---------------------------------------------------------------------
-
-    def _run(self, on_failure: Callable[[BaseException], None]) -> None:
-        try:
-            self._write_until_the_end()
-        except BaseException as error:  # noqa: BLE001 - handed to whoever ends the process
-            on_failure(error)
-        finally:
-            self._release()
-
-    def _write_until_the_end(self) -> None:
-        while True:
-            self._take_what_was_given()
-            try:
-                if self._database is None:
-                    self._claim()
-                    self._open('')
-                self._write()
-            except (*_UNWRITABLE, RecordError) as error:
-                # What SQLite knows of the file may be wrong by now: the next try opens it again.
-                if self._database is not None:
-                    self._database.close()
-                    self._database = None
-                self._error = _in_words(error)
-                self._tell_whoever_waits(False)
-                if self._end is not None:
-                    return
-                continue
-            self._error = ''
-            self._tell_whoever_waits(True)
-            if self._end is not None:
-                if self._end.in_order:
-                    with contextlib.suppress(OSError):  # the next start is careful
-                        self._orderly_end.write(str(self._ended_ns))
-                return
-
-    def _take_what_was_given(self) -> None:
-        """Wait for something to write; after a failure, until it is time to try again."""
-        again_at = clock.now() + RETRY if self._error else None
-        while self._end is None and (again_at is not None or not self._is_pressing()):
-            until = again_at
-            if until is None and self._inputs:
-                until = self._inputs_since + INPUTS_EVERY
-            try:
-                left = None if until is None else max(0.0, until - clock.now())
-                self._take(self._given.get(timeout=left))
-            except queue.Empty:
-                break
-            if again_at is not None:
-                self._tell_whoever_waits(False)
-        while not self._given.empty():
-            self._take(self._given.get())
-
-    def _is_pressing(self) -> bool:
-        """Return whether there is anything to write that does not wait for more."""
-        return bool(self._waiting or self._memory or self._confirm or self._begin)
-
-    def _take(self, given: _Given) -> None:
-        if isinstance(given, _Remember):
-            if given.done is not None:
-                self._confirm.append(given.done)
-            if given.at >= self._remembered_at:
-                self._remembered_at = given.at
-                newest = self._remembered if self._memory is None else self._memory.memory
-                if given.memory != newest or given.done is not None:
-                    self._memory = given
-        elif isinstance(given, _Begin):
-            self._begin = given
-        elif isinstance(given, _End):
-            self._end = given
-        else:
-            room = MOST_UNWRITTEN - len(self._waiting)
-            lost = max(0, len(given.events) - room)
-            self._waiting += given.events[:room]
-            self._lost += lost
-            if given.inputs is not None and lost:
-                self._taken_bytes += len(given.inputs.data)  # lost with its events
-            elif given.inputs is not None:
-                if not self._inputs:
-                    self._inputs_since = clock.now()
-                self._inputs.append(given.inputs)
-                self._unwritten_bytes += len(given.inputs.data)
-
-    def _tell_whoever_waits(self, there: bool) -> None:
-        confirm, self._confirm = self._confirm, []
-        for done in confirm:
-            done(there)
+    def _fail(self, error: Exception) -> None:
+        self.error = _in_words(error)
+        self._failed_at = clock.now()
 
     def _take_proof(self) -> str:
         """
@@ -451,9 +301,7 @@ class Record:
 
         :param proof: when a run has ended in good order; empty: no proof.
         """
-        database = sqlite3.connect(
-            self._path, timeout=1.0, isolation_level=None, check_same_thread=False
-        )
+        database = sqlite3.connect(self._path, timeout=1.0, isolation_level=None)
         try:
             left_behind = self._prepare(database, proof)
         except BaseException:
@@ -491,55 +339,48 @@ class Record:
             _checkpoint(database)
         return left_behind
 
-    def _write(self) -> None:
+    def _write(self, ended_ns: int | None) -> None:
         assert self._database is not None
-        events = list(self._waiting)
-        memory = self._memory
-        rows = [(self._session, *_row(stamped)) for stamped in events]
+        rows = [(self._session, *_row(stamped)) for stamped in self._events]
         self._blocks += [block.compressed() for block in joined(self._inputs)]
         self._inputs.clear()
         blocks = [
             (self._session, number, block)
             for number, block in enumerate(self._blocks, self._blocks_written + 1)
         ]
-        sequence = events[-1].sequence if events else self._written
         with _transaction(self._database):
             self._database.executemany(
                 'INSERT INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)', rows
             )
             self._database.executemany('INSERT INTO input VALUES (?, ?, ?)', blocks)
-            if self._begin is not None:
-                self._database.execute(
-                    'UPDATE session SET rules = ?, setup = ? WHERE id = ?',
-                    (self._begin.rules, written(self._begin.setup), self._session),
-                )
-            if memory is not None:
-                self._database.execute(
-                    'UPDATE session SET memory = ? WHERE id = ?',
-                    (written(memory.memory), self._session),
-                )
-            if self._end is not None and self._end.in_order:
-                self._ended_ns = time.time_ns()
-                self._database.execute(
-                    'UPDATE session SET ended_ns = ? WHERE id = ?', (self._ended_ns, self._session)
-                )
-        self._written = sequence
-        self._waiting.clear()
-        self._taken += len(events)
-        self._begin = None
+            if self._rules is not None:
+                rules, setup = self._rules
+                self._set('rules', rules)
+                self._set('setup', written(setup))
+            if self._memory is not None:
+                self._set('memory', written(self._memory))
+            if ended_ns is not None:
+                self._set('ended_ns', ended_ns)
+        self._events.clear()
+        self._rules = None
         self._blocks_written += len(blocks)
         self._blocks.clear()
-        self._taken_bytes += self._unwritten_bytes
-        self._unwritten_bytes = 0
-        if memory is not None:
-            self._remembered = memory.memory
-            self._memory = None
-            if memory.done is not None:
-                _checkpoint(self._database)
+        self._remembered, self._memory = self._memory or self._remembered, None
+        if self._surely:
+            _checkpoint(self._database)
+            self._surely = False
+
+    def _set(self, column: str, value: object) -> None:
+        assert self._database is not None
+        self._database.execute(
+            f'UPDATE session SET {column} = ? WHERE id = ?',  # noqa: S608 - our own names
+            (value, self._session),
+        )
 
     def _release(self) -> None:
         if self._database is not None:
             self._database.close()
+            self._database = None
         if self._claimed is not None:
             self._claimed.close()
 

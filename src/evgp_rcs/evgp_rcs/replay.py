@@ -16,7 +16,7 @@
 Runs the rules again on what went into them, and compares what comes out with the record.
 
 With the rules that made the record nothing may differ, ever: not an order to a kart, not an event
-nor its time, not what officials were offered. What differs first is named.
+nor its time. What differs first is named.
 
 An event has the time of the input that made it, to the last bit. No input gives the wall times,
 and none makes the events `OF_THE_SERVER`: of these, only the order can be checked. So a step of
@@ -91,7 +91,6 @@ class Replayed:
     inputs: int = 0
     orders: int = 0
     events: int = 0
-    availabilities: int = 0
     seconds: float = 0.0
     difference: Difference | None = None
     missing: str = ''
@@ -99,8 +98,8 @@ class Replayed:
     def __str__(self) -> str:
         """Return the counts."""
         return (
-            f'{self.inputs} inputs in {self.seconds:.1f} s: {self.orders} orders, {self.events} '
-            f'events and {self.availabilities} availabilities compared'
+            f'{self.inputs} inputs in {self.seconds:.1f} s: {self.orders} orders and '
+            f'{self.events} events compared'
         )
 
 
@@ -139,7 +138,6 @@ class Replay:
         self._recorded = {event.sequence: event for event in happened}
         self._goes_on = goes_on
         self._damaged = damaged
-        self._published: dict[int, int] = {}
         # Of the last input: what it was, and what it made that was not compared yet.
         self._given: Input | None = None
         self._orders: Sequence[Order] = ()
@@ -149,21 +147,13 @@ class Replay:
         self._of_mark: Mapping[type[Any], Callable[[Any], None]] = {
             inputs.Ordered: self._compare_orders,
             inputs.Told: self._compare_events,
-            inputs.Shown: self._compare_offers,
-            inputs.Published: lambda mark: None,
+            inputs.Shown: lambda mark: None,
         }
 
     def run(self) -> Replayed:
         """Return what was compared, up to the first difference."""
         try:
-            # What was published of a copy stands behind it.
             for entry in self._entries():
-                if isinstance(entry, inputs.Published):
-                    self._published[entry.number] = entry.digest
-        except _DifferentError:
-            pass  # and again, in its place
-        try:
-            for entry in self._entries('Replaying'):
                 compare = self._of_mark.get(type(entry))
                 if compare is not None:
                     compare(entry)
@@ -175,11 +165,10 @@ class Replay:
             pass
         return self._replayed
 
-    def _entries(self, what: str = 'Reading the inputs') -> Iterator[Entry]:
+    def _entries(self) -> Iterator[Entry]:
         """Yield what is there without a gap."""
-        self._replayed.missing = ''
         try:
-            yield from inputs.entries_of(watched(self._blocks, len(self._blocks), what))
+            yield from inputs.entries_of(watched(self._blocks, len(self._blocks), 'Replaying'))
         except GapError:
             self._stop_at('inputs are missing (the disk took none, or they were removed)')
         except InputsError as error:
@@ -246,26 +235,6 @@ class Replay:
             f'{why}: nothing can be compared from {self._replayed.seconds:.1f} s after the run '
             'began on'
         )
-
-    def _compare_offers(self, mark: inputs.Shown) -> None:
-        self._finish()
-        digest = self._published.get(mark.number)
-        if digest is None:
-            return  # the ROS half has left this copy out
-        offered = inputs.offers(self._race, mark.at)
-        if inputs.digest(offered) != digest:
-            listed = [
-                f'{each.kind.value}{f" {kart}" if kart else ""}'
-                for kart, availabilities in offered.items()
-                for each in availabilities
-                if each.available
-            ]
-            self._differ(
-                f'what copy {mark.number} of the race offered',
-                f'other commands, reasons or statements (their digest is {digest:08x})',
-                f'{inputs.digest(offered):08x}; available are {", ".join(listed)}',
-            )
-        self._replayed.availabilities += sum(map(len, offered.values()))
 
     def _compare_the_rest(self) -> None:
         """Look for events that no input has made, and for such as were removed or moved."""
@@ -426,8 +395,8 @@ def options() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='rcs_record replay',
         description='Run the rules again on what went into them in a run, the newest by default, '
-        'and compare every order to a kart, every event and every command that was offered with '
-        'the record, each event with its time. A run that goes on is replayed up to now, one that '
+        'and compare every order to a kart and every event with the record, each event with its '
+        'time. A run that goes on is replayed up to now, one that '
         'crashed up to its end.',
         epilog='No input gives the wall times, and none makes the events of the server itself '
         '(refused connections, messages that mean nothing, the end): of these, only the order is '

@@ -19,8 +19,7 @@ from __future__ import annotations
 import pathlib
 
 from evgp_node.parameters import check_address, ParameterError, Parameters
-from evgp_rcs.channel import Begin
-from evgp_rcs.kart_server import ServerSettings
+from evgp_rcs.channel import Begin, ServerSettings
 from evgp_rcs.race import RaceTimes
 from evgp_rcs.record import default_path
 from evgp_rcs.roster import load_roster

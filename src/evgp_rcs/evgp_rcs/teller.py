@@ -16,8 +16,8 @@
 Publishes what the kart server tells, in a thread of its own.
 
 Events go out in order, all of them unless more than `MOST_UNTOLD` wait. Of several copies of the
-race only the newest does, and that may overtake events: it waits for no more of them than are
-published in `TURN`, so that what officials see is the present race.
+race only the newest does, and that may overtake events: it waits for no more of them than
+`BATCH`, so that what officials see is the present race.
 """
 
 from __future__ import annotations
@@ -29,13 +29,12 @@ import threading
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
+from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.process import wait_until_heard
 from evgp_protocol import clock
-from evgp_rcs.channel import Copy
-from evgp_rcs.inputs import digest, offers
 from evgp_rcs.messages import (
     diagnostics_message,
-    event_message,
+    events_message,
     failure_alert,
     graph_alert,
     race_message,
@@ -43,6 +42,7 @@ from evgp_rcs.messages import (
 from evgp_rcs.official import said_by
 from evgp_rcs.race import Event, EventKind, StampedEvent
 from evgp_rcs.roster import Roster
+from evgp_rcs.snapshot import Snapshot
 from evgp_rcs_msgs import msg
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -61,17 +61,10 @@ EVENTS_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""Of ``~/events``: a late subscriber gets the last 200 events."""
+"""Of ``~/events``: a late subscriber gets the last 200 messages, each of some events."""
 
-TURN = 0.05
-"""Maximum time spent publishing events before a newer race is published, in seconds."""
-
-PAUSE = 0.001
-"""Time after each event in which no further one is published, in seconds. Without it a stop waits
-for the interpreter and the processors while a hundred karts acknowledge."""
-
-MOST_PAUSED = 1000
-"""Maximum backlog of events with such pauses; a longer one is published without."""
+BATCH = 100
+"""Maximum number of events in one message; then a newer race is published."""
 
 MOST_UNTOLD = 5000
 """Maximum backlog of events to publish; beyond it, `LESSER` events go to the record only."""
@@ -85,8 +78,6 @@ class Teller:
     Publishes the race, its events and diagnostics.
 
     :param on_failure: is called, in the teller's thread, when it cannot go on.
-    :param on_published: takes, in the teller's thread, the number of a copy that was published,
-        and the digest of the commands that it offered.
     :param banner: what every screen says at its top.
     """
 
@@ -95,19 +86,17 @@ class Teller:
         node: Node,
         roster: Roster,
         on_failure: Callable[[BaseException], None],
-        on_published: Callable[[int, int], None] = lambda number, offered: None,
         banner: str = '',
     ) -> None:
         """Create the publishers; nothing is published before ``start``."""
         self._node = node
         self._on_failure = on_failure
-        self._on_published = on_published
         self._banner = banner
         self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
-        self._events = node.create_publisher(msg.RaceEvent, '~/events', EVENTS_QOS)
-        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self._happened: queue.SimpleQueue[list[StampedEvent] | Copy | str | None]
+        self._events = node.create_publisher(msg.RaceEvents, '~/events', EVENTS_QOS)
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
+        self._happened: queue.SimpleQueue[list[StampedEvent] | Snapshot | str | None]
         self._happened = queue.SimpleQueue()
         self._graph_alerts: list[msg.Alert] = []
         self._thread = threading.Thread(target=self._run, name='teller', daemon=True)
@@ -119,9 +108,9 @@ class Teller:
         """Take events, from any thread."""
         self._happened.put(events)
 
-    def race(self, copy: Copy) -> None:
-        """Take a copy of the race, from any thread."""
-        self._happened.put(copy)
+    def race(self, race: Snapshot) -> None:
+        """Take a snapshot of the race, from any thread."""
+        self._happened.put(race)
 
     def graph_trouble(self, text: str) -> None:
         """Take, from any thread, what is wrong with the graph from now on; empty: nothing."""
@@ -150,7 +139,7 @@ class Teller:
         self._race.publish(self._published)
         event = Event(EventKind.ALERT_RAISED, text, success=False)
         stamped = StampedEvent(self._sequence + 1, wall_ns, clock.now(), event)
-        self._events.publish(event_message(stamped))
+        self._events.publish(events_message([stamped]))
         wait_until_heard(self._race, self._events)
 
     def _run(self) -> None:
@@ -166,11 +155,11 @@ class Teller:
             came = [] if waiting else [self._happened.get()]
             while not self._happened.empty():
                 came.append(self._happened.get())
-            newest: Copy | None = None
+            newest: Snapshot | None = None
             for news in came:
                 if news is None:
                     ended = True
-                elif isinstance(news, Copy):
+                elif isinstance(news, Snapshot):
                     newest = news
                 elif isinstance(news, str):
                     self._take_graph_trouble(news)
@@ -178,11 +167,8 @@ class Teller:
                     waiting += news
             if len(waiting) > MOST_UNTOLD:
                 waiting = self._without_lesser(waiting)
-            until = time.monotonic() + TURN
-            while waiting and time.monotonic() < until:
-                self._tell(waiting.popleft())
-                if not ended and len(waiting) <= MOST_PAUSED:
-                    time.sleep(PAUSE)
+            if waiting:
+                self._tell([waiting.popleft() for _ in range(min(BATCH, len(waiting)))])
             if newest is not None:
                 self._tell_race(newest)
 
@@ -203,31 +189,27 @@ class Teller:
         )
         return deque(kept)
 
-    def _tell(self, stamped: StampedEvent) -> None:
-        event = stamped.event
+    def _tell(self, batch: list[StampedEvent]) -> None:
+        self._events.publish(events_message(batch))
+        self._sequence = batch[-1].sequence
         log = self._node.get_logger()
-        text = said_by(event.text, event.official)
-        if event.kind is EventKind.ALERT_RAISED or not event.success:
-            log.warning(text)
-        elif event.kind is EventKind.ACKNOWLEDGED:
-            log.debug(text)  # that all have, or that one is late, is told for itself
-        elif event.kind is not EventKind.KART_STATE:  # the command says it
-            log.info(text)
-        self._events.publish(event_message(stamped))
-        self._sequence = stamped.sequence
+        for _, _, _, event in batch:
+            text = said_by(event.text, event.official)
+            if event.kind is EventKind.ALERT_RAISED or not event.success:
+                log.warning(text)
+            elif event.kind not in (EventKind.ACKNOWLEDGED, EventKind.KART_STATE):
+                # What karts are sent, the command says; that all or not all answer, other events.
+                log.info(text)
 
-    def _tell_race(self, copy: Copy) -> None:
-        race, at = copy.race, copy.at
-        wall_ns = time.time_ns() - round((clock.now() - at) * 1e9)
-        offered = offers(race, at)
-        message = race_message(race, at, wall_ns, self._addresses, offered, self._banner)
+    def _tell_race(self, race: Snapshot) -> None:
+        wall_ns = time.time_ns() - round((clock.now() - race.at) * 1e9)
+        message = race_message(race, wall_ns, self._addresses, self._banner)
         message.alerts = [*message.alerts, *self._graph_alerts]
         self._race.publish(message)
-        self._on_published(copy.number, digest(offered))
         self._published = message
-        if at - self._told_diagnostics >= 1.0:
-            self._told_diagnostics = at
+        if race.at - self._told_diagnostics >= 1.0:
+            self._told_diagnostics = race.at
             name = self._node.get_fully_qualified_name().lstrip('/')
             self._diagnostics.publish(
-                diagnostics_message(race, at, time.time_ns(), name, self._addresses)
+                diagnostics_message(race, time.time_ns(), name, self._addresses)
             )

@@ -152,19 +152,14 @@ class PaperRace:
     def write(self, path: pathlib.Path, in_order: bool = True) -> pathlib.Path:
         """Write what happened as a run into a record."""
         record = Record(path)
-        record.start(_fail)
         record.put(self.stamped)
-        record.end(PATIENCE, in_order)
+        record.end(in_order)
         with contextlib.closing(sqlite3.connect(path)) as database, database:
             database.execute(
                 'UPDATE session SET rules = ?, setup = ? WHERE id = (SELECT max(id) FROM session)',
                 ('of the test', written(self.setup)),
             )
         return path
-
-
-def _fail(error: BaseException) -> None:
-    raise error
 
 
 def long_event(seconds: float, karts: int, dice: random.Random, busy: float = 1.0) -> PaperRace:

@@ -54,12 +54,3 @@ def test_what_is_packed_comes_out_however_it_is_cut(messages: list[object], size
     come = [message for part in parts for message in unpacker.feed(part)]
     assert come == messages
     assert list(map(type, come)) == list(map(type, messages))
-
-
-@given(requests)
-def test_a_request_keeps_the_types_of_its_command(request: Request) -> None:
-    ((_, command, _),) = Unpacker().feed(pack(request))
-    assert isinstance(command, Command)
-    assert type(command.karts) is frozenset
-    assert command.kind is request.command.kind
-    assert command.hold is request.command.hold

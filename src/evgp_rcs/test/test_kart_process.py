@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
-import os
 import pathlib
 import queue
 import signal
@@ -31,35 +30,32 @@ from typing import Any
 from evgp_protocol import clock
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
-from evgp_rcs import priority
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.channel import (
     Alive,
     Answered,
     Begin,
-    Copy,
     End,
     Failed,
     Happened,
     Listening,
     pack,
-    Published,
     Refused,
     Request,
+    ServerSettings,
     Unpacker,
     Withdraw,
 )
-from evgp_rcs.inputs import digest, offers
 from evgp_rcs.kart_client import KartServerClient
-from evgp_rcs.kart_server import KartServerError, ROS_HALF_SILENCE, ServerSettings
+from evgp_rcs.kart_server import KartServerError, ROS_HALF_SILENCE
 from evgp_rcs.race import Command, EventKind, RaceTimes
 from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs.roster import Roster, RosterEntry
+from evgp_rcs.snapshot import Snapshot
 from evgp_testing.process import freeze
 from evgp_testing.race_control import end_in_good_order
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
 import pytest
-from rig.niceness import may_come_first
 from rig.replaying import replay_without_difference
 
 PATIENCE = 30.0
@@ -170,29 +166,6 @@ def test_a_silence_of_the_ros_half_means_red_red_to_every_kart(
     assert f'silent for {ROS_HALF_SILENCE:.0f}' in half.wait_for(Failed).text
 
 
-def test_what_was_published_is_no_sign_that_a_stop_can_be_taken(
-    half: Half, connect: Connect
-) -> None:
-    client = connect(2)
-    read_until(client, IN_GARAGE)
-    half.say(Alive(False))
-    ended = threading.Event()
-
-    def go_on_publishing() -> None:
-        with contextlib.suppress(OSError):  # the kart server has ended
-            while not ended.wait(ROS_HALF_SILENCE / 20):
-                half.say(Published(1, 0))
-
-    publishing = threading.Thread(target=go_on_publishing)
-    publishing.start()
-    try:
-        assert read_to_end(client).endswith(encode(RED_RED))
-        half.wait_for(Failed)
-    finally:
-        ended.set()
-        publishing.join()
-
-
 def test_a_ros_half_that_reads_nothing_holds_nobody_up_and_loses_no_event(
     half: Half, connect: Connect
 ) -> None:
@@ -204,16 +177,16 @@ def test_a_ros_half_that_reads_nothing_holds_nobody_up_and_loses_no_event(
     half.say(Request(count, ALL_KILL, clock.now()))
     read_until(client, RED_RED)  # while far more waits than any socket takes
     sequences: list[int] = []
-    copies = 0
+    snapshots = 0
     answers = 0
     while answers <= count:
         message = half.hear()
         if isinstance(message, Happened):
             sequences += [each.sequence for each in message.events]
-        copies += isinstance(message, Copy)
+        snapshots += isinstance(message, Snapshot)
         answers += isinstance(message, Answered)
     assert sequences == list(range(sequences[0], sequences[0] + len(sequences)))
-    assert copies < count / 10
+    assert snapshots < count / 10
 
 
 def test_a_withdrawn_command_that_came_with_its_withdrawal_is_not_judged(
@@ -277,42 +250,7 @@ def test_a_port_in_use_is_refused_and_leaves_no_doubt_behind(half: Half, begin: 
     with contextlib.closing(again):
         again.say(begin)
         again.wait_for(Listening)
-        assert again.wait_for(Copy).race.state is IN_GARAGE
-
-
-def test_a_kart_server_whose_record_fails_for_good_sends_red_red_and_says_why(
-    begin: Begin,
-) -> None:
-    """The writer is made to fail by a file that takes its place in Python: no disk does that."""
-    broken = begin.record.parent / 'sitecustomize.py'
-    broken.write_text(
-        'import evgp_rcs.record as record\n'
-        'def fail(self):\n'
-        "    raise ZeroDivisionError('a fault put in by the test')\n"
-        'record.Record._take_what_was_given = fail\n'
-    )
-    with contextlib.closing(BrokenHalf(begin.record.parent)) as other:
-        other.say(begin)
-        alerts = [
-            event.event.success
-            for event in other.wait_for(Happened).events
-            if event.event.kind is EventKind.ALERT_RAISED
-        ]
-        assert alerts == [False]
-        assert 'a fault put in by the test' in other.wait_for(Failed).text
-        assert other.process.wait(PATIENCE) == 1
-
-
-class BrokenHalf(Half):
-    """The same, with a folder before all others on Python's path."""
-
-    def __init__(self, folder: pathlib.Path) -> None:
-        before = os.environ.get('PYTHONPATH', '')
-        os.environ['PYTHONPATH'] = f'{folder}{os.pathsep}{before}'
-        try:
-            super().__init__()
-        finally:
-            os.environ['PYTHONPATH'] = before
+        assert again.wait_for(Snapshot).state is IN_GARAGE
 
 
 def test_a_hold_of_the_last_moment_is_found_by_the_next_run(
@@ -325,8 +263,8 @@ def test_a_hold_of_the_last_moment_is_found_by_the_next_run(
     with contextlib.closing(Half()) as again:
         again.say(begin)
         again.wait_for(Listening)
-        race = again.wait_for(Copy).race
-    assert (race.state, race.karts[2].hold) == (RED_RED, RED_RED)
+        race = again.wait_for(Snapshot)
+    assert (race.state, race.karts[1].hold) == (RED_RED, RED_RED)
 
 
 def test_what_a_kart_server_has_recorded_can_be_replayed_also_what_a_run_has_left_behind(
@@ -336,8 +274,7 @@ def test_what_a_kart_server_has_recorded_can_be_replayed_also_what_a_run_has_lef
     client.sendall(encode(IN_GARAGE) + b'$rubbish;')
     held = Request(1, Command(CommandKind.KART_RED_RED, 2), clock.now())
     half.end.sendall(pack(held) + pack(Request(2, ALL_KILL, clock.now())))
-    copy = half.wait_for(Copy)
-    half.say(Published(copy.number, digest(offers(copy.race, copy.at))))
+    half.wait_for(Snapshot)
     half.say(End(in_order=False))
     half.process.wait(PATIENCE)
     with contextlib.closing(Half()) as again:
@@ -347,18 +284,6 @@ def test_what_a_kart_server_has_recorded_can_be_replayed_also_what_a_run_has_lef
         again.process.wait(PATIENCE)
     _, second = replay_without_difference(begin.record)
     assert second.events > 0
-
-
-def test_another_publication_than_that_of_the_copy_is_found_by_a_replay(
-    half: Half, connect: Connect, begin: Begin
-) -> None:
-    connect(1)
-    copy = half.wait_for(Copy)
-    half.say(Published(copy.number, digest(offers(copy.race, copy.at)) ^ 1))
-    half.say(End(True))
-    half.process.wait(PATIENCE)
-    with pytest.raises(AssertionError, match=f'copy {copy.number} '):
-        replay_without_difference(begin.record)
 
 
 def test_nothing_is_released_once_the_end_has_begun(half: Half, connect: Connect) -> None:
@@ -385,17 +310,17 @@ def test_a_ros_half_that_never_gave_a_sign_of_life_is_not_waited_for_for_ever(
 
 def test_a_kart_server_that_is_killed_is_told_of_and_every_command_refused(begin: Begin) -> None:
     ended: queue.SimpleQueue[str] = queue.SimpleQueue()
-    client = KartServerClient(begin, lambda events: None, lambda copy: None, ended.put)
+    client = KartServerClient(begin, lambda events: None, lambda snapshot: None, ended.put)
     client.start()
     try:
         freeze(client._process.pid)
-        submitted = client.submit(ALL_KILL, clock.now())
-        client._process.kill()
-        with pytest.raises(KartServerError, match='use the MSR'):
-            submitted.answer(PATIENCE)
+        kill = threading.Timer(0.2, client._process.kill)
+        kill.start()
+        for _ in ('while it dies', 'afterwards'):
+            with pytest.raises(KartServerError, match='use the MSR'):
+                client.command(ALL_KILL, clock.now(), PATIENCE)
+        kill.join()
         assert ended.get(timeout=PATIENCE)
-        with pytest.raises(KartServerError, match='use the MSR'):
-            client.submit(ALL_KILL, clock.now()).answer(PATIENCE)
     finally:
         client.stop(in_order=False)
 
@@ -405,14 +330,14 @@ def test_a_kart_server_that_hangs_and_takes_nothing_is_given_up_and_no_thread_wa
 ) -> None:
     ended = threading.Event()
     client = KartServerClient(
-        begin, lambda events: None, lambda copy: None, lambda why: ended.set()
+        begin, lambda events: None, lambda snapshot: None, lambda why: ended.set()
     )
     client.start()
     try:
         freeze(client._process.pid)
         with pytest.raises(KartServerError, match='use the MSR'):
             while True:  # until its end takes no more
-                client.submit(ALL_KILL, clock.now())
+                client.command(ALL_KILL, clock.now(), 0.0)
         assert ended.wait(PATIENCE)
         client._process.send_signal(signal.SIGCONT)
     finally:
@@ -422,7 +347,7 @@ def test_a_kart_server_that_hangs_and_takes_nothing_is_given_up_and_no_thread_wa
 def test_a_hearing_thread_that_fails_ends_race_control(begin: Begin) -> None:
     ended: queue.SimpleQueue[str] = queue.SimpleQueue()
 
-    def broken(copy: object) -> None:
+    def broken(snapshot: object) -> None:
         raise ZeroDivisionError('a fault put in by the test')
 
     client = KartServerClient(begin, lambda events: None, broken, ended.put)
@@ -437,18 +362,6 @@ def test_no_module_is_taken_from_the_working_directory(
 ) -> None:
     (tmp_path / 'sqlite3.py').write_text("raise ZeroDivisionError('it was taken')")
     monkeypatch.chdir(tmp_path)
-    client = KartServerClient(begin, lambda e: None, lambda copy: None, lambda why: None)
+    client = KartServerClient(begin, lambda e: None, lambda snapshot: None, lambda why: None)
     client.start()
     client.stop(in_order=True)
-
-
-@pytest.mark.skipif(not may_come_first(), reason='it takes root, or a limit for the user')
-def test_the_loop_comes_before_the_record_and_both_before_the_ros_half(begin: Begin) -> None:
-    client = KartServerClient(begin, lambda e: None, lambda copy: None, lambda why: None)
-    client.start()
-    loop = client._process.pid
-    threads = [int(each.name) for each in pathlib.Path(f'/proc/{loop}/task').iterdir()]
-    priorities = {each: os.sched_getparam(each).sched_priority for each in threads}
-    client.stop(in_order=True)
-    assert priorities.pop(loop) > max(priorities.values())
-    assert min(priorities.values()) > priority.ROS_HALF

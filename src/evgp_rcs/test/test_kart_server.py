@@ -25,12 +25,14 @@ import resource
 import socket
 import threading
 import time
+from typing import Any
 
 from evgp_protocol import clock
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 from evgp_rcs import kart_server
 from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.channel import Alive, Happened, ServerSettings, Unpacker
 from evgp_rcs.hearing import FLOOD_BYTES
 from evgp_rcs.inputs import Block
 from evgp_rcs.kart_link import KartLink
@@ -40,7 +42,6 @@ from evgp_rcs.kart_server import (
     KartServerError,
     ROS_HALF_SILENCE,
     RosHalfGoneError,
-    ServerSettings,
     Waiting,
 )
 from evgp_rcs.race import (
@@ -55,6 +56,7 @@ from evgp_rcs.race import (
     RaceTimes,
     StampedEvent,
 )
+from evgp_rcs.snapshot import Snapshot
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
 import pytest
 
@@ -75,7 +77,7 @@ class Running:
     """
     A server in a thread, with its karts, of which 1 and 2 are in the race, and what it told.
 
-    It is the server's ``Outside`` itself: instead of a ROS half and a record, the test.
+    It is the server's ROS half and record itself.
     """
 
     def __init__(self, beat_rate: float, times: RaceTimes, karts: int) -> None:
@@ -89,15 +91,19 @@ class Running:
         self._shown = 0
         self._shown_at = 0.0
         self.record_trouble = ''
-        self.ros_half_heard_at: float | None = None
+        self.gone = ''
+        self.unsent = 0
         self._given: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
+        self._said: queue.SimpleQueue[object] = queue.SimpleQueue()
         self._news = threading.Condition()
         self.race = Race([Kart(number, '', number <= 2) for number in range(1, karts + 1)], times)
+        outside: Any = self
         self.server = KartServer(
             self.race,
             {address_of(number): number for number in self.race.karts},
             ServerSettings(host='127.0.0.1', port=0, beat_rate=beat_rate),
-            self,
+            outside,
+            outside,
         )
         self._listening: concurrent.futures.Future[tuple[str, int]] = concurrent.futures.Future()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -158,25 +164,37 @@ class Running:
         self._loop = asyncio.get_running_loop()
         await self.server.serve(self._listening.set_result)
 
-    # ----- Outside; in the server's thread ------------------------------------------------
+    def say(self, message: object) -> None:
+        """Have the ROS half say something, from any thread."""
+        self._said.put(message)
+        self._loop.call_soon_threadsafe(self.server.take_commands)
 
-    def look(self) -> None:
+    # ----- the ROS half; in the server's thread -------------------------------------------
+
+    def receive(self) -> Iterator[object]:
         while not self._given.empty():
             self._given.get()()
+        while not self._said.empty():
+            yield self._said.get()
 
-    def tell(self, stamped: list[StampedEvent], log: Block) -> None:
-        self.log.append(log)
+    def send(self, data: bytes) -> None:
+        stamped: list[StampedEvent] = []
         with self._news:
+            for message in Unpacker().feed(data):
+                if isinstance(message, Snapshot):
+                    self._shown += 1
+                    self._shown_at = message.at
+                elif isinstance(message, Happened):
+                    stamped += message.events
             self.events += [each.event for each in stamped]
             self._news.notify_all()
         for each in stamped:
             self.on_event(each.event)
 
-    def show(self, race: Race, at: float, number: int) -> None:
-        with self._news:
-            self._shown += 1
-            self._shown_at = at
-            self._news.notify_all()
+    # ----- the record; in the server's thread ---------------------------------------------
+
+    def put(self, events: int, happened: bytes, log: Block) -> None:
+        self.log.append(log)
 
     def wait_until_shown(self, found: Callable[[Race, float], bool]) -> float:
         """Return the time of the first copy from now on for which `found` is true (s)."""
@@ -212,9 +230,6 @@ class Running:
 
     def trouble(self) -> str:
         return self.record_trouble
-
-    def silent_since(self) -> float | None:
-        return self.ros_half_heard_at
 
 
 @pytest.fixture
@@ -810,7 +825,8 @@ def test_a_command_that_waits_when_the_server_stops_is_answered_with_use_the_msr
 def test_a_port_in_use_is_refused_with_what_to_do() -> None:
     with socket.create_server(('127.0.0.1', 0)) as taken:
         settings = ServerSettings(host='127.0.0.1', port=taken.getsockname()[1])
-        server = KartServer(Race([]), {}, settings, Running.__new__(Running))
+        outside: Any = Running.__new__(Running)
+        server = KartServer(Race([]), {}, settings, outside, outside)
         with pytest.raises(KartServerError, match='choose another address or port'):
             clock.run(server.serve(lambda address: None))
 
@@ -927,7 +943,7 @@ def test_a_ros_half_that_is_silent_means_red_red_to_every_kart_and_the_end(
     running = run()
     client = connect(running, 3)
     read_until(client, IN_GARAGE)
-    running.ros_half_heard_at = clock.now()
+    running.say(Alive(False))
     assert read_to_end(client).endswith(encode(RED_RED))
     assert isinstance(running.wait_for_failure(), RosHalfGoneError)
 
@@ -939,7 +955,7 @@ def test_a_kart_server_that_was_held_up_does_not_take_the_ros_half_for_silent(
 
     def hold_up(event: Event) -> None:
         if event.kind is EventKind.CONNECTED:
-            running.ros_half_heard_at = clock.now()
+            running.server.expect_ros_half(0.0)
             # As a process that was stopped, and the other as well.
             time.sleep(HELD_UP + ROS_HALF_SILENCE)
             running.on_event = lambda event: None
@@ -947,5 +963,5 @@ def test_a_kart_server_that_was_held_up_does_not_take_the_ros_half_for_silent(
     running.on_event = hold_up
     connect(running, 1)
     running.wait_for(EventKind.CONNECTED, 1)
-    running.ros_half_heard_at = None if running.give(CommandKind.CLOSE_TRACK).success else 0.0
+    assert running.give(CommandKind.CLOSE_TRACK).success
     assert running.failure is None

@@ -78,10 +78,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     PaperRace({7: 'Purdue'}).write(path)
     record = Record(path)
     record.begin(rules_version(), SETUP)
-    record.start(lambda error: pytest.fail(repr(error)))
     for events, block in Running(seed=1).run(4000).handed_over:
         record.put(events, block)
-    record.end(60.0)
+    record.end()
     return path
 
 
@@ -330,10 +329,9 @@ def test_whatever_stands_in_a_setup_each_subcommand_ends_with_a_sentence(
 ) -> None:
     record = Record(path)
     record.begin(rules_version(), SETUP)
-    record.start(lambda error: pytest.fail(repr(error)))
     for events, block in Running(seed=1).run(20).handed_over:
         record.put(events, block)
-    record.end(60.0)
+    record.end()
     for hostile in HOSTILE_JSON:
         text = with_hostile(written(SETUP), where, hostile)
         change(path, 'UPDATE session SET setup = ?', text)
@@ -376,10 +374,9 @@ def write_and_die(path: pathlib.Path) -> None:
     paper.command(CommandKind.KART_FINISH, 7)
     record = Record(path)
     record.begin(rules_version(), Setup((), paper.race.times, (), 0.0))
-    record.start(lambda error: os._exit(2))
     record.put(paper.stamped)
-    record.make_sure(paper.race.memory(), paper.now, lambda there: os._exit(0 if there else 1))
-    record.end(60.0)
+    record.remember(paper.race.memory(), paper.now, surely=True)
+    os._exit(0 if record.write() else 1)
 
 
 @pytest.mark.parametrize('way', ['show', 'results', 'report', MCAP])
@@ -458,9 +455,8 @@ def test_a_hostile_text_in_a_difference_does_nothing_to_the_terminal(
     told = first._replace(event=first.event._replace(text=HOSTILE))
     record = Record(path)
     record.begin(HOSTILE, Setup((), paper.race.times, (), 0.0))
-    record.start(lambda error: pytest.fail(repr(error)))
     record.put([told])
-    record.end(60.0)
+    record.end()
     assert rcs_record(['replay', str(path)]) == 1
     assert all(line.isprintable() for line in capsys.readouterr().out.splitlines())
 

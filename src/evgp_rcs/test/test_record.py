@@ -21,7 +21,6 @@ import contextlib
 import dataclasses
 import os
 import pathlib
-import queue
 import sqlite3
 import subprocess
 import time
@@ -44,7 +43,6 @@ from evgp_rcs.race import (
 from evgp_rcs.rcs_record import main as print_timeline
 import evgp_rcs.record
 from evgp_rcs.record import (
-    _Remember,
     events,
     inputs_of,
     is_being_written,
@@ -55,7 +53,6 @@ from evgp_rcs.record import (
 )
 import pytest
 
-PATIENCE = 20.0
 SETUP = Setup((), RaceTimes(), (), 0.0)
 HOME = RaceMemory(RaceState.IN_GARAGE, {7: KartMemory(True, False, 0, Doubt.NONE, False)})
 RACING = RaceMemory(RaceState.GREEN_GREEN, {7: KartMemory(True, False, 0, Doubt.MOVING, False)})
@@ -70,32 +67,17 @@ def path(tmp_path: pathlib.Path) -> pathlib.Path:
     return tmp_path / 'folder' / 'record.sqlite3'
 
 
-def started(path: pathlib.Path) -> Record:
-    """Return a record that is being written; nothing may make its writer fail."""
-    record = Record(path)
-    record.start(lambda error: pytest.fail(f'the writer failed: {error!r}'))
-    return record
-
-
 @pytest.fixture
 def begin(path: pathlib.Path) -> Iterator[Begin]:
     """Return a function that begins a run; it ends with the test."""
     with contextlib.ExitStack() as stack:
 
         def start() -> Record:
-            record = started(path)
-            stack.callback(record.end, PATIENCE)
+            record = Record(path)
+            stack.callback(record._release)
             return record
 
         yield start
-
-
-def wait_for(found: Callable[[], object]) -> None:
-    """Return once `found` is true; a disk has no event to await."""
-    until = time.monotonic() + PATIENCE
-    while not found():
-        assert time.monotonic() < until
-        time.sleep(0.01)
 
 
 def remembered(path: pathlib.Path) -> str:
@@ -117,14 +99,13 @@ def ending(success: bool) -> StampedEvent:
 
 def crash(record: Record) -> None:
     """Leave the file as a killed process does: written, but not ended."""
-    record.end(PATIENCE, in_order=False)
+    record.end(in_order=False)
 
 
 def have_written(record: Record, memory: RaceMemory) -> None:
     """Have this on the disk for the next run."""
-    told: queue.SimpleQueue[bool] = queue.SimpleQueue()
-    record.make_sure(memory, 0.0, told.put)
-    assert told.get(timeout=PATIENCE)
+    record.remember(memory, 0.0, surely=True)
+    assert record.write()
 
 
 def texts(path: pathlib.Path, run: int) -> list[str]:
@@ -136,7 +117,7 @@ def test_every_event_is_there_once_and_in_order(begin: Begin, path: pathlib.Path
     record = begin()
     for first in range(1, 1000, 10):
         record.put([event(first + n, f'event {first + n}') for n in range(10)])
-    record.end(PATIENCE)
+    record.end()
     assert texts(path, 1) == [f'event {n}' for n in range(1, 1001)]
 
 
@@ -150,7 +131,7 @@ def test_all_of_an_event_is_written(begin: Begin, path: pathlib.Path) -> None:
     stamped = [StampedEvent(n, time.time_ns(), 1.5, each) for n, each in enumerate(told, 1)]
     record = begin()
     record.put(stamped)
-    record.end(PATIENCE)
+    record.end()
     with contextlib.closing(open_read_only(path)) as database:
         found = list(events(database, 1))
     assert found == [RecordedEvent.of(each) for each in stamped]
@@ -173,7 +154,7 @@ def test_a_run_leaves_its_race_and_only_an_orderly_end_makes_it_final(
 ) -> None:
     record = begin()
     record.remember(memory, 0.0)
-    record.end(PATIENCE, in_order)
+    record.end(in_order)
     assert begin().left_behind == dataclasses.replace(memory, final=in_order)
 
 
@@ -186,20 +167,19 @@ def test_an_older_race_does_not_take_the_place_of_a_newer_one(begin: Begin) -> N
 
 
 def test_what_was_last_is_left_behind_although_it_was_so_before_what_came_between(
-    path: pathlib.Path, begin: Begin
+    begin: Begin,
 ) -> None:
-    record = Record(path)
-    record.start(lambda error: pytest.fail(f'the writer failed: {error!r}'))
+    record = begin()
     have_written(record, RACING)
-    record._take(_Remember(HOME, 1.0))  # both before the writer comes to write
-    record._take(_Remember(RACING, 2.0))
+    record.remember(HOME, 1.0)  # both before it comes to write
+    record.remember(RACING, 2.0)
     crash(record)
     assert begin().left_behind == RACING
 
 
 @pytest.mark.parametrize('in_order', [True, False], ids=['ended', 'crashed'])
 def test_of_a_run_that_remembered_nothing_nothing_is_known(begin: Begin, in_order: bool) -> None:
-    begin().end(PATIENCE, in_order)
+    begin().end(in_order)
     assert begin().left_behind is None
 
 
@@ -213,7 +193,7 @@ def test_a_run_finds_what_the_last_one_left_and_not_an_older_one(begin: Begin) -
     crash(first)
     second = begin()
     second.remember(HOME, 0.0)
-    second.end(PATIENCE)
+    second.end()
     assert begin().left_behind == final(HOME)
 
 
@@ -242,7 +222,7 @@ def test_a_file_that_is_no_record_is_left_alone_and_does_not_keep_race_control_f
     make(path)
     before = path.read_bytes()
     record = begin()
-    assert str(path) in record.trouble()
+    assert record.error
     assert record.left_behind is None
     assert path.read_bytes() == before
 
@@ -274,7 +254,7 @@ def test_a_record_that_was_harmed_proves_nothing(
 ) -> None:
     record = begin()
     record.remember(HOME, 0.0)
-    record.end(PATIENCE, in_order)
+    record.end(in_order)
     harm(path)
     assert begin().left_behind is None
 
@@ -282,16 +262,17 @@ def test_a_record_that_was_harmed_proves_nothing(
 def test_a_crash_is_known_although_all_that_lay_beside_the_record_was_deleted(
     begin: Begin, path: pathlib.Path, tmp_path: pathlib.Path
 ) -> None:
-    begin().end(PATIENCE)  # an earlier run, that ended in order
+    begin().end()  # an earlier run, that ended in order
     record = begin()
     have_written(record, RACING)
     record.remember(HOME, 2.0)
-    wait_for(lambda: HOME.state.name in remembered(path))
+    assert record.write()
+    assert HOME.state.name in remembered(path)
     # What a machine finds that lost its power, and whose -wal somebody deleted then.
     copy = tmp_path / 'copy'
     copy.mkdir()
     (copy / path.name).write_bytes(path.read_bytes())
-    record.end(PATIENCE, in_order=False)
+    record.end(in_order=False)
     for left in path.parent.iterdir():
         left.unlink()
     (copy / path.name).rename(path)
@@ -303,14 +284,14 @@ def test_a_run_that_could_not_write_its_record_is_not_forgotten_by_the_next(
 ) -> None:
     record = begin()
     record.remember(HOME, 0.0)
-    record.end(PATIENCE)
+    record.end()
     beside = path.with_name('beside')
     path.rename(beside)
     path.mkdir()  # nobody can write it, and root neither
     second = begin()
-    assert second.trouble()
+    assert second.error
     assert second.left_behind is None
-    second.end(PATIENCE, in_order=True)
+    second.end(in_order=True)
     path.rmdir()
     beside.rename(path)
     assert begin().left_behind == HOME  # and no proof of what came after it
@@ -325,7 +306,7 @@ def proof(path: pathlib.Path) -> pathlib.Path:
 
 def end_at_home(record: Record) -> None:
     record.remember(HOME, 0.0)
-    record.end(PATIENCE)
+    record.end()
 
 
 def test_the_proof_is_there_between_two_runs_and_not_during_one(
@@ -364,7 +345,7 @@ def test_an_orderly_end_that_the_record_has_not_kept_is_not_proved(
     have_written(record, HOME)
     in_the_file_itself = path.read_bytes()
     record.remember(RACING, 1.0)
-    record.end(PATIENCE)
+    record.end()
     path.write_bytes(in_the_file_itself)  # as where its -wal was deleted
     assert begin().left_behind == HOME
 
@@ -374,7 +355,7 @@ def test_a_proof_that_cannot_be_removed_refuses_the_start(
     small_disk: pathlib.Path, kind: str
 ) -> None:
     path = small_disk / 'record.sqlite3'
-    end_at_home(started(path))
+    end_at_home(Record(path))
     if kind == 'a folder':
         proof(path).unlink()
         proof(path).mkdir()
@@ -412,24 +393,16 @@ def test_a_disk_too_full_for_the_proof_makes_the_next_start_careful(
     assert begin().left_behind == HOME
 
 
-def test_what_a_start_must_leave_behind_is_told_to_be_there_once_it_is(begin: Begin) -> None:
-    record = begin()
-    told: queue.SimpleQueue[bool] = queue.SimpleQueue()
-    record.make_sure(RACING, 0.0, told.put)
-    assert told.get(timeout=PATIENCE)
-    crash(record)
-    assert begin().left_behind == RACING
-
-
 def test_a_reader_beside_the_writer_disturbs_neither(begin: Begin, path: pathlib.Path) -> None:
     record = begin()
     record.put([event(1)])
-    wait_for(lambda: len(texts(path, 1)) == 1)
+    assert record.write()
     with contextlib.closing(open_read_only(path)) as database:
         database.execute('BEGIN')
         assert len(list(events(database, 1))) == 1
         record.put([event(2)])
-        wait_for(lambda: len(texts(path, 1)) == 2)
+        assert record.write()
+        assert len(texts(path, 1)) == 2
 
 
 # ----- a bad disk --------------------------------------------------------------------------
@@ -464,62 +437,44 @@ def filled(disk: pathlib.Path) -> pathlib.Path:
     return ballast
 
 
-def test_a_disk_that_keeps_up_is_no_trouble_although_it_is_looked_at_only_when_something_comes(
-    begin: Begin, path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(evgp_rcs.record, 'SLOW', 0.5)
-    record = begin()
-    for sequence in (1, 2, 3):
-        record.put([event(sequence)])
-        assert record.trouble() == ''
-
-        def written(wanted: int = sequence) -> bool:
-            with contextlib.closing(open_read_only(path)) as database:
-                return len(list(events(database, 1))) == wanted
-
-        wait_for(written)
-        time.sleep(0.3)  # what is tested is that time goes by
-
-
-def test_a_full_disk_is_trouble_until_there_is_room_and_no_event_is_lost(
+def test_a_full_disk_is_said_until_there_is_room_and_no_event_is_lost(
     small_disk: pathlib.Path,
 ) -> None:
     path = small_disk / 'record.sqlite3'
-    record = started(path)
+    record = Record(path)
     record.put([event(1)])
-    wait_for(lambda: texts(path, 1))
+    assert record.write()
     ballast = filled(small_disk)
-    count = 2000
+    count = 1000
     record.put([event(n, f'event {n} ' + 100 * 'x') for n in range(2, count + 1)])
-    wait_for(lambda: record.trouble())
-    assert (
-        record.trouble()
-        == f'The record {path} fails: database or disk is full; {count - 1} events wait'
-    )
-    told: queue.SimpleQueue[bool] = queue.SimpleQueue()
-    record.make_sure(RACING, 0.0, told.put)
-    assert not told.get(timeout=PATIENCE)
+    record.remember(RACING, 0.0, surely=True)
+    assert not record.write()
+    assert record.error == 'database or disk is full'
     ballast.unlink()
-    wait_for(lambda: not record.trouble())
-    record.end(PATIENCE)
+    assert record.write()
+    assert record.error == ''
+    crash(record)
     assert len(texts(path, 1)) == count
+    again = Record(path)
+    again.end()
+    assert again.left_behind == RACING
 
 
-def test_a_disk_that_turns_read_only_is_trouble_until_it_can_be_written(
+def test_a_disk_that_turns_read_only_is_said_until_it_can_be_written(
     small_disk: pathlib.Path,
 ) -> None:
     path = small_disk / 'record.sqlite3'
-    record = started(path)
+    record = Record(path)
     record.put([event(1)])
-    record.end(PATIENCE, in_order=False)
+    record.end(in_order=False)
     subprocess.run(['mount', '-o', 'remount,ro', str(small_disk)], check=True)
-    second = started(path)
-    assert 'read-only file system' in second.trouble()
+    second = Record(path)
+    assert second.error == 'read-only file system'
     assert second.left_behind is None
     second.put([event(1, 'while it could not be written')])
+    assert not second.write()
     subprocess.run(['mount', '-o', 'remount,rw', str(small_disk)], check=True)
-    wait_for(lambda: not second.trouble())
-    second.end(PATIENCE)
+    second.end()
     assert texts(path, 2) == ['while it could not be written']
 
 
@@ -527,40 +482,39 @@ def test_a_folder_that_cannot_be_made_is_trouble_and_the_end_does_not_hang(
     tmp_path: pathlib.Path,
 ) -> None:
     (tmp_path / 'folder').write_text('a file where a folder should be')
-    record = started(tmp_path / 'folder' / 'record.sqlite3')
-    assert record.trouble()
+    record = Record(tmp_path / 'folder' / 'record.sqlite3')
+    assert record.error
     record.put([event(1)])
-    record.end(PATIENCE)
+    record.end()
 
 
 def test_a_run_whose_record_began_to_fail_is_not_taken_for_one_that_ended_in_order(
     small_disk: pathlib.Path,
 ) -> None:
     path = small_disk / 'record.sqlite3'
-    record = started(path)
+    record = Record(path)
     have_written(record, HOME)
     ballast = filled(small_disk)
     record.put([event(n, f'event {n} ' + 100 * 'x') for n in range(1, 2000)])
-    wait_for(lambda: record.trouble())
-    record.end(PATIENCE)
+    record.end()
+    assert record.error
     ballast.unlink()
-    again = started(path)
-    again.end(PATIENCE)
+    again = Record(path)
+    again.end()
     assert again.left_behind == HOME
 
 
 def test_a_run_whose_record_works_again_is_known_to_the_next(small_disk: pathlib.Path) -> None:
     path = small_disk / 'record.sqlite3'
-    record = started(path)
+    record = Record(path)
     ballast = filled(small_disk)
     record.put([event(n, f'event {n} ' + 100 * 'x') for n in range(1, 1000)])
-    wait_for(lambda: record.trouble())
+    assert not record.write()
     ballast.unlink()
     record.remember(RACING, 0.0)
-    wait_for(lambda: not record.trouble())
     crash(record)
-    again = started(path)
-    again.end(PATIENCE)
+    again = Record(path)
+    again.end()
     assert again.left_behind == RACING
 
 
@@ -568,7 +522,7 @@ def test_a_record_that_is_a_pipe_keeps_nobody_waiting(begin: Begin, path: pathli
     path.parent.mkdir()
     os.mkfifo(path)
     record = begin()
-    assert 'is no file' in record.trouble()
+    assert 'is no file' in record.error
 
 
 # ----- the timeline ------------------------------------------------------------------------
@@ -583,7 +537,7 @@ def test_the_timeline_tells_the_last_run_in_order_and_of_one_kart_if_asked(
     record = begin()
     record.put([event(1, 'first', kart=7), event(2, 'refused', kart=8, success=False)])
     record.put([event(4, 'last')])
-    record.end(PATIENCE)
+    record.end()
     assert print_timeline([str(path)]) == 0
     before, head, *lines = capsys.readouterr().out.splitlines()
     assert 'The run before this one, 1, was not ended in good order' in before
@@ -605,8 +559,8 @@ def test_the_timeline_begins_with_a_word_about_a_crash_only_right_after_it(
     if asked:
         crash(first)
     else:
-        first.end(PATIENCE)
-    begin().end(PATIENCE)
+        first.end()
+    begin().end()
     assert print_timeline([str(path), *asked]) == 0
     assert capsys.readouterr().out.split()[0] == '2'
 
@@ -617,10 +571,10 @@ def test_the_list_has_every_run_and_how_it_ended(
     for success in (False, True):
         record = begin()
         record.put([ending(success)])
-        record.end(PATIENCE)
+        record.end()
     record = begin()
     record.put([event(1)])
-    wait_for(lambda: texts(path, 3))
+    assert record.write()
     assert print_timeline([str(path), '--list']) == 0
     crashed, ended, running = capsys.readouterr().out.splitlines()
     assert 'not ended in good order' in crashed
@@ -634,9 +588,9 @@ def test_the_list_has_every_run_and_how_it_ended(
 def test_looking_whether_a_run_is_in_progress_keeps_no_race_control_from_starting(
     begin: Begin, path: pathlib.Path
 ) -> None:
-    begin().end(PATIENCE)
+    begin().end()
     assert not is_being_written(path)
-    begin().end(PATIENCE)
+    begin().end()
 
 
 def test_the_default_record_is_read_and_help_says_where_it_is(
@@ -651,7 +605,7 @@ def test_the_default_record_is_read_and_help_says_where_it_is(
     assert str(default) in capsys.readouterr().err
     record = begin()
     record.put([event(1, 'something')])
-    record.end(PATIENCE)
+    record.end()
     default.parent.mkdir()
     default.symlink_to(path)
     assert print_timeline([]) == 0
@@ -688,72 +642,49 @@ def test_inputs_are_written_with_the_events_they_belong_to(
     record.begin('rules', SETUP)
     for number in range(100):
         record.put([event(number + 1)], block(number, b'x'))
-        wait_for(lambda number=number: len(texts(path, 1)) > number)
-        assert sum(each.length for each in blocks_of(path)) == number + 1
+        assert record.write()
+        assert sum(each.length for each in blocks_of(path)) == len(texts(path, 1)) == number + 1
 
 
-def test_inputs_without_events_are_written_before_long(begin: Begin, path: pathlib.Path) -> None:
+def test_inputs_without_events_wait_for_others_but_not_for_long(
+    begin: Begin, path: pathlib.Path
+) -> None:
     record = begin()
-    record.begin('rules', SETUP)
+    assert record.due_in() is None
     record.put([], block(0, b'a'))
     record.put([], block(1, b'b'))
-    wait_for(lambda: blocks_of(path))
-    record.end(PATIENCE)
+    due = record.due_in()
+    assert due is not None
+    assert 0 < due <= evgp_rcs.record.INPUTS_EVERY
+    assert record.write()
+    assert record.due_in() is None
     assert b''.join(each.data for each in blocks_of(path)) == b'a\nb\n'
 
 
-def test_while_only_time_passes_the_disk_is_seldom_asked(
-    begin: Begin, path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    'hand_over',
+    [
+        lambda record: record.put([event(1)]),
+        lambda record: record.begin('rules', SETUP),
+        lambda record: record.remember(HOME, 0.0),
+    ],
+    ids=['an event', 'the rules', 'a memory'],
+)
+def test_everything_else_waits_for_nothing(
+    begin: Begin, hand_over: Callable[[Record], None]
 ) -> None:
-    monkeypatch.setattr(evgp_rcs.record, 'INPUTS_EVERY', 10 * PATIENCE)
     record = begin()
-    record.begin('rules', SETUP)
-    record.put([event(1)])
-    wait_for(lambda: texts(path, 1))
-    for number in range(100):
-        record.put([], block(number))
-        record.remember(HOME, float(number))
-    wait_for(lambda: remembered(path))
-    record.put([event(2)], block(100))
-    wait_for(lambda: len(texts(path, 1)) == 2)
-    assert 1 <= len(blocks_of(path)) <= 4
+    hand_over(record)
+    assert record.due_in() == 0.0
 
 
-def test_inputs_that_no_disk_takes_need_bounded_memory_and_leave_a_gap_that_is_seen(
-    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+def test_what_is_remembered_already_is_not_written_again_unless_it_must_be_sure(
+    begin: Begin,
 ) -> None:
-    monkeypatch.setattr(evgp_rcs.record, 'RETRY', 0.01)
-    monkeypatch.setattr(evgp_rcs.record, 'MOST_UNWRITTEN_BYTES', 1000)
-    path = tmp_path / 'record.sqlite3'
-    path.mkdir()  # nobody can write it now, and root neither
-    record = started(path)
-    record.begin('rules', SETUP)
-    for number in range(100):
-        record.put([event(number + 1)], block(number, b'x' * 99))
-    assert record._put_bytes - record._taken_bytes <= 1000
-    path.rmdir()
-    wait_for(lambda: not record.trouble())
-    wait_for(lambda: len(texts(path, 1)) == 100)
-    record.put([event(101)], block(100, b'x'))
-    record.end(PATIENCE)
-    first, last = blocks_of(path)
-    assert (first.entries, first.length) == (0, 10)
-    assert (last.entries, last.length) == (100, 1)
-
-
-def test_inputs_are_lost_with_their_events_and_never_alone(
-    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(evgp_rcs.record, 'RETRY', 0.01)
-    monkeypatch.setattr(evgp_rcs.record, 'MOST_UNWRITTEN', 10)
-    path = tmp_path / 'record.sqlite3'
-    path.mkdir()
-    record = started(path)
-    record.begin('rules', SETUP)
-    for number in range(100):
-        record.put([event(number + 1)], block(number, b'x'))
-    wait_for(lambda: record._lost == 90)
-    path.rmdir()
-    wait_for(lambda: not record.trouble())
-    record.end(PATIENCE)
-    assert len(texts(path, 1)) == sum(each.length for each in blocks_of(path)) == 10
+    record = begin()
+    record.remember(HOME, 0.0)
+    assert record.write()
+    record.remember(HOME, 1.0)
+    assert record.due_in() is None
+    record.remember(HOME, 2.0, surely=True)
+    assert record.due_in() == 0.0

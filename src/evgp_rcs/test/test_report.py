@@ -679,10 +679,9 @@ def test_a_report_says_whether_the_run_was_replayed(tmp_path: pathlib.Path) -> N
     record = tmp_path / 'record.sqlite3'
     writer = Record(record)
     writer.begin(rules_version(), SETUP)
-    writer.start(lambda error: pytest.fail(repr(error)))
     for events, block in Running(seed=1).run(300).end().handed_over:
         writer.put(events, block)
-    writer.end(60.0)
+    writer.end()
     replayed = re.compile(r'<li>(?:(?!</li>).)*no difference</bdi></li>')
     assert replayed.search(report(record))
     assert 'was not replayed' in report(record, '--quick')
@@ -712,8 +711,7 @@ def test_of_a_record_that_is_being_written_only_what_was_read_is_summed(
     try:
         page = report(written)
     finally:
-        record.start(lambda error: None)
-        record.end(20.0)
+        record.end()
     assert len(re.findall(r'<code>\w{64}</code>', page)) == 1
     assert 'race control was writing it' in page
 

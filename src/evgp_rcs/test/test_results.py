@@ -21,7 +21,6 @@ import contextlib
 import csv
 import io
 import pathlib
-import queue
 import re
 import sqlite3
 
@@ -296,15 +295,12 @@ def test_a_record_that_is_being_written_has_the_results_up_to_now(
 ) -> None:
     paper.drive()
     record = Record(tmp_path / 'record.sqlite3')
-    written: queue.SimpleQueue[bool] = queue.SimpleQueue()
-    record.start(lambda error: pytest.fail(repr(error)))
     record.put(paper.stamped)
-    record.make_sure(paper.race.memory(), paper.now, written.put)
     try:
-        assert written.get(timeout=20.0)
+        assert record.write()
         assert rcs_record(['results', str(tmp_path / 'record.sqlite3')]) == 0
     finally:
-        record.end(20.0)
+        record.end()
     printed = capsys.readouterr().out
     assert {row['result'] for row in csv.DictReader(io.StringIO(printed))} == {'STILL_RACING'}
 

@@ -121,7 +121,9 @@ class Client:
                     service_class(entry.service_type), f'rcs/{entry.service}'
                 )
         self.node.create_subscription(msg.Race, 'rcs/race', self._hear_race, latched(1))
-        self.node.create_subscription(msg.RaceEvent, 'rcs/events', self._hear_event, latched(200))
+        self.node.create_subscription(
+            msg.RaceEvents, 'rcs/events', self._hear_events, latched(200)
+        )
         self.topic: str = self.node.resolve_topic_name('rcs/race')
         self._sources = Sources()
         self._orders: queue.SimpleQueue[Order | None] = queue.SimpleQueue()
@@ -253,8 +255,9 @@ class Client:
             self._karts = frozenset(kart.number for kart in race.karts)
         self._listener.on_race(race, at, self._sources.are_two(at))
 
-    def _hear_event(self, event: msg.RaceEvent) -> None:
-        self._listener.on_event(read_event(event))
+    def _hear_events(self, message: msg.RaceEvents) -> None:
+        for event in message.events:
+            self._listener.on_event(read_event(event))
 
     def _fail(self, error: BaseException) -> None:
         # Nothing is heard from now on: the screen says so, and stops are pressed on.

@@ -134,7 +134,7 @@ class Official(RosSide):
         if 'race' in hears:
             subscribe(msg.Race, '/rcs/race', self._hear_race, latched(1))
         if 'events' in hears:
-            subscribe(msg.RaceEvent, '/rcs/events', self._hear_event, latched(200))
+            subscribe(msg.RaceEvents, '/rcs/events', self._hear_events, latched(200))
         self.spin()
 
     def call(self, service: str, **request: Any) -> Answer:
@@ -343,12 +343,13 @@ class Official(RosSide):
             self.race = race
             self.news.notify_all()
 
-    def _hear_event(self, event: msg.RaceEvent) -> None:
+    def _hear_events(self, message: msg.RaceEvents) -> None:
         with self.news:
-            self.events.append(event)
+            self.events += message.events
             tell = self._tell
             self.news.notify_all()
-        tell(event)
+        for event in message.events:
+            tell(event)
 
 
 def _tell_nobody(event: msg.RaceEvent) -> None:

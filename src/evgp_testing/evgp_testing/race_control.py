@@ -24,7 +24,6 @@ import signal
 from evgp_protocol.states import RaceState
 from evgp_rcs.race import RaceMemory
 from evgp_rcs.record import Record
-from evgp_testing.part import PATIENCE
 from evgp_testing.ports import free_port
 from evgp_testing.process import freeze, Process
 from evgp_testing.usage import family
@@ -83,13 +82,9 @@ def settings(folder: pathlib.Path, roster: pathlib.Path) -> dict[str, object]:
 def end_in_good_order(record: pathlib.Path) -> None:
     """Have a record say that the run before ended in good order, so that the next is at home."""
     run = Record(record)
-    run.start(_fail)
     run.remember(RaceMemory(RaceState.IN_GARAGE, {}), 0.0)
-    run.end(PATIENCE)
-
-
-def _fail(error: BaseException) -> None:
-    raise AssertionError('the record could not be written') from error
+    run.end()
+    assert not run.error, run.error
 
 
 class RaceControl(Process):
@@ -135,21 +130,26 @@ class RaceControl(Process):
         except BaseException:
             self.close()
             raise
-        _, self.kart_server_pid = family(self.pid)
+        _, self.kart_server_pid, self.record_pid = family(self.pid)
+
+    @property
+    def _pids(self) -> tuple[int, ...]:
+        return self.pid, self.kart_server_pid, self.record_pid
 
     def freeze(self) -> None:
-        """Stop both processes of race control, as a machine that hangs."""
-        for pid in (self.pid, self.kart_server_pid):
+        """Stop all processes of race control, as a machine that hangs."""
+        for pid in self._pids:
             freeze(pid)
 
     def lose_power(self) -> None:
-        """End both processes at once: what either would still write is lost with it."""
+        """End all processes at once: what any would still write is lost with it."""
         self.freeze()
-        for pid in (self.pid, self.kart_server_pid):
+        # The record's first: it writes on when the kart server ends.
+        for pid in reversed(self._pids):
             os.kill(pid, signal.SIGKILL)
         self.wait()
 
     def thaw(self) -> None:
-        """Let both go on."""
-        for pid in (self.pid, self.kart_server_pid):
+        """Let all go on."""
+        for pid in self._pids:
             os.kill(pid, signal.SIGCONT)

@@ -1,0 +1,109 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What there is to see of the race, as plain data: the kart server makes it, everyone else shows it.
+
+Pure.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.race import Alert, Heat, Race, TrackAccess
+
+Offer = tuple[CommandKind, int, str, str, tuple[int, ...], float | None]
+"""The fields of an ``Availability``, without its class: it is packed in a tenth of the time, and a
+hundred karts have 700 of them."""
+
+_TO_ONE_KART = tuple(kind for kind, entry in CATALOGUE.items() if entry.to_one_kart)
+_TO_ALL = tuple(kind for kind, entry in CATALOGUE.items() if not entry.to_one_kart)
+
+
+class KartSnapshot(NamedTuple):
+    """One kart; the meanings are those of ``Kart``."""
+
+    number: int
+    team: str
+    in_race: bool
+    connected: bool
+    sent: RaceState
+    sent_since: float
+    acknowledged: bool
+    reported: RaceState | None
+    hold: RaceState | None
+    hold_reason: str
+    may_be_moving: bool
+    settles_at: float | None
+    place: int
+    inspected: str
+    commands: list[Offer]
+
+
+class Snapshot(NamedTuple):
+    """
+    The race at one time; the meanings are those of ``Race``.
+
+    :param at: the time, on the clock of the rules (s).
+    :param commands: those that are not to one kart.
+    """
+
+    at: float
+    state: RaceState
+    state_since: float
+    state_cause: str
+    over: bool
+    karts: list[KartSnapshot]
+    commands: list[Offer]
+    track: TrackAccess
+    alerts: list[Alert]
+    heats: tuple[Heat, ...]
+
+
+def snapshot_of(race: Race, now: float) -> Snapshot:
+    """Return what there is to see of the race at this time (s)."""
+    return Snapshot(
+        now,
+        race.state,
+        race.state_since,
+        race.state_cause,
+        race.over,
+        [
+            KartSnapshot(
+                kart.number,
+                kart.team,
+                kart.in_race,
+                kart.connected,
+                kart.sent,
+                kart.sent_since,
+                kart.acknowledged,
+                kart.reported,
+                kart.hold,
+                kart.hold_reason,
+                kart.may_be_moving,
+                kart.settles_at,
+                kart.place,
+                kart.inspected,
+                [race.availability(kind, number, now)[:] for kind in _TO_ONE_KART],
+            )
+            for number, kart in sorted(race.karts.items())
+        ],
+        [race.availability(kind, 0, now)[:] for kind in _TO_ALL],
+        race.track_access(),
+        race.alerts(now),
+        race.heats,
+    )

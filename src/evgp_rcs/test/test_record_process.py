@@ -1,0 +1,232 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The record's process, at the other end of a real socket pair."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import contextlib
+import os
+import pathlib
+import signal
+import sqlite3
+import threading
+import time
+
+from evgp_protocol.states import RaceState
+from evgp_rcs import record_process
+from evgp_rcs.channel import Happened, pack
+from evgp_rcs.inputs import Block
+from evgp_rcs.race import Event, EventKind, RaceMemory, StampedEvent
+from evgp_rcs.record import events, open_read_only, Record, RecordError
+from evgp_rcs.record_process import RecordProcess
+from evgp_testing.process import freeze, wait_until_ended
+import pytest
+
+PATIENCE = 20.0
+HOME = RaceMemory(RaceState.IN_GARAGE, {})
+RACING = RaceMemory(RaceState.GREEN_GREEN, {})
+
+
+@pytest.fixture
+def path(tmp_path: pathlib.Path) -> pathlib.Path:
+    return tmp_path / 'record.sqlite3'
+
+
+@pytest.fixture
+def record(path: pathlib.Path) -> Iterator[RecordProcess]:
+    running = RecordProcess(path)
+    running._socket.setblocking(False)  # as its loop does
+    yield running
+    with contextlib.suppress(ProcessLookupError):
+        os.kill(running.pid, signal.SIGCONT)
+    with contextlib.suppress(OSError):  # the test has ended it
+        running.end(PATIENCE, in_order=False)
+
+
+def put(record: RecordProcess, *numbers: int, text: str = 'something') -> None:
+    """Hand events over, each with an input."""
+    told = Event(EventKind.CONNECTED, text)
+    stamped = [StampedEvent(number, time.time_ns(), 0.1, told) for number in numbers]
+    block = Block(numbers[0] - 1, b'x\n' * len(numbers))
+    record.put(len(stamped), pack(Happened(stamped)), block)
+
+
+def wait_for(record: RecordProcess, found: Callable[[], object]) -> None:
+    """Return once `found` is true, while what comes is taken in; there is no loop that does."""
+    until = time.monotonic() + PATIENCE
+    while not found():
+        assert time.monotonic() < until
+        record.look()
+        time.sleep(0.01)
+
+
+def numbers_in(path: pathlib.Path) -> list[int]:
+    with contextlib.closing(open_read_only(path)) as database:
+        return [event.sequence for event in events(database, 1)]
+
+
+def test_what_was_handed_over_is_written_and_that_is_said(
+    record: RecordProcess, path: pathlib.Path
+) -> None:
+    put(record, 1, 2)
+    put(record, 3)
+    wait_for(record, lambda: not record._unwritten)
+    assert numbers_in(path) == [1, 2, 3]
+    assert record.trouble() == ''
+
+
+def test_what_must_be_sure_is_told_to_be_there_once_it_is(
+    record: RecordProcess, path: pathlib.Path
+) -> None:
+    told: list[bool] = []
+    record.make_sure(RACING, 0.0, told.append)
+    wait_for(record, lambda: told)
+    assert told == [True]
+    record.end(PATIENCE, in_order=False)
+    again = Record(path)
+    again.end()
+    assert again.left_behind == RACING
+
+
+def test_what_has_reached_it_is_written_although_the_kart_server_is_killed(
+    path: pathlib.Path,
+) -> None:
+    written = 100
+    if not (pid := os.fork()):
+        dying = RecordProcess(path)
+        dying._socket.setblocking(False)
+        freeze(dying.pid)  # so that all of it still waits
+        for number in range(1, written + 1):
+            put(dying, number)
+        assert not dying._end.unsent
+        os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(pid, 0)
+    until = time.monotonic() + PATIENCE
+    while True:
+        assert time.monotonic() < until
+        with contextlib.suppress(RecordError):
+            again = Record(path)
+            again.end()
+            break
+    assert again.left_behind is None
+    assert numbers_in(path) == [*range(1, written + 1)]
+
+
+def test_a_process_that_is_killed_is_trouble_at_once_and_holds_nobody_up(
+    record: RecordProcess,
+) -> None:
+    os.kill(record.pid, signal.SIGKILL)
+    wait_for(record, record.trouble)
+    assert 'its process has ended' in record.trouble()
+    put(record, 1)
+    record.remember(HOME, 1.0)
+    record.make_sure(RACING, 2.0, lambda there: pytest.fail('nobody can know'))
+    assert '1 are lost' in record.trouble()
+
+
+def test_a_process_that_is_frozen_is_trouble_until_it_goes_on_and_nothing_is_lost(
+    record: RecordProcess, path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(record_process, 'SLOW', 0.2)
+    freeze(record.pid)
+    for number in range(1, 2001):  # more than the pair takes
+        put(record, number)
+    assert record._end.unsent
+    wait_for(record, record.trouble)
+    assert '2000 events wait' in record.trouble()
+    os.kill(record.pid, signal.SIGCONT)
+
+    def written() -> bool:
+        record._end._flush()  # as the loop does
+        return not record._unwritten
+
+    wait_for(record, written)
+    assert record.trouble() == ''
+    assert numbers_in(path) == [*range(1, 2001)]
+
+
+def test_a_disk_that_keeps_up_is_no_trouble_although_it_is_looked_at_only_when_something_comes(
+    record: RecordProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(record_process, 'SLOW', 0.5)
+    for number in (1, 2, 3):
+        put(record, number)
+        assert record.trouble() == ''
+        wait_for(record, lambda: not record._unwritten)
+        time.sleep(0.3)  # what is tested is that time goes by
+
+
+def test_a_disk_that_takes_nothing_is_trouble_and_a_start_is_told_at_once(
+    path: pathlib.Path,
+) -> None:
+    path.mkdir()  # nobody can write it, and root neither
+    record = RecordProcess(path)
+    record._socket.setblocking(False)
+    assert record.trouble().startswith(f'The record {path} fails: {path} is no file')
+    told: list[bool] = []
+    put(record, 1)
+    record.make_sure(RACING, 0.0, told.append)
+    wait_for(record, lambda: told)
+    assert told == [False]
+    path.rmdir()
+    wait_for(record, lambda: not record.trouble())
+    record.end(PATIENCE, in_order=False)
+    assert numbers_in(path) == [1]
+
+
+def test_what_no_disk_takes_needs_bounded_memory_and_leaves_a_gap_that_is_seen(
+    record: RecordProcess, path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(record_process, 'MOST_UNWRITTEN_BYTES', 10_000)
+    freeze(record.pid)
+    for number in range(1, 101):
+        put(record, number, text=1000 * 'x')
+    assert record._bytes <= 10_000
+    lost = record._lost
+    assert 80 < lost < 100
+    assert f'{lost} are lost' in record.trouble()
+    os.kill(record.pid, signal.SIGCONT)
+    wait_for(record, lambda: not record.trouble())
+    put(record, 101)
+    record.end(PATIENCE, in_order=False)
+    assert numbers_in(path) == [*range(1, 101 - lost), 101]
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        blocks = [Block.of(data) for (data,) in database.execute('SELECT data FROM input')]
+    assert sum(block.length for block in blocks) == 101 - lost  # each with its events
+    assert blocks[-1].entries == 100
+
+
+def test_a_record_that_another_race_control_has_is_refused(path: pathlib.Path) -> None:
+    other = Record(path)
+    with pytest.raises(RecordError, match='choose another file with the parameter record'):
+        RecordProcess(path)
+    other.end()
+
+
+def test_it_ends_with_whoever_began_it_and_a_terminal_or_systemd_ends_only_that(
+    record: RecordProcess, path: pathlib.Path
+) -> None:
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        os.kill(record.pid, number)
+    put(record, 1)
+    wait_for(record, lambda: not record._unwritten)
+    ended = threading.Thread(target=wait_until_ended, args=(record.pid,))
+    ended.start()
+    record._socket.close()
+    os.waitpid(record.pid, 0)
+    ended.join(PATIENCE)
+    assert not ended.is_alive()
+    assert numbers_in(path) == [1]
