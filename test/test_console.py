@@ -224,7 +224,7 @@ def said_just_after(
 def see_karts(console: Console, *numbers: int) -> None:
     """Return once the window shows these karts as connected."""
     for number in numbers:
-        console.wait_for(f'kart_{number}', text='✓ linked')
+        console.wait_for(f'kart_{number}', link='✓ linked')
 
 
 # ----- a race -----------------------------------------------------------------------------
@@ -277,7 +277,7 @@ def test_a_whole_race_by_keys_only(open_beside: OpenBeside) -> None:
     console.ask('F7')
     console.press('y', see='track', text='OPEN')
     console.wait_for('close_track', barred='false')
-    console.press('F8', see='track', text='not open')
+    console.press('F7', see='track', text='not open')
 
     for kart in karts:
         kart.wait_for_state(IN_GARAGE)
@@ -293,7 +293,7 @@ def test_one_kart_is_stopped_and_released_by_keys(open_beside: OpenBeside) -> No
     kart.wait_for_state(RED_FLAG)
     console.key('1', '2', 'ctrl+r')
     kart.wait_for_state(RED_RED)
-    console.press_on('kart_12', see='kart_12', text='held: RED_RED by unnamed(.|\n)*✓ yes')
+    console.press_on('kart_12', see='kart_12', text='held: RED RED by unnamed(.|\n)*✓ stopped')
     confirm(
         console, 'ctrl+g', 'kart_in_garage_12', r'kart 12 \(Team 12\) stands still', 'released'
     )
@@ -332,7 +332,7 @@ def test_a_stop_acts_while_a_question_is_open(
 
     kart.wait_for_state(state)
     assert [each for _, each in kart.changes] == [IN_GARAGE, state]
-    console.wait_for('question_problem', text=f'the race is in {state.value}')
+    console.wait_for('question_problem', text=f'the race is in {state.value.replace("_", " ")}')
     console.wait_for('yes', enabled=False)
     console.press('y', 'n', see='question', visible=False)
     assert kart.state is state
@@ -428,7 +428,7 @@ def test_a_name_is_typed_once_and_goes_with_every_command_also_of_the_next_windo
     console.press('Return', see='official', text='ann')
 
     console.wait_for('your_name', visible=False)
-    console.press('F4', see='log', text=r'\[ann \(')
+    console.press('F4', see='log', text=r'· ann')
     first = sender(official, msg.CommandAvailability.RED_FLAG)
     kept = tmp_path / 'evgp_rcs' / 'official'
     official.wait_until_polled(kept.exists, 'the name is kept')
@@ -493,10 +493,9 @@ def test_a_name_that_ros_or_qt_takes_for_something_else_is_a_name(
 
     console = open_console(start_race_control(in_race=(1,)), arguments=arguments)
 
-    shown = name.replace('&', '&&')  # else Qt underlines what follows
-    console.wait_for('official', text=rf'\b{shown}$')
+    console.wait_for('official', text=rf'\b{name}$')
     console.wait_for('kart_1')
-    console.press('F12', see='log', text=rf'\[{name} \(')
+    console.press('F12', see='log', text=rf'· {name}')
 
 
 def test_the_window_does_not_hang_with_race_control_and_presses_all_kill_meanwhile(
@@ -533,7 +532,7 @@ def test_all_kill_pressed_while_race_control_is_dead_is_given_to_the_next_one(
     control.kill()
     before.wait_for_end()
     console.wait_for('danger_title', text='RACE CONTROL IS GONE')
-    console.wait_for('kart_1', text='✓ linked')
+    console.wait_for('kart_1', link='✓ linked')
     console.wait_for('danger_detail', text=r'Last heard \d')
     console.wait_for('grid_active', barred='true', tip='race control is gone')
     console.click('all_kill')
@@ -545,7 +544,7 @@ def test_all_kill_pressed_while_race_control_is_dead_is_given_to_the_next_one(
     kart.wait_for_state(RED_RED)
     console.wait_for('all_kill', pressing='false')
     console.wait_for('danger', visible=False)
-    console.wait_for('kart_1', text='held: ALL_KILL')
+    console.wait_for('kart_1', text='held: ALL KILL')
 
 
 def test_a_race_control_that_was_killed_and_started_again_is_shown_as_it_is_now(
@@ -571,7 +570,7 @@ def test_a_race_control_that_was_killed_and_started_again_is_shown_as_it_is_now(
     console.wait_for('kart_1', text='held: race control was re')
     # It still commands: the race is brought home.
     connect_kart(again, 1, EACH_CHANGE)
-    confirm(console, 'F6', 'in_garage', 'track is safe for humans', 'IN_GARAGE is sent')
+    confirm(console, 'F6', 'in_garage', 'track is safe for humans', 'IN GARAGE is sent')
     console.wait_for('state', text='IN GARAGE')
 
 
@@ -664,13 +663,13 @@ def test_a_command_that_is_not_allowed_says_why_on_hover_on_focus_and_when_tappe
     console.ask('F2')
     console.press('y', see='state', text='GRID ACTIVE')
     kart.wait_for_state(GRID_ACTIVE)
-    why = r'GREEN GREEN: waiting for kart 1 \(Team 1\): no GRID_ACTIVE yet \(for \d+ s\)'
+    why = r'GREEN GREEN: waiting for kart 1 \(Team 1\): no GRID ACTIVE yet \(for \d+ s\)'
 
     console.wait_for('green_green', barred='true', tip=why)
     console.hover('green_green')
     console.wait_for('status', text=why)
     console.hover('log')
-    console.wait_for('status', text='GRID_ACTIVE is sent')
+    console.wait_for('status', text='GRID ACTIVE is sent')
     console.press_on('green_green', see='status', text=why)
     console.hover('log')
     console.wait_for('status', text=why)
@@ -696,7 +695,7 @@ def test_two_consoles_agree(open_beside: OpenBeside, open_console: OpenConsole) 
         kart.wait_for_state(RED_RED)
     one.wait_for('state', text='RED RED')
     one.wait_for('yes', enabled=False)
-    one.wait_for('log', text='RED_RED is sent to')
+    one.wait_for('log', text='RED RED is sent to')
 
 
 def test_an_alert_stays_until_it_is_seen_and_sounds_until_it_is_muted(
@@ -724,7 +723,7 @@ def test_an_alert_stays_until_it_is_seen_and_sounds_until_it_is_muted(
     # It stays, and nothing of it still says to use the MSR.
     ended = console.wait_for('banner', text='ENDED\nKART 1\nKart 1 .* has not acknowledged')
     assert 'MSR' not in ended['text']
-    console.press('F11', see='mute', text='SOUND OFF')
+    console.press('F11', see='mute', text='OFF')
     ends = time.monotonic() + PATIENCE
     while 'seen_0' in console.widgets() and time.monotonic() < ends:
         console.key('F10')
@@ -762,7 +761,7 @@ def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(
     console.wait_for('humans', text='ALLOWED BY THE MSR', tone='wait')
     console.wait_for('humans_reason', text='it alone stops kart 7')
     console.wait_for('kart_7', text='only the MSR stops it')
-    console.wait_for('state_since', text='RECORD_MSR by Anna')
+    console.wait_for('state_since', text='RECORD MSR by Anna')
     console.wait_for('track', text='OPEN', tone='wait')
     assert 'USE THE MSR' not in console.wait_for('banner', text='Kart 7 was lost')['text']
 
@@ -870,7 +869,7 @@ def test_screenshots_of_every_state(
     shoot('question')
     console.press('y', see='state', text='GRID ACTIVE')
     console.hover('green_green')
-    console.wait_for('status', text=r'kart 3 .*: no GRID_ACTIVE yet \(for \d+ s\)')
+    console.wait_for('status', text=r'kart 3 .*: no GRID ACTIVE yet \(for \d+ s\)')
     shoot('grid')
     karts[3].say(GRID_ACTIVE)
     console.wait_for('green_green', barred='false')
@@ -879,17 +878,17 @@ def test_screenshots_of_every_state(
     karts[3].wait_for_state(GREEN_GREEN)
     karts[3].say(GREEN_GREEN)
     console.wait_for('kart_finish_2', barred='false')
-    console.press('b', see='kart_2', text='RED FLAG(.|\n)*✓ yes(.|\n)*P1')
+    console.press('b', see='kart_2', text='RED FLAG(.|\n)*✓ stopped(.|\n)*P1')
     console.hover('log')
     shoot('race')
     karts[3].close()
-    console.wait_for('kart_3', text='NO LINK')
+    console.wait_for('kart_3', link='✗ NO LINK')
     console.wait_for('banner', text='lost its connection')
     console.press('Escape', '3', see='number', text='KART 3')
     shoot('alert')
     console.key('space')
     console.wait_for('state', text='RED RED')
-    console.wait_for('kart_1', text='RED RED(.|\n)*✓ yes')
+    console.wait_for('kart_1', text='RED RED(.|\n)*✓ stopped')
     shoot('all-kill')
     console.press('F1', see='help')
     shoot('keys')
@@ -1081,7 +1080,7 @@ def test_that_a_kart_was_made_safe_by_hand_is_stated_only_if_that_was_confirmed(
     official = join_official(control)
     official.command('kart/red_red', kart=1)
     official.wait_for_acks(RED_RED, 1)
-    console.wait_for('kart_1', text='■ RED RED(.|\n)*✓ yes')
+    console.wait_for('kart_1', text='■ RED RED(.|\n)*✓ stopped')
     console.wait_for('kart_in_garage_1', barred='false')  # after the pause
     console.press('1', 'ctrl+g', see='question_statement', text='kart 1 .* stands still')
 
@@ -1235,7 +1234,7 @@ def test_every_stop_is_pressed_until_race_control_is_back(
 
     connect_kart(again, 1, EACH_CHANGE).wait_for_state(state)
     console.wait_for('danger', visible=False)
-    console.wait_for('status', text=f'✓ .*{state.value}')
+    console.wait_for('status', text=f'✓ .*{state.value.replace("_", " ")}')
 
 
 # ----- where things are ---------------------------------------------------------------------
@@ -1383,7 +1382,7 @@ def test_no_control_moves_whatever_is_shown(
     compare('alerts that have ended')
     control.tell(race_of(numbers, alerts=[lost(1)]))
     console.wait_for('standing', text='1 new')
-    mark_as_seen(console, 'seen_all', 'Alerts: 1 seen')
+    mark_as_seen(console, 'seen_all', '1 seen')
     compare('alerts that are seen')
     control.tell(race_of(numbers, 'RED_RED', reason=LONG, in_race=False))
     console.wait_for('kart_in_garage_1', barred='true')
@@ -1405,7 +1404,7 @@ def test_no_control_moves_whatever_is_shown(
     # The official scrolls, and what comes after that leaves the list where it is.
     console.press('Escape', *str(count), see=f'kart_{count}', chosen='true')
     first = places(console)
-    console.press('Escape', see='number', text='KART -')
+    console.press('Escape', see='number', text='^$')
     control.tell(race_of(numbers, alerts=[lost(count)]))
     console.wait_for('banner', text=f'KART {count}\n')
     compare('an alert while the list is scrolled')
@@ -1449,7 +1448,7 @@ def test_a_number_that_is_not_in_the_roster_stops_no_other_kart_and_says_so(
     console.wait_for('number', text='NO KART 72', tone='bad')
     # Backspace and Escape edit.
     console.press('Escape', '7', '2', 'BackSpace', see='number', text='^KART 7$')
-    console.press('Escape', see='number', text='KART -')
+    console.press('Escape', see='number', text='^$')
     console.press('2', see='number', text='^KART 2$')
     console.key('ctrl+r')
     second.wait_for_state(RED_RED)
@@ -1464,7 +1463,7 @@ def test_a_number_that_nobody_uses_is_cleared_in_sight(
 
     console.press('7', see='number', text='^KART 7$')
 
-    console.wait_for('number', text='KART -')
+    console.wait_for('number', text='^$')
     console.wait_for('kart_7', chosen='false')
 
 
@@ -1706,8 +1705,8 @@ HELD_UP_PROGRAM = """
 from evgp_protocol import clock
 from evgp_rcs_console.inbox import Inbox
 from evgp_rcs_console.qt import QtCore, QtWidgets
-from evgp_rcs_console.signature import Signature
-from evgp_rcs_console.reading import read_race
+from evgp_rcs_console.settings import Signature
+from evgp_rcs_console.client import read_race
 from evgp_rcs_console.window import ConsoleWindow
 from evgp_rcs_msgs import msg
 
@@ -1786,7 +1785,7 @@ def test_the_locked_qt_loses_no_reference_to_none() -> None:
 @pytest.mark.parametrize('size', [(1366, 768), (1920, 1080)], ids=str)
 def test_no_state_link_or_place_of_a_row_is_cut(size: tuple[int, int]) -> None:
     code = (
-        'from evgp_rcs_console import style, words\n'
+        'from evgp_rcs_console import style, texts\n'
         'from evgp_rcs_console.karts import KartRow, ROW_HEIGHT\n'
         'from evgp_rcs_console.qt import QtWidgets\n'
         'from evgp_rcs_console.view import Cell, Row, Tone\n'
@@ -1801,10 +1800,10 @@ def test_no_state_link_or_place_of_a_row_is_cut(size: tuple[int, int]) -> None:
         'row.fit(by, round(ROW_HEIGHT * by))\n'
         'row._buttons = []\n'
         'window.show()\n'
-        'for name in words.STATES.values():\n'
+        'for name in texts.STATES.values():\n'
         '    for tone in Tone:\n'
-        '        cell, link = Cell(name, tone), Cell(words.NOT_LINKED, tone)\n'
-        '        race, waits = Cell(words.NOT_RACING, tone), Cell(words.WAITING, tone)\n'
+        '        cell, link = Cell(name, tone), Cell(texts.NOT_LINKED, tone)\n'
+        '        race, waits = Cell(texts.NOT_RACING, tone), Cell(texts.WAITING, tone)\n'
         "        row.show_row(Row(8, '', True, race, link, cell, '59 min', waits, cell, 'P30', '',"
         ' (), None), False, False)\n'
         '        application.processEvents()\n'

@@ -27,8 +27,8 @@ from evgp_rcs.official import UNNAMED
 from evgp_rcs_console.client import Client, request_message
 from evgp_rcs_console.commands import Order
 from evgp_rcs_console.ctl import COMMANDS, STARTING, STATEMENTS, TIDY
-from evgp_rcs_console.desk import Desk
-from evgp_rcs_console.standing import Standing
+from evgp_rcs_console.ctl_ros import Desk
+from evgp_rcs_console.unanswered import Standing
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES

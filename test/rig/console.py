@@ -232,27 +232,24 @@ def probe(window: Any, address: str) -> None:
     def describe(widget: Any) -> dict[str, Any]:
         corner = widget.mapToGlobal(QtCore.QPoint(0, 0))
         text = getattr(widget, 'whole', None)
-        for name in ('text', 'toPlainText', 'currentText'):
+        for name in ('text', 'toPlainText'):
             if text is None and hasattr(widget, name):
                 text = getattr(widget, name)()
-        inside = '' if isinstance(widget, QtWidgets.QPushButton) else '\n'
-        children = [each.text() for each in widget.findChildren(QtWidgets.QLabel)]
         return {
             'visible': widget.isVisible(),
-            'text': text if text is not None else inside.join(children),
+            'text': text or '',
             'tip': widget.toolTip(),
             'enabled': widget.isEnabled(),
             'button': isinstance(widget, QtWidgets.QPushButton),
             'focus': widget.hasFocus(),
             'down': isinstance(widget, QtWidgets.QAbstractButton) and widget.isDown(),
-            'font': widget.font().pixelSize(),
             'x': corner.x(),
             'y': corner.y(),
             'width': widget.width(),
             'height': widget.height(),
             **{
                 name: widget.property(name)
-                for name in ('barred', 'tone', 'pressing', 'racing', 'chosen')
+                for name in ('barred', 'tone', 'pressing', 'chosen', 'link')
             },
         }
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from evgp_rcs_console.sources import Sources, WITHIN
+from evgp_rcs_console.client import Sources, WITHIN
 import pytest
 
 
