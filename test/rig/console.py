@@ -28,7 +28,7 @@ from evgp_testing.process import Program
 from rig.screen import Screen
 
 DROPPED = 'while the window hung'
-CHANGED = 'has just changed'
+CHANGED = 'has just changed|only brought this window forward'
 """Of what the window says of a key or a click that it dropped."""
 
 SLOW = 3.0
@@ -164,7 +164,7 @@ class Console(Program):
                         self._asking = act
                     return widget
                 said = self.wait_for('status')['text']
-                if (DROPPED in said or CHANGED in said) and (
+                if re.search(f'{DROPPED}|{CHANGED}', said) and (
                     said != before or time.monotonic() > slow
                 ):
                     break

@@ -145,7 +145,8 @@ class AlertsArea(Card):
             button.quiet = True
             button.clicked.connect(pressed)
         self._places = [AlertPlace(number) for number in range(PLACES)]
-        for part in (self._summary, self._see_all, self._mute, *self._places):
+        parts: tuple[QtWidgets.QWidget, ...] = (self._summary, self._see_all, self._mute)
+        for part in (*parts, *self._places):
             part.setParent(self)
         for number, each in enumerate(self._places):
             each.seen.pressed.connect(lambda number=number: self._go_down(number))

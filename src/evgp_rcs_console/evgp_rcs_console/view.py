@@ -417,6 +417,15 @@ def danger(race: Race, two: bool) -> Danger | None:
     return None
 
 
+STEP_STATES = {
+    CommandKind.GRID_ACTIVE: State.GRID_ACTIVE,
+    CommandKind.GREEN_GREEN: State.GREEN_GREEN,
+    CommandKind.RED_FLAG: State.RED_FLAG,
+    CommandKind.RACE_OVER: State.RED_RED,
+    CommandKind.IN_GARAGE: State.IN_GARAGE,
+}
+"""The state of the race that each command to it brings about."""
+
 PAST = (State.GRID_ACTIVE, State.GREEN_GREEN)
 """The states that a race under way has behind it, or has before it."""
 
@@ -682,10 +691,7 @@ class _Buttons:
         race, command = self.snapshot, button.command
         if command not in texts.STEPS:
             return '', False
-        state = State.RED_RED if command is CommandKind.RACE_OVER else None
-        state = (
-            State[command.name] if state is None and command.name in State.__members__ else state
-        )
+        state = STEP_STATES.get(command, State.UNKNOWN)
         current = race.state is state and (race.over or command is not CommandKind.RACE_OVER)
         does, follows = texts.STEPS[command]
         if self.barred and not button.enabled:

@@ -23,9 +23,8 @@ from typing import NamedTuple
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console import texts
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
-from evgp_rcs_console.snapshot import State
 from evgp_rcs_console.style import FAMILIES, GAP, LEAST, look, RADIUS, SMALL, TEXT
-from evgp_rcs_console.view import Button, Cell, STATE_TONES, Tone
+from evgp_rcs_console.view import Button, Cell, STATE_TONES, STEP_STATES, Tone
 
 Pressed = Callable[[Button, Button], None]
 """Takes the command that a button had when it went down, and the one it has when it is let go."""
@@ -430,8 +429,7 @@ class StepButton(CommandButton):
             return
         ink, ground, frame = self.colours()
         if button.current:
-            state = State.RED_RED if button.command is CommandKind.RACE_OVER else None
-            tone = STATE_TONES[state or State[button.command.name]]
+            tone = STATE_TONES[STEP_STATES[button.command]]
             frame = look.palette.faint if tone is Tone.GARAGE else look.fill(tone)[1]
             ink = look.palette.ink if not button.is_stop else ink
             pen.box(self.rect(), ground or look.palette.card, frame, 3)

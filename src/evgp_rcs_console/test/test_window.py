@@ -29,8 +29,9 @@ from evgp_protocol import clock
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import asks, Order
-from evgp_rcs_console.freshness import SETTLE
+from evgp_rcs_console.freshness import AIM, SETTLE
 from evgp_rcs_console.gui import low_battery
+from evgp_rcs_console.keys import FORGOTTEN
 from evgp_rcs_console.snapshot import Alert, Available, Heat, Race, State, Track
 from evgp_rcs_console.style import BANNER, BLACK, contrast, DAY, FILLS, NIGHT, WHITE, YELLOW
 from evgp_rcs_console.view import FINISH_KEYS
@@ -106,9 +107,11 @@ class Console:
             dropped = True
             while dropped:  # on a busy machine the window may be held up, and says so
                 self.tell(self._race)
+                self.window._bottom.say('')
                 QtTest.QTest.keyClick(self.window.windowHandle(), key)
                 self.settle()
-                dropped = 'while the window hung' in self.find('status').whole
+                said = self.find('status').whole
+                dropped = 'while the window hung' in said or 'just changed' in said
                 self.settle(SETTLE * dropped)
 
     def click(self, name: str) -> None:
@@ -235,8 +238,9 @@ def overlaps(window: Any) -> Iterator[str]:
                 yield f'{one.objectName()} and {other.objectName()}'
 
 
-@pytest.mark.parametrize('larger', [1.0, 1.25], ids=['', 'larger fonts'])
-@pytest.mark.parametrize('size', SIZES, ids=str)
+@pytest.mark.parametrize(
+    ('size', 'larger'), [*((size, 1.0) for size in SIZES), (SIZES[0], 1.25)], ids=str
+)
 def test_nothing_is_cut_overlaps_or_touches_its_frame(
     opened: Any, application: Any, size: tuple[int, int], larger: float
 ) -> None:
@@ -266,8 +270,9 @@ def test_nothing_is_cut_overlaps_or_touches_its_frame(
     assert not found
 
 
-@pytest.mark.parametrize('count', [8, 16, 30])
-@pytest.mark.parametrize('size', SIZES[:3], ids=str)
+@pytest.mark.parametrize(
+    ('size', 'count'), [(SIZES[0], 8), (SIZES[1], 16), (SIZES[2], 30)], ids=str
+)
 def test_no_question_covers_a_stop_of_any_kart(
     opened: Any, size: tuple[int, int], count: int
 ) -> None:
@@ -301,7 +306,7 @@ def test_no_question_covers_a_stop_of_any_kart(
 
 
 def test_up_to_sixteen_karts_need_no_scrolling_and_more_have_tiles(opened: Any) -> None:
-    for size in SIZES:
+    for size in SIZES[:3]:
         console = opened(*size)
         for count, tiles in ((8, False), (16, False), (30, True)):
             console.tell(race_of(count))
@@ -446,3 +451,245 @@ def test_every_stop_of_the_catalogue_looks_like_a_stop(opened: Any) -> None:
             assert not stop.barred
             assert stop.isEnabled()
             assert stop.colours()[2]
+
+
+# ----- nothing moves, and a press is for what the official saw ------------------------------
+
+
+def places(console: Console) -> dict[str, tuple[int, int, int, int]]:
+    """Return where every button and every area is, by the name of its first command."""
+    found = {}
+    for each in console.window.findChildren(QtWidgets.QWidget):
+        name = each.objectName()
+        if name and each.isVisible() and (isinstance(each, (Push, QtWidgets.QTextEdit, Painted))):
+            for kind, entry in CATALOGUE.items():
+                if entry.undoes is not None:
+                    name = name.replace(kind.name.lower(), entry.undoes.name.lower())
+            corner = each.mapTo(console.window, QtCore.QPoint(0, 0))
+            found[name] = (corner.x(), corner.y(), each.width(), each.height())
+    return found
+
+
+MOVES = ('number', 'question_', 'top_line', 'danger', 'help_', 'battery')
+"""What is no control, and shares a place with something else."""
+
+
+@pytest.mark.parametrize(
+    ('size', 'count'), [(SIZES[0], 1), (SIZES[1], 16), (SIZES[2], 30)], ids=str
+)
+def test_no_control_moves_whatever_is_shown(
+    opened: Any, size: tuple[int, int], count: int
+) -> None:
+    console = opened(*size)
+    plain = race_of(count, banner='REHEARSAL')
+    console.tell(plain)
+    first = places(console)
+    shown = [
+        replace(plain, alerts=(alert(1),)),
+        replace(plain, alerts=tuple(map(alert, range(1, 13)))),
+        plain,  # the alerts have ended
+        race_of(count, State.RED_RED, WHY, banner='REHEARSAL'),
+        race_of(count, State.IN_GARAGE, banner='REHEARSAL'),
+    ]
+
+    def compare(during: str) -> None:
+        now = places(console)
+        moved = {name for name, place in now.items() if first.get(name, place) != place}
+        assert not {name for name in moved if not name.startswith(MOVES)}, during
+        missing = set(first) - set(now) - {'open_track', 'state', 'humans', 'track'}
+        assert not {
+            name
+            for name in missing
+            if not name.startswith(('state', 'humans', 'track', 'seen_', 'number'))
+        }, during
+
+    for number, race in enumerate(shown):
+        console.tell(race)
+        compare(f'race {number}')
+    console.tell(plain)
+    for key in ('F1', 'F2', 'N', 'F11', 'F4', '5', '8', '7', 'Escape', 'F10', 'F8', 'F8'):
+        console.press(getattr(QtCore.Qt.Key, f'Key_{key}'))
+        compare(key)
+    console.settle(1.1)
+    compare('race control is gone')
+    assert console.find('danger').isVisible()
+
+
+def just_after(console: Console, before: Race, after: Race, button: str) -> None:
+    """Click where a button was, just after what is shown has changed."""
+    console.tell(before)
+    widget = console.find(button)
+    point = widget.mapTo(console.window, widget.rect().center())
+    console.tell(after)
+    left, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
+    QtTest.QTest.mouseClick(console.window.windowHandle(), left, none, point)
+    console.settle()
+
+
+def without(race: Race, number: int) -> Race:
+    """Return a race without a kart, and with another one at the end: the rows move up."""
+    rest = [kart for kart in race.karts if kart.number != number]
+    return replace(race, karts=(*rest, replace(rest[-1], number=rest[-1].number + 1)))
+
+
+def test_a_click_just_after_the_roster_changed_hits_no_other_kart(opened: Any) -> None:
+    console, race = opened(), race_of(8)
+
+    just_after(console, race, without(race, 3), 'kart_finish_8')
+    assert not console.sent
+    assert 'WAS NOT SENT' in console.find('status').whole
+    console.settle(AIM)
+    just_after(console, race, without(race, 3), 'kart_red_red_8')  # a stop is never refused
+
+    assert [(order.command, order.kart) for order in console.sent] == [
+        (CommandKind.KART_RED_RED, 8)
+    ]
+
+
+@pytest.mark.parametrize('stop', [True, False])
+def test_a_button_held_down_while_the_rows_move_goes_to_no_other_kart(
+    opened: Any, stop: bool
+) -> None:
+    console, race = opened(), race_of(8)
+    console.tell(race)
+    button = console.find('kart_red_red_8' if stop else 'kart_finish_8')
+    point = button.mapTo(console.window, button.rect().center())
+    left, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
+
+    QtTest.QTest.mousePress(console.window.windowHandle(), left, none, point)
+    console.tell(without(race, 3))
+    QtTest.QTest.mouseRelease(console.window.windowHandle(), left, none, point)
+    console.settle()
+
+    assert [order.kart for order in console.sent] == [8] * stop
+
+
+def test_a_stop_aimed_before_the_list_was_scrolled_goes_to_the_kart_that_stood_there(
+    opened: Any,
+) -> None:
+    console = opened()
+    console.tell(race_of(30))
+    button = console.find('kart_red_red_1005')
+    point = button.mapTo(console.window, button.rect().center())
+
+    console.press(*(getattr(QtCore.Qt.Key, f'Key_{digit}') for digit in '1025'))
+    left, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
+    QtTest.QTest.mouseClick(console.window.windowHandle(), left, none, point)
+    console.settle()
+
+    assert [order.kart for order in console.sent] == [1005]
+    assert not console.find('kart_1025').visibleRegion().isEmpty()
+
+
+def test_a_click_in_a_row_that_is_cut_scrolls_nothing(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(30))
+    before = places(console)
+    scroll = console.find('karts')
+    end = scroll.mapTo(console.window, scroll.rect().bottomLeft()).y()
+    cut = next(
+        number
+        for number in range(1001, 1031)
+        if (place := before[f'kart_{number}'])[1] + place[3] > end
+    )
+    left, top, _, _ = before[f'kart_{cut}']
+
+    button, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
+    point = QtCore.QPoint(left + 20, top + 2)
+    QtTest.QTest.mouseClick(console.window.windowHandle(), button, none, point)
+    console.settle()
+
+    assert console.find('number').whole == f'KART {cut}'
+    assert places(console)['kart_1001'] == before['kart_1001']
+
+
+def test_join_by_key_is_not_sent_as_leave_when_another_official_was_faster(opened: Any) -> None:
+    console = opened()
+    inside = race_of(8, State.IN_GARAGE)
+    outside = replace(inside, karts=tuple(replace(kart, in_race=False) for kart in inside.karts))
+    console.tell(outside)
+    console.press(QtCore.Qt.Key.Key_4)
+    console.tell(inside)
+
+    control = QtCore.Qt.KeyboardModifier.ControlModifier
+    QtTest.QTest.keyClick(console.window.windowHandle(), QtCore.Qt.Key.Key_J, control)
+    console.settle()
+
+    assert not console.sent
+    assert 'LEAVE kart 4 WAS NOT SENT' in console.find('status').whole
+
+
+def test_the_sheet_of_heats_closes_when_the_heats_change(opened: Any) -> None:
+    console = opened()
+    race = race_of(8, State.IN_GARAGE)
+    console.tell(race)
+    console.click('set_heat')
+
+    just_after(console, race, replace(race, heats=(Heat('Heat C', (3,)),)), 'heat_1')
+
+    assert not console.find('heats').isVisible()
+    assert not console.sent
+
+
+def test_a_number_that_is_not_in_the_roster_is_said_so_and_stops_no_kart(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(8))
+    control = QtCore.Qt.KeyboardModifier.ControlModifier
+
+    console.press(QtCore.Qt.Key.Key_7, QtCore.Qt.Key.Key_2)
+    assert console.find('number').whole == 'NO KART 72'
+    QtTest.QTest.keyClick(console.window.windowHandle(), QtCore.Qt.Key.Key_R, control)
+    console.settle()
+
+    assert not console.sent
+    assert 'RED RED WAS NOT SENT' in console.find('status').whole
+    console.press(QtCore.Qt.Key.Key_7, QtCore.Qt.Key.Key_2, QtCore.Qt.Key.Key_Backspace)
+    assert console.find('number').whole == 'KART 7'
+    console.settle(FORGOTTEN + 0.2)  # nobody uses it: it is cleared in sight
+    assert console.find('number').whole == ''
+
+
+def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(opened: Any) -> None:
+    console = opened()
+    race = race_of(1, State.RED_RED)
+    kart = replace(race.karts[0], connected=False, may_be_moving=True, hold=State.RED_RED)
+    lost = Alert('LOST_IN_MOTION', 1, False, 'Kart 1 was lost')
+    race = replace(race, karts=(kart,), alerts=(lost,), track=Track(True, True, 'the MSR', True))
+    console.tell(race)
+    assert 'ALLOWED BY THE MSR' in console.find('humans').whole
+    assert 'it alone stops kart 1' in console.find('humans_reason').whole
+    assert 'only the MSR stops it' in console.find('kart_1').whole
+    assert 'USE THE MSR' not in console.find('banner').whole
+
+    console.tell(replace(race, alerts=(replace(lost, use_msr=True),)))
+
+    assert 'USE THE MSR' in console.find('banner').whole
+    assert (
+        console.find('humans').property('tone') == console.find('track').property('tone') == 'bad'
+    )
+
+
+def test_the_banner_of_race_control_is_at_the_top(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(1))
+    assert not console.find('top_line').isVisible()
+    console.tell(race_of(1, banner='REHEARSAL'))
+    assert console.find('top_line').whole == 'REHEARSAL'
+    assert console.find('top_line').y() < console.find('state_panel').y()
+    assert 'REHEARSAL' in console.window.windowTitle()
+
+
+def test_a_window_that_was_held_up_shows_no_snapshot_but_the_newest_and_every_alert(
+    opened: Any,
+) -> None:
+    console = opened()
+    console.tell(race_of(1))
+    shown = []
+    console.find('danger').showEvent = lambda event: shown.append(event)
+    for age in range(30, -1, -1):
+        race = race_of(1, alerts=(alert(1),) if age == 15 else ())
+        console.inbox.on_race(race, clock.now() - age / 10, False)
+    console.settle()
+
+    assert not shown
+    assert 'KART 1' in console.find('alert_0').whole
