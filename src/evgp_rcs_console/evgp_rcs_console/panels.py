@@ -447,9 +447,10 @@ class EventPanel(Card):
         block.setTabPositions([QtGui.QTextOption.Tab(indent, QtGui.QTextOption.TabType.LeftTab)])
         cursor.setBlockFormat(block)
         ink = look.palette.ink if line.success else look.palette.bad
-        for text, colour in ((f'{line.clock}\t', look.palette.faint), (line.said, ink)):
+        parts = ((f'{line.clock}\t', look.palette.faint, False), (line.said, ink, line.is_command))
+        for text, colour, bold in parts:
             style = QtGui.QTextCharFormat()
-            style.setFont(font(look.px(SMALL), line.is_command))
+            style.setFont(font(look.px(SMALL), bold))
             style.setForeground(QtGui.QColor(colour))
             cursor.insertText(text, style)
         if at_end:
