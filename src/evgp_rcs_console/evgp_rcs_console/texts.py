@@ -469,8 +469,12 @@ _DOES = (*(each for pair in _WHEN_SENT.values() for each in dict.fromkeys(pair))
 _DOES += ('finished', 'just stopped', 'not connected', 'lost')
 
 
-def missing(karts: Sequence[Kart]) -> str:
-    """Return which karts of the race have not done yet what they are sent; empty if all have."""
+def missing(karts: Sequence[Kart], counted: bool = False) -> str:
+    """
+    Return which karts of the race have not done yet what they are sent; empty if all have.
+
+    :param counted: on the grid, say how many are ready, too.
+    """
     racing = [kart for kart in karts if kart.in_race and kart.sent is not State.IN_GARAGE]
     late = [
         kart for kart in racing if not kart.connected or not kart.acknowledged or kart.in_doubt
@@ -478,7 +482,7 @@ def missing(karts: Sequence[Kart]) -> str:
     numbers = ', '.join(str(kart.number) for kart in late)
     if not late:
         return ''
-    if all(kart.sent is State.GRID_ACTIVE for kart in racing):
+    if counted and all(kart.sent is State.GRID_ACTIVE for kart in racing):
         ready = len(racing) - len(late)
         return READY.format(ready=ready, count=len(racing), numbers=numbers)
     return MISSING.format(numbers=numbers)

@@ -706,7 +706,7 @@ class _Buttons:
             return texts.AGAIN.format(
                 seconds=max(1, math.ceil(offered.again_in - self.age))
             ), False
-        missing = texts.missing(race.karts)
+        missing = texts.missing(race.karts, counted=True)
         if offered.reason.startswith(texts.WAITS_FOR) and missing:
             return missing, False
         if state in PAST and state in self.entered and race.state is not State.IN_GARAGE:

@@ -21,7 +21,7 @@ from dataclasses import replace
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import request
-from evgp_rcs_console.snapshot import Alert, Available, Heat, Kart, Race, State, Track
+from evgp_rcs_console.snapshot import Alert, Available, Event, Heat, Kart, Race, State, Track
 from evgp_rcs_console.view import (
     Button,
     Danger,
@@ -31,6 +31,7 @@ from evgp_rcs_console.view import (
     KART_COMMANDS,
     NOTHING,
     RACE_COMMANDS,
+    RaceTimes,
     ReasonTimes,
     Screen,
     show,
@@ -493,7 +494,7 @@ def test_the_terminal_shows_the_same() -> None:
     assert 'Race: ▦ GRID ACTIVE  (0:40)' in lines
     assert '⚠ USE THE MSR: Kart 7\n' in lines
     assert 'GREEN GREEN  waiting for kart 7\n' in lines
-    assert '7     Purdue  ▦ GRID ACTIVE 0:40  … not yet' in lines
+    assert '7     Purdue USE THE MSR  ▦ GRID ACTIVE 0:40  … not yet' in lines
 
 
 def test_every_command_has_a_button() -> None:
@@ -545,3 +546,61 @@ def test_the_letter_of_finish_never_takes_a_finish_back() -> None:
     assert not finish.enabled
     assert finish.reason == said
     assert not any(each.key for each in screen.rows[0].buttons if each != finish)
+
+
+# ----- the way of a race ------------------------------------------------------------------
+
+
+def phrases(race: Race, times: RaceTimes | None = None) -> dict[CommandKind, str]:
+    """Return the phrase of each command to the race."""
+    screen = show(race, 0.0, {}, None, None, times.entered if times else None)
+    return {button.command: button.phrase for button in screen.race}
+
+
+def test_each_command_to_the_race_says_what_was_what_is_and_what_it_waits_for() -> None:
+    refused = Available(False, 'the race is in GRID ACTIVE; bring it to IN GARAGE first')
+    waiting = Available(False, 'waiting for kart 8 (Purdue): no GRID ACTIVE yet')
+    pause = Available(False, 'a stop was sent just now', again_in=2.1)
+    commands = {
+        **EVERYTHING,
+        CommandKind.GRID_ACTIVE: refused,
+        CommandKind.GREEN_GREEN: waiting,
+        CommandKind.IN_GARAGE: pause,
+    }
+    ready = replace(KART, acknowledged=True)
+    karts = (ready, replace(KART, number=8))
+    race = replace(RACE, commands=commands, karts=karts, state_clock='14:31:04')
+
+    said = phrases(race)
+
+    assert said[CommandKind.GRID_ACTIVE] == 'since 14:31:04'
+    assert said[CommandKind.GREEN_GREEN] == '1 of 2 ready: not 8'
+    assert said[CommandKind.IN_GARAGE] == 'again in 3 s'
+    times = RaceTimes()
+    times.take(Event(1, '14:31:04', 0, True, '', race=State.GRID_ACTIVE, at=4.0))
+    times.take(Event(2, '14:31:24', 0, True, '', race=State.GREEN_GREEN, at=24.0))
+    flagged = replace(race, state=State.RED_FLAG, at=30.0)
+    assert phrases(flagged, times)[CommandKind.GRID_ACTIVE] == '✓ 14:31:04'
+    assert show(flagged, 1.0, {}, entered=times.entered).clock == '0:07'
+    times.take(Event(3, '14:40:00', 0, True, '', race=State.IN_GARAGE, at=600.0))
+    assert State.GREEN_GREEN not in times.entered  # that was another race
+    later = {
+        **commands,
+        CommandKind.GREEN_GREEN: replace(refused, reason='the race is in RED RED'),
+    }
+    assert phrases(replace(race, commands=later))[CommandKind.GREEN_GREEN] == 'after GRID ACTIVE'
+
+
+def test_the_strip_tells_who_is_missing_and_the_row_that_the_msr_is_needed() -> None:
+    lost = replace(KART, number=8, connected=False, may_be_moving=True)
+    done = replace(KART, acknowledged=True, place=1, sent=State.RED_FLAG)
+    told = Alert('LOST_IN_MOTION', 8, True, 'Use the MSR: kart 8 was lost')
+
+    screen = show(replace(RACE, karts=(done, lost), alerts=(told,)), 0.0, {})
+
+    assert screen.tally == '1 finished, 1 lost'
+    assert screen.missing == 'not yet: 8'
+    assert screen.heat == '2 karts'
+    assert [row.use_msr for row in screen.rows] == [False, True]
+    assert screen.rows[1].note.text.startswith(texts.USE_MSR)
+    assert screen.rows[1].note.tone is Tone.BAD
