@@ -393,7 +393,7 @@ class Display(QtCore.QObject):
             areas.danger.show_danger(danger_now)
         areas.state.show_screen(screen, stale)
         areas.track.show_screen(screen, stale)
-        areas.clock.show_screen(screen)
+        areas.clock.show_screen(screen, stale)
         areas.steps.show_screen(screen)
         areas.strip.show_screen(screen, areas.events.log.officials, stale)
         self._areas.heats.show_heats(screen.heats)

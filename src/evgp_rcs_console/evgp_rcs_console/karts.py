@@ -107,7 +107,7 @@ class KartRow(Painted):
         row, colours = self._row, look.palette
         if row is None:
             return
-        urgent = row.use_msr and not self._stale
+        urgent = row.use_msr
         if self._chosen:
             pen.box(self.rect(), colours.raised, radius=0)
         edge = FILLS[Tone.BAD][1] if urgent else colours.chosen if self._chosen else ''

@@ -128,9 +128,9 @@ class ClockPanel(Painted):
         super().__init__('clock')
         self._race = self._heat = ''
 
-    def show_screen(self, screen: Screen) -> None:
-        """Take the race as it is now."""
-        self._race, self._heat = screen.clock, screen.heat
+    def show_screen(self, screen: Screen, stale: bool) -> None:
+        """Take the race as it is now; a race that is not heard has no clock."""
+        self._race, self._heat = screen.clock * (not stale), screen.heat
         self.look()
 
     def look(self) -> None:

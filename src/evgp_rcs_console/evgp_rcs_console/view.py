@@ -601,7 +601,7 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
     if kart.in_doubt and not kart.settles:
         notes.append(texts.MSR_STOPS_IT if race.track.msr_used else texts.MAY_MOVE)
     if kart.hold is not State.UNKNOWN:
-        notes.append(texts.HELD.format(reason=kart.hold_reason))
+        notes.append(texts.HELD.format(reason=texts.by_name(kart.hold_reason)))
     if not kart.in_race:
         notes.append(texts.NOT_RACING)
     urgent = use_msr or (kart.in_doubt and not kart.is_stopping)

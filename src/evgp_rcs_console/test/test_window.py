@@ -35,6 +35,7 @@ from evgp_rcs_console.keys import FORGOTTEN
 from evgp_rcs_console.snapshot import Alert, Available, Heat, Race, State, Track
 from evgp_rcs_console.style import BANNER, BLACK, contrast, DAY, FILLS, NIGHT, WHITE, YELLOW
 from evgp_rcs_console.view import FINISH_KEYS
+from evgp_testing.part import PATIENCE
 from example_race import EVERYTHING, KART, RACE
 import pytest
 
@@ -516,15 +517,25 @@ def test_no_control_moves_whatever_is_shown(
 
 
 def just_after(console: Console, before: Race, after: Race, button: str) -> None:
-    """Click where a button was, just after what is shown has changed."""
+    """Click where a button was, just after what is shown has changed; on a busy machine again."""
+    ends = time.monotonic() + PATIENCE
+    while not _just_after(console, before, after, button):
+        assert time.monotonic() < ends
+        console.sent.clear()
+
+
+def _just_after(console: Console, before: Race, after: Race, button: str) -> bool:
+    """Do it once; return whether it was in time, before the official could see the change."""
     console.tell(before)
     console.settle(AIM + 0.1)
     widget = console.find(button)
     point = widget.mapTo(console.window, widget.rect().center())
+    since = time.monotonic()
     console.tell(after)
     left, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
     QtTest.QTest.mouseClick(console.window.windowHandle(), left, none, point)
     console.settle()
+    return time.monotonic() - since < AIM
 
 
 def without(race: Race, number: int) -> Race:
@@ -624,8 +635,13 @@ def test_the_sheet_of_heats_closes_when_the_heats_change(opened: Any) -> None:
     race = race_of(8, State.IN_GARAGE)
     console.tell(race)
     console.click('set_heat')
+    heat = console.find('heat_1')
+    point = heat.mapTo(console.window, heat.rect().center())
 
-    just_after(console, race, replace(race, heats=(Heat('Heat C', (3,)),)), 'heat_1')
+    console.tell(replace(race, heats=(Heat('Heat C', (3,)),)))
+    left, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
+    QtTest.QTest.mouseClick(console.window.windowHandle(), left, none, point)
+    console.settle()
 
     assert not console.find('heats').isVisible()
     assert not console.sent
