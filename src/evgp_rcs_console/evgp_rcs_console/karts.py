@@ -95,9 +95,9 @@ class KartRow(Painted):
         """Put the commands where they belong."""
         super().resizeEvent(event)
         margin = look.px(3 if self.height() < look.px(40) else 8)
-        for button, room in zip(
-            self._buttons, columns(self.width(), 0)[len(COLUMNS) :], strict=True
-        ):
+        first = len(COLUMNS)
+        rooms = columns(self.width(), 0)[first:]
+        for button, room in zip(self._buttons, rooms, strict=True):
             high = min(self.height() - 2 * margin, look.px(34))
             top = (self.height() - high) // 2
             button.setGeometry(room.left(), top, room.width(), high)

@@ -40,6 +40,9 @@ from evgp_rcs_console.widgets import (
     Text,
 )
 
+EVENTS = 500
+"""Maximum number of events in the window: to draw more again takes it too long."""
+
 TOP, STEPS = 78, 60
 """Heights of the state of the race, and of the commands to it."""
 
@@ -157,16 +160,15 @@ class KillButton(Push):
 
     def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
         """Draw it: like nothing else on the screen."""
-        pen = Pen(self)
-        pen.box(self.rect(), BLACK, radius=10)
-        yellow = self.rect().adjusted(look.px(3), look.px(3), -look.px(3), -look.px(3))
-        pen.box(yellow, YELLOW, radius=8)
-        inner = yellow.adjusted(look.px(6), look.px(6), -look.px(6), -look.px(6))
-        fill = BLACK if self.pressing else '#6E0012' if self.isDown() else FILLS[Tone.RED][1]
-        pen.box(inner, fill, radius=4)
-        room = inner.adjusted(look.px(8), look.px(14), -look.px(8), -look.px(42))
-        pen.text(room, self.words, YELLOW if self.pressing else WHITE, HUGE + 4, True, CENTER)
-        pen.painter.end()
+        with Pen(self) as pen:
+            pen.box(self.rect(), BLACK, radius=10)
+            yellow = self.rect().adjusted(look.px(3), look.px(3), -look.px(3), -look.px(3))
+            pen.box(yellow, YELLOW, radius=8)
+            inner = yellow.adjusted(look.px(6), look.px(6), -look.px(6), -look.px(6))
+            fill = BLACK if self.pressing else '#6E0012' if self.isDown() else FILLS[Tone.RED][1]
+            pen.box(inner, fill, radius=4)
+            room = inner.adjusted(look.px(8), look.px(14), -look.px(8), -look.px(42))
+            pen.text(room, self.words, YELLOW if self.pressing else WHITE, HUGE + 4, True, CENTER)
         self.drawn = pen.drawn
 
 
@@ -402,7 +404,7 @@ class EventPanel(Card):
         self._view.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
         self._view.setTabChangesFocus(True)
         # Lines are wrapped, as they are by default: a bar below them would hide the newest one.
-        self._view.document().setMaximumBlockCount(2000)
+        self._view.document().setMaximumBlockCount(EVENTS)
         # No list that opens: while one is open, it takes every key and click, also those of stops.
         self._filter = Push('filter')
         self._filter.quiet = True
@@ -477,8 +479,11 @@ class EventPanel(Card):
             shown = texts.ONE_KART.format(number=self._kart, team=self._teams[self._kart])
         self._filter.show_words(shown)
         self._view.clear()
-        for line in self.log.lines(self._kart):
+        cursor = QtGui.QTextCursor(self._view.document())
+        cursor.beginEditBlock()
+        for line in self.log.lines(self._kart)[-EVENTS:]:
             self._append(line)
+        cursor.endEditBlock()
         self._view.verticalScrollBar().setValue(self._view.verticalScrollBar().maximum())
 
 

@@ -157,7 +157,7 @@ def contrast(one: str, other: str) -> float:
 
 @functools.cache
 def _luminance(colour: str) -> float:
-    parts = [int(colour[place : place + 2], 16) / 255 for place in (1, 3, 5)]
+    parts = [part / 255 for part in bytes.fromhex(colour[1:])]
     linear = [
         part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts
     ]

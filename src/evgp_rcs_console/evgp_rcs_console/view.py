@@ -692,7 +692,8 @@ class _Buttons:
         if command not in texts.STEPS:
             return '', False
         state = STEP_STATES.get(command, State.UNKNOWN)
-        current = race.state is state and (race.over or command is not CommandKind.RACE_OVER)
+        current = state is race.state and state is not State.UNKNOWN
+        current = current and (race.over or command is not CommandKind.RACE_OVER)
         does, follows = texts.STEPS[command]
         if self.barred and not button.enabled:
             return texts.BARRED_STEP, False

@@ -111,6 +111,14 @@ class Pen:
         self.painter.setRenderHint(QtGui.QPainter.RenderHint.Antialiasing)
         self.drawn: list[Drawn] = []
 
+    def __enter__(self) -> Pen:
+        """Draw."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Draw no more, whatever has happened."""
+        self.painter.end()
+
     def box(
         self,
         room: QtCore.QRect,
@@ -206,9 +214,8 @@ class Painted(QtWidgets.QWidget):
 
     def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
         """Draw it."""
-        pen = Pen(self)
-        self.paint(pen)
-        pen.painter.end()
+        with Pen(self) as pen:
+            self.paint(pen)
         self.drawn = pen.drawn
 
 
@@ -293,8 +300,6 @@ class Push(QtWidgets.QPushButton):
     :ivar drawn: its texts, as they were drawn last.
     """
 
-    radius = RADIUS
-
     def __init__(self, name: str = '', text: str = '', key: str = '') -> None:
         """Show a text, and the key that does the same."""
         super().__init__()
@@ -327,11 +332,10 @@ class Push(QtWidgets.QPushButton):
 
     def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
         """Draw it."""
-        pen = Pen(self)
-        self.paint(pen)
-        if self.hasFocus():
-            pen.box(self.rect(), '', look.palette.chosen, 3, self.radius)
-        pen.painter.end()
+        with Pen(self) as pen:
+            self.paint(pen)
+            if self.hasFocus():
+                pen.box(self.rect(), '', look.palette.chosen, 3)
         self.drawn = pen.drawn
 
     def colours(self) -> tuple[str, str, str]:
