@@ -41,7 +41,7 @@ from evgp_rcs_console.widgets import (
     TOP,
 )
 
-MARGIN = 20
+SHEET_MARGIN = 20
 
 
 class Sheet(Painted):
@@ -83,7 +83,7 @@ class Sheet(Painted):
 
     def lay_out(self, room: QtCore.QRect) -> None:
         """Take a room: as wide as that, and as high as the texts need, the type smaller for it."""
-        margin, gap = look.px(MARGIN), look.px(10)
+        margin, gap = look.px(SHEET_MARGIN), look.px(10)
         width = room.width() - 2 * margin
         there = [(part, least) for part, least in self.parts if self._keeps_room(part)]
         for size in (TEXT + 3, TEXT + 1, TEXT - 1, SMALL - 1, LEAST):
