@@ -8,20 +8,17 @@ Freeze programs around race control, in traffic, and see whether a kart or a sto
 client that calls services without a pause, an official's ``rcs_ctl watch``, and race control's own
 ROS half, for less than its limit and for more. Meanwhile another official sends stops.
 
-A gap is measured on the wire, by the kernel's times (`arrivals`), since the process that plays the
-karts here shares the processors with all others. What that process read stands beside it, and
-counts where the kernel tells nothing, as it does for others than root.
+A gap is measured on the wire, by the kernel (`arrivals`; root only): the process that plays the
+karts here shares the processors with all others.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
-import itertools
 import pathlib
 import random
 import signal
-import statistics
 import sys
 import tempfile
 import time
@@ -30,6 +27,7 @@ from arrivals import Arrivals
 from evgp_protocol.states import RaceState
 from evgp_testing.process import executable, Program
 from evgp_testing.wire_race import WireRace
+from kills import typical_and_worst
 
 KARTS = range(1, 6)
 
@@ -49,54 +47,30 @@ while True:
 """A client of services that never pauses: it asks for a finish of a kart that is not there."""
 
 
-def worst(values: list[float]) -> str:
-    """Return median and worst, ms."""
-    if not values:
-        return '-'
-    return f'{statistics.median(values) * 1e3:.1f} / {max(values) * 1e3:.1f}'
-
-
 class Gaps:
-    """Worst gap of all karts at each freeze, s: on the wire (where it is known), and as read."""
+    """Worst gap on the wire of all karts at each freeze, in seconds."""
 
     def __init__(self) -> None:
         """Begin."""
-        self._wire: list[float] = []
-        self._read: list[float] = []
+        self._worst: list[float] = []
 
     def follow(self, stack: contextlib.ExitStack, parts: WireRace) -> None:
         """Listen to the karts of this race."""
-        self._karts, self._since = parts.karts, time.monotonic()
-        self._arrivals: Arrivals | None = None
-        with contextlib.suppress(PermissionError):
-            self._arrivals = stack.enter_context(Arrivals(parts.control.port))
+        self._karts = parts.karts
+        self._arrivals = stack.enter_context(Arrivals(parts.control.port))
         for kart in self._karts:
             kart.wait_for_frames(2)  # what the first gap begins with
-        self._worst_on_wire()
+        self._arrivals.worst_gap(len(self._karts))
 
     def note(self) -> None:
         """Note the worst gap that ended since the last call."""
-        since, self._since = self._since, time.monotonic()
-        gaps = (
-            late - early
-            for kart in self._karts
-            for early, late in itertools.pairwise(kart.times)
-            if late > since
-        )
-        self._read.append(max(gaps, default=0.0))
-        self._wire += self._worst_on_wire()
-
-    def _worst_on_wire(self) -> list[float]:
-        if self._arrivals is None:
-            return []
         # Behind the last frame of a connection that has ended is no gap.
         ended = any(kart.ended for kart in self._karts)
-        return [self._arrivals.worst_gap(len(self._karts), going_on=not ended)]
+        self._worst.append(self._arrivals.worst_gap(len(self._karts), going_on=not ended))
 
     def __str__(self) -> str:
-        """Return three columns of the table."""
-        late = sum(gap > GAP for gap in self._wire or self._read)
-        return f'{worst(self._wire)} | {late} | {worst(self._read)}'
+        """Return two columns of the table."""
+        return f'{typical_and_worst(self._worst)} | {sum(gap > GAP for gap in self._worst)}'
 
 
 def race(stack: contextlib.ExitStack, folder: pathlib.Path) -> WireRace:
@@ -132,7 +106,7 @@ def freeze_others(folder: pathlib.Path, times: int, what: str) -> None:
             assert not any(kart.ended for kart in parts.karts), 'a kart was dropped'
     slow = sum(stop > STOP for stop in stops)
     print(
-        f'| {what} | {times} | {gaps} | {worst(stops)} | {slow} of {len(stops)} |',
+        f'| {what} | {times} | {gaps} | {typical_and_worst(stops)} | {slow} of {len(stops)} |',
         flush=True,
     )
 
@@ -185,9 +159,9 @@ def main() -> None:
     times = parser.parse_args().times
     print(
         '| frozen | times | worst gap of a kart, on the wire, ms, median / worst | over 100 ms '
-        "| as read | another official's stop, call to answer, ms | over 50 ms |"
+        "| another official's stop, call to answer, ms | over 50 ms |"
     )
-    print('|---|---|---|---|---|---|---|', flush=True)
+    print('|---|---|---|---|---|---|', flush=True)
     for what in ('client', 'watch'):
         with tempfile.TemporaryDirectory() as folder:
             freeze_others(pathlib.Path(folder), times, what)

@@ -79,9 +79,9 @@ def listed(counter: Counter[str]) -> str:
     return ', '.join(f'{name} {count}' for name, count in counter.most_common())
 
 
-def spread(values: list[float]) -> str:
+def typical_and_worst(values: list[float]) -> str:
     """Return median and worst, ms."""
-    return f'{statistics.median(values) * 1e3:.0f} / {max(values) * 1e3:.0f}' if values else '-'
+    return f'{statistics.median(values) * 1e3:.1f} / {max(values) * 1e3:.1f}' if values else '-'
 
 
 def main() -> None:
@@ -103,8 +103,8 @@ def main() -> None:
                     one(pathlib.Path(folder), state, kills_ros_half, figures)
             print(
                 f'| {"ROS half" if kills_ros_half else "kart server"} | {state.value} | {times} '
-                f'| {listed(figures.last)} | {spread(figures.ended)} | {spread(figures.told)} '
-                f'| {listed(figures.first)} |',
+                f'| {listed(figures.last)} | {typical_and_worst(figures.ended)} '
+                f'| {typical_and_worst(figures.told)} | {listed(figures.first)} |',
                 flush=True,
             )
 

@@ -122,28 +122,5 @@ def service(domain: int) -> None:
     rclpy.spin(node)
 
 
-def publisher(domain: int) -> None:
-    """Publish a race state for every frame of a TCP connection, and do nothing else."""
-    from evgp_kart_bridge.watch import LEASE, race_state_qos
-    from evgp_node.states import state_message
-    from evgp_rcs_msgs.msg import KartRaceState
-    import rclpy
-    from rclpy.node import Node
-
-    rclpy.init(domain_id=domain)
-    node = Node('bare')
-    qos = race_state_qos(LEASE)
-    topic = node.create_publisher(KartRaceState, '/kart_bridge/race_state', qos)
-    with socket.create_server(('127.0.0.1', 0)) as listening:
-        tell(listening.getsockname()[1])
-        connection, _ = listening.accept()
-        with connection:
-            while data := connection.recv(4096):
-                state = RaceState(data.rpartition(b'$')[2][:-1].decode())
-                topic.publish(KartRaceState(state=state_message(state)))
-
-
 if __name__ == '__main__':
-    {'floor': floor, 'rules': rules, 'service': service, 'publisher': publisher}[sys.argv[1]](
-        int(sys.argv[2])
-    )
+    {'floor': floor, 'rules': rules, 'service': service}[sys.argv[1]](int(sys.argv[2]))

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Measure race control and the bridge, each figure beside a floor of the same run.
+Measure race control, each figure beside a floor of the same run.
 
 ``make bench`` prints the tables of docs/performance.md.
 """
@@ -19,7 +19,6 @@ import pathlib
 import platform
 import random
 import signal
-import socket
 import statistics
 import subprocess
 import sys
@@ -28,10 +27,8 @@ import threading
 import time
 from typing import Any
 
-from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
-from evgp_testing.kart import Bridge, Team
 from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl
 from evgp_testing.usage import cpu_seconds, family, resident
@@ -40,9 +37,6 @@ from std_srvs.srv import Trigger
 HERE = pathlib.Path(__file__).parent
 
 RED_RED, IN_GARAGE = RaceState.RED_RED, RaceState.IN_GARAGE
-
-TURNS = 5
-"""How often what is measured and what it is compared with take turns."""
 
 
 class Party:
@@ -381,98 +375,12 @@ def keep_busy(official: Official, ended: threading.Event) -> None:
         ended.wait(0.5)
 
 
-def bridge_cost(seconds: float) -> None:
-    """Measure the bridge's CPU while it is sent 20 frames a second, with a stack listening."""
-    with (
-        Domain() as domain,
-        socket.create_server(('127.0.0.1', 0)) as listening,
-        Bridge(domain.number, listening.getsockname()[1], '127.0.1.1') as bridge,
-        Team(domain.number) as team,
-    ):
-        connection, _ = listening.accept()
-        with connection:
-            rows = []
-            for what, states in (
-                ('one state', (IN_GARAGE,)),
-                ('a new state with every frame', (RaceState.RED_FLAG, RED_RED)),
-            ):
-                connection.sendall(encode(states[0]))
-                team.wait_for_state(states[0])
-                before, began = cpu_seconds(bridge.pid), time.monotonic()
-                for turn in range(round(20 * seconds)):
-                    connection.sendall(encode(states[turn % len(states)]))
-                    time.sleep(0.05)
-                cpu = (cpu_seconds(bridge.pid) - before) / (time.monotonic() - began)
-                rows.append((what, f'{cpu * 100:.1f} %', f'{rss(bridge.pid):.0f}'))
-    table(
-        f'Cost of the bridge at 20 Hz over {seconds:g} s',
-        ('frames', 'of one core', 'RSS, MB'),
-        rows,
-    )
-
-
-# ----- 4 and 5: the kart's side ------------------------------------------------------------
-
-
-def kart_side(times: int) -> None:
-    """
-    Measure from a frame to the callback in the team's node, beside a bare publisher.
-
-    In turns, so that what else the machine does meets both.
-    """
-    bare: list[float] = []
-    bridge: list[float] = []
-    for _ in range(TURNS):
-        with Domain() as domain, Party('parties.py', 'publisher', domain.number) as party:
-            bare += frames_to_callbacks(
-                domain.number,
-                lambda party=party: socket.create_connection(('127.0.0.1', party.hear())),
-                times // TURNS,
-            )
-        with (
-            Domain() as domain,
-            socket.create_server(('127.0.0.1', 0)) as listening,
-            Bridge(domain.number, listening.getsockname()[1], '127.0.1.1'),
-        ):
-            bridge += frames_to_callbacks(
-                domain.number, lambda listening=listening: listening.accept()[0], times // TURNS
-            )
-    ratio = statistics.median(bridge) / statistics.median(bare)
-    table(
-        f'Frame on the socket → callback in the stack, ms, median / p99 of {len(bare)}',
-        ('bare publisher', 'bridge', '÷ bare'),
-        [(spread(bare), spread(bridge), f'{ratio:.2f}')],
-    )
-
-
-def frames_to_callbacks(
-    domain: int, connect: Callable[[], socket.socket], times: int
-) -> list[float]:
-    """Return the times from the sending of a frame to the team's callback, s."""
-    with Team(domain) as team, connect() as connection:
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        while not team.changes or team.changes[-1][1] is not RaceState.RED_FLAG:
-            connection.sendall(encode(RaceState.RED_FLAG))
-            time.sleep(0.05)  # a kart's frames come that often, or it gives the link up
-        result = []
-        for turn in range(times):
-            state = (RED_RED, RaceState.RED_FLAG)[turn % 2]
-            began = time.monotonic()
-            connection.sendall(encode(state))
-            team.wait_for_state(state)
-            result.append(team.changes[-1][0] - began)
-            time.sleep(0.02)  # what the frame set off is over
-        return result
-
-
 def main() -> None:
     """Run the measurements asked for."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     measurements: dict[str, Callable[[pathlib.Path, argparse.Namespace], None]] = {
         'stop': lambda folder, given: stop_latency(folder, given.karts, given.times),
         'beat': lambda folder, given: beat_and_cost(folder, given.karts, given.seconds),
-        'bridge': lambda folder, given: bridge_cost(given.seconds / 3),
-        'kart': lambda folder, given: kart_side(10 * given.times),
     }
     parser = argparse.ArgumentParser(prog='bench/performance.py', description=__doc__)
     parser.add_argument('what', nargs='*', help=f'of {", ".join(measurements)}; all of them')

@@ -4,24 +4,21 @@
 """
 Set up the environment and the workspace: .venv, then build/ and install/.
 
-With --console, what the officials' window needs as well (Qt; race control itself needs none).
-
 Needs the standard library only, and parses on any Python 3.7 or later, so that a Python that
-cannot be used can still say so. Decisions are functions of their arguments and are tested;
-whatever touches the machine stands below them.
+cannot be used can still say so.
 
-There are two ways to have ROS 2. With one sourced (ROS_DISTRO, one of SOURCED) it is used as it
-stands, its interpreter and its colcon too, and .venv only adds the tests' and checks' tools to
-it. Without one, .venv holds ROS itself, Jazzy, from wheels.
+With ROS 2 sourced (ROS_DISTRO, one of SOURCED), it is used as it stands, its interpreter and its
+colcon too, and .venv only adds the tools of tests and checks. Without, .venv holds ROS itself,
+Jazzy, from wheels.
 
-What has been made is marked by a stamp that is removed before and written after the making, so
-that a half-made environment is never taken for a whole one.
+A stamp marks what has been made. It is removed before and written after the making, so that a
+half-made environment is never taken for a whole one.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 import dataclasses
 import fcntl
 import hashlib
@@ -41,7 +38,6 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 VENV = ROOT / '.venv'
 BUILD = ROOT / 'build'
 INSTALL = ROOT / 'install'
-LOG = ROOT / 'log'
 VENV_STAMP = VENV / '.stamp'
 # In build/, since install/ links into it: either of them missing means building again.
 BUILD_STAMP = BUILD / '.stamp'
@@ -69,24 +65,18 @@ SOURCED_MODULES = {
 
 @dataclasses.dataclass(frozen=True)
 class Interpreter:
-    """What matters of a Python interpreter and the machine it runs on."""
+    """What matters of a Python interpreter and its machine; by default of this one."""
 
-    executable: str
-    version: str  # '3.12'
-    implementation: str  # 'CPython'
-    platform: str  # 'Linux x86_64'
-    glibc: tuple[int, ...]  # (2, 36); empty where the C library is another one
-    has_venv: bool  # whether `python -m venv` can install pip
-    has_headers: bool  # whether C extensions can be compiled against it
-    modules: frozenset[str]  # those of rclpy and SOURCED_MODULES that it finds
-
-
-@dataclasses.dataclass(frozen=True)
-class Stamp:
-    """What .venv was made from and with; two equal stamps need no new making."""
-
-    key: str
-    version: str
+    executable: str = sys.executable
+    version: str = '{}.{}'.format(*sys.version_info)
+    implementation: str = platform.python_implementation()
+    machine: str = f'{platform.system()} {platform.machine()}'
+    libc: tuple[str, str] = platform.libc_ver()
+    has_venv: bool = importlib.util.find_spec('ensurepip') is not None
+    has_headers: bool = pathlib.Path(sysconfig.get_path('include'), 'Python.h').is_file()
+    modules: frozenset[str] = frozenset(
+        name for name in ('rclpy', *SOURCED_MODULES) if importlib.util.find_spec(name)
+    )
 
 
 def is_sourced(environment: Mapping[str, str]) -> bool:
@@ -130,10 +120,11 @@ def why_unfit(python: Interpreter, *, sourced: bool) -> str | None:
             packages = ' '.join(missing)
             return f"{where} lacks modules; install them with 'apt-get install {packages}'."
         return None
-    if python.platform != 'Linux x86_64' or python.glibc < OLDEST_GLIBC:
-        glibc = '.'.join(map(str, python.glibc)) or 'none'
+    library, release = python.libc
+    old = library != 'glibc' or tuple(map(int, release.split('.'))) < OLDEST_GLIBC
+    if python.machine != 'Linux x86_64' or old:
         return (
-            f'This machine is {python.platform} with glibc {glibc}, and there are wheels of '
+            f'This machine is {python.machine} with {library} {release}, and there are wheels of '
             'ROS 2 Jazzy only for Linux x86_64 with glibc 2.28 or later; install ROS 2 Jazzy '
             'itself, source its setup.bash and try again.'
         )
@@ -148,17 +139,6 @@ def why_unfit(python: Interpreter, *, sourced: bool) -> str | None:
             f"{debian} 'apt-get install python{python.version}-dev'."
         )
     return None
-
-
-def is_kept(made: Stamp | None, wanted: Stamp, *, chosen: bool) -> bool:
-    """
-    Return whether the environment of stamp made will do where wanted is asked for.
-
-    Unless the Python was chosen by name, one made with another fitting version is kept.
-    """
-    if made is None or made.key != wanted.key:
-        return False
-    return made.version == wanted.version or not chosen
 
 
 def repaired(text: str, include: str, site_packages: str) -> str:
@@ -206,23 +186,6 @@ def digest(parts: Iterable[tuple[str, bytes]]) -> str:
 # From here on everything touches the machine.
 
 
-def this_interpreter() -> Interpreter:
-    """Return what matters of the interpreter that runs this file."""
-    name, release = platform.libc_ver()
-    header = pathlib.Path(sysconfig.get_path('include'), 'Python.h')
-    modules = ['rclpy', *SOURCED_MODULES]
-    return Interpreter(
-        executable=sys.executable,
-        version='{}.{}'.format(*sys.version_info),
-        implementation=platform.python_implementation(),
-        platform=f'{platform.system()} {platform.machine()}',
-        glibc=tuple(map(int, release.split('.'))) if name == 'glibc' else (),
-        has_venv=importlib.util.find_spec('ensurepip') is not None,
-        has_headers=header.is_file(),
-        modules=frozenset(m for m in modules if importlib.util.find_spec(m) is not None),
-    )
-
-
 def stop(reason: str) -> NoReturn:
     """End the set-up with one sentence to the user."""
     sys.stderr.write(f'{reason}\n')
@@ -260,48 +223,41 @@ def run_quietly(
     )
 
 
-def read_stamp(path: pathlib.Path) -> Stamp | None:
-    """Return the stamp in a file, None where there is none or it is damaged."""
-    try:
-        return Stamp(*path.read_text().split())
-    except (OSError, TypeError, UnicodeDecodeError):
-        return None
+def locks(*names: str) -> list[tuple[str, bytes]]:
+    """Return lists of what is installed, with their names."""
+    return [(name, (ROOT / 'setup' / name).read_bytes()) for name in names]
 
 
-def make_venv(python: Interpreter, *, sourced: bool) -> None:
+def make(stamp: pathlib.Path, wanted: str, how: Callable[[], None], there: bool = True) -> None:
+    """Make something, and mark it; not if it is there, and marked as what is wanted."""
+    if there and stamp.exists() and stamp.read_text() == wanted:
+        return
+    stamp.unlink(missing_ok=True)
+    how()
+    stamp.write_text(wanted)
+
+
+def make_venv(*, sourced: bool) -> None:
     """Make .venv anew and install what is locked into it."""
     # What was built against the old one names its folders.
     for old in (VENV, BUILD, INSTALL):
         shutil.rmtree(old, ignore_errors=True)
-    flags = ['--system-site-packages'] if sourced else []
-    run_quietly(
-        f'Making .venv with Python {python.version}',
-        [sys.executable, '-m', 'venv', *flags, VENV],
-    )
-    setup = ROOT / 'setup'
+    words = ['-m', 'venv', *(['--system-site-packages'] if sourced else []), VENV]
+    version = Interpreter.version
+    run_quietly(f'Making .venv with Python {version}', [sys.executable, *words])
     if sourced:
-        # Not its dependencies: those that are not in the lock are the sourced ROS's own. And each
-        # of the lock, also where the system has it: without-ros sees .venv alone.
-        own = ['--no-deps', '--ignore-installed', '-r', setup / 'tools.txt']
-        run_quietly('Installing the test tools', [*PIP, *own])
+        # Also what the system has: without-ros sees .venv alone.
+        install('the test tools', 'tools.txt', '--ignore-installed')
         return
-    run_quietly('Installing the build tools', [*PIP, '-r', setup / 'build.txt'])
-    run_quietly(
-        'Installing ROS 2 Jazzy from wheels, about a minute',
-        [*PIP, '--no-binary', 'empy', '--no-build-isolation', '-r', setup / 'ros.txt'],
-    )
+    install('the build tools', 'build.txt')
+    flags = ['--no-binary', 'empy', '--no-build-isolation']
+    install('ROS 2 Jazzy from wheels, about a minute', 'ros.txt', *flags)
     repair_wheels()
 
 
-def install_console() -> None:
-    """Install Qt for the officials' window into .venv, if what is there is not what is locked."""
-    lock = ROOT / 'setup' / 'console.txt'
-    wanted = digest([(lock.name, lock.read_bytes())])
-    if CONSOLE_STAMP.exists() and CONSOLE_STAMP.read_text() == wanted:
-        return
-    CONSOLE_STAMP.unlink(missing_ok=True)
-    run_quietly("Installing Qt for the officials' console", [*PIP, '-r', lock])
-    CONSOLE_STAMP.write_text(wanted)
+def install(what: str, lock: str, *flags: str) -> None:
+    """Install what a list names into .venv."""
+    run_quietly(f'Installing {what}', [*PIP, *flags, '-r', ROOT / 'setup' / lock])
 
 
 def repair_wheels() -> None:
@@ -335,35 +291,6 @@ def build_workspace(*, sourced: bool) -> None:
     run_quietly('Building the workspace, two to four minutes', command, environment)
 
 
-def prepare(python: Interpreter, *, sourced: bool, chosen: bool, console: bool) -> None:
-    """
-    Make .venv and build the workspace where what is there does not do.
-
-    :param console: what the officials' window needs as well.
-    """
-    locks = ['tools.txt'] if sourced else ['build.txt', 'ros.txt']
-    key = digest(
-        # The root is part of it, since both venv and colcon write absolute paths.
-        [('root', str(ROOT).encode()), ('sourced', str(sourced).encode())]
-        + [(name, (ROOT / 'setup' / name).read_bytes()) for name in locks]
-    )
-    wanted = Stamp(key, python.version)
-    made = read_stamp(VENV_STAMP) if (VENV / 'bin/python').exists() else None
-    if made is None or not is_kept(made, wanted, chosen=chosen):
-        VENV_STAMP.unlink(missing_ok=True)
-        make_venv(python, sourced=sourced)
-        VENV_STAMP.write_text(f'{wanted.key} {wanted.version}\n')
-        made = wanted
-    if console:
-        install_console()
-
-    built = Stamp(digest([(made.key, b''), *build_inputs(ROOT / 'src')]), made.version)
-    if read_stamp(BUILD_STAMP) != built or not (INSTALL / 'setup.bash').exists():
-        BUILD_STAMP.unlink(missing_ok=True)
-        build_workspace(sourced=sourced)
-        BUILD_STAMP.write_text(f'{built.key} {built.version}\n')
-
-
 def main() -> None:
     """Set up, or with --fit say whether this interpreter can."""
     parser = argparse.ArgumentParser(description='Set up .venv and build the workspace.')
@@ -377,15 +304,13 @@ def main() -> None:
     )
     arguments = parser.parse_args()
 
-    sourced = is_sourced(os.environ)
-    python = this_interpreter()
+    sourced, python = is_sourced(os.environ), Interpreter()
     reason = why_no_ros(os.environ) or why_unfit(python, sourced=sourced)
     if arguments.fit:
         print(reason or python.executable)
         raise SystemExit(1 if reason else 0)
     if reason:
         stop(reason)
-
     if not sourced:
         # Nothing of another workspace that this shell may have sourced gets into this one.
         for name in ('COLCON_PREFIX_PATH', 'PYTHONPATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE'):
@@ -394,12 +319,19 @@ def main() -> None:
     # Two at once (a test run in one terminal, the demonstration in another) take turns.
     turn = os.open(ROOT / 'setup', os.O_RDONLY)
     fcntl.flock(turn, fcntl.LOCK_EX)
-    prepare(
-        python,
-        sourced=sourced,
-        chosen=bool(os.environ.get('PYTHON')),
-        console=arguments.console,
-    )
+    # Unless PYTHON names one, .venv may have another that fits.
+    chosen = python.version if os.environ.get('PYTHON') else ''
+    # Both venv and colcon write absolute paths.
+    place = [('root', str(ROOT).encode()), ('sourced', str(sourced).encode())]
+    key = digest(place + locks('build.txt', 'ros.txt', 'tools.txt'))
+    has_python = (VENV / f'bin/python{chosen}').exists()
+    make(VENV_STAMP, key, lambda: make_venv(sourced=sourced), has_python)
+    if arguments.console:
+        qt = "Qt for the officials' console"
+        make(CONSOLE_STAMP, digest(locks('console.txt')), lambda: install(qt, 'console.txt'))
+    built = digest([(key, b''), *build_inputs(ROOT / 'src')])
+    is_there = (INSTALL / 'setup.bash').exists()
+    make(BUILD_STAMP, built, lambda: build_workspace(sourced=sourced), is_there)
 
 
 if __name__ == '__main__':

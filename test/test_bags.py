@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import pathlib
+import shutil
 import sqlite3
 import sys
 from typing import Any
@@ -17,8 +18,11 @@ from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record import events, open_read_only
 from evgp_rcs.teller import EVENTS_QOS, RACE_QOS
 from evgp_rcs_msgs import msg
-from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from evgp_testing.wire_kart import Acknowledges
+from evgp_testing.domains import Domain
+from evgp_testing.fixtures import JoinOfficial, StartRaceControl
+from evgp_testing.official import Official
+from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 from rclpy.qos import (
     DurabilityPolicy,
@@ -46,33 +50,49 @@ def read(path: pathlib.Path) -> Published:
     return found
 
 
-@pytest.fixture
-def race(
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-    connect_kart: ConnectKart,
-    tmp_path: pathlib.Path,
-) -> pathlib.Path:
+def bagged(record: pathlib.Path, code: int = 0) -> Published:
+    """Make a bag of a record, and return what is in it."""
+    bag = record.with_suffix('.mcap')
+    assert rcs_record(['mcap', str(record), str(bag)]) == code
+    found = read(bag)
+    bag.unlink()
+    return found
+
+
+@pytest.fixture(scope='module')
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     """Return the record of the very first race, which went to GREEN_GREEN and was stopped."""
-    record = tmp_path / 'record.sqlite3'
-    control = start_race_control(in_race=[1, 2], proven=False, record=record)
-    official = join_official(control)
-    for number in (1, 2):
-        connect_kart(control, number, Acknowledges.EACH_CHANGE)
-    official.wait_for_connected(1, 2)
-    official.bring_to(RaceState.GREEN_GREEN)
-    official.call('in_garage', track_safe=True)
-    official.bring_to(RaceState.RED_RED)
-    control.close()
+    folder = tmp_path_factory.mktemp('recorded')
+    record = folder / 'record.sqlite3'
+    with (
+        Domain() as domain,
+        RaceControl(folder, domain.number, [1], proven=False) as control,
+        Official(domain.number) as official,
+        WireKart(address_of(1), control.port, Acknowledges.EACH_CHANGE),
+    ):
+        official.wait_for_connected(1)
+        official.bring_to(RaceState.GREEN_GREEN)
+        official.call('in_garage', track_safe=True)
+        official.bring_to(RaceState.RED_RED)
     return record
 
 
+@pytest.fixture
+def race(recorded: pathlib.Path, tmp_path: pathlib.Path) -> pathlib.Path:
+    """Return a copy of that record, for a test to change."""
+    return pathlib.Path(shutil.copy(recorded, tmp_path))
+
+
+def change(record: pathlib.Path, statements: str) -> None:
+    """Change a record."""
+    with contextlib.closing(sqlite3.connect(record)) as database:
+        database.executescript(statements)
+
+
 def test_a_bag_has_the_race_its_events_and_the_diagnostics_in_the_order_of_their_times(
-    race: pathlib.Path, tmp_path: pathlib.Path
+    race: pathlib.Path,
 ) -> None:
-    bag = tmp_path / 'race.mcap'
-    assert rcs_record(['mcap', str(race), str(bag)]) == 0
-    found = read(bag)
+    found = bagged(race)
     assert set(found) == {'/rcs/race', '/rcs/events', '/diagnostics'}
     with contextlib.closing(open_read_only(race)) as database:
         recorded = list(events(database, 1))
@@ -96,17 +116,11 @@ def test_a_bag_has_the_race_its_events_and_the_diagnostics_in_the_order_of_their
         assert times[-1] <= recorded[-1].wall_ns + 10**9
 
 
-def test_a_clock_that_was_set_back_changes_no_order_in_the_bag(
-    race: pathlib.Path, tmp_path: pathlib.Path
-) -> None:
-    with contextlib.closing(sqlite3.connect(race)) as database:
-        database.execute('UPDATE event SET wall_ns = wall_ns - 3600000000000 WHERE sequence > 5')
-        database.commit()
+def test_a_clock_that_was_set_back_changes_no_order_in_the_bag(race: pathlib.Path) -> None:
+    change(race, 'UPDATE event SET wall_ns = wall_ns - 3600000000000 WHERE sequence > 5')
     with contextlib.closing(open_read_only(race)) as database:
         recorded = list(events(database, 1))
-    bag = tmp_path / 'race.mcap'
-    assert rcs_record(['mcap', str(race), str(bag)]) == 0
-    found = read(bag)
+    found = bagged(race)
     assert [event.sequence for _, event in found['/rcs/events']] == [
         event.sequence for event in recorded
     ]
@@ -120,30 +134,21 @@ def test_a_clock_that_was_set_back_changes_no_order_in_the_bag(
     assert len(set(raced)) > 2
 
 
-def test_a_bag_of_a_record_without_inputs_has_its_events(
-    race: pathlib.Path, tmp_path: pathlib.Path
-) -> None:
-    with contextlib.closing(sqlite3.connect(race)) as database:
-        database.executescript('DELETE FROM input; UPDATE session SET setup = NULL;')
-    bag = tmp_path / 'race.mcap'
-    assert rcs_record(['mcap', str(race), str(bag)]) == 0
-    assert set(read(bag)) == {'/rcs/events'}
+def test_a_bag_of_a_record_without_inputs_has_its_events(race: pathlib.Path) -> None:
+    change(race, 'DELETE FROM input; UPDATE session SET setup = NULL;')
+    assert set(bagged(race)) == {'/rcs/events'}
 
 
 def test_a_bag_whose_race_ends_where_inputs_are_missing_says_so(
-    race: pathlib.Path, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+    race: pathlib.Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    whole, cut = tmp_path / 'whole.mcap', tmp_path / 'cut.mcap'
-    assert rcs_record(['mcap', str(race), str(whole)]) == 0
+    whole = bagged(race)
     assert len(capsys.readouterr().out.splitlines()) == 1
-    with contextlib.closing(sqlite3.connect(race)) as database:
-        database.execute('DELETE FROM input WHERE block = (SELECT max(block) / 2 FROM input)')
-        database.commit()
-    assert rcs_record(['mcap', str(race), str(cut)]) == 3
+    change(race, 'DELETE FROM input WHERE block = (SELECT max(block) / 2 FROM input)')
+    cut = bagged(race, code=3)
     assert len(capsys.readouterr().out.splitlines()) == 2
-    before, after = read(whole), read(cut)
-    assert len(after['/rcs/events']) == len(before['/rcs/events'])
-    assert 0 < len(after['/rcs/race']) < len(before['/rcs/race'])
+    assert len(cut['/rcs/events']) == len(whole['/rcs/events'])
+    assert 0 < len(cut['/rcs/race']) < len(whole['/rcs/race'])
 
 
 def test_a_file_that_is_there_is_not_written_over(

@@ -207,7 +207,7 @@ def test_race_control_killed_at_random_comes_back_with_every_kart_held(
         killer = threading.Timer(dice.uniform(0.0, 0.03), meeting.control.kill)
         killer.start()
         try:
-            meeting.official.patience = 0.5
+            meeting.official.timeout = 0.5
             steps[-1](meeting)
         except AssertionError:
             # Only if nobody answered any more, or what was accepted did not come about any more.

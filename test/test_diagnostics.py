@@ -11,7 +11,6 @@ import pathlib
 import sqlite3
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartBridge, StartRaceControl
@@ -32,7 +31,7 @@ class Health(RosSide):
     def __init__(self, domain: int) -> None:
         super().__init__('health', domain)
         self.statuses: dict[str, DiagnosticStatus] = {}
-        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._hear, DIAGNOSTICS_QOS)
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._hear, 10)
         self.spin()
 
     def wait_for(self, name: str, level: bytes) -> DiagnosticStatus:

@@ -101,26 +101,18 @@ sys.exit(process.run_node('hanging', Hanging, ()))
 
 
 @pytest.mark.parametrize(
-    ('where', 'code', 'most'),
+    ('where', 'code'),
     [
-        (['teardown'], 0, TEARDOWN_TIMEOUT),
-        (['close'], 1, CLOSE_TIMEOUT),
-        (['running'], 1, 2.0),
-        (['fails', 'teardown'], 1, TEARDOWN_TIMEOUT),
-        (['fails'], 1, TEARDOWN_TIMEOUT),
-        ([], 0, TEARDOWN_TIMEOUT),
-    ],
-    ids=[
-        'in the teardown',
-        'in close',
-        'while it runs',
-        'after a failure',
-        'a failure',
-        'nothing',
+        (['teardown'], 0),
+        (['close'], 1),
+        (['running'], 1),
+        (['fails', 'teardown'], 1),
+        (['fails'], 1),
+        ([], 0),
     ],
 )
 def test_a_process_ends_in_time_and_with_its_exit_code_whatever_hangs_however_often_it_is_told(
-    where: list[str], code: int, most: float, parts: contextlib.ExitStack, tmp_path: pathlib.Path
+    where: list[str], code: int, parts: contextlib.ExitStack, tmp_path: pathlib.Path
 ) -> None:
     program = tmp_path / 'hanging.py'
     program.write_text(PROGRAM)
@@ -138,14 +130,13 @@ def test_a_process_ends_in_time_and_with_its_exit_code_whatever_hangs_however_of
     assert process.stdout.readline() == 'runs\n'
     began = time.monotonic()
     while process.poll() is None:
+        # Less than it hangs. The exit code tells which time limit ended it.
         assert time.monotonic() - began < CLOSE_TIMEOUT + TEARDOWN_TIMEOUT + PATIENCE
         if 'running' not in where:
             process.terminate()  # also in its last moment
         time.sleep(0.001)
 
-    took = time.monotonic() - began
     printed, errors = process.stdout.read(), process.stderr.read()
     assert process.returncode == code, errors
     assert printed == ('' if 'running' in where else 'closed\n')
     assert ('ArithmeticError: of its own' in errors) == ('fails' in where)
-    assert took < most + 2.0  # of which all but the first part is the machine's load

@@ -63,55 +63,40 @@ def test_an_unknown_target_is_refused() -> None:
     assert 'unknown: kart' in done.stderr
 
 
-@pytest.mark.parametrize(
-    ('where', 'what'),
-    [
-        ('_find_last', re.compile(rb'[;\x80-\xff]').search),
-        ('_find_last', re.compile(rb'[;$]').search),
-        ('_find_no_space', re.compile(rb'[^ \t\n]').search),
-        ('MAX_FRAME_BYTES', 33),
-    ],
-)
-def test_a_fault_in_the_decoder_is_found(
-    where: str, what: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(frames, where, what)
+class Forgetful(frames.FrameDecoder):
+    """Begins anew with every read."""
 
-    with pytest.raises(AssertionError):
-        for path in fuzz_targets.corpus('decoder'):
-            fuzz_targets.check_decoder(path.read_bytes())
-
-
-def test_a_decoder_that_forgets_half_a_frame_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    class Forgetful(frames.FrameDecoder):
-        """Begins anew with every read."""
-
-        def feed(self, data: bytes | bytearray | memoryview) -> list[Any]:
-            self._frame = b''
-            return super().feed(data)
-
-    monkeypatch.setattr(frames, 'FrameDecoder', Forgetful)
-
-    with pytest.raises(AssertionError):
-        fuzz_targets.check_decoder(b'$RED_RED;')
+    def feed(self, data: bytes | bytearray | memoryview) -> list[Any]:
+        self._frame = b''
+        return super().feed(data)
 
 
 @pytest.mark.parametrize(
-    ('where', 'what'),
+    ('target', 'owner', 'where', 'what'),
     [
-        ('_in_race', lambda self, node, kart: True),
-        ('_team', lambda self, node, kart: f' {node.value}'),
-        ('_address', lambda self, node, kart: str(node.value).replace('10', '010')),
-        ('_heat_name', lambda self, node: f' {node.value}'),
-        ('_note', lambda self, where, reason: [][0]),
-        ('_in_words', lambda self, fault: f'roster:1: {fault.reason}\n'),
+        ('decoder', frames, '_find_last', re.compile(rb'[;\x80-\xff]').search),
+        ('decoder', frames, '_find_last', re.compile(rb'[;$]').search),
+        ('decoder', frames, '_find_no_space', re.compile(rb'[^ \t\n]').search),
+        ('decoder', frames, 'MAX_FRAME_BYTES', 33),
+        ('decoder', frames, 'FrameDecoder', Forgetful),
+        ('roster', roster._Parser, '_in_race', lambda self, node, kart: True),
+        ('roster', roster._Parser, '_team', lambda self, node, kart: f' {node.value}'),
+        (
+            'roster',
+            roster._Parser,
+            '_address',
+            lambda self, node, _: node.value.replace('10', '010'),
+        ),
+        ('roster', roster._Parser, '_heat_name', lambda self, node: f' {node.value}'),
+        ('roster', roster._Parser, '_note', lambda self, where, reason: [][0]),
+        ('roster', roster._Parser, '_in_words', lambda self, fault: f'roster:1: {fault.reason}\n'),
     ],
 )
-def test_a_fault_in_the_roster_loader_is_found(
-    where: str, what: Any, monkeypatch: pytest.MonkeyPatch
+def test_a_fault_is_found(
+    target: str, owner: Any, where: str, what: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(roster._Parser, where, what)
+    monkeypatch.setattr(owner, where, what)
 
     with pytest.raises((AssertionError, LookupError, ValueError)):
-        for path in fuzz_targets.corpus('roster'):
-            fuzz_targets.check_roster(path.read_bytes())
+        for path in fuzz_targets.corpus(target):
+            fuzz_targets.TARGETS[target](path.read_bytes())

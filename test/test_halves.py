@@ -21,11 +21,14 @@ import threading
 
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
+from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.process import freeze, wait_until_ended
+from evgp_testing.race_control import RaceControl
 from evgp_testing.wire_kart import Acknowledges
 from evgp_testing.wire_race import WireRace
 import pytest
+from rig.faulty_nodes import program_of, RaceControlThatTakesNoStops
 from rig.niceness import may_come_first
 from rig.replaying import replay_without_difference
 
@@ -144,6 +147,27 @@ def test_every_kart_hears_red_red_when_a_thread_that_receives_for_dds_hangs(
             'the alert that a part has failed',
         )
     assert scene.control.wait() == 1
+
+
+def test_every_kart_hears_red_red_when_the_thread_that_takes_the_stops_hangs(
+    join_official: JoinOfficial,
+    connect_kart: ConnectKart,
+    parts: contextlib.ExitStack,
+    tmp_path: pathlib.Path,
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    program = program_of(RaceControlThatTakesNoStops, tmp_path)
+    control = parts.enter_context(RaceControl(tmp_path, domain, [1], program=program))
+    official = join_official(control)
+    kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1)
+    official.bring_to(GREEN_GREEN)
+    official.patience = 1.0
+    with pytest.raises(AssertionError):
+        official.call('red_flag')
+    kart.wait_for_end()
+    assert kart.state is RED_RED
+    assert control.wait() == 1
 
 
 def test_a_ros_half_that_hangs_for_a_moment_costs_nothing(scene: WireRace) -> None:

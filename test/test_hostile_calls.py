@@ -74,7 +74,7 @@ class Hostile(RosSide):
     def client(self, name: str, kind: Any) -> Any:
         """Return a client of a service that is there."""
         client = self.node.create_client(kind, name)
-        assert client.wait_for_service(self.patience), name
+        assert client.wait_for_service(self.timeout), name
         return client
 
     def filled(self, kind: Any) -> Any:
@@ -369,7 +369,7 @@ def test_a_call_that_cannot_be_read_or_answered_is_dropped_and_locks_no_other_ca
     broken = parts.enter_context(Broken(domain, only_serves))
     hostile = join_hostile(domain)
     dropped = hostile.client(f'/broken/{name}', Trigger)
-    assert dropped.wait_for_service(hostile.patience)
+    assert dropped.wait_for_service(hostile.timeout)
 
     for _ in range(2):
         dropped.call_async(Trigger.Request())

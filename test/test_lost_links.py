@@ -10,7 +10,7 @@ docs/performance.md says when.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import contextlib
 import pathlib
 import signal
@@ -23,7 +23,6 @@ from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.kart import Bridge, Team
 from evgp_testing.official import Official
-from evgp_testing.part import Part
 from evgp_testing.race_control import RaceControl
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
@@ -41,7 +40,7 @@ FAULTY, GOOD = 1, 2
 """The kart whose network fails, and the one that must not notice."""
 
 
-class RosKart(Part):
+class RosKart:
     """
     A kart with ROS on a machine of its own: its bridge, and a team's node beside it.
 
@@ -49,90 +48,57 @@ class RosKart(Part):
     time (s) since when: the watch also tells when the bridge is gone.
     """
 
-    def __init__(self, machine: Machine, port: int) -> None:
+    def __init__(self, parts: contextlib.ExitStack, machine: Machine, port: int) -> None:
         """Start it; it need not find race control."""
         self.machine = machine
         self.obeyed: list[tuple[float, RaceState]] = []
-        self._port = port
-        self._stack = contextlib.ExitStack()
-        domain = self._stack.enter_context(Domain()).number
-        try:
-            with machine.inside():
-                self.bridge = self._start(domain)
-                self.team = self._stack.enter_context(Team(domain))
-                RaceStateWatch(self.team.node, self._obey)
-        except BaseException:
-            self.close()
-            raise
+        self._parts, self._port = parts, port
+        self._domain = parts.enter_context(Domain()).number
+        self.start_bridge()
+        with machine.inside():
+            self.team = parts.enter_context(Team(self._domain))
+            RaceStateWatch(self.team.node, self._obey)
 
-    def restart_bridge(self) -> None:
-        """Start the bridge again after it was killed."""
+    def start_bridge(self) -> None:
+        """Start the bridge, for the first time or after it was killed."""
         with self.machine.inside():
-            self.bridge = self._start(self.bridge.domain)
-
-    def close(self) -> None:
-        """End it."""
-        self._stack.close()
+            bridge = Bridge(self._domain, self._port, self.machine.address, {'host': RACE_CONTROL})
+        self.bridge = self._parts.enter_context(bridge)
 
     def _obey(self, state: RaceState) -> None:
         with self.team.news:
             self.obeyed.append((time.monotonic(), state))
             self.team.news.notify_all()
 
-    def _start(self, domain: int) -> Bridge:
-        parameters = {'host': RACE_CONTROL}
-        return self._stack.enter_context(
-            Bridge(domain, self._port, self.machine.address, parameters)
-        )
 
+class NetworkRace:
+    """Race control, the ROS kart ``faulty`` and the plain kart ``good``, on a machine each."""
 
-class NetworkRace(Part):
-    """
-    Race control, the ROS kart ``faulty`` and the plain kart ``good``, each on its own machine.
-
-    :param folder: where race control's files are written.
-    :param parameters: more ROS parameters of race control.
-    """
-
-    def __init__(self, folder: pathlib.Path, **parameters: object) -> None:
+    def __init__(self, parts: contextlib.ExitStack, folder: pathlib.Path) -> None:
         """Start everything, and wait until both karts are connected."""
-        self._folder = folder
-        self._stack = contextlib.ExitStack()
-        try:
-            self._start(Track(seed=1), parameters)
-        except BaseException:
-            self.close()
-            raise
-
-    def _start(self, track: Track, parameters: dict[str, object]) -> None:
-        enter = self._stack.enter_context
-        self.track = enter(track)
-        domain = enter(Domain()).number
+        self.track = parts.enter_context(Track(seed=1))
+        domain = parts.enter_context(Domain()).number
         # Fast DDS asks for the network interfaces of a process once. Here, where there is but
         # the loopback, what it learns is true on every machine.
         with self.track.middle.inside():
             Official(domain).close()
+        given = {'address': RACE_CONTROL, 'red_alert': 1.0}
+        numbers = (FAULTY, GOOD)
         with self.track.machine('rcs', RACE_CONTROL).inside():
-            self.control = enter(
-                RaceControl(
-                    self._folder,
-                    domain,
-                    (FAULTY, GOOD),
-                    parameters={'address': RACE_CONTROL, **parameters},
-                    addresses=kart_address,
-                )
+            self.control = parts.enter_context(
+                RaceControl(folder, domain, numbers, parameters=given, addresses=kart_address)
             )
-            self.official = self._stack.enter_context(Official(domain))
+            self.official = parts.enter_context(Official(domain))
         self.machine = self.track.machine('kart1', kart_address(FAULTY))
         self.good_machine = self.track.machine('kart2', kart_address(GOOD))
-        self._faulty = enter(contextlib.ExitStack())
-        self.faulty = self.start_ros_kart(self.machine)
-        self.good = enter(self.connect(self.good_machine, Acknowledges.EACH_CHANGE))
+        self._faulty = parts.enter_context(contextlib.ExitStack())
+        self.start_ros_kart()
+        self.good = parts.enter_context(self.connect(self.good_machine, Acknowledges.EACH_CHANGE))
         self.official.wait_for_connected(FAULTY, GOOD)
 
-    def start_ros_kart(self, machine: Machine) -> RosKart:
-        """Start a kart with ROS on a machine."""
-        return self._faulty.enter_context(RosKart(machine, self.control.port))
+    def start_ros_kart(self) -> None:
+        """Start the faulty kart on its machine."""
+        self.faulty = RosKart(self._faulty, self.machine, self.control.port)
 
     def connect(
         self, machine: Machine, acknowledges: Acknowledges = Acknowledges.NEVER
@@ -141,18 +107,16 @@ class NetworkRace(Part):
         with machine.inside():
             return WireKart(machine.address, self.control.port, acknowledges, RACE_CONTROL)
 
-    def reboot(self, machine: Machine) -> Machine:
+    def reboot(self) -> None:
         """
-        Cut the power of the faulty kart; return its machine as it is back, with nothing running.
+        Cut the power of the faulty kart; its machine is back, with nothing running.
 
         What ran on it ends without a word to race control, as its cable has gone first.
         """
-        if machine.plugged:
-            machine.unplug()
+        self.machine.unplug()
         self._faulty.close()
-        self.track.remove(machine)
-        self.machine = self.track.machine('kart1', machine.address)
-        return self.machine
+        self.track.remove(self.machine)
+        self.machine = self.track.machine('kart1', self.machine.address)
 
     def green(self) -> None:
         """Bring the race to GREEN_GREEN, whatever it was in, with both karts in it."""
@@ -214,10 +178,6 @@ class NetworkRace(Part):
             'back, and held in RED_RED',
         )
 
-    def close(self) -> None:
-        """End everything and take the networks away."""
-        self._stack.close()
-
 
 def monotonic(event: msg.RaceEvent) -> float:
     """Return the monotonic time of an event, s; the clock is the same in all processes here."""
@@ -225,7 +185,10 @@ def monotonic(event: msg.RaceEvent) -> float:
 
 
 CUTS: dict[str, tuple[Callable[[Machine], object], Callable[[Machine], object]]] = {
-    'link down': (lambda kart: kart.link_down(), lambda kart: kart.link_up()),
+    'link down': (
+        lambda kart: kart.ip('link set eth0 down'),
+        lambda kart: kart.ip('link set eth0 up'),
+    ),
     'all packets dropped': (lambda kart: kart.air(loss=1.0), lambda kart: kart.air()),
     'dropped toward the kart': (lambda kart: kart.air(toward=1.0), lambda kart: kart.air()),
     'dropped from the kart': (lambda kart: kart.air(back=1.0), lambda kart: kart.air()),
@@ -241,16 +204,10 @@ def under_way(race: NetworkRace) -> float:
 
 
 @pytest.fixture
-def networks() -> None:
-    """Skip the test where no networks can be made, and say why; not where all tests must run."""
-    need_networks()
-
-
-@pytest.fixture
-def race(networks: None, tmp_path: pathlib.Path) -> Iterator[NetworkRace]:
+def race(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> NetworkRace:
     """Return a race over a network."""
-    with NetworkRace(tmp_path, red_alert=1.0) as race:
-        yield race
+    need_networks()
+    return NetworkRace(parts, tmp_path)
 
 
 def check_the_other_kart_raced_on(race: NetworkRace) -> None:
@@ -316,8 +273,21 @@ def test_a_link_that_answers_all_the_time_but_too_late_is_a_lost_link(race: Netw
     for delay in (0.2, 0.4, 0.6):  # so that no second passes without an answer
         race.machine.air(delay=delay)
         race.good.wait_for_frames(20)
-    race.wait_for_lost(began)
+    lost = race.wait_for_lost(began)
+    assert lost.text.endswith('its network link stopped answering')
     check_the_other_kart_raced_on(race)
+
+
+def test_on_a_narrow_link_frames_go_further_apart_and_the_kart_is_not_lost(
+    race: NetworkRace,
+) -> None:
+    race.green()
+    began = time.monotonic()
+    race.machine.air(rate=8_000.0)
+    race.good.wait_for_frames(300)  # 15 s
+    assert not race.events(Event.DISCONNECTED, FAULTY, began)
+    race.official.command('all_kill')
+    race.wait_for_stopped(began)
 
 
 def test_officials_are_told_of_a_link_that_is_slow_again_and_again(race: NetworkRace) -> None:
@@ -335,7 +305,7 @@ def test_a_killed_bridge_is_noticed_and_comes_back_held(race: NetworkRace) -> No
     race.faulty.bridge.kill()
     lost = race.wait_for_lost(began)
     race.wait_for_stopped(began)
-    race.faulty.restart_bridge()
+    race.faulty.start_bridge()
     race.wait_for_back(monotonic(lost))
     check_the_other_kart_raced_on(race)
 
@@ -364,13 +334,13 @@ def test_a_machine_that_reboots_takes_the_place_of_its_own_lost_connection(
 ) -> None:
     race.green()
     began = time.monotonic()
-    machine = race.reboot(race.machine)
-    with race.connect(machine) as early:
+    race.reboot()
+    with race.connect(race.machine) as early:
         early.wait_for_frames(3)
         assert [state for _, state in early.changes] == [RED_RED]
     lost = race.wait_for_lost(began)
     check_the_other_kart_raced_on(race)
-    race.faulty = race.start_ros_kart(machine)
+    race.start_ros_kart()
     race.faulty.team.wait_for(lambda state: state.connected, 'a link')
     assert race.faulty.team.states == [RED_RED]
     race.wait_for_held()
@@ -404,29 +374,3 @@ def test_a_stolen_address_stops_the_kart_and_gets_the_thief_nothing_but_red_red(
         if not lost.text.endswith('the kart closed the connection'):
             break
     assert lost.text.endswith('a new connection from its address took its place')
-
-
-# ----- the networks themselves -------------------------------------------------------------
-
-
-def test_networks_are_gone_after_a_failing_test(networks: None, tmp_path: pathlib.Path) -> None:
-    before = open_files()
-    kart: RosKart | None = None
-    with pytest.raises(ZeroDivisionError), NetworkRace(tmp_path) as race:
-        kart = race.faulty
-        race.machine.unplug()
-        raise ZeroDivisionError
-    assert kart is not None
-    assert kart.bridge.wait() is not None
-    assert open_files() == before
-
-
-def open_files() -> list[str]:
-    """Return the network namespaces that this process holds open."""
-    links = []
-    for each in pathlib.Path('/proc/self/fd').iterdir():
-        try:
-            links.append(str(each.readlink()))
-        except FileNotFoundError:
-            pass  # the folder's own
-    return sorted(link for link in links if link.startswith('net:'))

@@ -16,15 +16,12 @@ from evgp_protocol.states import RaceState
 from evgp_testing.domains import Domain
 from evgp_testing.kart import Team
 from evgp_testing.part import PATIENCE
+from evgp_testing.process import wait_until_ended
+from evgp_testing.usage import family
 import pytest
 from rig.bare_race_control import BareRaceControl
 
 ROOT = pathlib.Path(__file__).parents[1]
-
-
-@pytest.fixture
-def domain(parts: contextlib.ExitStack) -> int:
-    return parts.enter_context(Domain()).number
 
 
 @pytest.fixture
@@ -33,12 +30,17 @@ def race(parts: contextlib.ExitStack) -> BareRaceControl:
 
 
 @pytest.fixture
-def made(domain: int, race: BareRaceControl) -> Iterator[subprocess.Popen[str]]:
+def team(parts: contextlib.ExitStack) -> Team:
+    return parts.enter_context(Team(parts.enter_context(Domain()).number))
+
+
+@pytest.fixture
+def made(team: Team, race: BareRaceControl) -> Iterator[subprocess.Popen[str]]:
     """Give the command in a terminal of its own, as it were."""
     with subprocess.Popen(
         ['make', '-s', 'bridge', 'HOST=127.0.0.1', 'ODOM=/odom', f'ARGS=-p port:={race.port}'],
         cwd=ROOT,
-        env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+        env={**os.environ, 'ROS_DOMAIN_ID': str(team.context.get_domain_id())},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -50,57 +52,46 @@ def made(domain: int, race: BareRaceControl) -> Iterator[subprocess.Popen[str]]:
             os.killpg(made.pid, signal.SIGKILL)
 
 
-def bridges(session: int) -> list[int]:
-    """Return the processes of the bridge in a session."""
-    found = []
-    for each in pathlib.Path('/proc').glob('[0-9]*'):
-        with contextlib.suppress(OSError, IndexError):
-            words = (each / 'cmdline').read_bytes().split(b'\0')
-            is_bridge = words[1].endswith(b'/kart_bridge_node')
-            if is_bridge and os.getsid(int(each.name)) == session:
-                found.append(int(each.name))
-    return found
-
-
 def test_it_listens_to_the_odometry_it_is_told_of_and_comes_back_when_it_is_killed(
-    made: subprocess.Popen[str], domain: int, race: BareRaceControl, parts: contextlib.ExitStack
+    made: subprocess.Popen[str], team: Team
 ) -> None:
-    team = parts.enter_context(Team(domain))
     first = team.wait_for_state(RaceState.IN_GARAGE)
     assert team.node.count_subscribers('/odom') == 1
-    (bridge,) = bridges(made.pid)
-    os.kill(bridge, signal.SIGKILL)
+    os.kill(family(made.pid)[-1], signal.SIGKILL)
     team.wait_for(lambda told: told.order not in (0, first.order), 'the bridge again')
+    again = family(made.pid)[-1]
     os.killpg(made.pid, signal.SIGINT)  # Ctrl-C
     made.wait(PATIENCE)
-    assert bridges(made.pid) == []
+    wait_until_ended(again)
 
 
-def test_it_does_not_start_again_what_a_wrong_setting_stops() -> None:
-    for setting, said in (('HOST=', 'make bridge HOST=10.0.0.1'), ('HOST=track', 'track')):
-        done = subprocess.run(
-            ['make', '-s', 'bridge', setting],
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE,
-            check=False,
-        )
-        assert done.returncode == 2
-        assert said in done.stderr
+@pytest.mark.parametrize(
+    ('setting', 'said'), [('HOST=', 'make bridge HOST=10.0.0.1'), ('HOST=track', 'track')]
+)
+def test_it_does_not_start_again_what_a_wrong_setting_stops(setting: str, said: str) -> None:
+    code, printed = make('-s', 'bridge', setting)
+    assert code == 2
+    assert said in printed
 
 
 @pytest.mark.parametrize(
     ('arguments', 'required'), [([], False), (['ODOM=/odom'], True), (['ODOM=~/odom'], True)]
 )
 def test_odometry_that_is_asked_for_is_required(arguments: list[str], required: bool) -> None:
-    printed = subprocess.run(
-        ['make', '-n', 'bridge', 'HOST=127.0.0.1', *arguments],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE,
-        check=True,
-    ).stdout
+    _, printed = make('-n', 'bridge', 'HOST=127.0.0.1', *arguments)
     assert ('-p odometry_required:=true' in printed) == required
     assert ('~/odom:=' in printed) == required
+
+
+def make(*words: str) -> tuple[int, str]:
+    """Return the exit code of make, and what it prints."""
+    done = subprocess.run(
+        ['make', *words],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    return done.returncode, done.stdout

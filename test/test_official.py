@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import pathlib
 
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
-from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, SERVICES
-from evgp_testing.wire_kart import Acknowledges
+from evgp_testing.wire_race import WireRace
 import pytest
 
 
@@ -38,20 +38,15 @@ def test_a_command_without_what_tells_it_from_another_says_what_it_needs(alone: 
         alone.command('set_in_race', kart=1)
 
 
-def test_the_way_to_the_grid_closes_an_open_track_first(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
-) -> None:
-    control = start_race_control(in_race=[1])
-    official = join_official(control)
-    connect_kart(control, 1, Acknowledges.EACH_CHANGE)
-    official.wait_for_connected(1)
-    official.bring_to(RaceState.IN_GARAGE)
-    official.command('set_track_open', open=True)
-    official.wait_for_race(lambda race: race.track.open, 'the track open')
-    official.bring_to(RaceState.GRID_ACTIVE)
-    commands = msg.CommandAvailability
-    on_grid = official.wait_for_event(
-        lambda event: event.command == commands.GRID_ACTIVE, 'GRID_ACTIVE'
-    )
+def test_the_way_to_the_grid_closes_an_open_track_first(tmp_path: pathlib.Path) -> None:
+    with WireRace(tmp_path, [1]) as race:
+        official = race.official
+        official.command('set_track_open', open=True)
+        official.wait_for_race(lambda race: race.track.open, 'the track open')
+        race.bring_to(RaceState.GRID_ACTIVE)
+        commands = msg.CommandAvailability
+        on_grid = official.wait_for_event(
+            lambda event: event.command == commands.GRID_ACTIVE, 'GRID_ACTIVE'
+        )
     before = [event.command for event in official.events if event.sequence < on_grid.sequence]
     assert commands.CLOSE_TRACK in before

@@ -18,10 +18,12 @@ from evgp_rcs.race import RaceTimes
 from evgp_rcs_msgs import msg, srv
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from evgp_testing.official import seen
+from evgp_testing.official import Official, seen
 from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges
+from evgp_testing.wire_race import WireRace
+import pytest
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -30,6 +32,19 @@ RED_FLAG = RaceState.RED_FLAG
 RED_RED = RaceState.RED_RED
 
 ROOT = pathlib.Path(__file__).parents[1]
+
+
+@pytest.fixture
+def race(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> WireRace:
+    """Return a race with one kart, which acknowledges."""
+    return parts.enter_context(WireRace(tmp_path, [1]))
+
+
+def in_the_race(official: Official, *numbers: int) -> msg.Race:
+    """Return the race once these karts, and no others, are in it."""
+    return official.wait_for_race(
+        lambda race: [kart.number for kart in race.karts if kart.in_race] == [*numbers], 'the heat'
+    )
 
 
 def test_a_heat_is_in_the_race_with_one_command_and_places_stay_until_the_next_grid(
@@ -49,22 +64,15 @@ def test_a_heat_is_in_the_race_with_one_command_and_places_stay_until_the_next_g
     ]
     assert not official.call('set_heat', heat='Heat 7').success
     official.command('set_heat', heat='Heat 1')
-    race = official.wait_for_race(
-        lambda race: [kart.in_race for kart in race.karts] == [True, True, False], 'the heat'
-    )
+    in_the_race(official, 1, 2)
     official.bring_to(GRID_ACTIVE)
-    assert not official.call('set_heat', heat='Final').success
     official.bring_to(GREEN_GREEN)
     official.command('kart/finish', kart=2)
     official.command('race_over')
     official.wait_for_acks(RED_RED, 1, 2)
     official.bring_to(IN_GARAGE)
-    race = official.wait_for_race(lambda race: True, 'the race')
-    assert [kart.place for kart in race.karts] == [0, 1, 0]
     official.command('set_heat', heat='Final')
-    race = official.wait_for_race(
-        lambda race: [kart.in_race for kart in race.karts] == [False, True, True], 'the heat'
-    )
+    race = in_the_race(official, 2, 3)
     assert [kart.place for kart in race.karts] == [0, 1, 0]
     told = [event.kind for event in official.events]
     assert told.count(msg.RaceEvent.RESULTS) == 1
@@ -152,12 +160,9 @@ def test_the_stops_have_the_name_that_race_control_was_given(
 
 
 def test_every_command_tells_who_gave_it_accepted_or_refused(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+    race: WireRace,
 ) -> None:
-    control = start_race_control(in_race=(1,))
-    official = join_official(control)
-    connect_kart(control, 1, Acknowledges.EACH_CHANGE)
-    official.wait_for_connected(1)
+    control, official = race.control, race.official
     given: dict[int, tuple[bool, str]] = {}
     for kind, entry in CATALOGUE.items():
         request = {**entry.fixed, **({'kart': 1} if entry.to_one_kart else {})}
@@ -186,30 +191,17 @@ def test_every_command_tells_who_gave_it_accepted_or_refused(
         control.wait_for_line(rf'\[{name}\]')
 
 
-def test_a_command_without_a_name_is_told_as_that_of_an_unnamed_official(
+def test_an_official_without_a_name_is_told_as_unnamed_also_to_one_who_comes_late(
     start_race_control: StartRaceControl, join_official: JoinOfficial
 ) -> None:
     control = start_race_control()
-    official = join_official(control)
-
-    official.command('all_kill', official='')
-
-    event = official.wait_for_event(lambda event: event.command, 'the command')
-    assert event.official == UNNAMED
-
-
-def test_a_late_official_gets_the_race_and_its_past_events(
-    start_race_control: StartRaceControl, join_official: JoinOfficial
-) -> None:
-    control = start_race_control()
-    join_official(control).command('all_kill')
+    join_official(control).command('all_kill', official='')
 
     late = join_official(control)
 
     late.wait_for_race(lambda race: state_of(race.state) is RED_RED, 'RED_RED')
-    late.wait_for_event(
-        lambda event: event.command == msg.CommandAvailability.ALL_KILL, 'the ALL_KILL'
-    )
+    event = late.wait_for_event(lambda event: event.command, 'the command')
+    assert (event.command, event.official) == (msg.CommandAvailability.ALL_KILL, UNNAMED)
 
 
 def test_every_stop_of_a_burst_is_answered_and_in_force(
@@ -225,12 +217,9 @@ def test_every_stop_of_a_burst_is_answered_and_in_force(
 
 
 def test_a_terminal_that_takes_no_output_holds_nothing_up(
-    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+    race: WireRace,
 ) -> None:
-    control = start_race_control(in_race=(1,))
-    official = join_official(control)
-    kart = connect_kart(control, 1)
-    official.wait_for_connected(1)
+    control, official, (kart,) = race.control, race.official, race.karts
     with control.output_held_up():
         # Each is logged, and together they are more than any pipe takes.
         for _ in range(50):

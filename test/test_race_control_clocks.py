@@ -40,7 +40,7 @@ def scene(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Scene:
     return Scene(parts, tmp_path)
 
 
-@pytest.mark.parametrize('offset', [-20.0, 20.0, -YEAR, 10 * YEAR])
+@pytest.mark.parametrize('offset', [-60.0, 60.0, -YEAR, 10 * YEAR])
 def test_a_wall_clock_that_is_set_ends_no_race_and_delays_no_stop(
     scene: Scene, offset: float
 ) -> None:
@@ -53,6 +53,13 @@ def test_a_wall_clock_that_is_set_ends_no_race_and_delays_no_stop(
     scene.official.command('all_kill')
     scene.kart.wait_for_state(RED_RED)
     scene.official.wait_for_acks(RED_RED, 1)
+
+
+def test_a_wall_clock_past_2038_ends_race_control_with_red_red(scene: Scene) -> None:
+    scene.clock.set_wall(20 * YEAR)
+    scene.kart.wait_for_end()
+    assert scene.kart.state is RED_RED
+    assert scene.control.wait() == 1
 
 
 def test_after_a_suspend_nothing_is_started_that_was_sent_before(scene: Scene) -> None:

@@ -29,6 +29,7 @@ from evgp_rcs_console.command_line import COMMANDS, STARTING, STATEMENTS
 from evgp_rcs_console.commands import Order
 from evgp_rcs_console.ctl import TIDY
 from evgp_rcs_console.ctl_ros import Hearing
+from evgp_rcs_console.texts import SETTLING
 from evgp_rcs_console.unanswered import Standing
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
@@ -486,7 +487,7 @@ def test_without_race_control_the_exit_code_says_so(words: tuple[str, ...], said
 def test_watch_shows_the_race_and_what_happens(
     start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
 ) -> None:
-    control = start_race_control(in_race=(1,), others=(2,))
+    control = start_race_control(in_race=(1,), others=(2,), settle_time=60.0)
     official = join_official(control)
     connect_kart(control, 1, Acknowledges.EACH_CHANGE)
     official.wait_for_connected(1)
@@ -499,6 +500,8 @@ def test_watch_shows_the_race_and_what_happens(
     assert shown.returncode == ACCEPTED
     assert 'Race: ■ RED RED' in shown.stdout
     assert 'held: ALL KILL' in shown.stdout
+    # It says that it stands: not for people yet.
+    assert re.search(SETTLING.format(seconds=r'\d\d'), shown.stdout)
     assert 'ALL KILL by ' in shown.stdout.splitlines()[0]
     assert events.returncode == ACCEPTED
     assert 'Kart 1 (Team 1) acknowledged RED RED' in events.stdout
@@ -518,9 +521,12 @@ def test_watch_says_the_banner_of_race_control_first(
 
 
 def test_every_answer_says_the_banner_so_that_no_rehearsal_is_taken_for_a_race(
-    start_race_control: StartRaceControl,
+    start_race_control: StartRaceControl, join_official: JoinOfficial
 ) -> None:
     control = start_race_control(banner='REHEARSAL', in_race=(1,))
+    official = join_official(control)
+    for service in ('all_kill', 'green_green'):  # whoever asks
+        assert official.call(service).message.startswith('REHEARSAL: ')
 
     for line, code in (
         ('all-kill', ACCEPTED),

@@ -15,7 +15,6 @@ import shlex
 import signal
 import subprocess
 import sys
-import threading
 import time
 from typing import Any
 import urllib.error
@@ -238,24 +237,6 @@ def bridged(address: str, port: int) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def unreliable(address: str, port: int) -> Iterator[None]:
-    """Connect a kart that loses its connection as soon as it races, and is back at once."""
-    with contextlib.ExitStack() as stack:
-        first = stack.enter_context(plain(address, port))
-
-        def back() -> None:
-            first.wait_for_state(RaceState.GREEN_GREEN)
-            first.wait_for_frames(5)  # it has acknowledged
-            first.close()
-            stack.enter_context(plain(address, port))
-
-        losing = threading.Thread(target=back)
-        losing.start()
-        stack.callback(losing.join)
-        yield
-
-
-@contextlib.contextmanager
 def rehearsing(incident: str, kart: Connect) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
     """Run the program with a kart; return it, and the lines before that kart connects."""
     port = free_port()
@@ -282,14 +263,8 @@ def rehearsing(incident: str, kart: Connect) -> Iterator[tuple[subprocess.Popen[
         ('red_red', plain, 0),
         ('red_red', lying, 1),
         ('silence', bridged, 0),
-        pytest.param('none', plain, 0, marks=pytest.mark.long),
-        pytest.param('none', lying, 1, marks=pytest.mark.long),
         pytest.param('none', standing, 1, marks=pytest.mark.long),
-        pytest.param('red_flag', plain, 0, marks=pytest.mark.long),
-        pytest.param('all_kill', plain, 0, marks=pytest.mark.long),
-        pytest.param('red_red', unreliable, 1, marks=pytest.mark.long),
         pytest.param('second_machine', plain, 1, marks=pytest.mark.long),
-        pytest.param('none', bridged, 0, marks=pytest.mark.long),
         pytest.param('red_flag', bridged, 0, marks=pytest.mark.long),
         pytest.param('second_machine', bridged, 0, marks=pytest.mark.long),
         pytest.param('race_control_crash', bridged, 0, marks=pytest.mark.long),
@@ -313,4 +288,5 @@ def test_ctrl_c_in_mid_race_gives_the_findings_so_far() -> None:
         assert trial.wait() == 130
     findings = [line for line in rest.splitlines() if line.startswith(('good', 'BAD', 'note'))]
     assert len(findings) == 2, ''.join([*printed, rest])
+    assert sum('waiting for your kart' in line for line in printed) >= 3  # nor is it mute
     assert all(line.startswith('good') for line in findings), rest

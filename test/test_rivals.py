@@ -14,14 +14,20 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.rival import look_for_rivals
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
-from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from evgp_testing.fixtures import StartRaceControl
 from evgp_testing.official import latched
 from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl, settings, write_roster
 from evgp_testing.ros_side import RosSide
-from evgp_testing.wire_kart import Acknowledges
+from evgp_testing.wire_race import WireRace
 import pytest
 from rig.networks import Namespace
+
+
+@pytest.fixture
+def race(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> WireRace:
+    """Return the race that another race control gets in the way of."""
+    return parts.enter_context(WireRace(tmp_path, [1]))
 
 
 def second(folder: pathlib.Path, domain: int, *arguments: str, **parameters: object) -> Process:
@@ -38,24 +44,15 @@ def second(folder: pathlib.Path, domain: int, *arguments: str, **parameters: obj
 
 
 def test_a_second_race_control_on_this_machine_does_not_start_and_the_first_goes_on(
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-    connect_kart: ConnectKart,
-    tmp_path: pathlib.Path,
+    race: WireRace, tmp_path: pathlib.Path
 ) -> None:
-    control = start_race_control(in_race=[1])
-    official = join_official(control)
-    kart = connect_kart(control, 1)
-
-    with second(tmp_path, control.domain) as rival:
+    with second(tmp_path, race.domain) as rival:
         assert rival.wait() == IN_THE_WAY
 
     (line,) = rival.output.splitlines()
-    assert (
-        f'another race control runs on this machine as /rcs on ROS domain {control.domain}' in line
-    )
-    kart.wait_for_frames(10)
-    official.command('all_kill')
+    assert f'another race control runs on this machine as /rcs on ROS domain {race.domain}' in line
+    race.karts[0].wait_for_frames(10)
+    race.official.command('all_kill')
 
 
 def test_race_control_starts_again_at_once_after_it_was_killed(
@@ -128,17 +125,12 @@ def test_two_race_controls_that_meet_both_notice_and_notice_when_it_is_over(
 
 
 def test_while_two_race_controls_meet_nothing_that_loosens_is_accepted_and_stops_are(
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-    connect_kart: ConnectKart,
+    race: WireRace,
 ) -> None:
-    control = start_race_control(in_race=[1])
-    official = join_official(control)
-    kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
-    official.wait_for_connected(1)
+    official, (kart,) = race.official, race.karts
     # Not `official.race`: of two race controls, a client cannot tell whose it hears.
     two = msg.RaceEvent.ALERT_RAISED, 'two race controls'
-    rival = Publisher(control.domain)
+    rival = Publisher(race.domain)
     try:
         official.wait_for_event(lambda event: event.kind == two[0], two[1])
         refused = official.call('grid_active', track_clear=True, karts=[1])

@@ -37,94 +37,91 @@ FITTING = prepare.Interpreter(
     executable='python3.12',
     version='3.12',
     implementation='CPython',
-    platform='Linux x86_64',
-    glibc=(2, 36),
+    machine='Linux x86_64',
+    libc=('glibc', '2.36'),
     has_venv=True,
     has_headers=True,
     modules=frozenset({'colcon_core', 'pytest', 'rclpy', 'yaml'}),
 )
 
 
-def test_python_3_12_with_all_it_takes_fits() -> None:
-    assert prepare.why_unfit(FITTING, sourced=False) is None
+ARM = dataclasses.replace(FITTING, version='3.13', machine='Linux aarch64')
+
+
+def without(*names: str) -> object:
+    """Return an interpreter that fits but for these modules."""
+    return dataclasses.replace(FITTING, modules=FITTING.modules - {*names})
 
 
 @pytest.mark.parametrize(
-    ('change', 'advice'),
+    ('sourced', 'python', 'advice'),
     [
-        ({'version': '3.10'}, 'install CPython 3.11 or 3.12'),
-        ({'version': '3.13'}, 'install CPython 3.11 or 3.12'),
-        ({'implementation': 'PyPy'}, 'install CPython 3.11 or 3.12'),
-        ({'platform': 'Linux aarch64'}, 'install ROS 2 Jazzy itself'),
-        ({'platform': 'Darwin x86_64'}, 'install ROS 2 Jazzy itself'),
-        ({'glibc': ()}, 'install ROS 2 Jazzy itself'),
-        ({'glibc': (2, 27)}, 'install ROS 2 Jazzy itself'),
-        ({'has_venv': False}, "'apt-get install python3.12-venv'"),
-        ({'has_headers': False}, "'apt-get install python3.12-dev'"),
+        (False, FITTING, None),
+        *(
+            (False, dataclasses.replace(FITTING, **change), advice)
+            for change, advice in (
+                ({'version': '3.10'}, 'install CPython 3.11 or 3.12'),
+                ({'version': '3.13'}, 'install CPython 3.11 or 3.12'),
+                ({'implementation': 'PyPy'}, 'install CPython 3.11 or 3.12'),
+                ({'machine': 'Linux aarch64'}, 'install ROS 2 Jazzy itself'),
+                ({'machine': 'Darwin x86_64'}, 'install ROS 2 Jazzy itself'),
+                ({'libc': ('', '')}, 'install ROS 2 Jazzy itself'),
+                ({'libc': ('glibc', '2.27')}, 'install ROS 2 Jazzy itself'),
+                ({'has_venv': False}, "'apt-get install python3.12-venv'"),
+                ({'has_headers': False}, "'apt-get install python3.12-dev'"),
+            )
+        ),
+        (True, ARM, None),
+        (True, without('rclpy'), 'source the setup.bash of your ROS 2'),
+        (True, without('pytest'), "'apt-get install python3-pytest'"),
+        (True, without('colcon_core'), "'apt-get install python3-colcon-common-extensions'"),
     ],
 )
 def test_a_python_that_does_not_fit_is_told_what_to_install(
-    change: dict[str, object], advice: str
+    sourced: bool, python: object, advice: str | None
 ) -> None:
-    assert advice in prepare.why_unfit(dataclasses.replace(FITTING, **change), sourced=False)
-
-
-def test_a_sourced_jazzy_is_used_whatever_the_machine() -> None:
-    arm = dataclasses.replace(FITTING, version='3.13', platform='Linux aarch64')
-    assert prepare.why_unfit(arm, sourced=True) is None
+    reason = prepare.why_unfit(python, sourced=sourced)
+    assert reason is None if advice is None else advice in reason
 
 
 @pytest.mark.parametrize(
-    ('missing', 'advice'),
+    ('environment', 'sourced', 'advice'),
     [
-        ('rclpy', 'source the setup.bash of your ROS 2'),
-        ('pytest', "'apt-get install python3-pytest'"),
-        ('colcon_core', "'apt-get install python3-colcon-common-extensions'"),
+        ({}, False, None),
+        ({'ROS_DISTRO': ''}, False, None),
+        ({'ROS_DISTRO': 'jazzy'}, True, None),
+        ({'ROS_DISTRO': 'lyrical'}, True, None),
+        ({'ROS_DISTRO': 'humble'}, False, 'Jazzy or Lyrical'),
     ],
 )
-def test_a_sourced_jazzy_that_lacks_something_is_told_what(missing: str, advice: str) -> None:
-    python = dataclasses.replace(FITTING, modules=FITTING.modules - {missing})
-    assert advice in prepare.why_unfit(python, sourced=True)
-
-
-@pytest.mark.parametrize(
-    ('distribution', 'sourced'),
-    [(None, False), ('', False), ('jazzy', True), ('lyrical', True)],
-)
-def test_an_installed_ros_is_used_where_it_is_sourced(
-    distribution: str | None, sourced: bool
+def test_an_installed_ros_is_used_where_it_is_sourced_and_not_another(
+    environment: dict[str, str], sourced: bool, advice: str | None
 ) -> None:
-    environment = {} if distribution is None else {'ROS_DISTRO': distribution}
     assert prepare.is_sourced(environment) is sourced
-    assert prepare.why_no_ros(environment) is None
-
-
-def test_another_sourced_ros_is_refused() -> None:
-    assert 'Jazzy or Lyrical' in prepare.why_no_ros({'ROS_DISTRO': 'humble'})
+    reason = prepare.why_no_ros(environment)
+    assert reason is None if advice is None else advice in reason
 
 
 @pytest.mark.parametrize(
-    ('made', 'chosen', 'kept'),
+    ('marked', 'there', 'made'),
     [
-        (None, False, False),  # nothing, or half-made
-        (('key', '3.12'), True, True),
-        (('other', '3.12'), False, False),  # another lock, or the checkout was moved
-        (('key', '3.11'), False, True),  # it came from PYTHON=python3.11 and is still good
-        (('key', '3.11'), True, False),
+        (None, True, True),  # nothing, or half-made
+        ('', True, True),  # damaged
+        ('other', True, True),
+        ('wanted', False, True),
+        ('wanted', True, False),
     ],
 )
-def test_an_environment_is_kept_while_it_is_what_is_asked_for(
-    made: tuple[str, str] | None, chosen: bool, kept: bool
+def test_what_is_there_is_made_anew_unless_it_is_what_is_wanted(
+    tmp_path: pathlib.Path, marked: str | None, there: bool, made: bool
 ) -> None:
-    found = None if made is None else prepare.Stamp(*made)
-    assert prepare.is_kept(found, prepare.Stamp('key', '3.12'), chosen=chosen) is kept
-
-
-@pytest.mark.parametrize('content', ['', 'key', 'key 3.12 more', None])
-def test_a_damaged_stamp_is_none(tmp_path: pathlib.Path, content: str | None) -> None:
-    if content is not None:
-        (tmp_path / 'stamp').write_text(content)
-    assert prepare.read_stamp(tmp_path / 'stamp') is None
+    stamp = tmp_path / 'stamp'
+    if marked is not None:
+        stamp.write_text(marked)
+    marks = []
+    prepare.make(stamp, 'wanted', lambda: marks.append(stamp.exists()), there)
+    assert marks == ([False] if made else [])
+    assert stamp.read_text() == 'wanted'
 
 
 BROKEN = (
@@ -133,58 +130,36 @@ BROKEN = (
 )
 
 
-def test_the_folders_of_the_wheels_builder_become_those_of_this_machine() -> None:
-    assert prepare.repaired(BROKEN, 'inc', r'si\te') == r'INCLUDE "inc;si\te/numpy/_core/include"'
-
-
-def test_a_repaired_file_stays_as_it_is() -> None:
-    once = prepare.repaired(BROKEN, 'inc', 'site')
-    assert prepare.repaired(once, 'inc', 'site') == once
+def test_the_folders_of_the_wheels_builder_become_those_of_this_machine_and_stay() -> None:
+    once = prepare.repaired(BROKEN, 'inc', r'si\te')
+    assert once == r'INCLUDE "inc;si\te/numpy/_core/include"'
+    assert prepare.repaired(once, 'inc', r'si\te') == once
 
 
 @pytest.mark.parametrize(
-    ('path', 'rebuilds'),
+    ('path', 'before', 'rebuilds'),
     [
-        ('package/msg/State.msg', True),
-        ('package/CMakeLists.txt', True),
-        ('package/setup.py', True),
-        ('package/package/module.py', False),
-        ('package/test/test_module.py', False),
-        ('package/config/parameters.yaml', False),
-        ('package/launch/node.launch.py', False),
+        ('package/msg/State.msg', 'before', True),
+        ('package/CMakeLists.txt', 'before', True),
+        ('package/setup.py', 'before', True),
+        ('package/package/module.py', 'before', False),
+        ('package/test/test_module.py', 'before', False),
+        ('package/config/parameters.yaml', 'before', False),
+        ('package/launch/node.launch.py', 'before', False),
+        ('package/config/new.yaml', None, True),
+        ('package/launch/new.launch.py', None, True),
     ],
 )
-def test_a_changed_file_is_built_anew_where_a_link_does_not_do(
-    tmp_path: pathlib.Path, path: str, rebuilds: bool
+def test_what_changed_or_is_new_is_built_anew_where_a_link_does_not_do(
+    tmp_path: pathlib.Path, path: str, before: str | None, rebuilds: bool
 ) -> None:
     file = tmp_path / path
     file.parent.mkdir(parents=True)
-    file.write_text('before')
-    before = prepare.digest(prepare.build_inputs(tmp_path))
+    if before is not None:
+        file.write_text(before)
+    was = prepare.digest(prepare.build_inputs(tmp_path))
     file.write_text('after')
-    assert (prepare.digest(prepare.build_inputs(tmp_path)) != before) is rebuilds
-
-
-@pytest.mark.parametrize('path', ['package/config/new.yaml', 'package/launch/new.launch.py'])
-def test_a_new_file_that_gets_installed_is_built_anew(tmp_path: pathlib.Path, path: str) -> None:
-    before = prepare.digest(prepare.build_inputs(tmp_path))
-    (tmp_path / path).parent.mkdir(parents=True)
-    (tmp_path / path).touch()
-    assert prepare.digest(prepare.build_inputs(tmp_path)) != before
-
-
-def test_find_python_says_what_to_do_where_python_does_not_run() -> None:
-    done = subprocess.run(
-        [ROOT / 'setup' / 'find-python'],
-        env={**os.environ, 'PYTHON': 'no-such-python'},
-        capture_output=True,
-        text=True,
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (
-        1,
-        '',
-        'PYTHON=no-such-python does not run; name a Python 3.11 or 3.12.\n',
-    )
+    assert (prepare.digest(prepare.build_inputs(tmp_path)) != was) is rebuilds
 
 
 def put_python(folder: pathlib.Path, answer: str, code: int) -> pathlib.Path:
@@ -209,6 +184,11 @@ def find_python(*path: pathlib.Path, **environment: str) -> tuple[int, str]:
     return done.returncode, done.stdout.strip()
 
 
+def test_find_python_says_what_to_do_where_python_does_not_run() -> None:
+    said = 'PYTHON=no-such-python does not run; name a Python 3.11 or 3.12.'
+    assert find_python(PYTHON='no-such-python') == (1, said)
+
+
 def test_a_python_that_fits_is_found_behind_one_that_does_not(tmp_path: pathlib.Path) -> None:
     pyenv = put_python(tmp_path / 'pyenv', 'install what is there', 1)
     system = put_python(tmp_path / 'system', '/the/one', 0)
@@ -225,15 +205,19 @@ def test_where_none_fits_the_advice_is_for_the_python_of_the_system(
     assert 'unheard-of' in said
 
 
-INTRUDER = """
-raise RuntimeError('a plugin of the system')
-"""
+def printed(*words: object, **environment: str) -> str:
+    """Return what a command prints that succeeds."""
+    done = subprocess.run(
+        [*map(str, words)], cwd=ROOT, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
 
 
 @pytest.fixture
 def beside(tmp_path: pathlib.Path) -> dict[str, str]:
     """Return an environment that has plugins of an installed ROS, which break what loads them."""
-    (tmp_path / 'intruder.py').write_text(INTRUDER)
+    (tmp_path / 'intruder.py').write_text('raise RuntimeError')
     made = tmp_path / 'intruder-1.0.dist-info'
     made.mkdir()
     (made / 'METADATA').write_text('Metadata-Version: 2.1\nName: intruder\nVersion: 1.0\n')
@@ -246,27 +230,13 @@ def beside(tmp_path: pathlib.Path) -> dict[str, str]:
 
 
 def test_lint_loads_no_flake8_plugin_of_the_system(beside: dict[str, str]) -> None:
-    done = subprocess.run(
-        [ROOT / 'setup/without-ros', 'flake8', '--version'],
-        env={**beside, 'PATH': f'{pathlib.Path(sys.executable).parent}:{beside["PATH"]}'},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert 'import_order' in done.stdout
+    beside['PATH'] = f'{pathlib.Path(sys.executable).parent}:{beside["PATH"]}'
+    assert 'import_order' in printed(ROOT / 'setup/without-ros', 'flake8', '--version', **beside)
 
 
 def test_a_run_of_pytest_loads_no_launch_plugin_of_ros(beside: dict[str, str]) -> None:
-    done = subprocess.run(
-        [sys.executable, '-m', 'pytest', '--collect-only', '-q', __file__, '-k', 'no_launch'],
-        cwd=ROOT,
-        env=beside,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
+    words = ['-m', 'pytest', '--collect-only', '-q', __file__, '-k', 'no_launch']
+    assert 'no_launch' in printed(sys.executable, *words, **beside)
 
 
 def pins(lock: str) -> dict[str, str]:
@@ -291,24 +261,12 @@ def test_the_locks_agree(lock: str) -> None:
 def test_make_has_a_target_for_what_an_official_reads(
     arguments: tuple[str, ...], runs: str
 ) -> None:
-    printed = subprocess.run(
-        ['make', '-s', *arguments, 'IN_WORKSPACE=echo'],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-    assert printed.strip() == f'install/evgp_rcs/lib/evgp_rcs/{runs}'
+    said = printed('make', '-s', *arguments, 'IN_WORKSPACE=echo', **os.environ)
+    assert said.strip() == f'install/evgp_rcs/lib/evgp_rcs/{runs}'
 
 
 def test_the_makes_that_tests_run_know_nothing_of_what_make_test_was_told() -> None:
-    printed = subprocess.run(
-        ['make', '-s', 'test', 'ARGS=-k roster', 'WORKERS=3', 'IN_WORKSPACE=sh -c env'],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=True,
-    ).stdout
-    names = {line.partition('=')[0] for line in printed.splitlines()}
+    words = ['-s', 'test', 'ARGS=-k roster', 'WORKERS=3', 'IN_WORKSPACE=sh -c env']
+    names = {line.partition('=')[0] for line in printed('make', *words, **os.environ).splitlines()}
     assert 'PATH' in names
     assert not names & {'ARGS', 'MAKEFLAGS', 'MFLAGS', 'WORKERS'}

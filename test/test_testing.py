@@ -113,25 +113,23 @@ def test_tests_of_other_modules_run_after_one_in_its_own_process(tmp_path: pathl
         'import os, pytest\n'
         'def test_plain(): ...\n'
         '@pytest.mark.own_process\n'
-        'def test_own(): assert os.environ["EVGP_TEST_IN_OWN_PROCESS"]\n'
+        'def test_that_fails(): assert not os.getenv("EVGP_TEST_IN_OWN_PROCESS"), "found out"\n'
         '@pytest.mark.own_process\n'
-        'def test_own_that_fails(): assert not "found out"\n'
-        '@pytest.mark.own_process\n'
-        'def test_own_that_cannot_run(): pytest.skip("for a reason")\n',
+        'def test_that_cannot_run(): pytest.skip("for a reason")\n',
         encoding='utf-8',
     )
+    path = os.pathsep.join(sys.path)
     (tmp_path / 'test_second.py').write_text('def test_after(): ...\n', encoding='utf-8')
     done = subprocess.run(
         [sys.executable, '-m', 'pytest', '-rA', '-p', 'no:cacheprovider', str(tmp_path)],
         cwd=tmp_path,
-        env={**os.environ, 'PYTEST_ADDOPTS': ''},
+        env={**os.environ, 'PYTEST_ADDOPTS': '-p rig.own_process', 'PYTHONPATH': path},
         capture_output=True,
         text=True,
     )
     for outcome in (
         'PASSED test_first.py::test_plain',
-        'PASSED test_first.py::test_own',
-        'FAILED test_first.py::test_own_that_fails',
+        'FAILED test_first.py::test_that_fails',
         'PASSED test_second.py::test_after',
     ):
         assert outcome in done.stdout.splitlines() or f'{outcome} - ' in done.stdout, done.stdout

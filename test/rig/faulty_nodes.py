@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A bridge and a stack with a fault of the kind that programmers make, to be run as processes."""
+"""Nodes with a fault of the kind that programmers make, to be run as processes."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ from evgp_kart_bridge.shortest_stack import Stack
 from evgp_kart_bridge.watch import Order
 from evgp_node.process import run_node
 from evgp_node.states import state_of
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.node import RcsNode
+from evgp_rcs.race import Answer, Command
 from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
 from rclpy.clock import Clock, ClockType
@@ -79,6 +82,15 @@ class StackThatAnswersTheLatest(Stack):
 
     def close(self) -> None:
         """End; the base brakes by itself."""
+
+
+class RaceControlThatTakesNoStops(RcsNode):
+    """Keeps the thread that takes the stops busy for ever, from the first RED_FLAG on."""
+
+    def _command(self, command: Command) -> Answer:
+        if command.kind is CommandKind.RED_FLAG:
+            threading.Event().wait()
+        return super()._command(command)
 
 
 def program_of(node: type, folder: pathlib.Path) -> str:

@@ -94,15 +94,15 @@ class Namespace(Part):
     @contextlib.contextmanager
     def inside(self) -> Iterator[None]:
         """Have this thread, and the threads and processes it starts, in this namespace."""
-        home = os.open('/proc/thread-self/ns/net', os.O_RDONLY)
+        own = os.open('/proc/thread-self/ns/net', os.O_RDONLY)
         try:
             _system_call('setns', self._file, _CLONE_NEWNET)
             try:
                 yield
             finally:
-                _system_call('setns', home, _CLONE_NEWNET)
+                _system_call('setns', own, _CLONE_NEWNET)
         finally:
-            os.close(home)
+            os.close(own)
 
     def ip(self, *commands: str) -> None:
         """
@@ -190,14 +190,6 @@ class Machine(Namespace):
                 rate,
             ],
         )
-
-    def link_down(self) -> None:
-        """Take its interface down."""
-        self.ip('link set eth0 down')
-
-    def link_up(self) -> None:
-        """Take its interface up again."""
-        self.ip('link set eth0 up')
 
     def unplug(self) -> float:
         """Have its interface vanish, as when the power goes; return the time (monotonic, s)."""

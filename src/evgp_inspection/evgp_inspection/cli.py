@@ -55,7 +55,7 @@ from evgp_protocol.frames import DEFAULT_PORT
 Options: TypeAlias = argparse.Namespace
 
 Inspect: TypeAlias = Callable[
-    [Options, Inspector, Any, Sequence[Clause], asyncio.Event], Awaitable[Inspection]
+    [Inspector, Any, Sequence[Clause], asyncio.Event], Awaitable[Inspection]
 ]
 """Inspects once the word is given: by these limits, for these clauses, until the event is set."""
 
@@ -112,30 +112,26 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
         )
     elif options.odometry == '-' and not options.unattended:
         options.wrong = '--odometry - takes the keyboard: it needs --unattended'
-    return _inspect(parser, options, KART, Limits, _inspect_kart)
 
+    def begin(
+        inspector: Inspector, limits: Limits, clauses: Sequence[Clause], stopping: asyncio.Event
+    ) -> Awaitable[Inspection]:
+        return inspect(
+            inspector,
+            limits,
+            clauses,
+            stopping,
+            host=options.listen,
+            port=options.port,
+            kart_address=options.kart_address,
+            odometry=functools.partial(listen, options.odometry) if options.odometry else None,
+            kills=_kills(options, inspector, limits),
+            listening=lambda port: inspector.tell(
+                f'Waiting for the kart on port {port} for {limits.connect:g} s.'
+            ),
+        )
 
-async def _inspect_kart(
-    options: Options,
-    inspector: Inspector,
-    limits: Limits,
-    clauses: Sequence[Clause],
-    stopping: asyncio.Event,
-) -> Inspection:
-    return await inspect(
-        inspector,
-        limits,
-        clauses,
-        stopping,
-        host=options.listen,
-        port=options.port,
-        kart_address=options.kart_address,
-        odometry=functools.partial(listen, options.odometry) if options.odometry else None,
-        kills=_kills(options, inspector, limits),
-        listening=lambda port: inspector.tell(
-            f'Waiting for the kart on port {port} for {limits.connect:g} s.'
-        ),
-    )
+    return _inspect(parser, options, KART, Limits, begin)
 
 
 def _kills(options: Options, inspector: Inspector, limits: Limits) -> dict[str, Kill]:
@@ -209,25 +205,28 @@ def inspect_rcs(arguments: Sequence[str] | None = None) -> int:
         options.wrong = '--karts names three karts; two of them race'
     elif options.unattended and options.word != WORD:
         options.wrong = f'--driver ros starts races: say --word {WORD} if no real kart is there'
-    return _inspect(parser, options, RCS, RcsLimits, _inspect_rcs)
 
+    async def begin(
+        inspector: Inspector, limits: RcsLimits, clauses: Sequence[Clause], stopping: asyncio.Event
+    ) -> Inspection:
+        driver: Driver = Human(inspector, limits.answer)
+        if options.unattended:
+            ros: Any = importlib.import_module('evgp_inspection.ros_driver')
+            driver = ros.RosDriver()
+        where = (options.host, options.port)
+        with contextlib.closing(driver):
+            return await inspect_race_control(
+                inspector,
+                driver,
+                limits,
+                clauses,
+                stopping,
+                where,
+                options.karts,
+                options.stranger,
+            )
 
-async def _inspect_rcs(
-    options: Options,
-    inspector: Inspector,
-    limits: RcsLimits,
-    clauses: Sequence[Clause],
-    stopping: asyncio.Event,
-) -> Inspection:
-    driver: Driver = Human(inspector, limits.answer)
-    if options.unattended:
-        ros: Any = importlib.import_module('evgp_inspection.ros_driver')
-        driver = ros.RosDriver()
-    where = (options.host, options.port)
-    with contextlib.closing(driver):
-        return await inspect_race_control(
-            inspector, driver, limits, clauses, stopping, where, options.karts, options.stranger
-        )
+    return _inspect(parser, options, RCS, RcsLimits, begin)
 
 
 def _loopback(number: int) -> str:
@@ -339,13 +338,15 @@ async def _with_the_word(
     with contextlib.ExitStack() as stack:
         inspector: Inspector = Unattended(printer.tell)
         if not options.unattended:
-            inspector = stack.enter_context(AtTerminal(printer, stopping.set, first=options.first))
-        given = loop.create_task(inspector.confirm())
-        await first(given, stopping)
-        if not given.done() or not given.result():
-            given.cancel()
-            return Inspection([Result(each, NOT_DONE) for each in clauses], remarks=['Not begun.'])
-        return await inspect(options, inspector, limits, clauses, stopping)
+            terminal = AtTerminal(printer, stopping.set, first=options.first)
+            inspector = stack.enter_context(terminal)
+            given = loop.create_task(terminal.confirm())
+            await first(given, stopping)
+            if not given.done() or not given.result():
+                given.cancel()
+                not_done = [Result(each, NOT_DONE) for each in clauses]
+                return Inspection(not_done, remarks=['Not begun.'])
+        return await inspect(inspector, limits, clauses, stopping)
 
 
 def _write(

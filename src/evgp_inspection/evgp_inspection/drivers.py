@@ -17,14 +17,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import dataclasses
 import enum
-from typing import Protocol
+from typing import Protocol, TypeAlias
 
 from evgp_inspection.inspector import Inspector
 
 
-class Act(enum.Enum):
+class Press(enum.Enum):
     """A command of §4.B, by its name in `evgp_rcs`'s catalogue; the value is for people."""
 
     ALL_KILL = 'Press ALL KILL (RED_RED to every kart)'
@@ -43,17 +42,8 @@ class Act(enum.Enum):
         return self.name.startswith('KART_')
 
 
-@dataclasses.dataclass(frozen=True)
-class Reply:
-    """
-    What became of a command.
-
-    :ivar accepted: race control says that it carries it out.
-    :ivar why: why not, a sentence.
-    """
-
-    accepted: bool
-    why: str = ''
+Reply: TypeAlias = tuple[bool, str]
+"""Whether race control says that it carries out a command; and what else it says."""
 
 
 class Driver(Protocol):
@@ -64,7 +54,7 @@ class Driver(Protocol):
     async def prepare(self, in_race: tuple[int, ...], outside: tuple[int, ...]) -> str:
         """Have these karts in the race, in IN_GARAGE; return why that is not so, or nothing."""
 
-    async def give(self, act: Act, kart: int, given: Callable[[], None]) -> Reply:
+    async def give(self, act: Press, kart: int, given: Callable[[], None]) -> Reply:
         """
         Give a command.
 
@@ -113,14 +103,14 @@ class Human:
         self._prepared = bool(done)
         return '' if done else 'The race was not prepared.'
 
-    async def give(self, act: Act, kart: int, given: Callable[[], None]) -> Reply:
+    async def give(self, act: Press, kart: int, given: Callable[[], None]) -> Reply:
         """Ask for it; the key says that it was done, or that race control does not let it."""
         given()
         done = await self._inspector.ask(
             act.value.format(kart=kart) + '. y: pressed, n: refused or not offered.',
             self._seconds,
         )
-        return Reply(bool(done), '' if done else 'not possible, says the person at the screen')
+        return bool(done), '' if done else 'not possible, says the person at the screen'
 
     async def start_again(self) -> bool:
         """Ask for it; whatever was in the race has to be put there again."""

@@ -32,7 +32,7 @@ from evgp_inspection.kart_wire import KartWire
 from evgp_inspection.limits import Limits, RcsLimits
 from evgp_inspection.odometry import Take
 from evgp_inspection.rcs_clauses import RCS_BY_NAME, RCS_STEPS
-from evgp_inspection.rcs_karts import Field
+from evgp_inspection.rcs_karts import PlayedKarts
 from evgp_inspection.rcs_steps import RcsSteps
 from evgp_inspection.recording import EndedError, first, Recording
 from evgp_inspection.report import line
@@ -67,19 +67,17 @@ class Inspection:
     :ivar seconds: how long it took, s.
     :ivar remarks: sentences on the whole.
     :ivar finished: every step was done.
-    :ivar came: there was something to inspect.
     """
 
     results: list[Result]
     seconds: float = 0.0
     remarks: Sequence[str] = ()
     finished: bool = False
-    came: bool = True
 
     @property
     def exit_code(self) -> Exit:
         """Return the exit code."""
-        good = self.came and self.finished and verdict_on(self.results) is Verdict.PASS
+        good = self.finished and verdict_on(self.results) is Verdict.PASS
         return Exit.PASSED if good else Exit.NOT_PASSED
 
 
@@ -139,7 +137,7 @@ class _Results:
             running.cancel()
         return finished, remarks
 
-    def end(self, finished: bool, remarks: list[str], came: bool) -> Inspection:
+    def end(self, finished: bool, remarks: list[str]) -> Inspection:
         """Tell the rest, and return what it has come to."""
         results = [self._judge(clause) for clause in self._clauses]
         if remarks:
@@ -152,7 +150,7 @@ class _Results:
         for result in results:
             if result.clause not in self._told:
                 self._tell(line(result))
-        return Inspection(results, time.monotonic() - self._began, remarks, finished, came)
+        return Inspection(results, time.monotonic() - self._began, remarks, finished)
 
 
 async def inspect(
@@ -205,7 +203,7 @@ async def inspect(
         await wire.shut_down()
         if end_odometry is not None:
             end_odometry()
-    return results.end(*done, wire.newest > 0)
+    return results.end(*done)
 
 
 async def inspect_race_control(
@@ -228,7 +226,7 @@ async def inspect_race_control(
     :param stranger: an IPv4 address that is no kart's.
     """
     recording = Recording()
-    field = Field(recording, *where, addresses, stranger)
+    field = PlayedKarts(recording, *where, addresses, stranger)
     results = _Results(
         clauses, lambda each: judge(RCS_BY_NAME, each, recording.trace, limits), inspector.tell
     )
@@ -242,4 +240,4 @@ async def inspect_race_control(
         await field.close()
     if not field.count:
         remarks.append('No kart could connect to race control.')
-    return results.end(finished, remarks, field.count > 0)
+    return results.end(finished, remarks)

@@ -59,9 +59,6 @@ class Inspector(Protocol):
     def tell(self, line: str) -> None:
         """Have a line read; never waits."""
 
-    async def confirm(self) -> bool:
-        """Return whether the inspector says that the kart may be made to drive."""
-
     async def ask(self, question: str, seconds: float) -> bool | None:
         """Return the answer; None: there was none in so many seconds."""
 
@@ -76,10 +73,6 @@ class Unattended:
     def __init__(self, tell: Callable[[str], None]) -> None:
         self.tell = tell
 
-    async def confirm(self) -> bool:
-        """Return True: whoever started the inspection gave the word with it."""
-        return True
-
     async def ask(self, question: str, seconds: float) -> bool | None:
         """Return None at once."""
         return None
@@ -93,13 +86,9 @@ class Printer:
         self._thread = threading.Thread(target=self._print, daemon=True)
         self._thread.start()
 
-    def tell(self, line: str) -> None:
+    def tell(self, line: str, end: str = '\n') -> None:
         """Print a line soon."""
-        self._lines.put(f'{line}\n')
-
-    def ask(self, text: str) -> None:
-        """Print text without a line's end."""
-        self._lines.put(text)
+        self._lines.put(line + end)
 
     def close(self) -> None:
         """Print what is left, unless the terminal takes nothing."""
@@ -134,7 +123,7 @@ class AtTerminal:
         self._fd = fd
         self._word: asyncio.Future[bool] | None = None
         self._typed = ''
-        self._answer: asyncio.Future[bool | None] | None = None
+        self._answer: asyncio.Future[bool] | None = None
         self._before: list[int | list[bytes | int]] | None = None
         self.tell = printer.tell
 
@@ -151,7 +140,7 @@ class AtTerminal:
 
     async def confirm(self) -> bool:
         """Ask for the word; return whether it was typed."""
-        self._printer.ask(self._first)
+        self._printer.tell(self._first, end='')
         self._word = asyncio.get_running_loop().create_future()
         given = await self._word
         if given and os.isatty(self._fd):
@@ -161,20 +150,18 @@ class AtTerminal:
 
     async def ask(self, question: str, seconds: float) -> bool | None:
         """Ask a question that y or n answers."""
-        self._printer.ask(f'\a  ?  {question}  y/n ')
-        loop = asyncio.get_running_loop()
-        given: asyncio.Future[bool | None] = loop.create_future()
+        self._printer.tell(f'\a  ?  {question}  y/n ', end='')
+        given: asyncio.Future[bool] = asyncio.get_running_loop().create_future()
         self._answer = given
-        timer = loop.call_later(seconds, _give_up, given)
         began = time.monotonic()
         try:
-            answer = await given
+            await asyncio.wait([given], timeout=seconds)
         finally:
             self._answer = None
-            timer.cancel()
-        if answer is None:
+        if not given.done():
             self._printer.tell('no answer')
             return None
+        answer = given.result()
         word = 'yes' if answer else 'NO'
         self._printer.tell(f'{word}, after {time.monotonic() - began:.1f} s')
         return answer
@@ -202,8 +189,3 @@ class AtTerminal:
                 self._stop()
             elif key in 'yn' and self._answer is not None and not self._answer.done():
                 self._answer.set_result(key == 'y')
-
-
-def _give_up(given: asyncio.Future[bool | None]) -> None:
-    if not given.done():
-        given.set_result(None)

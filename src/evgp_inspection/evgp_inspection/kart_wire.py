@@ -26,10 +26,9 @@ from collections.abc import Callable, Iterator
 import contextlib
 import itertools
 import socket
-import struct
 from typing import TypeAlias
 
-from evgp_inspection.recording import Recording
+from evgp_inspection.recording import Link, Recording
 from evgp_inspection.traces import Kind
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
@@ -39,9 +38,6 @@ BEAT_RATE = 20.0
 
 LATE_BEAT = 0.25
 """A beat that is later than this says that the inspecting computer was held up, s."""
-
-RESET = struct.pack('ii', 1, 0)
-"""The value of SO_LINGER with which a close resets the connection."""
 
 MALFORMED = (
     b'$GREEN;',
@@ -111,18 +107,6 @@ NOTHING: Beats = itertools.repeat([])
 """Nothing is sent."""
 
 
-def close(transport: asyncio.Transport) -> None:
-    """
-    Close a connection in order (FIN).
-
-    The kernel resets a connection that is closed with unread bytes. So the FIN goes first.
-    """
-    if transport.get_write_buffer_size() == 0:
-        with contextlib.suppress(OSError):  # it has ended meanwhile
-            transport.get_extra_info('socket').shutdown(socket.SHUT_WR)
-    transport.close()
-
-
 class KartWire:
     """
     Listens for the kart and talks to it.
@@ -142,7 +126,7 @@ class KartWire:
         self._tell = tell
         self._host = ''
         self._server: asyncio.Server | None = None
-        self._links: dict[int, _Connection] = {}
+        self._links: list[Link] = []
         self._count = 0
         self._beats: Beats | None = None
         self._greeting = b''
@@ -169,7 +153,7 @@ class KartWire:
     @property
     def connected(self) -> bool:
         """Return whether the kart can be told something."""
-        return any(link.takes for link in self._links.values())
+        return any(link.open and not link.mute for link in self._links)
 
     @property
     def newest(self) -> int:
@@ -202,22 +186,24 @@ class KartWire:
 
     def send_now(self, data: bytes) -> None:
         """Send bytes in this very moment, whatever the beat does."""
-        for link in list(self._links.values()):
+        for link in self._links:
             link.write(data)
 
     def close(self) -> None:
         """End every connection in order (FIN)."""
-        self._end('closed', lambda link: close(link.transport))
+        for link in self._links:
+            link.end()
 
     def reset(self) -> None:
         """Reset every connection (RST)."""
-        self._end('reset', _reset)
+        for link in self._links:
+            link.end(reset=True)
 
     def half_close(self) -> None:
         """Say on every connection that nothing more will be sent, and go on to listen."""
-        for link in self._links.values():
-            if link.takes:
-                link.takes = False
+        for link in self._links:
+            if link.open and not link.mute:
+                link.mute = True
                 with contextlib.suppress(OSError):  # the kart has ended it in this very moment
                     link.transport.write_eof()
                 self._recording.note(Kind.ENDED, link.number, text='half-closed')
@@ -244,19 +230,13 @@ class KartWire:
 
     async def _open(self, port: int) -> None:
         self._server = await asyncio.get_running_loop().create_server(
-            lambda: _Connection(self, self._recording),
+            lambda: Link(self._recording, self._opened),
             self._host,
             port,
             family=socket.AF_INET,
             reuse_address=True,
         )
         self.port = self._server.sockets[0].getsockname()[1]
-
-    def _end(self, how: str, end: Callable[[_Connection], None]) -> None:
-        links, self._links = self._links, {}
-        for link in links.values():
-            self._recording.note(Kind.ENDED, link.number, text=how)
-            end(link)
 
     async def _beat(self) -> None:
         loop = asyncio.get_running_loop()
@@ -265,7 +245,7 @@ class KartWire:
             self._changed.clear()
             self._notice_delay(loop.time() - due)
             if self._beats is not None:
-                links = list(self._links.values())
+                links = list(self._links)
                 piece_due = loop.time()
                 for pause, data in next(self._beats):
                     if pause:
@@ -286,71 +266,21 @@ class KartWire:
         if late > LATE_BEAT:
             self._recording.note(Kind.HELD_UP, value=late)
 
-    # What the connections call.
-
-    def opened(self, link: _Connection, address: str) -> bool:
-        """Take a new connection; return False if it is not the kart's."""
+    def _opened(self, link: Link) -> None:
+        """Take a new connection, or refuse it if it is not the kart's."""
+        address = link.transport.get_extra_info('peername', ('?',))[0]
         if not self.kart_address:
             self.kart_address = address
         if address != self.kart_address:
             if address not in self._refused:
                 self._refused.add(address)
                 self._tell(f'A connection from {address} is refused: it is not the kart.')
-            return False
+            link.open = False
+            link.transport.abort()
+            return
         self._count += 1
         link.number = self._count
-        self._links[link.number] = link
+        self._links = [*(each for each in self._links if each.open), link]
         self._recording.note(Kind.OPENED, link.number, text=address)
         if self._greeting:
             link.write(self._greeting)
-        return True
-
-    def lost(self, link: _Connection, how: str) -> None:
-        """Take note that the kart has ended a connection."""
-        if self._links.pop(link.number, None) is not None:
-            self._recording.note(Kind.CLOSED, link.number, text=how)
-
-
-class _Connection(asyncio.Protocol):
-    """One connection of the kart."""
-
-    transport: asyncio.Transport
-
-    def __init__(self, wire: KartWire, recording: Recording) -> None:
-        self.number = 0
-        self.takes = False
-        self._wire = wire
-        self._recording = recording
-
-    def write(self, data: bytes) -> None:
-        """Send, if the connection takes anything."""
-        if self.takes and not self.transport.is_closing():
-            self._recording.note(Kind.SENT, self.number, data)
-            self.transport.write(data)
-
-    # What asyncio calls.
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        self.transport = transport
-        transport.get_extra_info('socket').setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.takes = True
-        if not self._wire.opened(self, transport.get_extra_info('peername', ('?',))[0]):
-            self.takes = False
-            transport.abort()
-
-    def data_received(self, data: bytes) -> None:
-        if self.number:
-            self._recording.note(Kind.SAID, self.number, data)
-
-    def eof_received(self) -> None:
-        self._wire.lost(self, 'closed')
-
-    def connection_lost(self, error: Exception | None) -> None:
-        self.takes = False
-        self._wire.lost(self, 'closed' if error is None else 'reset')
-
-
-def _reset(link: _Connection) -> None:
-    link.transport.get_extra_info('socket').setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
-    link.transport.abort()

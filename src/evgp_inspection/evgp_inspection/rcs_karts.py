@@ -24,11 +24,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import ctypes
-import socket
 import struct
 
-from evgp_inspection.kart_wire import close, RESET
-from evgp_inspection.recording import Recording
+from evgp_inspection.recording import Link, Recording
 from evgp_inspection.traces import Kind, STRANGER
 from evgp_protocol.frames import encode, FrameDecoder, StateFrame
 from evgp_protocol.states import RaceState
@@ -41,75 +39,39 @@ LATE_LOOK = 0.15
 are no gap that a race control must not leave."""
 
 
-class Link(asyncio.Protocol):
-    """One connection of a kart."""
+class KartLink(Link):
+    """
+    One connection of a kart.
+
+    :ivar sent: what it is sent.
+    """
 
     def __init__(self, kart: PlayedKart) -> None:
+        super().__init__(kart.field.recording, kart.field.opened)
         self.sent: RaceState | None = None
-        self.number = 0
-        self.open = False
-        self._kart = kart
-        self._transport: asyncio.Transport | None = None
+        self.kart = kart
         self._decoder = FrameDecoder()
-        self._ended = ''
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin to hear."""
-        assert isinstance(transport, asyncio.Transport)
-        self._transport = transport
-        self.open = True
-        self.number = self._kart.field.opened(self._kart)
 
     def data_received(self, data: bytes) -> None:
         """Take what race control sends."""
         for frame in self._decoder.feed(data):
             if isinstance(frame, StateFrame):
                 self.sent = frame.state
-        self._kart.field.recording.note(Kind.SAID, self.number, data)
-        if self.sent in self._kart.answers:
+        super().data_received(data)
+        if self.sent in self.kart.answers:
             self.write(encode(self.sent))
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """Take note."""
-        self.open = False
-        if not self._ended:
-            text = 'reset' if exc is not None else 'closed'
-            self._kart.field.recording.note(Kind.CLOSED, self.number, text=text)
-
-    def write(self, data: bytes) -> None:
-        """Write bytes."""
-        if self._transport is not None and self.open:
-            self._kart.field.recording.note(Kind.SENT, self.number, data)
-            self._transport.write(data)
-
-    def end(self, reset: bool = False) -> None:
-        """Close or reset it."""
-        if self._transport is None or not self.open:
-            return
-        self._ended = 'reset' if reset else 'closed'
-        self.open = False
-        self._kart.field.recording.note(Kind.ENDED, self.number, text=self._ended)
-        if reset:
-            self._option(socket.SO_LINGER, RESET)
-            self._transport.abort()
-        else:
-            close(self._transport)
 
     def vanish(self) -> None:
         """Answer nothing any more, not even in TCP, as a kart that has left the network."""
         program = ctypes.create_string_buffer(struct.pack('HBBI', 6, 0, 0, 0))  # take nothing
         self._program = program  # lives as long as the call
-        self._option(ATTACH_FILTER, struct.pack('HxxxxxxP', 1, ctypes.addressof(program)))
-        self._kart.field.recording.note(Kind.SILENT, self.number, text='the kart vanishes')
+        self.option(ATTACH_FILTER, struct.pack('HxxxxxxP', 1, ctypes.addressof(program)))
+        self.recording.note(Kind.SILENT, self.number, text='the kart vanishes')
 
     def appear(self) -> None:
         """Answer again; if race control has given this connection up, that is seen now."""
-        self._option(DETACH_FILTER, struct.pack('i', 0))
+        self.option(DETACH_FILTER, struct.pack('i', 0))
         self.write(encode(RaceState.RED_RED))
-
-    def _option(self, option: int, value: bytes) -> None:
-        if self._transport is not None:
-            self._transport.get_extra_info('socket').setsockopt(socket.SOL_SOCKET, option, value)
 
 
 class PlayedKart:
@@ -120,14 +82,14 @@ class PlayedKart:
     :ivar link: its newest connection.
     """
 
-    def __init__(self, field: Field, number: int, address: str) -> None:
+    def __init__(self, field: PlayedKarts, number: int, address: str) -> None:
         self.field = field
         self.number = number
         self.name = f'kart {number}' if number else STRANGER
         self.address = address
         self.answers: frozenset[RaceState] = frozenset()
-        self.link: Link | None = None
-        self.links: list[Link] = []
+        self.link: KartLink | None = None
+        self.links: list[KartLink] = []
 
     @property
     def sent(self) -> RaceState | None:
@@ -140,7 +102,7 @@ class PlayedKart:
         try:
             _, link = await asyncio.wait_for(
                 loop.create_connection(
-                    lambda: Link(self),
+                    lambda: KartLink(self),
                     self.field.host,
                     self.field.port,
                     local_addr=(self.address, 0),
@@ -164,7 +126,7 @@ class PlayedKart:
             self.link.end(reset)
 
 
-class Field:
+class PlayedKarts:
     """
     All karts that the inspection plays.
 
@@ -188,11 +150,12 @@ class Field:
         self.count = 0
         self._watching = asyncio.get_running_loop().create_task(self._watch())
 
-    def opened(self, kart: PlayedKart) -> int:
-        """Return the number of a new connection."""
+    def opened(self, link: Link) -> None:
+        """Take note of a new connection."""
+        assert isinstance(link, KartLink)
         self.count += 1
-        self.recording.note(Kind.OPENED, self.count, text=kart.name)
-        return self.count
+        link.number = self.count
+        self.recording.note(Kind.OPENED, self.count, text=link.kart.name)
 
     async def close(self) -> None:
         """End every connection."""

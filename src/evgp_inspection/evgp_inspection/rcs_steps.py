@@ -25,9 +25,9 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 
-from evgp_inspection.drivers import Act, Driver
+from evgp_inspection.drivers import Driver, Press
 from evgp_inspection.limits import RcsLimits
-from evgp_inspection.rcs_karts import Field, PlayedKart
+from evgp_inspection.rcs_karts import PlayedKart, PlayedKarts
 from evgp_inspection.recording import EndedError, Recording
 from evgp_inspection.traces import Kind
 from evgp_protocol.frames import encode
@@ -55,7 +55,7 @@ class RcsSteps:
     def __init__(
         self,
         recording: Recording,
-        field: Field,
+        field: PlayedKarts,
         driver: Driver,
         limits: RcsLimits,
         step_done: Callable[[str], None],
@@ -122,7 +122,7 @@ class RcsSteps:
             lambda: stranger.link is None or not stranger.link.open, self._limits.slack
         )
         stranger.end()
-        await self._refused('green', Act.GREEN_GREEN)
+        await self._refused('green', Press.GREEN_GREEN)
         self._phase('second')
         first = self._one.link
         await self._one.connect()
@@ -138,10 +138,10 @@ class RcsSteps:
         self._phase('before')
         self._one.write(encode(GRID_ACTIVE))
         await self._order()
-        await self._refused('silent', Act.GREEN_GREEN)
+        await self._refused('silent', Press.GREEN_GREEN)
         self._two.answers = ALL
         await self._arrive()
-        await self._refused('early', Act.GREEN_GREEN)
+        await self._refused('early', Press.GREEN_GREEN)
 
     async def _halves(self) -> None:
         self._answer(NOTHING)
@@ -151,15 +151,15 @@ class RcsSteps:
         self._one.write(b'ACTIVE;')
         self._two.answers = ALL
         await self._arrive()
-        await self._refused('green', Act.GREEN_GREEN)
+        await self._refused('green', Press.GREEN_GREEN)
 
     async def _last(self) -> None:
         self._answer(ALL)
         await self._order()
         await self._arrive()
-        await self._reach('stop', Act.KART_RED_RED, RED_RED, self._out)
+        await self._reach('stop', Press.KART_RED_RED, RED_RED, self._out)
         await asyncio.sleep(self._limits.settle)
-        await self._refused('green', Act.GREEN_GREEN)
+        await self._refused('green', Press.GREEN_GREEN)
 
     async def _lost(self) -> None:
         self._answer(ALL)
@@ -168,51 +168,51 @@ class RcsSteps:
         self._one.answers = NOTHING
         self._one.end()
         await asyncio.sleep(self._limits.away)
-        await self._refused('green', Act.GREEN_GREEN)
+        await self._refused('green', Press.GREEN_GREEN)
         await self._back('returned', self._one)
-        await self._refused('back', Act.GREEN_GREEN)
+        await self._refused('back', Press.GREEN_GREEN)
 
     async def _race(self) -> None:
         await self._start()
-        await self._refused('grid_again', Act.GRID_ACTIVE)
-        await self._refused('garage_in_race', Act.IN_GARAGE)
+        await self._refused('grid_again', Press.GRID_ACTIVE)
+        await self._refused('garage_in_race', Press.IN_GARAGE)
         self._answer(NOTHING)
-        await self._reach('finish_one', Act.KART_FINISH, RED_FLAG, self._one)
-        await self._reach('finish_two', Act.KART_FINISH, RED_FLAG, self._two)
-        await self._reach('over', Act.RACE_OVER, RED_RED, *self._racing)
+        await self._reach('finish_one', Press.KART_FINISH, RED_FLAG, self._one)
+        await self._reach('finish_two', Press.KART_FINISH, RED_FLAG, self._two)
+        await self._reach('over', Press.RACE_OVER, RED_RED, *self._racing)
         self._two.answers = ALL
         await asyncio.sleep(self._limits.settle)
-        await self._refused('unacknowledged', Act.IN_GARAGE)
+        await self._refused('unacknowledged', Press.IN_GARAGE)
         self._one.answers = ALL
         await self._arrive()
-        await self._reach('released', Act.IN_GARAGE, IN_GARAGE, *self._racing)
+        await self._reach('released', Press.IN_GARAGE, IN_GARAGE, *self._racing)
 
     async def _again(self) -> None:
         self._answer(NOTHING)
         await self._order()
-        await self._refused('silent', Act.GREEN_GREEN)
+        await self._refused('silent', Press.GREEN_GREEN)
         await self._green()
-        await self._reach('one', Act.KART_RED_RED, RED_RED, self._one, more=True)
+        await self._reach('one', Press.KART_RED_RED, RED_RED, self._one, more=True)
         await self._back('back', self._two, reset=True)
 
     async def _flag(self) -> None:
         await self._start()
-        await self._reach('flag', Act.RED_FLAG, RED_FLAG, *self._racing)
+        await self._reach('flag', Press.RED_FLAG, RED_FLAG, *self._racing)
         await self._back('back', self._one)
 
     async def _held(self) -> None:
         await self._start()
-        await self._reach('one', Act.KART_RED_RED, RED_RED, self._one)
-        await self._reach('flag', Act.RED_FLAG, RED_FLAG, self._two, more=True)
+        await self._reach('one', Press.KART_RED_RED, RED_RED, self._one)
+        await self._reach('flag', Press.RED_FLAG, RED_FLAG, self._two, more=True)
 
     async def _stop(self) -> None:
         await self._start()
-        await self._reach('all_kill', Act.ALL_KILL, RED_RED, *self._all)
-        await self._refused('flag', Act.RED_FLAG)
+        await self._reach('all_kill', Press.ALL_KILL, RED_RED, *self._all)
+        await self._refused('flag', Press.RED_FLAG)
         await self._back('back', self._one)
         await asyncio.sleep(self._limits.settle)
-        await self._refused('grid', Act.GRID_ACTIVE)
-        await self._refused('green', Act.GREEN_GREEN)
+        await self._refused('grid', Press.GRID_ACTIVE)
+        await self._refused('green', Press.GREEN_GREEN)
 
     async def _vanish(self) -> None:
         await self._start()
@@ -236,7 +236,7 @@ class RcsSteps:
         for kart in absent:
             kart.end()
         await asyncio.sleep(self._limits.away)
-        await self._reach('all_kill', Act.ALL_KILL, RED_RED, self._two)
+        await self._reach('all_kill', Press.ALL_KILL, RED_RED, self._two)
         await self._connect_all('back', absent)
         await asyncio.sleep(self._limits.watch)
 
@@ -252,18 +252,18 @@ class RcsSteps:
 
     async def _order(self) -> None:
         await self._arrive()  # what was said before it
-        await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._racing)
+        await self._reach('order', Press.GRID_ACTIVE, GRID_ACTIVE, *self._racing)
 
     async def _start(self) -> None:
         """Start a race."""
         self._answer(ALL)
-        await self._reach('order', Act.GRID_ACTIVE, GRID_ACTIVE, *self._racing)
+        await self._reach('order', Press.GRID_ACTIVE, GRID_ACTIVE, *self._racing)
         await self._green()
 
     async def _green(self) -> None:
         self._answer(ALL)
         await self._arrive()
-        await self._reach('started', Act.GREEN_GREEN, GREEN_GREEN, *self._racing)
+        await self._reach('started', Press.GREEN_GREEN, GREEN_GREEN, *self._racing)
 
     async def _to_the_garage(self) -> None:
         """Bring race control to IN_GARAGE with every kart connected."""
@@ -287,16 +287,16 @@ class RcsSteps:
         await self._wait(lambda: all(kart.sent for kart in self._all), self._limits.connect)
         if self._all_are(IN_GARAGE, self._all)():
             return True
-        await self._give(Act.ALL_KILL)
+        await self._give(Press.ALL_KILL)
         await self._wait(self._all_are(RED_RED, self._all), self._limits.reach)
         await asyncio.sleep(self._limits.settle)
-        await self._insist(Act.IN_GARAGE, IN_GARAGE, self._racing)
+        await self._insist(Press.IN_GARAGE, IN_GARAGE, self._racing)
         if self._out.sent is RED_RED:  # it was stopped alone, and is released alone
-            await self._insist(Act.KART_IN_GARAGE, IN_GARAGE, (self._out,))
+            await self._insist(Press.KART_IN_GARAGE, IN_GARAGE, (self._out,))
         return await self._wait(self._all_are(IN_GARAGE, self._all), self._limits.reach)
 
     async def _reach(
-        self, phase: str, act: Act, state: RaceState, *karts: PlayedKart, more: bool = False
+        self, phase: str, act: Press, state: RaceState, *karts: PlayedKart, more: bool = False
     ) -> None:
         """
         Give a command that must be possible, until these karts are sent a state.
@@ -309,22 +309,22 @@ class RcsSteps:
         if more:
             await asyncio.sleep(self._limits.watch)
 
-    async def _insist(self, act: Act, state: RaceState, karts: Sequence[PlayedKart]) -> bool:
+    async def _insist(self, act: Press, state: RaceState, karts: Sequence[PlayedKart]) -> bool:
         """Give a command, again where it is refused; return whether it has come."""
         loop = asyncio.get_running_loop()
         deadline = loop.time() + self._limits.insist
-        seconds = self._limits.finish if act is Act.KART_FINISH else self._limits.reach
+        seconds = self._limits.finish if act is Press.KART_FINISH else self._limits.reach
         reached = self._all_are(state, karts)
         while True:
             accepted = await self._give(act, karts[0].number if act.to_one_kart else 0)
             if accepted or reached():
                 return await self._wait(reached, seconds)
-            if loop.time() > deadline or act is Act.ALL_KILL:
+            if loop.time() > deadline or act is Press.ALL_KILL:
                 return await self._wait(reached, self._limits.reach)
             # A refusal may be for a time: until a kart has stood long enough, for example.
             await asyncio.sleep(0.2 if self._driver.exact else self._limits.settle)
 
-    async def _refused(self, phase: str, act: Act) -> None:
+    async def _refused(self, phase: str, act: Press) -> None:
         """Give a command that must change nothing, and watch."""
         before = [kart.sent for kart in self._all]
         self._phase(phase)
@@ -342,15 +342,15 @@ class RcsSteps:
         await self._wait(lambda: kart.sent, self._limits.connect)
         await asyncio.sleep(self._limits.watch)
 
-    async def _give(self, act: Act, kart: int = 0) -> bool:
+    async def _give(self, act: Press, kart: int = 0) -> bool:
         text = f'{act.name} {kart}' if kart else act.name
 
         def given() -> None:
             self._recording.note(Kind.COMMAND, text=text, value=float(self._driver.exact))
 
-        reply = await self._driver.give(act, kart, given)
-        self._recording.note(Kind.ANSWERED, text=reply.why, value=float(reply.accepted))
-        return reply.accepted
+        accepted, said = await self._driver.give(act, kart, given)
+        self._recording.note(Kind.ANSWERED, text=said, value=float(accepted))
+        return accepted
 
     def _all_are(self, state: RaceState, karts: Sequence[PlayedKart]) -> Callable[[], bool]:
         return lambda: all(kart.sent is state for kart in karts)

@@ -12,15 +12,21 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The trace while it is written: it has the clock, and wakes whoever waits for an event."""
+"""The trace while it is written, with its clock, and the connections that it is written from."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+import contextlib
+import socket
+import struct
 from typing import Any
 
 from evgp_inspection.traces import Event, Kind, Trace
+
+RESET = struct.pack('ii', 1, 0)
+"""The value of SO_LINGER with which a close resets the connection."""
 
 
 class Recording:
@@ -45,8 +51,7 @@ class Recording:
         self.trace.add(Event(self.now, kind, link, data, text, value))
         waiting, self._waiting = self._waiting, []
         for future in waiting:
-            if not future.done():
-                future.set_result(None)
+            _wake(future)
 
     async def until(self, found: Callable[[], object], seconds: float) -> bool:
         """Return True once `found` is true, or False after so many seconds."""
@@ -55,6 +60,7 @@ class Recording:
             left = deadline - self._loop.time()
             if left <= 0:
                 return False
+            # No asyncio.wait: a few turns later, what follows belongs to another phase.
             future = self._loop.create_future()
             self._waiting.append(future)
             timer = self._loop.call_later(left, _wake, future)
@@ -63,6 +69,83 @@ class Recording:
             finally:
                 timer.cancel()
         return True
+
+
+def _wake(future: asyncio.Future[None]) -> None:
+    if not future.done():
+        future.set_result(None)
+
+
+class Link(asyncio.Protocol):
+    """
+    A connection; all that passes on it is written down.
+
+    :param made: is called with it once it is made.
+    :ivar number: of the connection in the trace; 0: it is in none.
+    :ivar open: neither end has ended it.
+    :ivar mute: nothing is sent on it any more.
+    """
+
+    transport: asyncio.Transport
+
+    def __init__(self, recording: Recording, made: Callable[[Link], None]) -> None:
+        self.number = 0
+        self.open = self.mute = False
+        self.recording = recording
+        self._made = made
+
+    def write(self, data: bytes) -> None:
+        """Send, if the connection takes anything."""
+        if self.open and not self.mute and not self.transport.is_closing():
+            self.recording.note(Kind.SENT, self.number, data)
+            self.transport.write(data)
+
+    def end(self, reset: bool = False) -> None:
+        """
+        Close it in order (FIN), or reset it.
+
+        The kernel resets a connection that is closed with unread bytes. So the FIN goes first.
+        """
+        if not self.open:
+            return
+        self.open = False
+        self.recording.note(Kind.ENDED, self.number, text='reset' if reset else 'closed')
+        if reset:
+            self.option(socket.SO_LINGER, RESET)
+            self.transport.abort()
+            return
+        if self.transport.get_write_buffer_size() == 0:
+            with contextlib.suppress(OSError):  # it has ended meanwhile
+                self.transport.get_extra_info('socket').shutdown(socket.SHUT_WR)
+        self.transport.close()
+
+    def option(self, option: int, value: bytes) -> None:
+        """Set an option of its socket."""
+        self.transport.get_extra_info('socket').setsockopt(socket.SOL_SOCKET, option, value)
+
+    # What asyncio calls.
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        assert isinstance(transport, asyncio.Transport)
+        self.transport = transport
+        transport.get_extra_info('socket').setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self.open = True
+        self._made(self)
+
+    def data_received(self, data: bytes) -> None:
+        if self.number:
+            self.recording.note(Kind.SAID, self.number, data)
+
+    def eof_received(self) -> None:
+        self._lost('closed')
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        self._lost('closed' if exc is None else 'reset')
+
+    def _lost(self, how: str) -> None:
+        if self.open:
+            self.open = False
+            self.recording.note(Kind.CLOSED, self.number, text=how)
 
 
 class EndedError(Exception):
@@ -76,8 +159,3 @@ async def first(task: asyncio.Future[Any], event: asyncio.Event) -> None:
         await asyncio.wait([task, waiting], return_when=asyncio.FIRST_COMPLETED)
     finally:
         waiting.cancel()
-
-
-def _wake(future: asyncio.Future[None]) -> None:
-    if not future.done():
-        future.set_result(None)

@@ -26,7 +26,7 @@ import importlib
 import os
 from typing import Any
 
-from evgp_inspection.drivers import Act, Reply
+from evgp_inspection.drivers import Press, Reply
 
 ANSWER = 10.0
 """Maximum time to wait for race control or its answer, s."""
@@ -44,7 +44,7 @@ class RosDriver:
         testing: Any = importlib.import_module('evgp_testing.official')
         domain = int(os.environ.get('ROS_DOMAIN_ID') or 0)
         self._official = testing.Official(domain, 'inspect_rcs', hears=['race'])
-        self._official.patience = ANSWER
+        self._official.timeout = ANSWER
         self.close = self._official.close
 
     async def prepare(self, in_race: tuple[int, ...], outside: tuple[int, ...]) -> str:
@@ -70,12 +70,12 @@ class RosDriver:
         official.wait_for_race(lambda race: _racing(race) == sorted(in_race), 'these karts alone')
         return ''
 
-    async def give(self, act: Act, kart: int, given: Callable[[], None]) -> Reply:
+    async def give(self, act: Press, kart: int, given: Callable[[], None]) -> Reply:
         """Call the service, with the statement and the karts that an official would name."""
         entry = self._catalogue.CATALOGUE[self._catalogue.CommandKind[act.name]]
         request = dict(entry.fixed)
         # No statement for a record that fails: GREEN_GREEN must not need it.
-        if entry.statement and act is not Act.GREEN_GREEN:
+        if entry.statement and act is not Press.GREEN_GREEN:
             request[entry.statement] = True
         if entry.to_one_kart:
             request['kart'] = kart
@@ -85,8 +85,8 @@ class RosDriver:
         try:
             answer = await asyncio.to_thread(self._official.call, entry.service, **request)
         except AssertionError as error:
-            return Reply(False, str(error))
-        return Reply(answer.success, answer.message)
+            return False, str(error)
+        return answer.success, answer.message
 
     async def start_again(self) -> bool:
         """Return False: nobody is there to do it."""

@@ -175,15 +175,12 @@ class InspectedKart:
                 second.close()
             await asyncio.gather(ticking, return_exceptions=True)
 
-    async def kill_bridge(self) -> bool:
-        """Have what is connected die; it is started again."""
-        self._bridge_killed = True
-        return True
-
-    async def kill_stack(self) -> bool:
-        """Have what drives die; the base is left."""
-        self._stack_died_at = self._loop.time()
-        return True
+    def kill(self, part: str) -> None:
+        """Have its bridge die, which is started again, or its stack: then the base is left."""
+        if part == 'bridge':
+            self._bridge_killed = True
+        else:
+            self._stack_died_at = self._loop.time()
 
     # ----- the connection ------------------------------------------------------------------
 

@@ -27,11 +27,11 @@ import time
 from evgp_inspection.inspection import Exit, inspect, Inspection
 from evgp_inspection.inspector import Unattended
 from evgp_inspection.kart_clauses import KART
-from evgp_inspection.kart_steps import START_KART_AGAIN
-from evgp_inspection.kart_wire import KartWire, LATE_BEAT, RESET
+from evgp_inspection.kart_steps import Kill, START_KART_AGAIN
+from evgp_inspection.kart_wire import KartWire, LATE_BEAT
 from evgp_inspection.limits import Limits
 from evgp_inspection.odometry import Take
-from evgp_inspection.recording import Recording
+from evgp_inspection.recording import Recording, RESET
 from evgp_inspection.traces import Kind
 from evgp_inspection.verdicts import select, Verdict
 from inspected_kart import FAULTS, InspectedKart
@@ -91,7 +91,7 @@ class OneInspection:
                 select(KART, self._only),
                 self.stopping,
                 odometry=self._odometry if self._seen else None,
-                kills={'bridge': self._kill_bridge, 'stack': self._kill_stack},
+                kills={'bridge': self._kill('bridge'), 'stack': self._kill('stack')},
                 listening=self._start_kart,
             )
         finally:
@@ -100,9 +100,6 @@ class OneInspection:
     def tell(self, line: str) -> None:
         self.lines.append(line)
 
-    async def confirm(self) -> bool:
-        return True
-
     async def ask(self, question: str, seconds: float) -> bool | None:
         if question != START_KART_AGAIN or not self._starts_again:
             return None
@@ -110,13 +107,13 @@ class OneInspection:
         self._start_kart(self._port)
         return True
 
-    async def _kill_bridge(self) -> bool:
-        assert self.kart is not None
-        return await self.kart.kill_bridge()
+    def _kill(self, part: str) -> Kill:
+        async def kill() -> bool:
+            assert self.kart is not None
+            self.kart.kill(part)
+            return True
 
-    async def _kill_stack(self) -> bool:
-        assert self.kart is not None
-        return await self.kart.kill_stack()
+        return kill
 
     async def _end_kart(self) -> None:
         if self._running is not None:

@@ -23,7 +23,7 @@ import itertools
 from types import ModuleType
 from typing import Any
 
-from evgp_inspection.drivers import Act, Driver, Human, Reply, START_RACE_CONTROL_AGAIN
+from evgp_inspection.drivers import Driver, Human, Press, Reply, START_RACE_CONTROL_AGAIN
 from evgp_inspection.inspection import Exit, inspect_race_control, Inspection
 from evgp_inspection.inspector import Inspector, Unattended
 from evgp_inspection.limits import RcsLimits
@@ -352,7 +352,7 @@ class OurRaceControl:
     async def prepare(self, in_race: tuple[int, ...], outside: tuple[int, ...]) -> str:
         return ''
 
-    async def give(self, act: Act, kart: int, given: Callable[[], None]) -> Reply:
+    async def give(self, act: Press, kart: int, given: Callable[[], None]) -> Reply:
         kind = CommandKind[act.name]
         answered: asyncio.Future[Any] = asyncio.get_running_loop().create_future()
         offered = self.race.availability(kind, kart, self.server.now())
@@ -363,7 +363,7 @@ class OurRaceControl:
         self.server.submit(command, answered.set_result)
         self.server.take_commands()
         answer = await answered
-        return Reply(answer.success, answer.message)
+        return answer.success, answer.message
 
     async def start_again(self) -> bool:
         return False
@@ -416,7 +416,7 @@ class AtTheScreen:
 
     def __init__(self, flaw: Flaw | None) -> None:
         self.restarts = 0
-        self.refused: list[Act] = []
+        self.refused: list[Press] = []
         self._flaw = flaw
         self._control = OurRaceControl(flaw)
         self._where = ('', 0)
@@ -431,9 +431,6 @@ class AtTheScreen:
     def tell(self, line: str) -> None:
         pass
 
-    async def confirm(self) -> bool:
-        return True
-
     async def ask(self, question: str, seconds: float) -> bool | None:
         if question == START_RACE_CONTROL_AGAIN:
             self.restarts += 1
@@ -441,12 +438,12 @@ class AtTheScreen:
             self._control = OurRaceControl(self._flaw, self._where[1])
             await self._control.start()
             return True
-        for act, kart in itertools.product(Act, (0, 1, 2, 3)):
+        for act, kart in itertools.product(Press, (0, 1, 2, 3)):
             if question.startswith(act.value.format(kart=kart)):
-                reply = await self._control.give(act, kart, lambda: None)
-                if not reply.accepted:
+                accepted, _ = await self._control.give(act, kart, lambda: None)
+                if not accepted:
                     self.refused.append(act)
-                return reply.accepted
+                return accepted
         return True  # karts 1 and 2 are in the race from the beginning
 
 
@@ -482,7 +479,7 @@ def test_a_race_control_that_begins_in_red_red_is_brought_to_in_garage_first() -
 
         async def stopped_before() -> Inspection:
             where = await control.start()
-            await control.give(Act.ALL_KILL, 0, lambda: None)
+            await control.give(Press.ALL_KILL, 0, lambda: None)
             try:
                 return await inspected(Unattended(lambda line: None), control, where)
             finally:
@@ -503,7 +500,7 @@ def test_a_person_at_its_screen_can_give_our_race_control_every_command() -> Non
     assert not those(inspection, Verdict.FAIL)
     assert inspection.finished
     assert not person.restarts
-    assert {Act.GREEN_GREEN, Act.GRID_ACTIVE, Act.IN_GARAGE} <= set(person.refused)
+    assert {Press.GREEN_GREEN, Press.GRID_ACTIVE, Press.IN_GARAGE} <= set(person.refused)
 
 
 def test_a_race_control_that_lets_a_kart_in_no_more_is_started_again_by_the_person() -> None:

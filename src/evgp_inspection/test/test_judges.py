@@ -38,7 +38,6 @@ import pytest
 LIMITS = Limits()
 RED_RED, GREEN_GREEN = RaceState.RED_RED, RaceState.GREEN_GREEN
 ROOT = pathlib.Path(__file__).parents[3]
-DOCUMENT = ROOT / 'docs/inspection.md'
 ALL = {**BY_NAME, **RCS_BY_NAME}
 BOTH = pytest.mark.parametrize(
     ('by_name', 'steps', 'limits'),

@@ -31,9 +31,8 @@ import time
 from typing import Any
 
 from evgp_kart_bridge.watch import Order, RaceStateWatch
-from evgp_node.last_words import wait_until_heard
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
-from evgp_node.process import OnFailure, run_node
+from evgp_node.process import OnFailure, run_node, wait_until_heard
 from evgp_node.stamps import stamp
 from evgp_protocol.states import RaceState
 from nav_msgs.msg import Odometry

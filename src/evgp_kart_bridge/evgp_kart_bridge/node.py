@@ -40,11 +40,9 @@ from evgp_kart_bridge.link import (
 )
 from evgp_kart_bridge.motion import Motion, NEVER_MOVED
 from evgp_kart_bridge.watch import LEASE, LOG_AGAIN, race_state_qos
-from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.graph import where_reachable
-from evgp_node.last_words import wait_until_heard
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
-from evgp_node.process import OnFailure, run_node
+from evgp_node.process import OnFailure, run_node, wait_until_heard
 from evgp_node.stamps import stamp
 from evgp_node.states import state_message, state_of
 from evgp_protocol import clock
@@ -56,7 +54,7 @@ from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
@@ -68,20 +66,10 @@ except ImportError:  # ROS 2 Humble has it there
 LINK_ANSWER_TIMEOUT = 1.0
 """How long a call of the team waits for the link before it says so, seconds."""
 
-TSR_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=10,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
+TSR_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 """Of ``~/tsr``: no stop may get lost. A publisher that does not promise that is a stop (§2.C)."""
 
-LATCHED_TSR_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
+LATCHED_TSR_QOS = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """Of a second subscription of ``~/tsr``, for what a latched remote said before."""
 
 LOOK_AROUND = 0.3
@@ -96,12 +84,7 @@ ODOMETRY_DUE = 2.0
 TEAM_TIMEOUT = 1.0
 """Time after which a bridge that has not looked around does not hear its team either, seconds."""
 
-ODOMETRY_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.BEST_EFFORT,
-    durability=DurabilityPolicy.VOLATILE,
-)
+ODOMETRY_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Of ``~/odom``: only the newest counts, from whatever publisher."""
 
 MOST_FIRST_ORDER = 2**52
@@ -147,7 +130,7 @@ class KartBridge(StrictNode):
         qos = race_state_qos(lease)
         self._race_state = self.create_publisher(KartRaceState, '~/race_state', qos)
         self._stop = self.create_publisher(Bool, '~/stop', qos)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._told: Verdict | None = None
         self._logged: dict[str, float] = {}  # what is wrong, and when it was logged
@@ -303,7 +286,8 @@ class KartBridge(StrictNode):
             self._unread_at = None
             self.get_logger().warning(
                 f'Nobody reads {self._race_state.topic_name} in {self._graph} for {UNREAD:g} s: '
-                'does the stack run, with the same ROS_DOMAIN_ID?'
+                'does the stack run, with the same ROS_DOMAIN_ID? On another machine of the kart, '
+                'both need EVGP_GRAPH_INTERFACE'
             )
 
     def _odometry(self, message: Odometry) -> None:
@@ -469,6 +453,37 @@ class KartBridge(StrictNode):
         return array
 
 
+OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
+    (
+        'frame_timeout',
+        'Time without a frame after which the link is lost, s (§3.E).',
+        (0.2, 1.0),
+    ),
+    (
+        'tsr_timeout',
+        'Time without ~/tsr after which it is a team stop, s; 0: no remote is required.',
+        (0.0, 10.0),
+    ),
+    (
+        'odometry_required',
+        'Acknowledge no RED_FLAG or RED_RED unless ~/odom shows that the kart stands still.',
+    ),
+    (
+        'auto_acknowledge_stop',
+        'Acknowledge RED_FLAG and RED_RED once ~/odom shows that the kart stands still.',
+    ),
+    ('standstill_speed', 'Maximum speed of a kart that stands still, m/s.', (0.0, 0.5)),
+    ('standstill_time', 'Time at standstill after which the kart has stopped, s.', (0.1, 10.0)),
+    (
+        'red_flag_drive_time',
+        'Time for which ~/stop lets a driving kart roll out under RED_FLAG, s (§3.A).',
+        (0.0, 30.0),
+    ),
+    ('drive_in_garage', 'Under IN_GARAGE, ~/stop lets the team drive its kart (§3.A).'),
+)
+"""Parameters of the arbiter: name, meaning and range; their defaults are in `Settings`."""
+
+
 def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float]:
     """
     Declare every parameter of the bridge.
@@ -477,17 +492,10 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
     :raises ParameterError: if a parameter is wrong.
     """
     declare = parameters.declare
-    rules = Settings()
     host = declare('host', '', 'The IPv4 address of race control.')
     port = declare('port', DEFAULT_PORT, 'The TCP port of race control.', (1, 65535))
     local = declare(
         'local_address', '', "The IPv4 address of the kart's end; empty: the system's choice."
-    )
-    frame_timeout = declare(
-        'frame_timeout',
-        rules.frame_timeout,
-        'Time without a frame after which the link is lost, s (§3.E).',
-        (0.2, 1.0),
     )
     lease = declare(
         'liveliness_lease',
@@ -495,50 +503,10 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
         'Time of silence of the bridge after which a subscriber must stop, s.',
         (0.2, 2.0),
     )
-    tsr_timeout = declare(
-        'tsr_timeout',
-        rules.tsr_timeout,
-        'Time without ~/tsr after which it is a team stop, s; 0: no remote is required.',
-        (0.0, 10.0),
-    )
-    settings = Settings(
-        frame_timeout=frame_timeout,
-        tsr_timeout=tsr_timeout,
-        team_timeout=TEAM_TIMEOUT,
-        odometry_required=declare(
-            'odometry_required',
-            rules.odometry_required,
-            'Acknowledge no RED_FLAG or RED_RED unless ~/odom shows that the kart stands still.',
-        ),
-        auto_acknowledge_stop=declare(
-            'auto_acknowledge_stop',
-            rules.auto_acknowledge_stop,
-            'Acknowledge RED_FLAG and RED_RED once ~/odom shows that the kart stands still.',
-        ),
-        standstill_speed=declare(
-            'standstill_speed',
-            rules.standstill_speed,
-            'Maximum speed of a kart that stands still, m/s.',
-            (0.0, 0.5),
-        ),
-        standstill_time=declare(
-            'standstill_time',
-            rules.standstill_time,
-            'Time at standstill after which the kart has stopped, s.',
-            (0.1, 10.0),
-        ),
-        red_flag_drive_time=declare(
-            'red_flag_drive_time',
-            rules.red_flag_drive_time,
-            'Time for which ~/stop lets a driving kart roll out under RED_FLAG, s (§3.A).',
-            (0.0, 30.0),
-        ),
-        drive_in_garage=declare(
-            'drive_in_garage',
-            rules.drive_in_garage,
-            'Under IN_GARAGE, ~/stop lets the team drive its kart (§3.A).',
-        ),
-    )
+    rules: dict[str, Any] = {
+        name: declare(name, getattr(Settings, name), *meaning_and_limits)
+        for name, *meaning_and_limits in OF_THE_RULES
+    }
     parameters.refuse_unknown()
     if not host:
         raise ParameterError(
@@ -548,6 +516,7 @@ def read_settings(parameters: Parameters) -> tuple[LinkSettings, Settings, float
     for name, address in (('host', host), ('local_address', local)):
         if address:
             check_address(name, address)
+    settings = Settings(team_timeout=TEAM_TIMEOUT, **rules)
     return LinkSettings(host, port, local), settings, lease
 
 

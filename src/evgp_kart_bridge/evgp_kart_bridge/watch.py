@@ -40,13 +40,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.guard_condition import GuardCondition
 from rclpy.node import Node
-from rclpy.qos import (
-    DurabilityPolicy,
-    HistoryPolicy,
-    LivelinessPolicy,
-    QoSProfile,
-    ReliabilityPolicy,
-)
+from rclpy.qos import DurabilityPolicy, LivelinessPolicy, QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.task import Future
 
@@ -86,9 +80,7 @@ def race_state_qos(lease: float) -> QoSProfile:
     :param lease: in seconds; a subscriber's must not be shorter than the bridge's.
     """
     return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
         depth=1,
-        reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
         liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
         liveliness_lease_duration=Duration(seconds=lease),

@@ -149,14 +149,6 @@ def is_over(connection: socket.socket) -> bool:
         return True
 
 
-def test_red_red_is_told_before_anything_is_heard(
-    start_link: StartLink, race_control: socket.socket
-) -> None:
-    running = start_link(race_control)
-    first = running.wait_for(lambda verdict: True)
-    assert (first.state, first.connected) == (RED_RED, False)
-
-
 def test_what_race_control_commands_is_told_whatever_the_cuts(
     start_link: StartLink, race_control: socket.socket, accept: Accept
 ) -> None:
@@ -285,26 +277,20 @@ def test_a_closed_port_is_named_and_tried_until_it_opens(
     running.wait_for_state(IN_GARAGE)
 
 
+@pytest.mark.parametrize('own', ['', '127.0.1.7'])
 def test_a_connection_closed_at_once_names_its_ends_and_the_way_out(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
+    start_link: StartLink, race_control: socket.socket, accept: Accept, own: str
 ) -> None:
     port = race_control.getsockname()[1]
-    running = start_link(race_control)
-    accept(race_control).close()
+    running = start_link(race_control, local_address=own)
+    connection = accept(race_control)
+    assert connection.getpeername()[0] == (own or '127.0.0.1')
+    connection.close()
     closed = running.wait_for(lambda verdict: 'roster' in verdict.reason)
-    assert f'127.0.0.1, port {port} closed the connection from 127.0.0.1 ' in closed.reason
-    assert 'local_address' in closed.reason
+    ends = f'127.0.0.1, port {port} closed the connection from {own or "127.0.0.1"} '
+    assert ends in closed.reason
+    assert ('local_address' in closed.reason) is not bool(own)
     assert running.status.failures == 1
-
-
-def test_a_connection_closed_at_once_from_the_address_that_was_set_names_that(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
-) -> None:
-    running = start_link(race_control, local_address='127.0.1.7')
-    accept(race_control).close()
-    closed = running.wait_for(lambda verdict: 'roster' in verdict.reason)
-    assert 'from 127.0.1.7 ' in closed.reason
-    assert 'local_address' not in closed.reason
 
 
 def test_race_control_that_was_heard_before_is_not_suspected_of_another_roster(
@@ -343,13 +329,6 @@ def test_a_connection_closed_in_the_race_says_so(
     running.wait_for(lambda verdict: 'closed the connection' in verdict.reason)
 
 
-def test_it_connects_from_its_own_address(
-    start_link: StartLink, race_control: socket.socket, accept: Accept
-) -> None:
-    start_link(race_control, local_address='127.0.1.7')
-    assert accept(race_control).getpeername()[0] == '127.0.1.7'
-
-
 def test_an_address_this_machine_does_not_have_is_named(
     start_link: StartLink, race_control: socket.socket
 ) -> None:
@@ -378,13 +357,6 @@ def test_the_end_closes_the_connection(
     running.link.stop()
     assert is_over(connection)
     assert not running.failures
-
-
-def test_an_input_after_the_end_is_answered(
-    start_link: StartLink, race_control: socket.socket
-) -> None:
-    running = start_link(race_control)
-    running.link.stop()
     with pytest.raises(LinkClosedError):
         running.acknowledge(RED_RED)
 

@@ -233,7 +233,8 @@ _followed: set[str] = set()
 def _follow(named: str, news: socket.socket) -> None:
     """Move the fence whenever an address of this machine comes or goes."""
     while True:
-        _fence(named)
+        with contextlib.suppress(OSError):  # the address is gone again, which is news
+            _fence(named)
         with contextlib.suppress(OSError):  # more came than it takes: look again
             news.recv(65536)
 

@@ -34,7 +34,9 @@ from evgp_node.restarting import ENDING, IN_THE_WAY, WRONG_SETTING
 from evgp_node.spinning import Spinning
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
+from rclpy.duration import Duration
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 
 SWITCH_INTERVAL = 0.0002
 """How long one thread keeps the interpreter from another that wants it, seconds. With Python's
@@ -50,6 +52,9 @@ the interpreter's lock, as DDS may, and the node does nothing until it is starte
 CLOSE_TIMEOUT = 8.0
 """Maximum time for a node to close, seconds. Then the process ends with exit code 1; karts stop
 because their connections are gone."""
+
+LAST_WORD = 0.5
+"""Maximum time that the last words of one publisher may take to be heard, seconds."""
 
 TEARDOWN_TIMEOUT = 2.0
 """Maximum time for ROS to be taken down after that, seconds. Then the process ends anyway, with
@@ -115,6 +120,17 @@ def run_node(
         signal.signal(number, signal.SIG_IGN)
     take_down()
     return code
+
+
+def wait_until_heard(*publishers: Publisher) -> None:
+    """
+    Wait until every reliable subscriber has what these publishers have published.
+
+    A publisher that is gone sends nothing again that got lost on the way. A subscriber that does
+    not listen any more costs `LAST_WORD` per publisher, and no more.
+    """
+    for publisher in publishers:
+        publisher.wait_for_all_acked(Duration(seconds=LAST_WORD))
 
 
 _ends: list[ctypes.c_void_p] = []

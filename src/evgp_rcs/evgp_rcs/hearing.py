@@ -44,7 +44,10 @@ RED_RED                       GRID_ACTIVE               nothing
 
 *A pause.* IN_GARAGE need not be said back. When the kart's TCP has answered an order, and for
 `QUIET` after that nothing came from the kart, then it has read that order. A kart that reads and
-says each frame late is not silent; one that reads nothing for 1 s gives its connection up.
+says each frame late is not silent; one that reads nothing for 1 s gives its connection up. One
+that says each *change* late is silent in between: so for a kart that has said IN_GARAGE back on
+this connection no pause counts. It will say the next one too, and IN_GARAGE comes between any two
+orders of the same state.
 
 What a flood queued answers nothing either. A kart that sends faster than it is read has more bytes
 waiting on its own side, and nobody knows when it said them: nothing counts during a flood, nor for
@@ -115,6 +118,7 @@ class Hearing:
         self._decoder = FrameDecoder(ready_is_grid_active=True)
         # The order that the kart's words have reached, and all after it.
         self._orders: deque[_Order] = deque()
+        self._says_garage = False
         # Places in the stream from the kart: up to where it was read and decoded; and a place
         # before which the frame that the decoder is in did not begin.
         self._read = 0
@@ -222,11 +226,12 @@ class Hearing:
                 if order.state is heard.state and order.answers_from <= self._began:
                     for _ in range(passed):
                         self._orders.popleft()
+                    self._says_garage |= order.state is RaceState.IN_GARAGE
                     return order.serial
         return NO_ORDER
 
     def _paused_after(self, order: _Order) -> bool:
         """Return whether nothing came for `QUIET` since the kart's TCP had answered an order."""
-        if order.answered_in is None:
+        if order.answered_in is None or self._says_garage:
             return False
         return self._beats - max(order.answered_in, self._heard_in) > self._pause_beats

@@ -669,7 +669,13 @@ class Race:
         return self._decide(start.command, refusal, now)
 
     def held_up(self, seconds: float, now: float) -> Outcome:
-        """Take note that race control was held up: what comes now may have been sent long ago."""
+        """
+        Take note that race control was held up: what comes now may have been sent long ago.
+
+        What karts said meanwhile, and which are gone, is not known yet: to stand begins again.
+        """
+        for kart in (each for each in self.karts.values() if each.settles_at is not None):
+            kart.settles_at = now + self.times.settle
         pause = max(self.times.pause, self.times.pause_after_held_up)
         self._pause(now + pause, f'race control was held up for {seconds:.1f} s')
         return self._outcome()
@@ -914,7 +920,8 @@ class Race:
         if kart.hold is None or hold.strictness > kart.hold.strictness:
             kart.hold = hold
             # That an official held it stays to be seen, for only an official lets it go.
-            kart.hold_reason = f'{reason}; {kart.hold_reason}' if kart.held_alone else reason
+            before = f'; {kart.hold_reason}' if kart.held_alone and kart.hold_reason else ''
+            kart.hold_reason = reason + before
         self._redirect(kart, now)
 
     def _unhold(self, kart: Kart) -> None:

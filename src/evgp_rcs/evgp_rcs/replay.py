@@ -37,7 +37,7 @@ from evgp_rcs.inputs import Entry, GapError, Input, InputsError, Setup
 from evgp_rcs.plain import plain
 from evgp_rcs.race import EventKind, Order, StampedEvent
 from evgp_rcs.record import RecordedEvent, Session
-from evgp_rcs.report.model import Account, clock_steps, read
+from evgp_rcs.report.model import Account, clock_steps, OF_THE_SERVER, read
 from evgp_rcs.rules_version import rules_version
 from evgp_rcs.runs import (
     add_run_arguments,
@@ -49,17 +49,6 @@ from evgp_rcs.runs import (
     UnreadableError,
     watched,
 )
-
-OF_THE_SERVER = frozenset(
-    kind.name
-    for kind in (
-        EventKind.MALFORMED,
-        EventKind.REFUSED_CONNECTION,
-        EventKind.SLOW_LINK,
-        EventKind.ENDED,
-    )
-)
-"""Events that no input of the rules makes."""
 
 LONGEST = 400
 """Maximum length of a value in words, in characters."""

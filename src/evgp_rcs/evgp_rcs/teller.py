@@ -29,8 +29,7 @@ import threading
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
-from evgp_node.diagnostics import DIAGNOSTICS_QOS
-from evgp_node.last_words import wait_until_heard
+from evgp_node.process import wait_until_heard
 from evgp_protocol import clock
 from evgp_rcs.channel import Copy
 from evgp_rcs.inputs import digest, offers
@@ -107,7 +106,7 @@ class Teller:
         self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
         self._events = node.create_publisher(msg.RaceEvent, '~/events', EVENTS_QOS)
-        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._happened: queue.SimpleQueue[list[StampedEvent] | Copy | str | None]
         self._happened = queue.SimpleQueue()
         self._graph_alerts: list[msg.Alert] = []

@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from evgp_rcs.official import said_by
 from evgp_rcs.plain import plain
 from evgp_rcs.record import default_path, RecordedEvent, Session
-from evgp_rcs.report.words import Clock
+from evgp_rcs.report.wording import Clock
 from evgp_rcs.runs import add_run_arguments, open_runs
 
 

@@ -221,7 +221,8 @@ class KartFacts(NamedTuple):
     :param phase: 0 after a red, 1 after IN_GARAGE, 2 after IN_GARAGE and then GRID_ACTIVE.
     :param missing: since when it is missing, if it dropped from a race or in motion; in motion,
         until it stands.
-    :param stood: since when it has stood by its acknowledgement of the red it is sent.
+    :param stood: since when it has stood by its acknowledgement of the red it is sent, and race
+        control would have heard it take that back.
     """
 
     ready: bool = False
@@ -634,8 +635,12 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
         rival = given.statement
     elif what == 'record':
         trouble = given.statement
-    elif what in (*OF_A_START, 'held up'):
+    elif what in OF_A_START:
         pass
+    elif what == 'held up':
+        for each in after:
+            if each['settles'] is not None:
+                each['settles'] = now + times.settle
     elif what == 'tick':
         for each in after:
             _stand(each, now)
@@ -825,6 +830,8 @@ def learn(
                     stood = now
         if kart.serial != old.serial or not kart.connected:
             stood = None
+        if given.what == 'held up' and stood is not None:
+            stood = now
         if given.what in ('heard', 'tick') and old.doubt and not kart.doubt:
             missing = None
         if kart.sent is RED_RED or kart.sent is RED_FLAG:
@@ -1505,7 +1512,8 @@ class Search:
     :param track: officials open the track.
     :param around: another race control comes and goes, and the record fails and works again.
     :param begin: where: in the 'garage', on the 'grid' or in 'green' with every kart of the race
-        connected and its word given, after a 'crash' in mid-race, or where all is 'unknown'.
+        connected and its word given, after a 'crash' in mid-race or a 'crash on the grid', or
+        where all is 'unknown'.
     :param uninspected: the karts whose inspection the roster does not have.
     :param without: commands to one kart that are not given.
     :param waits: starts wait for the disk, commands come before they are judged, and race control
@@ -1662,11 +1670,14 @@ class Search:
                 gc.enable()
 
     def _begin(self) -> Facts:
-        if self.begin in ('crash', 'unknown'):
+        if self.begin in ('crash', 'crash on the grid', 'unknown'):
             racing = [number for number in self.numbers if self.race.karts[number].in_race]
-            kart = self.rules.KartMemory(True, False, 0, self.rules.Doubt.MOVING, False)
-            memory = self.rules.RaceMemory(GREEN_GREEN, dict.fromkeys(racing, kart))
-            self.race.recover(memory if self.begin == 'crash' else None, 0.0)
+            doubt, state = self.rules.Doubt.MOVING, GREEN_GREEN
+            if self.begin == 'crash on the grid':
+                doubt, state = self.rules.Doubt.GRID, GRID_ACTIVE
+            kart = self.rules.KartMemory(True, False, 0, doubt, False)
+            memory = self.rules.RaceMemory(state, dict.fromkeys(racing, kart))
+            self.race.recover(None if self.begin == 'unknown' else memory, 0.0)
             return recall(look(self.race), 0.0)
         facts = remember(look(self.race))
         way = []
@@ -1753,7 +1764,9 @@ class Search:
                     continue
             report.transitions += 1
             if after == view and learned == facts and after_time == now:
-                # It changed nothing but what was reported and told.
+                # It changed nothing but what was reported and told; nor the last button unseen.
+                if given.what == 'command':
+                    check_announced(self.rules, race, after, facts, 'GREEN_GREEN', 0, now)
                 scratch.load(saved)
                 continue
             check_state(race, after, learned, after_time)

@@ -193,6 +193,17 @@ def test_a_kart_that_goes_on_speaking_makes_no_pause(kart: OneKart) -> None:
     assert kart.say(RED) == [1]
 
 
+def test_a_kart_that_says_garage_back_makes_no_pause(kart: OneKart) -> None:
+    """It says each change, and reads so late that it says nothing for long."""
+    kart.order(GARAGE)
+    assert kart.say(GARAGE) == [2]
+    kart.order(GRID, GARAGE, GRID)
+    kart.beats(2 * kart.pause)
+    assert kart.say(GRID) == [3]
+    kart.beats(2 * kart.pause)
+    assert kart.say(GARAGE, GRID) == [4, 5]
+
+
 @RATES
 def test_a_flood_may_last_for_2_s_at_every_beat_rate(beat_rate: float) -> None:
     kart = OneKart(beat_rate)
@@ -451,6 +462,39 @@ def test_no_word_answers_an_order_that_the_kart_had_not_read_when_it_said_it(
 ) -> None:
     for word, serial in wire_after(steps).pairs():
         assert serial <= word.meant
+
+
+@given(st.lists(st.sampled_from(['order', 'beat', 'read', 'hear']), min_size=30, max_size=120))
+def test_no_word_of_a_kart_that_says_each_change_answers_an_unread_order_however_late_it_reads(
+    steps: list[str],
+) -> None:
+    """Nothing is assumed of its silence, once it has said IN_GARAGE."""
+    sent, unread = [GARAGE], list[int]()
+    words: list[tuple[RaceState, int]] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hearing, 'QUIET', SHORT_QUIET)
+        kart = OneKart()
+    kart.order(GARAGE)
+    assert kart.say(GARAGE) == [1]
+    state = GARAGE
+    for step in steps:
+        if step == 'order':
+            # IN_GARAGE comes between any two orders of the same state.
+            sent.append(GARAGE if sent[-1] is not GARAGE else STATES[2 * (len(sent) // 2 % 2)])
+            kart.order(sent[-1])
+            unread.append(len(sent))
+        elif step == 'beat':
+            kart.beats(2)
+            unread.append(len(sent))
+        elif step == 'read' and unread:
+            serial = unread.pop(0)
+            if sent[serial - 1] is not state:
+                state = sent[serial - 1]
+                words.append((state, serial))
+        elif step == 'hear' and words:
+            word, meant = words.pop(0)
+            (serial,) = kart.say(word)
+            assert serial <= meant
 
 
 @given(steps('lie'))

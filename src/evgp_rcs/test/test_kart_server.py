@@ -555,6 +555,44 @@ def test_an_answer_that_is_under_way_is_no_answer_to_a_later_stop(
     running.wait_for(EventKind.ACKNOWLEDGED, 3, count=2)
 
 
+@pytest.fixture
+def stuck(run: Run, connect: Connect) -> tuple[Running, socket.socket, KartLink]:
+    """Return a kart that has read nothing, whose link takes nothing more: as on a slow way."""
+    running = run(beat_rate=500.0)
+    client = connect(running, 3, receive_buffer=1024)
+    running.wait_for(EventKind.CONNECTED, 3)
+    link = running.server._links[3]
+    link._send_timeout = PATIENCE
+    running.wait_until_shown(lambda race, at: link._unsent() > 0)
+    return running, client, link
+
+
+def test_what_is_said_while_a_stop_is_on_its_way_is_no_answer_to_it(
+    stuck: tuple[Running, socket.socket, KartLink],
+) -> None:
+    running, client, _ = stuck
+    running.give(CommandKind.KART_RED_RED, 3)
+    for _ in range(50):  # one of them is read before the next beat
+        client.sendall(encode(RED_RED))
+    client.sendall(b'.')
+    running.wait_for(EventKind.MALFORMED, 3)
+    assert not any(each.kind is EventKind.ACKNOWLEDGED for each in running.events)
+    read_until(client, RED_RED)
+    client.sendall(encode(RED_RED))
+    running.wait_for(EventKind.ACKNOWLEDGED, 3)
+
+
+def test_a_stop_is_behind_one_frame_at_most_that_has_not_left(
+    stuck: tuple[Running, socket.socket, KartLink], connect: Connect
+) -> None:
+    running, _, link = stuck
+    other = connect(running, 1)
+    received = b''
+    while received.count(b';') < 50:  # so many beats later
+        received += other.recv(65536)
+    assert 0 < link._unsent() <= len(encode(IN_GARAGE))
+
+
 def test_a_release_right_behind_a_stop_does_not_undo_it(run: Run, connect: Connect) -> None:
     running = run(pause=PATIENCE, settle=0.0)
     clients = [connect(running, kart) for kart in (1, 2)]

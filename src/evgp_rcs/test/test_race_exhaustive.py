@@ -100,6 +100,7 @@ def test_two_karts_that_do_not_finish(
     [
         pytest.param('garage', marks=pytest.mark.early),
         pytest.param('crash', marks=pytest.mark.long),
+        pytest.param('crash on the grid', marks=pytest.mark.long),
         pytest.param('unknown', marks=pytest.mark.long),
     ],
 )

@@ -188,35 +188,32 @@ def test_in_a_pipe_there_is_no_word_about_progress(
 # ----- bad files ------------------------------------------------------------------------------
 
 
-def nothing(path: pathlib.Path) -> None:
-    path.unlink()
+Harm = Callable[[pathlib.Path], object]
 
 
-def empty(path: pathlib.Path) -> None:
-    path.write_bytes(b'')
+def in_place_of(make: Harm) -> Harm:
+    """Return what removes the file, and makes something else there."""
+    return lambda path: (path.unlink(), make(path))
 
 
-def a_folder(path: pathlib.Path) -> None:
-    path.unlink()
-    path.mkdir()
+def cut_to(share: float, more: int = 0) -> Harm:
+    """Return what leaves a share of the file, and some bytes more."""
+    return lambda path: os.truncate(path, int(path.stat().st_size * share) + more)
 
 
-def a_pipe(path: pathlib.Path) -> None:
-    path.unlink()
-    os.mkfifo(path)
+def changed(*statements: str) -> Harm:
+    """Return what changes the database."""
+    return lambda path: [change(path, statement) for statement in statements]
 
 
-def a_text(path: pathlib.Path) -> None:
-    path.write_text('Kart 7 was first.\n' * 1000)
-
-
-def another_database(path: pathlib.Path) -> None:
-    path.unlink()
-    change(path, 'CREATE TABLE bookmark (url TEXT)')
+def overwritten(path: pathlib.Path, at: int) -> None:
+    """Overwrite one page of the file."""
+    with path.open('r+b') as file:
+        file.seek(at // PAGE * PAGE)
+        file.write(b'\xff' * PAGE)
 
 
 def another_database_that_looks_like_one(path: pathlib.Path) -> None:
-    path.unlink()
     with contextlib.closing(sqlite3.connect(path)) as database:
         database.executescript(
             'CREATE TABLE session (day TEXT); CREATE TABLE event (day TEXT);'
@@ -224,31 +221,18 @@ def another_database_that_looks_like_one(path: pathlib.Path) -> None:
         )
 
 
-def a_later_version(path: pathlib.Path) -> None:
-    change(path, 'PRAGMA user_version = 99')
-
-
-def a_garbled_beginning(path: pathlib.Path) -> None:
-    with path.open('r+b') as file:
-        file.write(b'\xff' * PAGE)
-
-
-def cut_in_its_first_page(path: pathlib.Path) -> None:
-    os.truncate(path, 1000)
-
-
-UNREADABLE_FILES = [
-    nothing,
-    empty,
-    a_folder,
-    a_pipe,
-    a_text,
-    another_database,
-    another_database_that_looks_like_one,
-    a_later_version,
-    a_garbled_beginning,
-    cut_in_its_first_page,
-]
+UNREADABLE_FILES: dict[str, Harm] = {
+    'nothing': pathlib.Path.unlink,
+    'empty': cut_to(0.0),
+    'a folder': in_place_of(pathlib.Path.mkdir),
+    'a pipe': in_place_of(os.mkfifo),
+    'a text': lambda path: path.write_text('Kart 7 was first.\n' * 1000),
+    'another database': in_place_of(changed('CREATE TABLE bookmark (url TEXT)')),
+    'another database that looks like one': in_place_of(another_database_that_looks_like_one),
+    'a later version': changed('PRAGMA user_version = 99'),
+    'a garbled beginning': lambda path: overwritten(path, 0),
+    'cut in its first page': cut_to(0.0, 1000),
+}
 
 
 def one_sentence(capsys: Capture, path: pathlib.Path) -> None:
@@ -261,9 +245,9 @@ def one_sentence(capsys: Capture, path: pathlib.Path) -> None:
 
 
 @pytest.mark.parametrize('way', EACH_WAY)
-@pytest.mark.parametrize('harm', UNREADABLE_FILES)
+@pytest.mark.parametrize('harm', UNREADABLE_FILES.values(), ids=UNREADABLE_FILES)
 def test_a_file_that_is_no_record_gets_one_sentence(
-    way: str, harm: Callable[[pathlib.Path], None], good: pathlib.Path, capsys: Capture
+    way: str, harm: Harm, good: pathlib.Path, capsys: Capture
 ) -> None:
     harm(good)
     assert rcs_record(arguments_of(way, good)) == UNREADABLE
@@ -289,70 +273,42 @@ def test_a_file_that_is_locked_gets_one_sentence(
     one_sentence(capsys, locked)
 
 
-def half(path: pathlib.Path) -> None:
-    os.truncate(path, path.stat().st_size // 2)
-
-
-def cut_within_a_page(path: pathlib.Path) -> None:
-    os.truncate(path, path.stat().st_size * 2 // 3 + 100)
-
-
-def without_its_last_byte(path: pathlib.Path) -> None:
-    os.truncate(path, path.stat().st_size - 1)
-
-
-def a_text_that_was_cut_off(path: pathlib.Path) -> None:
-    change(path, "UPDATE event SET text = 'cut' || x'00' WHERE session = 2 AND sequence = 9")
-
-
 def pages_overwritten(path: pathlib.Path) -> None:
     """Overwrite two pages with events of the second run, neither of them its last."""
     with contextlib.closing(sqlite3.connect(path)) as database:
         query = 'SELECT monotonic FROM event WHERE session = 2 ORDER BY sequence'
         times = [at for (at,) in database.execute(query)]
     content = path.read_bytes()
-    with path.open('r+b') as file:
-        for share in (0.3, 0.6):
-            written = content.index(struct.pack('>d', times[int(len(times) * share)]))
-            file.seek(written // PAGE * PAGE)
-            file.write(b'\xff' * PAGE)
+    for share in (0.3, 0.6):
+        overwritten(path, content.index(struct.pack('>d', times[int(len(times) * share)])))
 
 
-def a_value_of_another_type(path: pathlib.Path) -> None:
-    change(path, "UPDATE event SET monotonic = 'noon' WHERE session = 2 AND sequence = 9")
-    change(path, "UPDATE event SET text = x'ff00' WHERE session = 2 AND sequence = 99")
-    change(path, "UPDATE event SET state = 'BLUE' WHERE session = 2 AND sequence = 199")
-
-
-def a_session_that_is_garbled(path: pathlib.Path) -> None:
-    change(path, "UPDATE session SET began_ns = 'noon'")
-
-
-def a_kart_that_no_roster_has(path: pathlib.Path) -> None:
-    change(path, 'UPDATE event SET kart = -1 WHERE session = 2 AND sequence = 9')
-
-
-def a_time_that_no_clock_shows(path: pathlib.Path) -> None:
-    change(path, 'UPDATE event SET monotonic = 9e999 WHERE session = 2 AND sequence = 9')
-
-
-DAMAGED_FILES = [
-    half,
-    cut_within_a_page,
-    without_its_last_byte,
-    a_text_that_was_cut_off,
-    pages_overwritten,
-    a_value_of_another_type,
-    a_session_that_is_garbled,
-    a_kart_that_no_roster_has,
-    a_time_that_no_clock_shows,
-]
+EVENT = 'UPDATE event SET {} WHERE session = 2 AND sequence = {}'
+CUT_OFF: dict[str, Harm] = {
+    'half': cut_to(0.5),
+    'cut within a page': cut_to(2 / 3, 100),
+    'without its last byte': cut_to(1.0, -1),
+}
+DAMAGED_FILES: dict[str, Harm] = {
+    **CUT_OFF,
+    'a text that was cut off': changed(EVENT.format("text = 'cut' || x'00'", 9)),
+    'pages overwritten': pages_overwritten,
+    'a value of another type': changed(
+        EVENT.format("monotonic = 'noon'", 9),
+        EVENT.format("text = x'ff00'", 99),
+        EVENT.format("state = 'BLUE'", 199),
+    ),
+    'a session that is garbled': changed("UPDATE session SET began_ns = 'noon'"),
+    'a kart that no roster has': changed(EVENT.format('kart = -1', 9)),
+    'a kart with a number that no message holds': changed(EVENT.format('kart = 4294967296', 9)),
+    'a time that no clock shows': changed(EVENT.format('monotonic = 9e999', 9)),
+}
 
 
 @pytest.mark.parametrize('way', EACH_WAY)
-@pytest.mark.parametrize('harm', DAMAGED_FILES)
+@pytest.mark.parametrize('harm', DAMAGED_FILES.values(), ids=DAMAGED_FILES)
 def test_of_a_damaged_record_what_can_be_read_is(
-    way: str, harm: Callable[[pathlib.Path], None], good: pathlib.Path, capsys: Capture
+    way: str, harm: Harm, good: pathlib.Path, capsys: Capture
 ) -> None:
     harm(good)
     code = rcs_record(arguments_of(way, good))
@@ -388,22 +344,21 @@ def test_whatever_stands_in_a_setup_each_subcommand_ends_with_a_sentence(
 
 @pytest.mark.parametrize('harm', DAMAGED_FILES)
 def test_of_a_damaged_record_events_before_and_behind_the_damage_are_shown(
-    harm: Callable[[pathlib.Path], None], good: pathlib.Path, capsys: Capture
+    harm: str, good: pathlib.Path, capsys: Capture
 ) -> None:
     assert rcs_record([str(good)]) == 0
     whole = capsys.readouterr().out.splitlines()
-    harm(good)
+    DAMAGED_FILES[harm](good)
     assert rcs_record([str(good), '--run', '2']) == PARTLY
     shown = capsys.readouterr().out.splitlines()
     assert len(shown) > 5
     events = [line for line in shown[1:] if 'missing' not in line]
     assert set(events) <= set(whole)
-    cut = harm in (half, cut_within_a_page, without_its_last_byte)
-    assert cut or events[-1] == whole[-1]
+    assert harm in CUT_OFF or events[-1] == whole[-1]
 
 
 def test_the_report_of_a_damaged_record_says_so_at_the_top(good: pathlib.Path) -> None:
-    half(good)
+    CUT_OFF['half'](good)
     page = good.with_name('report.html')
     assert rcs_record(['report', str(good), '-o', str(page)]) == PARTLY
     text = page.read_text(encoding='utf-8')

@@ -26,10 +26,10 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.encoding import written as as_json
 from evgp_rcs.inputs import CLOSED_BY_KART
-from evgp_rcs.race import EventKind, Heat, Kart, Race, RaceMemory
+from evgp_rcs.race import Event, EventKind, Heat, Kart, Race, RaceMemory
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record import Record, RecordedEvent
-from evgp_rcs.report import words
+from evgp_rcs.report import wording
 from evgp_rcs.report.command import seconds_of
 from evgp_rcs.report.model import (
     Account,
@@ -39,6 +39,7 @@ from evgp_rcs.report.model import (
     Lane,
     NOT_CONNECTED,
     NOT_KNOWN,
+    OF_THE_SERVER,
     Part,
     read,
     RED_FLAG,
@@ -49,8 +50,9 @@ from evgp_rcs.report.model import (
     STOPS,
     Why,
 )
-from evgp_rcs.report.words import Clock
+from evgp_rcs.report.wording import Clock
 from evgp_rcs.rules_version import rules_version
+from evgp_rcs.runs import PARTLY
 import pytest
 from recorded_races import PaperRace
 from test_replay import change, Running, SETUP
@@ -172,6 +174,18 @@ def test_holds_that_are_shown_are_holds_of_the_rules(dice: random.Random) -> Non
     assert shown
 
 
+@pytest.mark.parametrize('kind', sorted(OF_THE_SERVER))
+def test_what_the_server_tells_of_a_kart_ends_no_hold(paper: PaperRace, kind: str) -> None:
+    paper.drive()
+    paper.command(CommandKind.KART_RED_RED, 7)
+    paper.wait(5.0)
+    paper.tell([Event(EventKind[kind], 'it is so', 7, success=False)])
+    paper.wait(5.0)
+    paper.command(CommandKind.RACE_OVER)
+    account = read(paper.events)
+    assert [hold.end for hold in lane(account, 7).holds] == [account.length]
+
+
 def test_a_hold_is_not_put_down_to_a_command_that_came_later(paper: PaperRace) -> None:
     paper.drive()
     paper.wait(5.0)
@@ -212,7 +226,7 @@ def test_a_stop_of_the_catalogue_is_a_stop_of_the_report() -> None:
 
 
 def test_every_kind_of_event_has_a_name() -> None:
-    assert words.KINDS.keys() == EventKind.__members__.keys()
+    assert wording.KINDS.keys() == EventKind.__members__.keys()
 
 
 @pytest.mark.parametrize('waits', [1.0, 8.0], ids=['at once', 'after its RED_FLAG'])
@@ -588,9 +602,9 @@ def test_the_times_that_are_shown_add_up(dice: random.Random, began_ns: int) -> 
     for _ in range(1000):
         start = dice.uniform(0.0, 50.0)
         end = start + dice.uniform(0.0, 9.0)
-        took = float(words.exact(start, end).removesuffix(' s'))
+        took = float(wording.exact(start, end).removesuffix(' s'))
         assert (shown(end) - shown(start)) % 86_400_000 == round(took * 1000)
-        assert took == words.between(start, end)
+        assert took == wording.between(start, end)
 
 
 def test_a_time_of_day_is_rounded_never_cut() -> None:
@@ -641,6 +655,16 @@ def test_that_a_run_ended_in_good_order_is_what_its_events_say(
     is_in_order = 'ended_ns' in harm
     assert ('not ended in good order' in capsys.readouterr().out) is not is_in_order
     assert ('ended in good order at' in report(written)) is is_in_order
+
+
+def test_a_damaged_record_too_says_that_a_run_did_not_end_in_good_order(
+    written: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change(written, "UPDATE event SET success = 0 WHERE kind = 'ENDED'")
+    change(written, "UPDATE session SET began_ns = 'noon'")
+    capsys.readouterr()
+    assert rcs_record([str(written), '--list']) == PARTLY
+    assert 'not ended in good order' in capsys.readouterr().out
 
 
 def test_a_report_names_who_brought_the_race_to_each_state_with_what(

@@ -74,7 +74,8 @@ class AlertBook:
     """
     The alerts that an official has not seen yet, and those whose cause still exists.
 
-    If the cause of an alert goes away and comes back, that is a new alert.
+    If the cause of an alert goes away and comes back, that is a new alert. So is one that asks for
+    the MSR from now on: whoever marked it as seen did so when the use of the MSR was recorded.
     """
 
     def __init__(self) -> None:
@@ -101,8 +102,9 @@ class AlertBook:
             if not notice.standing:
                 kept.append(notice)
             elif key in now:
-                known.add(key)
-                kept.append(replace(notice, alert=now[key]))
+                if two or notice.alert.use_msr or not now[key].use_msr:
+                    known.add(key)
+                    kept.append(replace(notice, alert=now[key]))
             elif two:
                 kept.append(notice)
             elif not notice.seen:

@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from evgp_rcs_console import texts
 from evgp_rcs_console.notices import AlertBook, EventLog, summary
 from evgp_rcs_console.snapshot import Alert, Event
@@ -51,6 +53,19 @@ def test_an_alert_that_has_ended_does_not_say_to_use_the_msr() -> None:
 
     assert told(book) == ['ENDED: Kart 3 has not acknowledged RED_RED']
     assert 'MSR' not in summary(book.shown, 0)
+
+
+def test_an_alert_that_was_seen_while_the_msr_was_on_is_new_when_it_asks_for_it_again() -> None:
+    book = AlertBook()
+    book.update([msr_alert(3)])
+    book.update([replace(msr_alert(3), use_msr=False)])
+    book.see_all()
+    assert not book.unseen
+
+    assert book.update([msr_alert(3)])
+
+    assert [notice.use_msr for notice in book.shown] == [True]
+    assert len(book.unseen) == 1
 
 
 def test_what_is_unseen_and_needs_the_msr_stands_first_and_what_is_seen_last() -> None:

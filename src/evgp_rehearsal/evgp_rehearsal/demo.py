@@ -41,11 +41,10 @@ from evgp_rcs.record import RecordedEvent
 from evgp_rcs_msgs import msg
 from evgp_rehearsal import sheet
 from evgp_rehearsal.conduct import Finding
-from evgp_rehearsal.event import BANNER, live_events, Rehearsal
+from evgp_rehearsal.event import BANNER, Rehearsal
 from evgp_rehearsal.field import Fault
 from evgp_rehearsal.officials import Act
 from evgp_rehearsal.plan import Ability, Plan, Track
-from evgp_rehearsal.score import STEWARD
 from evgp_testing.judge import Judge
 from evgp_testing.kart import Team
 from evgp_testing.process import started
@@ -113,7 +112,7 @@ class Show:
     def __init__(self, console: Console, rehearsal: Rehearsal, mute: int) -> None:
         """Show nothing yet."""
         self.console, self.rehearsal, self.official = console, rehearsal, rehearsal.official
-        self.official.patience = MUTE_TIMEOUT if mute else TIMEOUT
+        self.official.timeout = MUTE_TIMEOUT if mute else TIMEOUT
         self.teams: dict[int, Team] = {}
         self.found: list[Finding] = []
         self._mute = mute
@@ -127,7 +126,7 @@ class Show:
         """
         self.official.wait_for_connected(*PLAN.numbers)
         for team in self.teams.values():
-            team.patience = TIMEOUT
+            team.timeout = TIMEOUT
             team.wait_for_speed(lambda speed: True)
         self.official.bring_to(RaceState.IN_GARAGE)
         self.official.command('set_in_race', kart=OUTSIDE, in_race=False)
@@ -161,7 +160,7 @@ class Show:
             time.sleep(GAP)
         official.wait_for_race(lambda race: race.over, 'the race goes over by itself')
         self.found.append(Finding(True, 'the race went over by itself'))
-        self._home(STARTERS)
+        self._to_garage(STARTERS)
 
     def kill(self) -> None:
         """Drive a race in which a kart spins, and the official presses ALL_KILL."""
@@ -176,7 +175,7 @@ class Show:
         took = (max(self._changes(kart)[-1][0] for kart in PLAN.numbers) - called) * 1000
         text = f'ALL_KILL: from the call to the last kart that saw RED_RED {took:.0f} ms'
         self.found.append(Finding(True, text))
-        self._home(PLAN.numbers)
+        self._to_garage(PLAN.numbers)
 
     def play(self, title: str, drive: Callable[[], None]) -> bool:
         """Show a race, on a terminal with a table, and return whether it went to its end."""
@@ -246,15 +245,9 @@ class Show:
 
     def _wait_for(self, state: RaceState, karts: Sequence[int]) -> None:
         """Wait until race control has these karts' acknowledgements, and each sees the state."""
+        garage = state is RaceState.IN_GARAGE
+        self.official.wait_for_acks(state, *karts, needs_ack=not garage)
         for kart in karts:
-            self.official.wait_for_kart(
-                kart,
-                lambda seen: (
-                    state_of(seen.sent) is state
-                    and (seen.acknowledged or state is RaceState.IN_GARAGE)
-                ),
-                f'{state.value} acknowledged',
-            )
             side = self._side(kart)
             assert side is not None, f'kart {kart} has lost its connection'
             side.wait_for_state(state)
@@ -263,7 +256,7 @@ class Show:
         self.official.bring_to(RaceState.GREEN_GREEN, *STARTERS)
         self._wait_for(RaceState.GREEN_GREEN, STARTERS)
 
-    def _home(self, stopped: Sequence[int]) -> None:
+    def _to_garage(self, stopped: Sequence[int]) -> None:
         """Wait until these karts have stopped, and send everybody to the garage."""
         self._wait_for(RaceState.RED_RED, stopped)
         self.console.print(self.table())
@@ -334,7 +327,7 @@ def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Find
             for kart in BRIDGED:
                 team = Team(rehearsal.domains[kart], f'team_{kart}')
                 show.teams[kart] = running.enter_context(team)
-            with live_events(rehearsal.official, show.tell):
+            with rehearsal.official.telling(show.tell):
                 for title, drive in (
                     ('the karts connect', show.gather),
                     ('race 1, from the garage to the garage', show.race),
@@ -343,18 +336,14 @@ def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Find
                     if not show.play(title, drive):
                         break
             console.print(show.table())
-            graphs = {0: rehearsal.official, **show.teams}
-            nodes = {kart: set(side.node.get_node_names()) for kart, side in graphs.items()}
             pids = family(os.getpid())[1:]
         if record is not None:
             shutil.copy(folder / 'record.sqlite3', record)
         heard = [event.sequence for event in rehearsal.official.events]
-        own = {kart: {'kart_bridge', 'example_stack', f'team_{kart}'} for kart in BRIDGED}
         found = show.judge(
             [
                 judge_events(heard, rehearsal.events()),
                 judge_wire(wire),
-                judge_domains(nodes, {0: {'rcs', 'rcs_stops', 'rcs_starts', STEWARD}, **own}),
                 judge_end(
                     {f'{each.name} {each.pid}': each.wait() for each in started},
                     [pid for pid in pids if pathlib.Path(f'/proc/{pid}').exists()],
@@ -385,21 +374,6 @@ def judge_events(heard: Sequence[int], recorded: Sequence[RecordedEvent]) -> Fin
     if not heard or list(heard) != [each.sequence for each in recorded[: len(heard)]]:
         return Finding(False, f'/rcs/events has gaps, or nothing at all: {len(heard)} events')
     return Finding(True, f'/rcs/events told what the record has: {len(heard)} events, no gap')
-
-
-def judge_domains(nodes: Mapping[int, set[str]], own: Mapping[int, set[str]]) -> Finding:
-    """
-    Return whether no ROS graph has a node of another one.
-
-    :param nodes: the names of all nodes on each domain.
-    :param own: those that belong there.
-    """
-    foreign = sorted(name for domain, names in nodes.items() for name in names - own[domain])
-    if foreign:
-        return Finding(False, f'nodes on a domain that is not theirs: {", ".join(foreign)}')
-    return Finding(
-        True, f'{len(nodes)} ROS domains, none with a node of another: only TCP joins them'
-    )
 
 
 def judge_end(codes: Mapping[str, int], left: Sequence[int]) -> Finding:

@@ -23,11 +23,10 @@ race whose karts are not those of this roster.
 from __future__ import annotations
 
 import bisect
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 import contextlib
 import dataclasses
-import itertools
 import os
 import pathlib
 import signal
@@ -41,11 +40,11 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.race import AlertKind
 from evgp_rcs.record import events, open_read_only, RecordedEvent, sessions
 from evgp_rcs_msgs import msg
-from evgp_rehearsal.field import Failure, Field, Link, TICK_LENGTH
+from evgp_rehearsal.field import Connected, Failure, Field, TICK_LENGTH
 from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS, Phase
 from evgp_rehearsal.officials import Act, AnOfficial, KartView, look, LOOKS, Steward, View
 from evgp_rehearsal.plan import Plan
-from evgp_rehearsal.score import Line, score, STEWARD, Took, Truth
+from evgp_rehearsal.score import Line, Occurrence, score, STEWARD, Truth
 from evgp_testing.domains import Domain
 from evgp_testing.judge import Judge
 from evgp_testing.kart import Bridge, ExampleStack
@@ -138,12 +137,12 @@ class Rehearsal(Part):
         self.field = Field(plan, plan.numbers[:simulated])
         self.lock = threading.Condition()
         self.paused = False
-        self.took: list[Took] = []
+        self.took: list[Occurrence] = []
         self.cues = list(plan.script)
         self.window: Process | None = None
         self._folder = folder
         self._times: list[float] = []  # of each tick, on race control's clock
-        self.present: Took | None = None
+        self.present: Occurrence | None = None
         self._first: dict[RaceState, int] = {}  # the tick at which the race came to it
         self._ended = False
         self._again: Future[None] | None = None
@@ -176,7 +175,7 @@ class Rehearsal(Part):
 
     # ----- what the instructor does -------------------------------------------------------
 
-    def inject(self, name: str, kart: int = 0) -> Took:
+    def inject(self, name: str, kart: int = 0) -> Occurrence:
         """
         Let an incident begin now; the one before it ends.
 
@@ -193,7 +192,7 @@ class Rehearsal(Part):
                 raise RefusedError(f'Not now: {name} begins {WHEN[row.phase]}')
             self._end_incident()
             number = choose_kart(self.field, row, kart)
-            self.present = Took(name, number, self.field.tick, self.field.tick)
+            self.present = Occurrence(name, number, self.field.tick, self.field.tick)
             row.begin(self.field, number)
             return self.present
 
@@ -291,13 +290,13 @@ class Rehearsal(Part):
 
         :raises AssertionError: if it does not get there in time.
         """
-        home = RaceState.IN_GARAGE
 
         def there() -> bool:
             race = self.official.race
-            return race is not None and self.state is home and not race.track.open
+            in_garage = self.state is RaceState.IN_GARAGE
+            return race is not None and in_garage and not race.track.open
 
-        self.attend(Steward(home), STEWARD, there, GET_THERE)
+        self.attend(Steward(RaceState.IN_GARAGE), STEWARD, there, GET_THERE)
 
     def play(self, name: str, official: AnOfficial, kart: int = 0) -> Line:
         """
@@ -348,7 +347,7 @@ class Rehearsal(Part):
                 took.append(dataclasses.replace(self.present, ended=self.field.tick))
             truth = Truth.of(self.field)
             times = list(self._times)
-        return score(took, [_in_ticks(event, times) for event in self.events()], truth, 0.0)
+        return score(took, [_in_ticks(event, times) for event in self.events()], truth)
 
     def events(self) -> list[RecordedEvent]:
         """Return all events of the record."""
@@ -392,18 +391,18 @@ class Rehearsal(Part):
                 self._happen(each)
             self._keep_race_control()
 
-    def _connect(self, number: int, wanted: Link) -> None:
+    def _connect(self, number: int, wanted: Connected) -> None:
         link = self.links.get(number)
         there = (
-            Link.NOBODY
+            Connected.NOBODY
             if link is None or link.ended
-            else Link.KART
+            else Connected.KART
             if isinstance(link, DrivenKart)
-            else Link.STRANGER
+            else Connected.STRANGER
         )
         if link is not None and there is not wanted:
             del self.links[number]
-            if wanted is Link.STRANGER and there is Link.KART:
+            if wanted is Connected.STRANGER and there is Connected.KART:
                 # The new connection takes the place of the kart's: race control ends that one.
                 self._join(number, wanted)
                 link.wait_for_end()
@@ -414,12 +413,12 @@ class Rehearsal(Part):
         elif there is not wanted and self.field.tick - self._tried[number] >= CONNECT_AGAIN:
             self._join(number, wanted)
 
-    def _join(self, number: int, wanted: Link) -> None:
+    def _join(self, number: int, wanted: Connected) -> None:
         self._tried[number] = self.field.tick
         with contextlib.suppress(OSError):  # race control is not there: again later
             self.links[number] = (
                 DrivenKart(number, self.control.port, self._hear, self._judge)
-                if wanted is Link.KART
+                if wanted is Connected.KART
                 else WireKart(address_of(number), self.control.port)
             )
 
@@ -507,38 +506,6 @@ def recorded(folder: pathlib.Path) -> list[RecordedEvent]:
     """Return all events of the record in a folder, of every run of race control."""
     with contextlib.closing(open_read_only(folder / 'record.sqlite3')) as database:
         return [event for run in sessions(database) for event in events(database, run.number)]
-
-
-@contextlib.contextmanager
-def live_events(official: Official, tell: Callable[[msg.RaceEvent], None]) -> Iterator[None]:
-    """Tell each event that an official hears once, in order, in a thread, until this is left."""
-    over = threading.Event()
-
-    def tell_all() -> None:
-        told = 0
-
-        def news() -> bool:
-            return over.is_set() or told < len(official.events)
-
-        while True:
-            with official.news:
-                official.news.wait_for(news)
-                events = list(itertools.islice(official.events, told, None))
-            if not events:
-                return
-            told += len(events)
-            for event in events:
-                tell(event)
-
-    teller = threading.Thread(target=tell_all, daemon=True)
-    teller.start()
-    try:
-        yield
-    finally:
-        over.set()
-        with official.news:
-            official.news.notify_all()
-        teller.join()
 
 
 GET_THERE = 120.0

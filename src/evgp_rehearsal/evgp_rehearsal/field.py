@@ -23,7 +23,7 @@ thread here, and no chance but the seed's. Karts do not collide: they steer arou
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 import enum
 import random
 
@@ -62,7 +62,7 @@ class Fault(enum.Enum):
     NEVER_READY = enum.auto()  # it does not acknowledge GRID_ACTIVE
 
 
-class Link(enum.Enum):
+class Connected(enum.Enum):
     """Who is to be connected from a kart's address."""
 
     NOBODY = enum.auto()
@@ -127,16 +127,16 @@ class SimulatedKart:
         """Return whether it moves."""
         return self.speed > 0.0
 
-    def link(self, tick: int) -> Link:
+    def link(self, tick: int) -> Connected:
         """Return who is to be connected from its address."""
         if Fault.REPLACED in self.faults:
-            return Link.STRANGER
+            return Connected.STRANGER
         if Fault.STORMY in self.faults:
             away, there, times = STORM
             passed = tick - self.stormy_since
             if passed < times * (away + there) and passed % (away + there) < away:
-                return Link.NOBODY
-        return Link.NOBODY if Fault.OFFLINE in self.faults else Link.KART
+                return Connected.NOBODY
+        return Connected.NOBODY if Fault.OFFLINE in self.faults else Connected.KART
 
     def hear(self, state: RaceState, tick: int) -> None:
         """Take what it is sent; the same again changes nothing."""
@@ -278,15 +278,5 @@ class Field:
 
 
 def _spread(plan: Plan, rng: random.Random) -> Ability:
-    def some(value: float) -> float:
-        return value * rng.uniform(1 - plan.spread, 1 + plan.spread)
-
-    mean = plan.ability
-    return Ability(
-        some(mean.top),
-        some(mean.acceleration),
-        some(mean.flag_braking),
-        some(mean.red_braking),
-        some(mean.reaction),
-        some(mean.ready),
-    )
+    least, most = 1 - plan.spread, 1 + plan.spread
+    return Ability(*(mean * rng.uniform(least, most) for mean in astuple(plan.ability)))

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Automatic officials: a good one, two bad ones, and the steward who starts the race for them.
+An automatic official who knows the rules, and the steward who starts the race for it.
 
 Pure. An official looks (``View``) and does at most one thing at a time (``Act``). The good one
 goes by docs/rules.md, the radio and its eyes; it does not know which incident there is.
@@ -21,12 +21,12 @@ goes by docs/rules.md, the radio and its eyes; it does not know which incident t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.catalogue import CommandKind
 from evgp_rehearsal.field import Call, Field, Message
 
 K = CommandKind
@@ -92,7 +92,7 @@ class AnOfficial(Protocol):
 
 class Steward:
     """
-    Brings a race to where an incident can begin: first home, then to its goal.
+    Brings a race to where an incident can begin: first to the garage, then to its goal.
 
     :param goal: IN_GARAGE, GRID_ACTIVE or GREEN_GREEN.
     """
@@ -100,12 +100,12 @@ class Steward:
     def __init__(self, goal: RaceState) -> None:
         """Have done nothing yet."""
         self._goal = goal
-        self._home = False
+        self._gathered = False
 
     def act(self, view: View) -> Act | None:
         """Return the next step."""
-        if not self._home:
-            return self._go_home(view)
+        if not self._gathered:
+            return self._to_garage(view)
         if view.track_open:
             return Act(K.CLOSE_TRACK)
         for state, kind in (
@@ -116,7 +116,7 @@ class Steward:
                 return Act(kind)
         return None
 
-    def _go_home(self, view: View) -> Act | None:
+    def _to_garage(self, view: View) -> Act | None:
         """Return what brings the race, or one of its karts, nearer to the garage."""
         if view.state is RaceState.RED_RED:
             wanted = [(K.IN_GARAGE, 0)]
@@ -124,7 +124,7 @@ class Steward:
             wanted = [
                 (kind, number) for kind in (K.KART_IN_GARAGE, K.JOIN_RACE) for number in view.karts
             ]
-            self._home = all(
+            self._gathered = all(
                 kart.in_race and kart.connected and kart.sent is RaceState.IN_GARAGE
                 for kart in view.karts.values()
             )
@@ -199,45 +199,6 @@ class Good:
         if view.state is RaceState.RED_RED and quiet and (K.IN_GARAGE, 0) in view.available:
             return Act(K.IN_GARAGE)
         return None
-
-
-class Idle:
-    """An official who does nothing."""
-
-    def act(self, view: View) -> Act | None:
-        """Do nothing."""
-        return None
-
-
-class Frantic:
-    """An official who presses everything, one after the other."""
-
-    def __init__(self) -> None:
-        """Have pressed nothing yet."""
-        self._presses = self._press()
-        self._karts: Sequence[int] = ()
-
-    def act(self, view: View) -> Act | None:
-        """Press the next button."""
-        self._karts = sorted(view.karts)
-        return next(self._presses)
-
-    def _press(self) -> Iterator[Act]:
-        while True:
-            for kind, entry in CATALOGUE.items():
-                if entry.names_heat:
-                    continue  # there are none
-                yield from (
-                    Act(kind, kart) for kart in (self._karts if entry.to_one_kart else [0])
-                )
-
-
-OFFICIALS: Mapping[str, type[Good] | type[Idle] | type[Frantic]] = {
-    'good': Good,
-    'idle': Idle,
-    'frantic': Frantic,
-}
-"""The automatic officials by their names."""
 
 
 def look(field: Field, began: int) -> tuple[list[Message], frozenset[int], list[int]]:

@@ -30,7 +30,7 @@ from typing import Any
 
 from evgp_node.states import state_of
 from evgp_rehearsal import sheet
-from evgp_rehearsal.event import BANNER, RefusedError, Rehearsal, WHEN
+from evgp_rehearsal.event import RefusedError, Rehearsal, WHEN
 from evgp_rehearsal.field import TICK_LENGTH
 from evgp_rehearsal.incidents import can_begin, INCIDENTS
 from evgp_testing.part import Part
@@ -73,6 +73,16 @@ def picture(rehearsal: Rehearsal) -> dict[str, Any]:
             )
         took = rehearsal.present
         return {
+            'track': track.corners,
+            'incidents': [
+                {
+                    'name': row.name,
+                    'meaning': row.meaning,
+                    'good': row.good,
+                    'when': WHEN[row.phase],
+                }
+                for row in INCIDENTS.values()
+            ],
             'time': round(field.tick * TICK_LENGTH, 1),
             'paused': rehearsal.paused,
             'race': rehearsal.state.value,
@@ -143,8 +153,6 @@ def _handler(rehearsal: Rehearsal) -> type[http.server.BaseHTTPRequestHandler]:
             if self.path == '/':
                 file = pathlib.Path(__file__).with_name('page.html')
                 self._answer(file.read_text(encoding='utf-8'), 'text/html')
-            elif self.path == '/static':
-                self._answer(json.dumps(_static(rehearsal)), 'application/json')
             elif self.path == '/state':
                 self._answer(json.dumps(picture(rehearsal)), 'application/json')
             elif self.path == '/sheet':
@@ -185,14 +193,3 @@ def _handler(rehearsal: Rehearsal) -> type[http.server.BaseHTTPRequestHandler]:
             self.wfile.write(data)
 
     return Handler
-
-
-def _static(rehearsal: Rehearsal) -> dict[str, Any]:
-    return {
-        'banner': BANNER,
-        'track': rehearsal.plan.track.corners,
-        'incidents': [
-            {'name': row.name, 'meaning': row.meaning, 'good': row.good, 'when': WHEN[row.phase]}
-            for row in INCIDENTS.values()
-        ],
-    }

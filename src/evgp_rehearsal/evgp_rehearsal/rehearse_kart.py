@@ -39,7 +39,7 @@ from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rehearsal.conduct import conduct, Cut, Finding, LIMITS, NO_CUT
-from evgp_rehearsal.event import live_events, recorded
+from evgp_rehearsal.event import recorded
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.race_control import RaceControl
@@ -54,7 +54,7 @@ BACK = 20.0
 SILENCE = 2.0
 """Time that race control says nothing, in seconds; a kart must stop by itself after 1 s."""
 
-HOME = 20.0
+TO_GARAGE = 20.0
 """Maximum time until a race whose kart stands is in IN_GARAGE, in seconds."""
 
 REMINDS = 5.0
@@ -129,7 +129,7 @@ class Trial:
 
         saying = threading.Thread(target=say, daemon=True)
         saying.start()
-        self.official.patience = limit
+        self.official.timeout = limit
         try:
             yield self.official
         finally:
@@ -241,7 +241,7 @@ def _play(given: argparse.Namespace) -> tuple[list[Finding], int]:
             print(f'Connect your kart from {given.address} to {given.host}:{given.port}')
             sys.stdout.flush()
             try:
-                with live_events(trial.official, lambda event: trial.say(event.text)):
+                with trial.official.telling(lambda event: trial.say(event.text)):
                     _race(trial, given.incident, given.wait)
             except AssertionError as error:
                 # What was awaited in vain; behind the first semicolon stands what came instead.
@@ -262,11 +262,11 @@ def _play(given: argparse.Namespace) -> tuple[list[Finding], int]:
 
 
 def _race(trial: Trial, name: str, wait: float) -> None:
-    """Have the kart race, make the incident happen, and bring the kart home."""
+    """Have the kart race, make the incident happen, and bring the kart to the garage."""
     incident, kart = INCIDENTS[name], trial.kart
     with trial.awaiting('your kart to connect', wait) as official:
         official.wait_for_connected(kart)
-    with trial.awaiting('IN_GARAGE', HOME) as official:
+    with trial.awaiting('IN_GARAGE', TO_GARAGE) as official:
         official.bring_to(RaceState.IN_GARAGE)
     for state in (RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN):
         what = f'your kart to acknowledge {state.value}'
@@ -288,7 +288,7 @@ def _race(trial: Trial, name: str, wait: float) -> None:
             ),
             'connected, and a red acknowledged',
         )
-    with trial.awaiting('IN_GARAGE', HOME) as official:
+    with trial.awaiting('IN_GARAGE', TO_GARAGE) as official:
         official.bring_to(RaceState.RED_RED)
         official.bring_to(RaceState.IN_GARAGE)
 

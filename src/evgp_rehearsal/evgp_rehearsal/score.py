@@ -56,7 +56,7 @@ ROLLS_OUT = 2
 
 
 @dataclass(frozen=True)
-class Took:
+class Occurrence:
     """
     An incident that took place.
 
@@ -148,14 +148,8 @@ class Line:
         )
 
 
-def score(
-    took: Iterable[Took], events: Sequence[RecordedEvent], truth: Truth, zero: float
-) -> list[Line]:
-    """
-    Return a line for each incident.
-
-    :param zero: the time of tick 0 on the clock of the events, in seconds.
-    """
+def score(took: Iterable[Occurrence], events: Sequence[RecordedEvent], truth: Truth) -> list[Line]:
+    """Return a line for each incident; the times of the events are the field's, in seconds."""
     commands = []
     red: set[int] = set()
     for event in events:
@@ -163,7 +157,7 @@ def score(
             (red.add if event.state in _REDS else red.discard)(event.kart)
         elif event.kind == 'COMMAND' and event.command and event.official != STEWARD:
             kind = CommandKind[event.command]
-            tick = _tick(event, zero)
+            tick = round(event.monotonic / TICK_LENGTH)
             commands.append(_Command(tick, kind, event.kart, event.success, frozenset(red)))
     return [_line(each, commands, truth) for each in took]
 
@@ -186,11 +180,7 @@ class _Command:
         return name if self.accepted else f'{name} (refused)'
 
 
-def _tick(event: RecordedEvent, zero: float) -> int:
-    return round((event.monotonic - zero) / TICK_LENGTH)
-
-
-def _line(took: Took, commands: Sequence[_Command], truth: Truth) -> Line:
+def _line(took: Occurrence, commands: Sequence[_Command], truth: Truth) -> Line:
     row = INCIDENTS[took.incident]
     last = took.began + row.ticks
     first_right = solved = None
@@ -241,14 +231,14 @@ def _line(took: Took, commands: Sequence[_Command], truth: Truth) -> Line:
     )
 
 
-def _deed(command: _Command, took: Took) -> Deed:
+def _deed(command: _Command, took: Occurrence) -> Deed:
     return Deed(command.kind, command.kart != 0 and command.kart == took.kart)
 
 
 def _judge(
     command: _Command,
     row: Incident,
-    took: Took,
+    took: Occurrence,
     truth: Truth,
     finished: tuple[_Command, ...],
     solved: bool,
@@ -298,7 +288,7 @@ def _may_loosen(command: _Command, truth: Truth) -> bool:
     return not movers
 
 
-def _msr_clicks(took: Took, truth: Truth) -> list[int]:
+def _msr_clicks(took: Occurrence, truth: Truth) -> list[int]:
     """
     Return when the instructor pressed the MSR in an incident, at the official's word.
 
@@ -307,7 +297,7 @@ def _msr_clicks(took: Took, truth: Truth) -> list[int]:
     return [at for at in truth.msr if took.began <= at <= took.ended]
 
 
-def _acted(command: _Command, took: Took, truth: Truth) -> _Command:
+def _acted(command: _Command, took: Occurrence, truth: Truth) -> _Command:
     """Return a command with the tick at which the official acted, as far as that is known."""
     if command.kind is not CommandKind.RECORD_MSR or not took.began <= command.tick <= took.ended:
         return command

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The score sheet for people: a table in the terminal, and a page.
+The score sheet for people: a table in the terminal, and the same as a page.
 
 Pure: lines in, a table or text out.
 """
@@ -21,35 +21,28 @@ Pure: lines in, a table or text out.
 from __future__ import annotations
 
 from collections.abc import Sequence
-import html
+import io
 
 from evgp_protocol.clock import duration
 from evgp_rehearsal.incidents import INCIDENTS
 from evgp_rehearsal.score import Line
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-HEADINGS = (
-    'at',
-    'incident',
-    'kart',
-    'result',
-    'first right',
-    'solved',
-    'wrong',
-    'needless',
-    'stopped without need',
-    'people in danger',
-)
+HEADINGS = ('at', 'incident', 'kart', 'result', 'first right', 'solved', 'mistakes')
 """What the columns of the sheet are called."""
 
+MISTAKES = ('wrong', 'needless', 'stopped without need', 'people in danger')
+"""What the last column may have."""
 
-MISTAKES = 6
-"""The column from which on anything is a mistake."""
+PAGE_WIDTH = 130
+"""Width of the page, in characters."""
 
 
 def row(line: Line) -> tuple[str, ...]:
     """Return the cells of a line, in the order of ``HEADINGS``."""
+    mistakes = (*map(_listed, (line.wrong, line.needless, line.stopped)), line.people)
     return (
         f'{line.at:.0f} s',
         line.incident,
@@ -57,54 +50,35 @@ def row(line: Line) -> tuple[str, ...]:
         'PASSED' if line.passed else 'FAILED',
         _seconds(line.first_right, 'never'),
         _seconds(line.solved, f'not within {INCIDENTS[line.incident].limit:.0f} s'),
-        _listed(line.wrong),
-        _listed(line.needless),
-        _listed(line.stopped),
-        str(line.people or ''),
+        '\n'.join(
+            f'{what}: {each}' for what, each in zip(MISTAKES, mistakes, strict=True) if each
+        ),
     )
 
 
 def table(lines: Sequence[Line]) -> Table:
-    """Return the sheet for the terminal, and below it what a good official would have done."""
-    sheet = Table(title='REHEARSAL: score sheet', title_justify='left', title_style='bold')
-    for heading in (*HEADINGS[:MISTAKES], 'mistakes'):
+    """Return the sheet, and below it what a good official would have done."""
+    passed = sum(line.passed for line in lines)
+    title = f'REHEARSAL: score sheet, {passed} of {len(lines)} incidents passed'
+    sheet = Table(title=title, title_justify='left', title_style='bold', caption_justify='left')
+    for heading in HEADINGS:
         sheet.add_column(heading, overflow='fold')
     for line in lines:
-        cells = row(line)
-        mistakes = [
-            f'{heading}: {cell}'
-            for heading, cell in zip(HEADINGS[MISTAKES:], cells[MISTAKES:], strict=True)
-            if cell
-        ]
-        texts = [Text(cell) for cell in (*cells[:MISTAKES], '\n'.join(mistakes))]
-        texts[3].stylize('green' if line.passed else 'bold red')
-        sheet.add_row(*texts)
-    advice = [f'{each.incident}: {INCIDENTS[each.incident].good}' for each in failed(lines)]
-    sheet.caption = '\n'.join(advice)
-    sheet.caption_justify = 'left'
+        cells = [Text(cell) for cell in row(line)]
+        cells[3].stylize('green' if line.passed else 'bold red')
+        sheet.add_row(*cells)
+    failed = dict.fromkeys(line.incident for line in lines if not line.passed)
+    advice = [f'{name}: a good official {INCIDENTS[name].good}' for name in failed]
+    times = 'Times run from the beginning of the incident, rounded up to half a second.'
+    sheet.caption = '\n'.join([times, *advice])
     return sheet
 
 
 def page(lines: Sequence[Line]) -> str:
     """Return the sheet as an HTML page that needs nothing else."""
-    head = ''.join(f'<th>{html.escape(heading)}' for heading in HEADINGS)
-    body = ''.join(
-        f'<tr class="{"passed" if line.passed else "failed"}">'
-        + ''.join(f'<td>{html.escape(cell)}' for cell in row(line))
-        for line in lines
-    )
-    advice = ''.join(
-        f'<li><b>{html.escape(line.incident)}</b>: a good official '
-        f'{html.escape(INCIDENTS[line.incident].good)}.'
-        for line in failed(lines)
-    )
-    passed = sum(line.passed for line in lines)
-    return _PAGE.format(head=head, body=body, advice=advice, passed=passed, all=len(lines))
-
-
-def failed(lines: Sequence[Line]) -> list[Line]:
-    """Return one line of each incident that was failed."""
-    return list({line.incident: line for line in lines if not line.passed}.values())
+    console = Console(record=True, width=PAGE_WIDTH, file=io.StringIO())
+    console.print(table(lines))
+    return console.export_html(inline_styles=True)
 
 
 def _seconds(value: float | None, otherwise: str) -> str:
@@ -115,24 +89,3 @@ def _listed(values: Sequence[object]) -> str:
     most = 5
     more = f' and {len(values) - most} more' if len(values) > most else ''
     return ', '.join(map(str, values[:most])) + more
-
-
-_PAGE = """<!doctype html>
-<meta charset="utf-8"><title>REHEARSAL: score sheet</title>
-<style>
-body {{ font: 15px sans-serif; margin: 0 0 2em }}
-h1 {{ background: #6a1b9a; color: #fff; margin: 0; padding: .4em 1em; font-size: 20px }}
-p, ul, table {{ margin: 1em }}
-table {{ border-collapse: collapse }}
-th, td {{ border: 1px solid #999; padding: .35em .6em; text-align: left; vertical-align: top }}
-th {{ background: #eee }}
-td:first-child {{ white-space: nowrap }}
-.passed td:nth-child(4) {{ background: #c8e6c9 }}
-.failed td:nth-child(4) {{ background: #ffcdd2; font-weight: bold }}
-</style>
-<h1>REHEARSAL: score sheet</h1>
-<p>{passed} of {all} incidents passed. Times are rounded up to half a second, and run from the
-beginning of the incident.</p>
-<table><tr>{head}{body}</table>
-<ul>{advice}</ul>
-"""

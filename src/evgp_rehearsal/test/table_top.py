@@ -26,11 +26,11 @@ from dataclasses import dataclass
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.race import Command, Kart, Outcome, Race, RaceTimes, StampedEvent, StartPhase
 from evgp_rcs.record import RecordedEvent
-from evgp_rehearsal.field import Failure, Field, Link, TICK_LENGTH
+from evgp_rehearsal.field import Connected, Failure, Field, TICK_LENGTH
 from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS
 from evgp_rehearsal.officials import Act, AnOfficial, look, LOOKS, Steward, View
 from evgp_rehearsal.plan import Plan
-from evgp_rehearsal.score import Line, score, STEWARD, Took, Truth
+from evgp_rehearsal.score import Line, Occurrence, score, STEWARD, Truth
 
 RESTART = 40
 """Ticks from the death of race control to its return."""
@@ -52,7 +52,7 @@ class TableTop:
         self.race = self._race()
         self.events: list[RecordedEvent] = []
         self.back_at = 0
-        self._links = dict.fromkeys(self.plan.numbers, Link.NOBODY)
+        self._links = dict.fromkeys(self.plan.numbers, Connected.NOBODY)
 
     @property
     def now(self) -> float:
@@ -72,12 +72,12 @@ class TableTop:
         for number, kart in self.field.karts.items():
             self._connect(number, kart.link(self.field.tick))
         for number, state in said:
-            if self._links[number] is Link.KART:
+            if self._links[number] is Connected.KART:
                 serial = self.race.karts[number].serial
                 self._take(self.race.heard(number, serial, state, self.now))
         self._take(self.race.tick(self.now))
         for number, link in self._links.items():
-            if link is Link.KART:
+            if link is Connected.KART:
                 self.field.hear(number, self.race.karts[number].sent)
 
     def give(self, act: Act, official: str) -> None:
@@ -131,13 +131,13 @@ class TableTop:
         karts = [Kart(number, f'REHEARSAL {number}', True) for number in self.plan.numbers]
         return Race(karts, RaceTimes(**ALERTS))
 
-    def _connect(self, number: int, link: Link) -> None:
+    def _connect(self, number: int, link: Connected) -> None:
         was, self._links[number] = self._links[number], link
         if link is was:
             return
-        if was is Link.KART:
+        if was is Connected.KART:
             self.field.drop(number)
-        if link is Link.NOBODY:
+        if link is Connected.NOBODY:
             self._take(self.race.disconnected(number, 'the connection was lost', self.now))
         else:
             self._take(self.race.connected(number, self.now))
@@ -146,9 +146,9 @@ class TableTop:
         self._left = self.race.memory()
         self.back_at = self.field.tick + RESTART
         for number, link in self._links.items():
-            if link is Link.KART:
+            if link is Connected.KART:
                 self.field.drop(number)
-            self._links[number] = Link.NOBODY
+            self._links[number] = Connected.NOBODY
 
     def _come_back(self) -> None:
         self.race = self._race()
@@ -177,8 +177,8 @@ def play(plan: Plan, name: str, official: AnOfficial, kart: int = 0) -> Line:
     row.begin(table.field, number)
     ends = began + row.ticks + AFTER
     _until(table, official, 'trainee', lambda: table.field.tick >= ends, began)
-    took = Took(name, number, began, ends)
-    return score([took], table.events, Truth.of(table.field), 0.0)[0]
+    took = Occurrence(name, number, began, ends)
+    return score([took], table.events, Truth.of(table.field))[0]
 
 
 MOST_TICKS = 30_000

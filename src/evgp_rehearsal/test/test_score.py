@@ -19,10 +19,9 @@ from __future__ import annotations
 from evgp_rcs.record import RecordedEvent
 from evgp_rehearsal.field import TICK_LENGTH
 from evgp_rehearsal.incidents import INCIDENTS
-from evgp_rehearsal.score import Line, score, STEWARD, Took, Truth
+from evgp_rehearsal.score import Line, Occurrence, score, STEWARD, Truth
 import pytest
 
-ZERO = 1000.0
 MOVES = ((0, 1, True), (0, 2, True))
 
 
@@ -38,13 +37,13 @@ def sheet(
     """Return the line for commands, each with its time after the beginning, in seconds."""
     events = [
         RecordedEvent(
-            at, 0, ZERO + 5.0 + seconds, 'COMMAND', kart, kind, accepted, None, '', official, None
+            at, 0, 5.0 + seconds, 'COMMAND', kart, kind, accepted, None, '', official, None
         )
         for at, (seconds, kind, kart) in enumerate(commands, start=1)
     ]
     kart = 1 if INCIDENTS[incident].to_kart else 0
-    took = Took(incident, kart, round(5 / TICK_LENGTH), round(100 / TICK_LENGTH))
-    (line,) = score([took], events, Truth(moving, crossed, msr), ZERO)
+    took = Occurrence(incident, kart, round(5 / TICK_LENGTH), round(100 / TICK_LENGTH))
+    (line,) = score([took], events, Truth(moving, crossed, msr))
     return line
 
 

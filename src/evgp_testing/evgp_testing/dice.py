@@ -21,12 +21,13 @@ nothing of the workspace.
 
 from __future__ import annotations
 
-from collections.abc import Generator
+import os
 import random
 import secrets
-from typing import Any
 
 import pytest
+
+SEED = 'EVGP_TEST_SEED'
 
 
 def dice_of(request: pytest.FixtureRequest) -> random.Random:
@@ -46,27 +47,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Choose the seed; in a worker of pytest-xdist, it is that of all workers."""
-    if config.option.seed is None:
-        shared: dict[str, Any] = getattr(config, 'workerinput', {})
-        config.option.seed = shared.get('seed', secrets.randbelow(2**32))
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_configure_node(node: Any) -> None:
-    """Hand the seed to a worker of pytest-xdist."""
-    node.workerinput['seed'] = node.config.option.seed
+    """Choose the seed; the workers of pytest-xdist have it from the environment."""
+    if config.option.seed is not None:
+        os.environ[SEED] = str(config.option.seed)
+    config.option.seed = int(os.environ.setdefault(SEED, str(secrets.randbelow(2**32))))
 
 
 def pytest_report_header(config: pytest.Config) -> str:
     """Say the seed."""
     return f'dice: --seed {config.option.seed}'
-
-
-@pytest.hookimpl(hookwrapper=True)
-def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, None]:
-    """Have a failure show the seed."""
-    outcome = yield
-    report: pytest.TestReport = outcome.get_result()
-    if report.failed and 'dice' in getattr(item, 'fixturenames', ()):
-        report.sections.append(('dice', f'--seed {item.config.option.seed}'))

@@ -16,8 +16,8 @@
 
 from __future__ import annotations
 
-from evgp_testing.locks import take_one
 from evgp_testing.part import Part
+from evgp_testing.ports import take_one
 
 # Above 101 the ports of a domain reach into those the system gives out by itself.
 _DOMAINS = range(20, 60)

@@ -492,12 +492,7 @@ class Judge:
         for kart in self._karts.values():
             if kart.member is not True or kart.member_since > call.began:
                 continue
-            links = [self._links[number] for number in kart.links]
-            candidates = [
-                link
-                for link in links
-                if link.opened <= at and (link.ended is None or link.ended > call.began - NOTICE)
-            ]
+            candidates = [link for link in self._there(kart, call) if link.opened <= at]
             if not candidates:
                 self._violated(
                     'not connected', at, f'{call} while kart {kart.number} is not connected'
@@ -520,16 +515,7 @@ class Judge:
             floor, kart.suspended = kart.suspended, None
             if floor is None or kart.hold is not None or floor.since > call.began:
                 continue
-            candidates = [
-                link
-                for link in (self._links[number] for number in kart.links)
-                if link.ended is None or link.ended > call.began - NOTICE
-            ]
-            if not any(
-                link.may_have_acknowledged(state, call.began, at)
-                for link in candidates
-                for state in REDS
-            ):
+            if not self._may_stand(kart, call, at):
                 # Lost or silent: it stays held until it is released alone.
                 kart.hold = _Floor(floor.state, at, f'{floor.cause}, which it never acknowledged')
         for kart in self._karts.values():
@@ -542,13 +528,7 @@ class Judge:
         if kart.member is None:
             kart.member = False
             kart.member_since = at
-        candidates = [self._links[number] for number in kart.links]
-        if not call.statement and not any(
-            link.may_have_acknowledged(state, call.began, at)
-            for link in candidates
-            if link.ended is None or link.ended > call.began - NOTICE
-            for state in REDS
-        ):
+        if not call.statement and not self._may_stand(kart, call, at):
             self._violated(
                 'not stated', at, f'{call}, neither acknowledged nor "made safe by hand"'
             )
@@ -561,6 +541,19 @@ class Judge:
             self._violated('not from the garage', at, f'{call} joins a race under way')
 
     # ----- what calls have in common ------------------------------------------------------
+
+    def _there(self, kart: _Kart, call: Call) -> list[_Link]:
+        """Return the connections that race control may have taken for open at a call."""
+        links = (self._links[number] for number in kart.links)
+        return [link for link in links if link.ended is None or link.ended > call.began - NOTICE]
+
+    def _may_stand(self, kart: _Kart, call: Call, at: float) -> bool:
+        """Return whether a kart may have acknowledged a red on a connection that is there."""
+        return any(
+            link.may_have_acknowledged(state, call.began, at)
+            for link in self._there(kart, call)
+            for state in REDS
+        )
 
     def _race_red(self, at: float, call: Call, state: str) -> None:
         if self._overlapped(call, ('in_garage',)):

@@ -31,7 +31,7 @@ from evgp_testing.ros_side import RosSide
 from nav_msgs.msg import Odometry
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.publisher import Publisher
-from rclpy.qos import qos_profile_sensor_data, QoSProfile
+from rclpy.qos import QoSProfile
 from rclpy.timer import Timer
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
@@ -156,27 +156,6 @@ class Team(RosSide):
         remote = self._remote
         self.wait_until(lambda: remote.get_subscription_count() > 0, lambda: 'a bridge for ~/tsr')
         remote.publish(Bool(data=stop))
-
-    def latched_remote(self, stop: bool) -> None:
-        """Have a safety remote that says this, also to who comes later."""
-        self._publisher(Bool, 'tsr', latched(1)).publish(Bool(data=stop))
-
-    def remote_without_promise(self) -> None:
-        """Have a safety remote whose messages may get lost."""
-        self._publisher(Bool, 'tsr', qos_profile_sensor_data)
-
-    def second_lock(self) -> None:
-        """Publish the bridge's lock, as only the bridge may."""
-        self._publisher(Bool, 'stop', latched(1)).publish(Bool(data=False))
-
-    def second_odometry(self) -> None:
-        """Have another source of odometry, which says that the kart stands."""
-        self._publisher(Odometry, 'odom', QoSProfile(depth=10)).publish(Odometry())
-
-    def second_server(self, service: str) -> None:
-        """Offer a service of the bridge, as only the bridge may."""
-        kind = {'acknowledge': srv.Acknowledge, 'team_stop': SetBool}[service]
-        self.node.create_service(kind, f'{self._bridge}/{service}', lambda _, answer: answer)
 
     def drive_at(self, speed: float) -> None:
         """

@@ -16,7 +16,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+import contextlib
 from dataclasses import dataclass
 import threading
 import time
@@ -29,17 +30,12 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs_msgs import msg
 from evgp_testing.judge import Call, Judge
 from evgp_testing.ros_side import RosSide
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile
 
 
 def latched(depth: int) -> QoSProfile:
     """Return the QoS of a reliable, latched topic of which the last `depth` are kept."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
+    return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 SERVICES = {entry.service: service_class(entry.service_type) for entry in CATALOGUE.values()}
@@ -126,6 +122,7 @@ class Official(RosSide):
         self._judge = judge
         self.race: msg.Race | None = None
         self.events: list[msg.RaceEvent] = []
+        self._tell: Callable[[msg.RaceEvent], object] = _tell_nobody
         self._clients = {
             # With the usual depth of 10 a burst of answers would push out its first ones.
             service: self.node.create_client(
@@ -181,14 +178,14 @@ class Official(RosSide):
         :raises AssertionError: if race control does not answer each in time.
         """
         client = self._clients[service]
-        assert client.wait_for_service(self.patience), f'there is no service {service}'
+        assert client.wait_for_service(self.timeout), f'there is no service {service}'
         answered = threading.Semaphore(0)
         futures = []
         for request in requests:
             future = client.call_async(SERVICES[service].Request(**request))
             future.add_done_callback(lambda _: answered.release())
             futures.append(future)
-        count = sum(answered.acquire(timeout=self.patience) for _ in futures)
+        count = sum(answered.acquire(timeout=self.timeout) for _ in futures)
         assert count == len(futures), f'{service}: {count} of {len(futures)} were answered'
         responses = [future.result() for future in futures]
         return [Answer(response.success, response.message) for response in responses]
@@ -242,15 +239,7 @@ class Official(RosSide):
                 lambda race: state_of(race.state) is state, f'the race in {state.value}'
             )
         acknowledge(state)
-        for number in numbers:
-            self.wait_for_kart(
-                number,
-                lambda kart: (
-                    state_of(kart.sent) is state
-                    and (kart.acknowledged or state is RaceState.IN_GARAGE)
-                ),
-                f'{state.value}, and acknowledged',
-            )
+        self.wait_for_acks(state, *numbers, needs_ack=state is not RaceState.IN_GARAGE)
 
     def wait_for_available(self, service: str, **request: Any) -> msg.Race:
         """
@@ -308,16 +297,17 @@ class Official(RosSide):
         )
         return next(kart for kart in race.karts if kart.number == number)
 
-    def wait_for_acks(self, state: RaceState, *numbers: int) -> None:
+    def wait_for_acks(self, state: RaceState, *numbers: int, needs_ack: bool = True) -> None:
         """
-        Return once each of these karts is sent, and has acknowledged, this state.
+        Return once each of these karts is sent this state, and has acknowledged it.
 
+        :param needs_ack: False: it need not have, as in IN_GARAGE.
         :raises AssertionError: if that does not happen in time.
         """
         for number in numbers:
             self.wait_for_kart(
                 number,
-                lambda kart: kart.acknowledged and state_of(kart.sent) is state,
+                lambda kart: state_of(kart.sent) is state and (kart.acknowledged or not needs_ack),
                 f'{state.value} acknowledged',
             )
 
@@ -329,6 +319,18 @@ class Official(RosSide):
         """
         for number in numbers:
             self.wait_for_kart(number, lambda kart: kart.connected, 'connected')
+
+    @contextlib.contextmanager
+    def telling(self, tell: Callable[[msg.RaceEvent], object]) -> Iterator[None]:
+        """Tell each event once, in order: those heard already, then each as it is heard."""
+        with self.news:
+            for event in self.events:
+                tell(event)
+            self._tell = tell
+        try:
+            yield
+        finally:
+            self._tell = _tell_nobody
 
     def _close_track(self) -> None:
         """Close the track, if it is open: GRID_ACTIVE is for a track that is closed."""
@@ -344,4 +346,10 @@ class Official(RosSide):
     def _hear_event(self, event: msg.RaceEvent) -> None:
         with self.news:
             self.events.append(event)
+            tell = self._tell
             self.news.notify_all()
+        tell(event)
+
+
+def _tell_nobody(event: msg.RaceEvent) -> None:
+    pass

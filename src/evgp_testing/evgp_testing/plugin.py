@@ -23,8 +23,6 @@ from __future__ import annotations
 from collections.abc import Generator
 import os
 import signal
-import subprocess
-import sys
 import time
 from typing import Any
 
@@ -37,13 +35,10 @@ from evgp_testing.fixtures import (  # noqa: F401 - pytest finds fixtures by nam
     start_bridge,
     start_race_control,
 )
-from evgp_testing.part import PATIENCE
 from evgp_testing.process import started
 import pytest
 
 pytest_plugins = ('evgp_testing.dice',)
-
-IN_OWN_PROCESS = 'EVGP_TEST_IN_OWN_PROCESS'
 
 LAST_WORDS = 1.0
 """Time that the processes of a test that failed have to print why, s. A kart sees its connection
@@ -53,8 +48,8 @@ MOST_LINES = 200
 """Lines of each process that are shown where a test fails: its last."""
 
 
-def pytest_configure(config: pytest.Config) -> None:
-    """Name the plugin's markers, and have programs end by Ctrl-C."""
+def pytest_configure() -> None:
+    """Have programs end by Ctrl-C."""
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         # A shell starts what runs in the background so. Programs would inherit it, and some of
         # them would not end by Ctrl-C.
@@ -62,7 +57,6 @@ def pytest_configure(config: pytest.Config) -> None:
     # ROS's messages bring numpy. Nobody computes with it here, and each process that imports it
     # would start a thread for each further core.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-    config.addinivalue_line('markers', 'own_process: runs in another pytest (evgp_testing.plugin)')
 
 
 @pytest.hookimpl(hookwrapper=True)
@@ -83,57 +77,3 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, None]:
 def pytest_runtest_logfinish() -> None:
     """Forget the processes that have ended; those of a wider fixture may go on in the next."""
     started[:] = [each for each in started if each.runs]
-
-
-@pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Have each test marked `own_process` run in another pytest."""
-    if IN_OWN_PROCESS not in os.environ:
-        items[:] = [
-            each
-            if each.get_closest_marker('own_process') is None
-            else _InOwnProcess.from_parent(each.parent or each.session, name=each.name, item=each)
-            for each in items
-        ]
-
-
-class _InOwnProcess(pytest.Item):
-    """
-    A test that another pytest runs.
-
-    Fast DDS learns the network interfaces of its process once. In a process that has used it
-    before, it does not find its way in a network namespace.
-    """
-
-    def __init__(self, *, item: pytest.Item, **names: Any) -> None:
-        super().__init__(**names)
-        self._item = item
-        self.own_markers = [*item.own_markers]
-        self.keywords.update(item.keywords)
-        if self.config.pluginmanager.hasplugin('timeout'):
-            own = item.get_closest_marker('timeout')
-            limit = own.args[0] if own is not None else self.config.getini('timeout')
-            if limit:
-                # The other pytest's limit comes first: it can say where the test hangs.
-                self.add_marker(pytest.mark.timeout(float(limit) + PATIENCE), append=False)
-
-    def runtest(self) -> None:
-        words = ['-rs', '-p', 'no:cacheprovider', '-p', 'no:xdist']
-        words += [f'--seed={self.config.option.seed}', self.nodeid]
-        done = subprocess.run(
-            [sys.executable, '-m', 'pytest', *words],
-            cwd=self.config.rootpath,
-            env={**os.environ, IN_OWN_PROCESS: '1'},
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            check=False,
-        )
-        self.add_report_section('call', 'its own process', done.stdout)
-        if done.returncode != 0:
-            pytest.fail(done.stdout, pytrace=False)
-        if ' skipped' in done.stdout.splitlines()[-1]:
-            pytest.skip(done.stdout)
-
-    def reportinfo(self) -> tuple[os.PathLike[str] | str, int | None, str]:
-        return self._item.reportinfo()

@@ -22,18 +22,39 @@ control.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 import functools
 import itertools
 import pathlib
+import random
 import socket
-
-from evgp_testing.locks import take_one
 
 _BLOCK = 100
 
 # Above the ports of the domains in ``domains``, below those the system gives out by itself.
 _BLOCKS = range(24000, 32000, _BLOCK)
+
+
+def take_one(what: str, numbers: Sequence[int]) -> tuple[int, socket.socket]:
+    """
+    Return a number that nobody has, and its lock, which is let go by closing it.
+
+    An abstract socket is the lock: the kernel lets it go with the process, however that ends. Like
+    a port, it belongs to one network namespace.
+
+    :param what: is numbered.
+    :raises RuntimeError: if every number is taken.
+    """
+    # Any, and not the first: in one that was let go just now, something may still be ending.
+    for number in random.SystemRandom().sample(numbers, len(numbers)):
+        lock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            lock.bind(f'\0evgp-{what}-{number}')
+        except OSError:
+            lock.close()
+            continue
+        return number, lock
+    raise RuntimeError(f'every {what} of {numbers} is in use')
 
 
 @functools.cache

@@ -125,7 +125,7 @@ class Program(Part):
         """
         Return the first match of a pattern in a line it has printed or prints.
 
-        :raises AssertionError: if it ends or the patience does, without such a line.
+        :raises AssertionError: if it ends, or the time does, without such a line.
         """
 
         def found() -> re.Match[str] | None:

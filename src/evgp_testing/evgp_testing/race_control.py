@@ -120,6 +120,7 @@ class RaceControl(Process):
         heats: Mapping[str, Iterable[int]] | None = None,
         addresses: Callable[[int], str] = address_of,
         proven: bool = True,
+        program: str = 'rcs_node',
     ) -> None:
         """Start race control and wait until karts can connect."""
         roster = write_roster(folder, in_race, others, teams, heats, addresses)
@@ -128,7 +129,7 @@ class RaceControl(Process):
         record = pathlib.Path(str(given['record']))
         if proven and not record.exists():
             end_in_good_order(record)
-        super().__init__('evgp_rcs', 'rcs_node', domain, given, arguments)
+        super().__init__('evgp_rcs', program, domain, given, arguments)
         try:
             self.port = int(self.wait_for_line(r'listens for .* port (\d+)')[1])
         except BaseException:

@@ -39,10 +39,10 @@ class RosSide(Part):
     A node on a domain, in this process, and a place to await what it hears.
 
     Subclasses subscribe, change what they keep inside ``with self.news:`` and notify.
-    Anything is awaited for ``patience`` seconds.
+    Anything is awaited for ``timeout`` seconds.
     """
 
-    patience = PATIENCE
+    timeout = PATIENCE
 
     def __init__(self, name: str, domain: int) -> None:
         """Join the domain and spin."""
@@ -74,8 +74,8 @@ class RosSide(Part):
         :raises AssertionError: if it does not become true in time.
         """
         with self.news:
-            value = self.news.wait_for(found, self.patience)
-            assert value, f'not within {self.patience:g} s: {what()}'
+            value = self.news.wait_for(found, self.timeout)
+            assert value, f'not within {self.timeout:g} s: {what()}'
         return value
 
     def wait_until_polled(self, found: Callable[[], object], what: str) -> None:
@@ -84,9 +84,9 @@ class RosSide(Part):
 
         :raises AssertionError: if it does not become true in time.
         """
-        until = time.monotonic() + self.patience
+        until = time.monotonic() + self.timeout
         while not found():
-            assert time.monotonic() < until, f'not within {self.patience:g} s: {what}'
+            assert time.monotonic() < until, f'not within {self.timeout:g} s: {what}'
             time.sleep(0.02)
 
     def request(self, client: Client, request: object) -> object:
@@ -95,12 +95,12 @@ class RosSide(Part):
 
         :raises AssertionError: if there is no such service, or no answer in time.
         """
-        assert client.wait_for_service(self.patience), f'there is no service {client.srv_name}'
+        assert client.wait_for_service(self.timeout), f'there is no service {client.srv_name}'
         done = threading.Event()
         future = client.call_async(request)
         future.add_done_callback(lambda _: done.set())
-        answered = done.wait(self.patience)
-        assert answered, f'{client.srv_name} did not answer within {self.patience:g} s'
+        answered = done.wait(self.timeout)
+        assert answered, f'{client.srv_name} did not answer within {self.timeout:g} s'
         return future.result()
 
     def close(self) -> None:

@@ -30,7 +30,7 @@ from evgp_rcs.record import is_being_written, RecordedEvent, Session
 from evgp_rcs.replay import Kept
 from evgp_rcs.report.model import Account, Part
 from evgp_rcs.report.page import page
-from evgp_rcs.report.words import Clock
+from evgp_rcs.report.wording import Clock
 from evgp_rcs.runs import (
     add_run_arguments,
     DONE,

@@ -51,6 +51,17 @@ SENDS_RED = STOPS | {
     kind.name for kind, entry in CATALOGUE.items() if entry.result.race == (RaceState.RED_RED,)
 }
 
+OF_THE_SERVER = frozenset(
+    kind.name
+    for kind in (
+        EventKind.MALFORMED,
+        EventKind.REFUSED_CONNECTION,
+        EventKind.SLOW_LINK,
+        EventKind.ENDED,
+    )
+)
+"""Events that no input of the rules makes; they say nothing of holds."""
+
 
 @dataclass
 class Band:
@@ -443,7 +454,7 @@ class _Reading:
             if event.kind != EventKind.KART_STATE.name:
                 lane.marks.append(Mark(at, event.kind, event.sequence))
             _TAKES_OF_A_KART[event.kind](self, lane, event, at)
-        if event.kind not in _OF_THE_SERVER:
+        if event.kind not in OF_THE_SERVER:
             self._see_holds(event, at)
 
     def _lose_sight(self, since: float, at: float, missing: int) -> None:
@@ -610,11 +621,6 @@ class _Reading:
                 # The last that every connected kart hears.
                 _change(lane.bands, at, RED_RED)
 
-
-_OF_THE_SERVER = {
-    kind.name for kind in (EventKind.MALFORMED, EventKind.REFUSED_CONNECTION, EventKind.ENDED)
-}
-"""Events that say nothing of holds: the rules do not make them."""
 
 _TAKES: Mapping[str, Callable[[_Reading, RecordedEvent, float], None]] = {
     EventKind.COMMAND.name: _Reading._commanded,

@@ -33,9 +33,9 @@ from evgp_rcs.inputs import CLOSED_BY_KART
 from evgp_rcs.plain import plain
 from evgp_rcs.race import EventKind
 from evgp_rcs.replay import Kept
-from evgp_rcs.report import words
+from evgp_rcs.report import wording
 from evgp_rcs.report.model import Account, Alert, Part, STOPS
-from evgp_rcs.report.words import Clock
+from evgp_rcs.report.wording import Clock
 from evgp_rcs.runs import Runs
 from jinja2 import Environment, StrictUndefined
 
@@ -102,7 +102,7 @@ def page(
         autoescape=True, trim_blocks=True, lstrip_blocks=True, undefined=StrictUndefined
     )
     environment.policies['json.dumps_kwargs'] = {'separators': (',', ':')}
-    environment.filters.update(plain=plain, name=words.name, hash=_hash, count=_count)
+    environment.filters.update(plain=plain, name=wording.name, hash=_hash, count=_count)
     folder = files('evgp_rcs.report')
     style = (folder / 'page.css').read_text(encoding='utf-8')
     template = environment.from_string((folder / 'page.html.j2').read_text(encoding='utf-8'))
@@ -119,7 +119,7 @@ def page(
         made_ns=time.time_ns(),
         part=shown,
         clock=clock,
-        words=words,
+        wording=wording,
         events=events,
         teams={lane.kart: lane.team for lane in whole.lanes},
         title=title,
@@ -131,7 +131,7 @@ def page(
         stood=lambda alert: _stood(alert, whole, clock),
         wall_ns=lambda event: clock.of(event.wall_ns, whole.at(event)),
         on_paper=on_paper,
-        kinds=sorted({(words.KINDS[event.kind], event.kind) for event in account.events}),
+        kinds=sorted({(wording.KINDS[event.kind], event.kind) for event in account.events}),
         MOST=MOST,
         PAPER_ROWS=PAPER_ROWS,
         data=_data(whole, account, part, clock),
@@ -161,10 +161,10 @@ def _stood(alert: Alert, whole: Account, clock: Clock) -> str:
     if alert.raised is None:
         return f'ended at {clock.at(alert.ended or 0.0, 1)}'
     if alert.stands:
-        return f'still standing at the end ({words.duration(whole.length - alert.raised)})'
+        return f'still standing at the end ({wording.duration(whole.length - alert.raised)})'
     if alert.ended is None:
         return 'not known: events are missing'
-    return words.duration(alert.ended - alert.raised)
+    return wording.duration(alert.ended - alert.raised)
 
 
 def _data(whole: Account, account: Account, part: Part, clock: Clock) -> Any:
@@ -176,9 +176,9 @@ def _data(whole: Account, account: Account, part: Part, clock: Clock) -> Any:
         'began': clock.wall_ns(0.0) // 1_000_000,
         'offset': clock.offset,
         'isWhole': part.whole,
-        'states': words.STATES,
-        'short': words.SHORT,
-        'kinds': words.KINDS,
+        'states': wording.STATES,
+        'short': wording.SHORT,
+        'kinds': wording.KINDS,
         'lesser': sorted(LESSER),
         'race': [(band.start, band.end, band.what) for band in account.race_bands],
         'races': [
@@ -188,12 +188,16 @@ def _data(whole: Account, account: Account, part: Part, clock: Clock) -> Any:
         'lanes': [
             {
                 'kart': lane.kart,
-                'team': words.name(lane.team),
+                'team': wording.name(lane.team),
                 'bands': [
                     (each.start, each.end, each.what, each.acknowledged) for each in lane.bands
                 ],
                 'holds': [
-                    (each.start, each.end, words.command(each.command, 0) if each.command else '')
+                    (
+                        each.start,
+                        each.end,
+                        wording.command(each.command, 0) if each.command else '',
+                    )
                     for each in lane.holds
                 ],
                 'marks': [(each.at, each.kind, each.sequence) for each in lane.marks],
@@ -203,9 +207,9 @@ def _data(whole: Account, account: Account, part: Part, clock: Clock) -> Any:
         'commands': [
             (
                 account.at(event),
-                words.command(event.command, event.kart),
+                wording.command(event.command, event.kart),
                 int(event.success),
-                words.name(event.official),
+                wording.name(event.official),
                 event.sequence,
                 int(event.success and not event.kart),
             )
@@ -231,7 +235,7 @@ def _data(whole: Account, account: Account, part: Part, clock: Clock) -> Any:
                 event.kind,
                 int(event.success),
                 plain(event.text),
-                words.name(event.official),
+                wording.name(event.official),
             )
             for event in account.events
         ],

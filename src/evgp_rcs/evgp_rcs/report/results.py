@@ -26,9 +26,9 @@ import unicodedata
 
 from evgp_rcs.plain import plain
 from evgp_rcs.replay import Kept
-from evgp_rcs.report import words
+from evgp_rcs.report import wording
 from evgp_rcs.report.model import Account, Race, Result
-from evgp_rcs.report.words import Clock
+from evgp_rcs.report.wording import Clock
 from evgp_rcs.runs import add_run_arguments, FAILED, open_runs, say
 
 COLUMNS = (
@@ -148,7 +148,7 @@ def _rows(account: Account, race: Race, clock: Clock, damaged: bool) -> Iterator
             moment(race.green),
             moment(result.finished),
             'FINISHED' if out is None else out.why.name,
-            '' if out is None else words.why_out(out, clock),
+            '' if out is None else wording.why_out(out, clock),
             str(out.sequence or '') if out is not None else '',
             'yes' if complete else 'no',
         )
@@ -157,7 +157,7 @@ def _rows(account: Account, race: Race, clock: Clock, damaged: bool) -> Iterator
 def _seconds(race: Race, result: Result) -> str:
     if race.green is None or result.finished is None:
         return ''
-    return f'{words.between(race.green, result.finished):.3f}'
+    return f'{wording.between(race.green, result.finished):.3f}'
 
 
 def defused(text: str) -> str:

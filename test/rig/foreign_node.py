@@ -4,7 +4,7 @@
 """
 A ROS program of anybody, with ROS's own settings: what it finds of a graph, and who answers it.
 
-It runs as a process (``python visitor.py what seconds``), which looks around for so long, calls
+It runs as a process (``python foreign_node.py seconds``), which looks around for so long, calls
 every command it knows in all the ways that are dangerous, plays race control to the officials, and
 prints what came of it.
 """
@@ -25,13 +25,13 @@ from typing import Any
 from evgp_testing.part import PATIENCE
 
 LOOKS_FOR = 8.0
-"""How long a visitor looks around who must find nothing, seconds: far more than it ever takes."""
+"""How long one looks around who must find nothing, seconds: far more than it ever takes."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Findings:
     """
-    What a visitor found.
+    What a foreign node found.
 
     :ivar nodes: the others', with their namespaces.
     :ivar services: those of others, by their full names.
@@ -54,9 +54,9 @@ class Findings:
         return bool(self.nodes or self.services or self.topics or self.answered or self.heard)
 
 
-class Visitor:
+class ForeignNode:
     """
-    A running visitor, in the network of the thread that starts it.
+    A running foreign node, in the network of the thread that starts it.
 
     :param environment: what its environment has of ROS and DDS; nothing else does.
     :param seconds: how long it looks around. It returns early once a call was answered.
@@ -87,7 +87,7 @@ class Visitor:
         :raises AssertionError: if it hung; where, stands on its stderr.
         """
         printed, _ = self._process.communicate(timeout=self._seconds + 2 * PATIENCE)
-        assert printed, 'the visitor has not looked around to its end'
+        assert printed, 'the foreign node has not looked around to its end'
         return Findings(**json.loads(printed.splitlines()[-1]))
 
 
@@ -103,7 +103,7 @@ def look_around(seconds: float) -> Findings:
     began = time.monotonic()
     rclpy.init()
     # Several may be in one graph; they are no finding.
-    node = Node(f'visitor_{os.getpid()}')
+    node = Node(f'foreign_{os.getpid()}')
     heard: set[str] = set()
     answered: set[str] = set()
     commands: dict[str, tuple[Any, Any]] = {
@@ -165,8 +165,8 @@ def look_around(seconds: float) -> Findings:
 
 
 def of_others(name: str) -> bool:
-    """Return whether a node is known, and no visitor's."""
-    return not name.startswith(('visitor', '_'))
+    """Return whether a node is known, and none of these."""
+    return not name.startswith(('foreign', '_'))
 
 
 def most_dangerous(kind: Any) -> Any:
@@ -179,7 +179,7 @@ def most_dangerous(kind: Any) -> Any:
 
 
 if __name__ == '__main__':
-    # Ends a visitor that hangs in DDS, and says where.
+    # Ends one that hangs in DDS, and says where.
     faulthandler.dump_traceback_later(float(sys.argv[1]) + PATIENCE, exit=True)
     print(json.dumps(dataclasses.asdict(look_around(float(sys.argv[1])))), flush=True)
     os._exit(0)

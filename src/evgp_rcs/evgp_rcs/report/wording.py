@@ -122,7 +122,7 @@ def command(kind: str | None, kart: int) -> str:
 
 
 def karts(numbers: list[int]) -> str:
-    """Return karts in a few words."""
+    """Return karts in a few wording."""
     if not numbers:
         return 'no kart'
     return f'kart{"s" if len(numbers) > 1 else ""} {", ".join(map(str, numbers))}'
