@@ -295,16 +295,16 @@ class DangerPanel(Painted):
         """Say nothing yet."""
         super().__init__('danger')
         white, yellow = (lambda: WHITE), (lambda: YELLOW)
-        self._title = Text('danger_title', LARGE + 6, True, colour=white)
+        self._title = Text('danger_title', LARGE + 2, True, colour=white)
         self._detail = Text('danger_detail', TEXT, wrap=True, colour=white)
-        self._advice = Text('danger_advice', HUGE + 12, True, CENTER, True, colour=yellow)
+        self._advice = Text('danger_advice', HUGE + 8, True, CENTER, True, colour=yellow)
         for part in (self._title, self._detail, self._advice):
             part.setParent(self)
 
     def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
         """Share the room."""
-        inner = self.rect().adjusted(look.px(14), look.px(6), -look.px(14), -look.px(6))
-        left, high = inner.width() * 11 // 20, look.px(32)
+        inner = self.rect().adjusted(look.px(14), look.px(5), -look.px(10), -look.px(5))
+        left, high = inner.width() * 3 // 5, look.px(26)
         self._title.setGeometry(inner.left(), inner.top(), left, high)
         self._detail.setGeometry(inner.left(), inner.top() + high, left, inner.height() - high)
         self._advice.setGeometry(inner.adjusted(left + look.px(12), 0, 0, 0))

@@ -343,6 +343,8 @@ class Push(QtWidgets.QPushButton):
         colours = look.palette
         if self.barred or not self.isEnabled():
             return colours.faint, '', ''
+        if self.property('tone') == Tone.WAIT.value and not self.isDown():
+            return *look.fill(Tone.WAIT), look.fill(Tone.WAIT)[1]
         ground = colours.raised if self.isDown() else colours.card
         return colours.ink, ground, colours.line if self.quiet else colours.ink
 
