@@ -179,6 +179,14 @@ def see_karts(console: Console, *numbers: int) -> None:
 # ----- a race -----------------------------------------------------------------------------
 
 
+def raced(karts: Iterable[WireKart]) -> None:
+    """Check that karts were sent a whole race, once back in the garage."""
+    for kart in karts:
+        kart.wait_for_state(IN_GARAGE)
+        states = [state for _, state in kart.changes]
+        assert states == [IN_GARAGE, GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED, IN_GARAGE]
+
+
 def test_a_whole_race_by_clicks(open_beside: OpenBeside) -> None:
     console, karts, _ = open_beside(1, 2, in_race=(1,), others=(2, 3), finish_delays='[0.2, 0.1]')
 
@@ -201,10 +209,7 @@ def test_a_whole_race_by_clicks(open_beside: OpenBeside) -> None:
     console.press_on('open_track', see='yes', barred='false')
     console.press_on('yes', see='track', text='OPEN')
 
-    for kart in karts:
-        kart.wait_for_state(IN_GARAGE)
-        states = [state for _, state in kart.changes]
-        assert states == [IN_GARAGE, GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED, IN_GARAGE]
+    raced(karts)
 
 
 def test_a_whole_race_by_keys_only(open_beside: OpenBeside) -> None:
@@ -228,10 +233,7 @@ def test_a_whole_race_by_keys_only(open_beside: OpenBeside) -> None:
     console.wait_for('close_track', barred='false')
     console.press('F7', see='track', text='not open')
 
-    for kart in karts:
-        kart.wait_for_state(IN_GARAGE)
-        states = [state for _, state in kart.changes]
-        assert states == [IN_GARAGE, GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED, IN_GARAGE]
+    raced(karts)
 
 
 def test_one_kart_is_stopped_and_released_by_keys(open_beside: OpenBeside) -> None:
@@ -418,19 +420,6 @@ def test_letters_are_part_of_the_name_only_while_it_is_typed(open_beside: OpenBe
     console.press('b', see='kart_2', text='P1')
 
     assert 'P' not in console.wait_for('kart_1')['text'].split()
-
-
-def test_the_banner_of_race_control_is_at_the_top_of_every_window(
-    start_race_control: StartRaceControl, open_console: OpenConsole
-) -> None:
-    banner = open_console(start_race_control(banner='REHEARSAL'))
-    top = banner.wait_for('top_line', text='^REHEARSAL$')
-    assert top['y'] < banner.wait_for('state')['y']
-    banner.wait_for('kart_1')
-    banner.press('F4', see='status', text='✓ REHEARSAL: ')
-    none = open_console(start_race_control())
-    none.wait_for('kart_1')
-    assert 'top_line' not in none.widgets()
 
 
 @pytest.mark.parametrize('name', ['7', 'A & <b>M'])
@@ -677,22 +666,6 @@ def test_an_alert_stays_until_it_is_seen_and_sounds_until_it_is_muted(
     while 'seen_0' in console.widgets() and time.monotonic() < ends:
         console.key('F10')
     console.wait_for('standing', text='No alerts')
-
-
-def test_a_long_event_hides_no_other_one(
-    speak: Callable[..., Speaker], open_console: OpenConsole
-) -> None:
-    control = speak(race=race_of((1,)))
-    console = open_console(control)
-    console.wait_for('kart_1')
-    telling = control.node.create_publisher(msg.RaceEvent, 'rcs/events', latched(200))
-
-    telling.publish(msg.RaceEvent(sequence=1, text='RED_RED is sent to ' + 'kart 99, ' * 200))
-    telling.publish(msg.RaceEvent(sequence=2, text='the newest'))
-
-    console.wait_for('log', text='the newest')
-    # A bar below the log would lie over its last line; this is Qt's name for its place.
-    assert 'qt_scrollarea_hcontainer' not in console.widgets()
 
 
 def test_the_use_of_the_msr_is_recorded_by_a_statement(

@@ -32,7 +32,7 @@ from evgp_rcs_console.commands import asks, Order
 from evgp_rcs_console.freshness import AIM, SETTLE
 from evgp_rcs_console.gui import low_battery
 from evgp_rcs_console.keys import FORGOTTEN
-from evgp_rcs_console.snapshot import Alert, Available, Heat, Race, State, Track
+from evgp_rcs_console.snapshot import Alert, Available, Event, Heat, Race, State, Track
 from evgp_rcs_console.style import BANNER, BLACK, contrast, DAY, FILLS, NIGHT, WHITE, YELLOW
 from evgp_rcs_console.view import FINISH_KEYS
 from evgp_testing.part import PATIENCE
@@ -697,3 +697,20 @@ def test_a_window_that_was_held_up_shows_no_snapshot_but_the_newest_and_every_al
 
     assert not shown
     assert 'KART 1' in console.find('alert_0').whole
+
+
+def test_a_long_event_hides_no_other_one_and_a_command_is_bold(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(1))
+    log, display = console.find('log'), console.window._display
+    display.take_event(Event(1, '14:31:24', 0, True, 'RED RED is sent to ' + 'kart 99, ' * 200))
+    display.take_event(Event(2, '14:31:25', 0, True, 'the newest', 'Anna (pc 1)', True))
+    console.settle()
+
+    assert not log.horizontalScrollBar().isVisible()
+    assert log.toPlainText().endswith('the newest · Anna')
+    cursor = log.cursorForPosition(log.viewport().rect().bottomRight())
+    assert cursor.block() == log.document().lastBlock()
+    assert cursor.charFormat().font().bold()
+    display.take_event(Event(3, '14:31:26', 0, True, 'more', 'Anna (pc 2)', True))
+    assert log.toPlainText().endswith('more · Anna (pc 2)')  # two windows of one name
