@@ -29,27 +29,25 @@ from evgp_protocol import clock
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.commands import asks, Order
+from evgp_rcs_console.display import Inbox
 from evgp_rcs_console.freshness import AIM, SETTLE
 from evgp_rcs_console.gui import low_battery
+from evgp_rcs_console.input import FORWARD
 from evgp_rcs_console.keys import FORGOTTEN
+from evgp_rcs_console.qt import QtCore, QtWidgets
+from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.snapshot import Alert, Available, Event, Heat, Race, State, Track
 from evgp_rcs_console.style import BANNER, BLACK, contrast, DAY, FILLS, NIGHT, WHITE, YELLOW
 from evgp_rcs_console.view import FINISH_KEYS
-from evgp_testing.part import PATIENCE
+from evgp_rcs_console.widgets import Painted, Push
+from evgp_rcs_console.window import ConsoleWindow
 from example_race import EVERYTHING, KART, RACE
 import pytest
 
-os.environ.setdefault('QT_QPA_PLATFORM', 'offscreen')
-pytest.importorskip('evgp_rcs_console.qt')
-
-from evgp_rcs_console.display import Inbox  # noqa: E402
-from evgp_rcs_console.input import FORWARD  # noqa: E402
-from evgp_rcs_console.qt import QtCore, QtWidgets  # noqa: E402
-from evgp_rcs_console.settings import Signature  # noqa: E402
-from evgp_rcs_console.widgets import Painted, Push  # noqa: E402
-from evgp_rcs_console.window import ConsoleWindow  # noqa: E402
-
 QtTest = importlib.import_module(QtCore.__name__.replace('QtCore', 'QtTest'))
+
+PATIENCE = 30.0
+"""Time for which a busy machine is given another chance, in seconds."""
 
 SIZES = [(1280, 720), (1366, 768), (1920, 1080), (3840, 2160)]
 NAME = 'Hochschule für Technik und Wirtschaft 40'
@@ -61,7 +59,8 @@ SENTENCES = ('status', 'strip', 'humans_reason', 'danger_detail', 'state_since',
 
 @pytest.fixture(scope='module')
 def application() -> Any:
-    """Return Qt's application."""
+    """Return Qt's application, without a screen."""
+    os.environ.setdefault('QT_QPA_PLATFORM', 'offscreen')
     return QtWidgets.QApplication.instance() or QtWidgets.QApplication(['rcs_gui'])
 
 
