@@ -12,7 +12,7 @@ import subprocess
 import sys
 
 from evgp_rcs.rcs_record import WAYS
-from evgp_rcs_console.ctl import COMMANDS
+from evgp_rcs_console.command_line import COMMANDS
 from evgp_testing.domains import Domain
 from evgp_testing.process import executable
 import pytest

@@ -11,22 +11,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 import contextlib
-import functools
 import importlib.util
 import os
 import pathlib
-import re
 import signal
 import stat
 import subprocess
 import sys
 import time
-from typing import Any, TypeVar
+from typing import Any
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.official import UNNAMED
-from evgp_rcs_console.freshness import AIM
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
@@ -37,7 +34,7 @@ from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
-from rig.console import Console, DROPPED, SLOW
+from rig.console import Console, SLOW
 from rig.screen import Screen, Screens, why_no_screen
 
 GREEN_GREEN = RaceState.GREEN_GREEN
@@ -52,7 +49,6 @@ OpenConsole = Callable[..., Console]
 OpenBeside = Callable[..., tuple[Console, list[WireKart], RaceControl]]
 OpenBesideAKart = Callable[..., tuple[Console, WireKart]]
 
-T = TypeVar('T')
 
 TEAMS = {1: 'Georgia Tech', 2: 'Purdue', 3: 'Michigan', 4: 'UC Berkeley', 5: 'Kennesaw State'}
 
@@ -156,19 +152,6 @@ def start_anew(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Callable[
     return start
 
 
-def mark_as_seen(console: Console, button: str, then: str) -> None:
-    """
-    Mark an alert as seen by a click, and return once that is told.
-
-    Just after another alert has come the window asks to look again.
-    """
-    ends = time.monotonic() + PATIENCE
-    while not re.search(then, console.wait_for('standing')['text']):
-        assert time.monotonic() < ends, console.wait_for('standing')
-        if button in console.widgets():
-            console.click(button)
-
-
 def hold_down(console: Console, button: str) -> None:
     """
     Press the mouse on a button and keep it down.
@@ -187,47 +170,21 @@ def hold_down(console: Console, button: str) -> None:
     raise AssertionError(f'{button} does not go down')
 
 
-def said_just_after(
-    open_console: OpenConsole,
-    control: Speaker,
-    before: msg.Race,
-    aim: Callable[[Console], T],
-    act: Callable[[Console, T], None],
-    said_of: str,
-) -> str:
-    """
-    Return what a window says of a press just after what it shows has changed.
-
-    A press that is dropped, or comes over `AIM` after the change, tells nothing: it is tried
-    again, in another window.
-
-    :param before: what the window shows before the change.
-    :param aim: comes before the change.
-    :param act: is the change, and the press that follows it.
-    :param said_of: a pattern of what can be said of the press.
-    """
-    ends = time.monotonic() + PATIENCE
-    while True:
-        control.tell(before)
-        console = open_console(control)
-        aimed_at = aim(console)
-        since = time.monotonic()
-        act(console, aimed_at)
-        in_time = time.monotonic() - since <= AIM
-        said = str(console.wait_for('status', text=said_of)['text'])
-        if in_time and DROPPED not in said:
-            return said
-        assert time.monotonic() < ends, said
-        console.close()
-
-
 def see_karts(console: Console, *numbers: int) -> None:
     """Return once the window shows these karts as connected."""
     for number in numbers:
-        console.wait_for(f'kart_{number}', text='✓ linked')
+        console.wait_for(f'kart_{number}', link='✓ linked')
 
 
 # ----- a race -----------------------------------------------------------------------------
+
+
+def raced(karts: Iterable[WireKart]) -> None:
+    """Check that karts were sent a whole race, once back in the garage."""
+    for kart in karts:
+        kart.wait_for_state(IN_GARAGE)
+        states = [state for _, state in kart.changes]
+        assert states == [IN_GARAGE, GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED, IN_GARAGE]
 
 
 def test_a_whole_race_by_clicks(open_beside: OpenBeside) -> None:
@@ -252,10 +209,7 @@ def test_a_whole_race_by_clicks(open_beside: OpenBeside) -> None:
     console.press_on('open_track', see='yes', barred='false')
     console.press_on('yes', see='track', text='OPEN')
 
-    for kart in karts:
-        kart.wait_for_state(IN_GARAGE)
-        states = [state for _, state in kart.changes]
-        assert states == [IN_GARAGE, GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED, IN_GARAGE]
+    raced(karts)
 
 
 def test_a_whole_race_by_keys_only(open_beside: OpenBeside) -> None:
@@ -277,12 +231,9 @@ def test_a_whole_race_by_keys_only(open_beside: OpenBeside) -> None:
     console.ask('F7')
     console.press('y', see='track', text='OPEN')
     console.wait_for('close_track', barred='false')
-    console.press('F8', see='track', text='not open')
+    console.press('F7', see='track', text='not open')
 
-    for kart in karts:
-        kart.wait_for_state(IN_GARAGE)
-        states = [state for _, state in kart.changes]
-        assert states == [IN_GARAGE, GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED, IN_GARAGE]
+    raced(karts)
 
 
 def test_one_kart_is_stopped_and_released_by_keys(open_beside: OpenBeside) -> None:
@@ -293,7 +244,7 @@ def test_one_kart_is_stopped_and_released_by_keys(open_beside: OpenBeside) -> No
     kart.wait_for_state(RED_FLAG)
     console.key('1', '2', 'ctrl+r')
     kart.wait_for_state(RED_RED)
-    console.press_on('kart_12', see='kart_12', text='held: RED_RED by unnamed(.|\n)*✓ yes')
+    console.press_on('kart_12', see='kart_12', text='held: RED RED by unnamed(.|\n)*✓ stopped')
     confirm(
         console, 'ctrl+g', 'kart_in_garage_12', r'kart 12 \(Team 12\) stands still', 'released'
     )
@@ -332,7 +283,7 @@ def test_a_stop_acts_while_a_question_is_open(
 
     kart.wait_for_state(state)
     assert [each for _, each in kart.changes] == [IN_GARAGE, state]
-    console.wait_for('question_problem', text=f'the race is in {state.value}')
+    console.wait_for('question_problem', text=f'the race is in {state.value.replace("_", " ")}')
     console.wait_for('yes', enabled=False)
     console.press('y', 'n', see='question', visible=False)
     assert kart.state is state
@@ -428,7 +379,7 @@ def test_a_name_is_typed_once_and_goes_with_every_command_also_of_the_next_windo
     console.press('Return', see='official', text='ann')
 
     console.wait_for('your_name', visible=False)
-    console.press('F4', see='log', text=r'\[ann \(')
+    console.press('F4', see='log', text=r'· ann')
     first = sender(official, msg.CommandAvailability.RED_FLAG)
     kept = tmp_path / 'evgp_rcs' / 'official'
     official.wait_until_polled(kept.exists, 'the name is kept')
@@ -471,19 +422,6 @@ def test_letters_are_part_of_the_name_only_while_it_is_typed(open_beside: OpenBe
     assert 'P' not in console.wait_for('kart_1')['text'].split()
 
 
-def test_the_banner_of_race_control_is_at_the_top_of_every_window(
-    start_race_control: StartRaceControl, open_console: OpenConsole
-) -> None:
-    banner = open_console(start_race_control(banner='REHEARSAL'))
-    top = banner.wait_for('top_line', text='^REHEARSAL$')
-    assert top['y'] < banner.wait_for('state')['y']
-    banner.wait_for('kart_1')
-    banner.press('F4', see='status', text='✓ REHEARSAL: ')
-    none = open_console(start_race_control())
-    none.wait_for('kart_1')
-    assert 'top_line' not in none.widgets()
-
-
 @pytest.mark.parametrize('name', ['7', 'A & <b>M'])
 def test_a_name_that_ros_or_qt_takes_for_something_else_is_a_name(
     start_race_control: StartRaceControl, open_console: OpenConsole, name: str
@@ -493,10 +431,9 @@ def test_a_name_that_ros_or_qt_takes_for_something_else_is_a_name(
 
     console = open_console(start_race_control(in_race=(1,)), arguments=arguments)
 
-    shown = name.replace('&', '&&')  # else Qt underlines what follows
-    console.wait_for('official', text=rf'\b{shown}$')
+    console.wait_for('official', text=rf'\b{name}$')
     console.wait_for('kart_1')
-    console.press('F12', see='log', text=rf'\[{name} \(')
+    console.press('F12', see='log', text=rf'· {name}')
 
 
 def test_the_window_does_not_hang_with_race_control_and_presses_all_kill_meanwhile(
@@ -533,7 +470,7 @@ def test_all_kill_pressed_while_race_control_is_dead_is_given_to_the_next_one(
     control.kill()
     before.wait_for_end()
     console.wait_for('danger_title', text='RACE CONTROL IS GONE')
-    console.wait_for('kart_1', text='✓ linked')
+    console.wait_for('kart_1', link='✓ linked')
     console.wait_for('danger_detail', text=r'Last heard \d')
     console.wait_for('grid_active', barred='true', tip='race control is gone')
     console.click('all_kill')
@@ -545,7 +482,7 @@ def test_all_kill_pressed_while_race_control_is_dead_is_given_to_the_next_one(
     kart.wait_for_state(RED_RED)
     console.wait_for('all_kill', pressing='false')
     console.wait_for('danger', visible=False)
-    console.wait_for('kart_1', text='held: ALL_KILL')
+    console.wait_for('kart_1', text='held: ALL KILL')
 
 
 def test_a_race_control_that_was_killed_and_started_again_is_shown_as_it_is_now(
@@ -571,7 +508,7 @@ def test_a_race_control_that_was_killed_and_started_again_is_shown_as_it_is_now(
     console.wait_for('kart_1', text='held: race control was re')
     # It still commands: the race is brought home.
     connect_kart(again, 1, EACH_CHANGE)
-    confirm(console, 'F6', 'in_garage', 'track is safe for humans', 'IN_GARAGE is sent')
+    confirm(console, 'F6', 'in_garage', 'track is safe for humans', 'IN GARAGE is sent')
     console.wait_for('state', text='IN GARAGE')
 
 
@@ -664,13 +601,13 @@ def test_a_command_that_is_not_allowed_says_why_on_hover_on_focus_and_when_tappe
     console.ask('F2')
     console.press('y', see='state', text='GRID ACTIVE')
     kart.wait_for_state(GRID_ACTIVE)
-    why = r'GREEN GREEN: waiting for kart 1 \(Team 1\): no GRID_ACTIVE yet \(for \d+ s\)'
+    why = r'GREEN GREEN: waiting for kart 1 \(Team 1\): no GRID ACTIVE yet \(for \d+ s\)'
 
     console.wait_for('green_green', barred='true', tip=why)
     console.hover('green_green')
     console.wait_for('status', text=why)
     console.hover('log')
-    console.wait_for('status', text='GRID_ACTIVE is sent')
+    console.wait_for('status', text='GRID ACTIVE is sent')
     console.press_on('green_green', see='status', text=why)
     console.hover('log')
     console.wait_for('status', text=why)
@@ -696,7 +633,7 @@ def test_two_consoles_agree(open_beside: OpenBeside, open_console: OpenConsole) 
         kart.wait_for_state(RED_RED)
     one.wait_for('state', text='RED RED')
     one.wait_for('yes', enabled=False)
-    one.wait_for('log', text='RED_RED is sent to')
+    one.wait_for('log', text='RED RED is sent to')
 
 
 def test_an_alert_stays_until_it_is_seen_and_sounds_until_it_is_muted(
@@ -724,54 +661,11 @@ def test_an_alert_stays_until_it_is_seen_and_sounds_until_it_is_muted(
     # It stays, and nothing of it still says to use the MSR.
     ended = console.wait_for('banner', text='ENDED\nKART 1\nKart 1 .* has not acknowledged')
     assert 'MSR' not in ended['text']
-    console.press('F11', see='mute', text='SOUND OFF')
+    console.press('F11', see='mute', text='OFF')
     ends = time.monotonic() + PATIENCE
     while 'seen_0' in console.widgets() and time.monotonic() < ends:
         console.key('F10')
     console.wait_for('standing', text='No alerts')
-
-
-def test_a_long_event_hides_no_other_one(
-    speak: Callable[..., Speaker], open_console: OpenConsole
-) -> None:
-    control = speak(race=race_of((1,)))
-    console = open_console(control)
-    console.wait_for('kart_1')
-    telling = control.node.create_publisher(msg.RaceEvents, 'rcs/events', latched(200))
-
-    long = msg.RaceEvent(sequence=1, text='RED_RED is sent to ' + 'kart 99, ' * 200)
-    telling.publish(msg.RaceEvents(events=[long, msg.RaceEvent(sequence=2, text='the newest')]))
-
-    console.wait_for('log', text='the newest')
-    # A bar below the log would lie over its last line; this is Qt's name for its place.
-    assert 'qt_scrollarea_hcontainer' not in console.widgets()
-
-
-def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(
-    speak: Callable[..., Speaker], open_console: OpenConsole
-) -> None:
-    kart = msg.KartStatus(number=7, in_race=True, may_be_moving=True)
-    kart.sent.state = kart.hold.state = msg.RaceState.RED_RED
-    race = msg.Race(karts=[kart], state_cause='RECORD_MSR by Anna')
-    race.state.state = msg.RaceState.RED_RED
-    race.track = msg.TrackAccess(open=True, allowed=True, reason='the MSR', msr_used=True)
-    race.alerts = [msg.Alert(kind=msg.Alert.LOST_IN_MOTION, kart=7, text='Kart 7 was lost')]
-    speaker = speak(race=race)
-    console = open_console(speaker)
-
-    console.wait_for('humans', text='ALLOWED BY THE MSR', tone='wait')
-    console.wait_for('humans_reason', text='it alone stops kart 7')
-    console.wait_for('kart_7', text='only the MSR stops it')
-    console.wait_for('state_since', text='RECORD_MSR by Anna')
-    console.wait_for('track', text='OPEN', tone='wait')
-    assert 'USE THE MSR' not in console.wait_for('banner', text='Kart 7 was lost')['text']
-
-    race.alerts[0].use_msr = True
-    speaker.tell(race)
-
-    console.wait_for('banner', text='USE THE MSR')
-    console.wait_for('humans', text='NO HUMANS', tone='bad')
-    console.wait_for('track', text='OPEN', tone='bad')
 
 
 def test_the_use_of_the_msr_is_recorded_by_a_statement(
@@ -870,7 +764,7 @@ def test_screenshots_of_every_state(
     shoot('question')
     console.press('y', see='state', text='GRID ACTIVE')
     console.hover('green_green')
-    console.wait_for('status', text=r'kart 3 .*: no GRID_ACTIVE yet \(for \d+ s\)')
+    console.wait_for('status', text=r'kart 3 .*: no GRID ACTIVE yet \(for \d+ s\)')
     shoot('grid')
     karts[3].say(GRID_ACTIVE)
     console.wait_for('green_green', barred='false')
@@ -879,17 +773,17 @@ def test_screenshots_of_every_state(
     karts[3].wait_for_state(GREEN_GREEN)
     karts[3].say(GREEN_GREEN)
     console.wait_for('kart_finish_2', barred='false')
-    console.press('b', see='kart_2', text='RED FLAG(.|\n)*✓ yes(.|\n)*P1')
+    console.press('b', see='kart_2', text='RED FLAG(.|\n)*✓ stopped(.|\n)*P1')
     console.hover('log')
     shoot('race')
     karts[3].close()
-    console.wait_for('kart_3', text='NO LINK')
+    console.wait_for('kart_3', link='✗ NO LINK')
     console.wait_for('banner', text='lost its connection')
     console.press('Escape', '3', see='number', text='KART 3')
     shoot('alert')
     console.key('space')
     console.wait_for('state', text='RED RED')
-    console.wait_for('kart_1', text='RED RED(.|\n)*✓ yes')
+    console.wait_for('kart_1', text='RED RED(.|\n)*✓ stopped')
     shoot('all-kill')
     console.press('F1', see='help')
     shoot('keys')
@@ -1081,7 +975,7 @@ def test_that_a_kart_was_made_safe_by_hand_is_stated_only_if_that_was_confirmed(
     official = join_official(control)
     official.command('kart/red_red', kart=1)
     official.wait_for_acks(RED_RED, 1)
-    console.wait_for('kart_1', text='■ RED RED(.|\n)*✓ yes')
+    console.wait_for('kart_1', text='■ RED RED(.|\n)*✓ stopped')
     console.wait_for('kart_in_garage_1', barred='false')  # after the pause
     console.press('1', 'ctrl+g', see='question_statement', text='kart 1 .* stands still')
 
@@ -1235,7 +1129,7 @@ def test_every_stop_is_pressed_until_race_control_is_back(
 
     connect_kart(again, 1, EACH_CHANGE).wait_for_state(state)
     console.wait_for('danger', visible=False)
-    console.wait_for('status', text=f'✓ .*{state.value}')
+    console.wait_for('status', text=f'✓ .*{state.value.replace("_", " ")}')
 
 
 # ----- where things are ---------------------------------------------------------------------
@@ -1293,135 +1187,6 @@ def race_of(
     )
 
 
-def lost(number: int) -> msg.Alert:
-    """Return the alert that a kart is lost while it may be moving."""
-    return msg.Alert(
-        kind=msg.Alert.LOST_IN_MOTION,
-        kart=number,
-        use_msr=True,
-        text=f'Use the MSR: kart {number} (Team {number}) lost its connection while it may have '
-        'been moving; it is back and has not stopped yet',
-    )
-
-
-SHARED = [
-    (kind.name.lower(), entry.undoes.name.lower())
-    for kind, entry in CATALOGUE.items()
-    if entry.undoes is not None
-]
-"""The names of the two commands of each button that has two."""
-
-
-def spot_of(name: str) -> str:
-    """Return the name of a button whichever of its commands it offers."""
-    for by, undone in SHARED:
-        name = name.replace(by, undone)
-    return name
-
-
-def places(console: Console) -> dict[str, tuple[int, int, int, int]]:
-    """Return where every button and every area is on the screen, and how large."""
-    areas = ('banner', 'karts', 'log', 'number_field', 'standing', 'status')
-    return {
-        spot_of(name): (
-            each['x'],
-            each['y'],
-            each['width'],
-            each['height'],
-        )
-        for name, each in console.widgets().items()
-        if each['button'] or name in areas
-    }
-
-
-@pytest.mark.parametrize(
-    ('width', 'height', 'count'),
-    [
-        (1366, 768, 30),
-        (1920, 1080, 8),
-        *(
-            pytest.param(*size, count, marks=pytest.mark.long)
-            for size, counts in (((1366, 768), (1, 8, 9)), ((1920, 1080), (1, 9, 30)))
-            for count in counts
-        ),
-    ],
-)
-def test_no_control_moves_whatever_is_shown(
-    speak: Callable[..., Speaker], open_console: OpenConsole, width: int, height: int, count: int
-) -> None:
-    numbers = range(1, count + 1)
-    race = race_of(numbers)
-    control = speak(race=race)
-    console = open_console(control, width, height)
-    console.wait_for('kart_finish_1', barred='false')
-    first = places(console)
-    asked: dict[str, tuple[int, int, int, int]] = {}
-
-    def compare(during: str) -> None:
-        now = places(console)
-        moved = {
-            name: (first[name], place)
-            for name, place in now.items()
-            if name in first and first[name] != place
-        }
-        assert not moved, during
-        # The danger panel takes the place of the track's button; nothing else may be missing.
-        assert set(first) - set(now) <= {'open_track'}, during
-        for name in ('yes', 'no'):
-            if name in now:
-                assert asked.setdefault(name, now[name]) == now[name], during
-        for name, (x, y, wide, high) in now.items():
-            if not name.startswith(('kart_', 'join_')):
-                assert min(x, y, width - x - wide, height - y - high) >= 0, f'{name}, {during}'
-
-    for many in (1, 3, 12):
-        control.tell(race_of(numbers, alerts=[lost(n + 1) for n in reversed(range(many))]))
-        console.wait_for('banner', text=f'KART {many}\n')
-        compare(f'{many} alerts')
-    control.tell(race)
-    console.wait_for('standing', text='ended')
-    compare('alerts that have ended')
-    control.tell(race_of(numbers, alerts=[lost(1)]))
-    console.wait_for('standing', text='1 new')
-    mark_as_seen(console, 'seen_all', 'Alerts: 1 seen')
-    compare('alerts that are seen')
-    control.tell(race_of(numbers, 'RED_RED', reason=LONG, in_race=False))
-    console.wait_for('kart_in_garage_1', barred='true')
-    compare('long reasons')
-    console.press('F3', see='status', text='Ostwestfalen')
-    compare('a long text in the bottom line')
-    control.tell(race)
-    console.wait_for('green_green', barred='false')
-    console.ask('F3')
-    compare('a question')
-    control.tell(race_of(numbers, reason=LONG))
-    console.wait_for('question_problem', text='Ostwestfalen')
-    compare('a question with a problem')
-    console.press('n', see='question', visible=False)
-    console.press('F1', see='help')
-    compare('the keys')
-    console.press('Escape', '5', '8', '7', see='number', text='NO KART 587')
-    compare('a number typed')
-    # The official scrolls, and what comes after that leaves the list where it is.
-    console.press('Escape', *str(count), see=f'kart_{count}', chosen='true')
-    first = places(console)
-    console.press('Escape', see='number', text='KART -')
-    control.tell(race_of(numbers, alerts=[lost(count)]))
-    console.wait_for('banner', text=f'KART {count}\n')
-    compare('an alert while the list is scrolled')
-    console.key('F4')
-    console.wait_for('status', text='sent [2-9] times')
-    compare('a stop that is pressed')
-    console.press('F11', see='mute', text='OFF')
-    compare('the sound off')
-    control.be_silent()
-    console.wait_for('danger_title', text='GONE')
-    compare('race control gone')
-    console.key('space')
-    console.wait_for('all_kill', pressing='true')
-    compare('ALL KILL that is pressed')
-
-
 # ----- a kart by its number -----------------------------------------------------------------
 
 
@@ -1433,66 +1198,6 @@ def test_a_number_typed_after_a_command_is_another_number(open_beside: OpenBesid
     second.wait_for_state(RED_RED)
     seventh.wait_for_state(RED_FLAG)
     assert [state for _, state in seventh.changes] == [IN_GARAGE, RED_FLAG]
-
-
-def test_a_number_that_is_not_in_the_roster_stops_no_other_kart_and_says_so(
-    open_beside: OpenBeside,
-) -> None:
-    console, (second, seventh), _ = open_beside(2, 7)
-    console.press_on('kart_7', see='number', text='KART 7')  # chosen in the list before
-
-    console.key('7', '2')
-    console.wait_for('number', text='NO KART 72', tone='bad')
-    console.key('ctrl+r')
-
-    console.wait_for('status', text='RED RED WAS NOT SENT.* 72', tone='bad')
-    console.wait_for('number', text='NO KART 72', tone='bad')
-    # Backspace and Escape edit.
-    console.press('Escape', '7', '2', 'BackSpace', see='number', text='^KART 7$')
-    console.press('Escape', see='number', text='KART -')
-    console.press('2', see='number', text='^KART 2$')
-    console.key('ctrl+r')
-    second.wait_for_state(RED_RED)
-    assert seventh.state is IN_GARAGE
-
-
-def test_a_number_that_nobody_uses_is_cleared_in_sight(
-    speak: Callable[..., Speaker], open_console: OpenConsole
-) -> None:
-    console = open_console(speak(race=race_of((2, 7))))
-    console.wait_for('kart_2')
-
-    console.press('7', see='number', text='^KART 7$')
-
-    console.wait_for('number', text='KART -')
-    console.wait_for('kart_7', chosen='false')
-
-
-@pytest.mark.parametrize('button', ['kart_finish_8', 'kart_red_red_8'])
-def test_a_click_just_after_the_roster_changed_hits_no_other_kart(
-    speak: Callable[..., Speaker], open_console: OpenConsole, button: str
-) -> None:
-    race = race_of(range(1, 9))
-    control = speak(race=race)
-
-    def aim(console: Console) -> tuple[int, int]:
-        return console.place(button, barred='false')
-
-    def act(console: Console, place: tuple[int, int]) -> None:
-        # Kart 3 is gone: kart 9 stands where kart 8 stood.
-        control.tell(race_of((1, 2, *range(4, 10))))
-        while 'kart_3' in console.widgets():
-            pass
-        console.screen.click(*place)
-
-    press = functools.partial(said_just_after, open_console, control, race, aim, act)
-    if button == 'kart_finish_8':
-        said = press(f'FINISH kart [89]|{DROPPED}')
-        assert 'WAS NOT SENT: the list of karts' in said
-    else:  # a stop is never refused, nor dropped
-        said = press('RED RED kart [89]')
-        assert 'RED RED kart 8' in said
-        assert 'RED RED kart 9' not in said
 
 
 # ----- nothing keeps a stop -----------------------------------------------------------------
@@ -1536,28 +1241,6 @@ def test_nothing_that_opens_takes_a_stop(
     console.wait_for('all_kill', pressing='true')
 
 
-@pytest.mark.parametrize(
-    ('button', 'said'),
-    [
-        ('kart_red_red_8', 'RED RED kart 8: sent'),
-        ('kart_finish_8', 'FINISH kart 8 WAS NOT SENT: the list'),
-    ],
-    ids=['a stop acts when it goes down', 'all else when it is let go, unless the rows moved'],
-)
-def test_a_button_held_down_while_the_rows_move_goes_to_no_other_kart(
-    speak: Callable[..., Speaker], open_console: OpenConsole, button: str, said: str
-) -> None:
-    control = speak(race=race_of(range(1, 9)))
-    console = open_console(control)
-    hold_down(console, button)
-
-    control.tell(race_of((1, 2, *range(4, 10))))  # kart 9 stands where kart 8 stood
-    console.wait_for(button.replace('8', '9'))
-    console.screen.release_button()
-
-    assert 'kart 9' not in console.wait_for('status', text=said)['text']
-
-
 @pytest.mark.parametrize('between', ['Escape', 'ctrl+g', 'ctrl+j'])
 def test_digits_typed_while_the_window_hung_are_not_joined_across_another_key(
     speak: Callable[..., Speaker], open_console: OpenConsole, between: str
@@ -1570,85 +1253,6 @@ def test_digits_typed_while_the_window_hung_are_not_joined_across_another_key(
 
     said = console.wait_for('status', text='RED RED kart [0-9]+: sent')['text']
     assert 'kart 2:' in said
-
-
-def test_a_stop_aimed_before_the_list_was_scrolled_goes_to_the_kart_that_stood_there(
-    speak: Callable[..., Speaker], open_console: OpenConsole
-) -> None:
-    console = open_console(speak(race=race_of(range(1, 31))))
-    place = console.place('kart_red_red_5', barred='false')
-
-    console.key('2', '5')
-    console.screen.click(*place)
-
-    said = console.wait_for('status', text='RED RED kart [0-9]+: sent')['text']
-    assert 'kart 5:' in said
-    console.wait_for('kart_25')
-
-
-def test_a_click_in_a_row_that_is_cut_scrolls_nothing(
-    speak: Callable[..., Speaker], open_console: OpenConsole
-) -> None:
-    console = open_console(speak(race=race_of(range(1, 31))))
-    console.wait_for('kart_finish_1', barred='false')
-    before = console.widgets()
-    end = before['karts']['y'] + before['karts']['height']
-    cut = next(
-        row for n in range(1, 31) if (row := before[f'kart_{n}'])['y'] + row['height'] > end
-    )
-
-    console.screen.click(cut['x'] + 20, cut['y'] + 2)
-
-    console.wait_for('number', text=f'KART {cut["text"].splitlines()[0]}$')
-    assert console.wait_for('kart_1')['y'] == before['kart_1']['y']
-
-
-def test_join_by_key_is_not_sent_as_leave_when_another_official_was_faster(
-    speak: Callable[..., Speaker], open_console: OpenConsole
-) -> None:
-    outside, inside = (race_of(range(1, 9), 'IN_GARAGE', in_race=each) for each in (False, True))
-    control = speak(race=outside)
-
-    def aim(console: Console) -> None:
-        console.wait_for('join_race_4', barred='false')
-        console.press('4', see='number', text='KART 4$')
-
-    def act(console: Console, _: None) -> None:
-        control.tell(inside)
-        while 'join_race_4' in console.widgets():
-            pass
-        console.key('ctrl+j')
-
-    answer = f'(?i:was not sent)|{DROPPED}'
-    said = said_just_after(open_console, control, outside, aim, act, answer)
-    assert said.startswith('LEAVE kart 4 WAS NOT SENT: the list')
-
-
-def test_the_sheet_of_heats_closes_when_the_heats_change(
-    speak: Callable[..., Speaker], open_console: OpenConsole
-) -> None:
-    def race(*names: str) -> msg.Race:
-        said = race_of(range(1, 9), 'IN_GARAGE', in_race=False)
-        said.heats = [msg.Heat(name=name, karts=[1, 2]) for name in names]
-        said.commands = [*said.commands, *offers('SET_HEAT')]
-        return said
-
-    control = speak(race=race('Heat A', 'Heat B'))
-    console = open_console(control)
-    console.wait_for('set_heat', barred='false')
-    console.press('ctrl+h', see='heats')
-    place = console.place('heat_1', text='Heat A')
-
-    control.tell(race('Heat C', 'Heat D'))
-    while 'heats' in console.widgets():
-        pass
-    console.screen.click(*place)
-
-    console.wait_for('heats', visible=False)
-    assert 'Heat C' not in console.wait_for('status')['text']
-    console.press_on('set_heat', see='heat_1', text='Heat C')
-    console.key('space')  # no sheet keeps a stop
-    console.wait_for('all_kill', pressing='true')
 
 
 @pytest.mark.parametrize(
@@ -1702,49 +1306,6 @@ def run_with_qt(code: str, **environment: str) -> subprocess.CompletedProcess[st
     )
 
 
-HELD_UP_PROGRAM = """
-from evgp_protocol import clock
-from evgp_rcs_console.inbox import Inbox
-from evgp_rcs_console.qt import QtCore, QtWidgets
-from evgp_rcs_console.signature import Signature
-from evgp_rcs_console.reading import read_race
-from evgp_rcs_console.window import ConsoleWindow
-from evgp_rcs_msgs import msg
-
-shown = []
-
-
-class Eye(QtCore.QObject):
-    def eventFilter(self, watched, event):
-        if event.type() == QtCore.QEvent.Type.Show:
-            shown.append(watched.objectName())
-        return False
-
-
-application = QtWidgets.QApplication(['rcs_gui'])
-inbox, eye = Inbox(), Eye()
-window = ConsoleWindow(inbox, lambda order: None, Signature('', 1), '')
-window.show()
-danger = window.findChild(QtWidgets.QWidget, 'danger')
-inbox.on_race(read_race(msg.Race()), clock.now(), False)
-application.processEvents()
-danger.installEventFilter(eye)
-alert = msg.Alert(kind=msg.Alert.LOST_IN_MOTION, kart=7)
-for age in range(30, -1, -1):
-    race = read_race(msg.Race(alerts=[alert] if age == 15 else []))
-    inbox.on_race(race, clock.now() - age / 10, False)
-application.processEvents()
-labels = window.findChild(QtWidgets.QWidget, 'alert_0').findChildren(QtWidgets.QLabel)
-print(shown, 'KART 7' in [label.text() for label in labels])
-"""
-
-
-def test_a_window_that_was_held_up_shows_no_snapshot_but_the_newest_and_every_alert() -> None:
-    done = run_with_qt(HELD_UP_PROGRAM)
-
-    assert done.stdout.split('\n')[0] == '[] True', done.stderr
-
-
 def test_the_process_of_a_closed_window_ends_in_time_when_ros_hangs() -> None:
     """DDS may hang with the interpreter's lock held; that cannot be brought about at will."""
     code = (
@@ -1781,39 +1342,3 @@ def test_the_locked_qt_loses_no_reference_to_none() -> None:
 
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) < 100
-
-
-@pytest.mark.parametrize('size', [(1366, 768), (1920, 1080)], ids=str)
-def test_no_state_link_or_place_of_a_row_is_cut(size: tuple[int, int]) -> None:
-    code = (
-        'from evgp_rcs_console import style, words\n'
-        'from evgp_rcs_console.karts import KartRow, ROW_HEIGHT\n'
-        'from evgp_rcs_console.qt import QtWidgets\n'
-        'from evgp_rcs_console.view import Cell, Row, Tone\n'
-        'from evgp_rcs_console.widgets import Fitted, Label\n'
-        'application = QtWidgets.QApplication([])\n'
-        f'by = style.scale{size}\n'
-        'window = QtWidgets.QWidget()\n'
-        'window.setStyleSheet(style.sheet(by))\n'
-        'row = KartRow(lambda *_: None)\n'
-        'QtWidgets.QVBoxLayout(window).addWidget(row)\n'
-        f'window.resize({size[0]} - 300, 100)\n'
-        'row.fit(by, round(ROW_HEIGHT * by))\n'
-        'row._buttons = []\n'
-        'window.show()\n'
-        'for name in words.STATES.values():\n'
-        '    for tone in Tone:\n'
-        '        cell, link = Cell(name, tone), Cell(words.NOT_LINKED, tone)\n'
-        '        race, waits = Cell(words.NOT_RACING, tone), Cell(words.WAITING, tone)\n'
-        "        row.show_row(Row(8, '', True, race, link, cell, '59 min', waits, cell, 'P30', '',"
-        ' (), None), False, False)\n'
-        '        application.processEvents()\n'
-        '        for label in row.findChildren(Label):\n'
-        '            cut = label.sizeHint().width() > label.width()\n'
-        '            if cut and not isinstance(label, Fitted):\n'
-        '                print(tone.value, label.text())\n'
-    )
-
-    done = run_with_qt(code)
-
-    assert (done.returncode, done.stdout) == (0, ''), done.stderr

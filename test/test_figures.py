@@ -204,7 +204,7 @@ def test_the_times_of_a_race_are_parameters_by_the_same_name_and_default() -> No
 
 # ----- one name, one meaning ---------------------------------------------------------------
 
-NAMESPACES = ('words.py', 'style.py')
+NAMESPACES = ('texts.py', 'style.py')
 """Modules whose names are always read with the module's before them: texts, colours."""
 
 

@@ -29,9 +29,8 @@ from evgp_rcs.race import (
     StartPhase,
 )
 from evgp_rcs.snapshot import snapshot_of
-from evgp_rcs_console.commands import asks
-from evgp_rcs_console.effects import Effects, effects
-from evgp_rcs_console.reading import read_race
+from evgp_rcs_console.client import read_race
+from evgp_rcs_console.commands import asks, Effects, effects
 from evgp_rcs_console.snapshot import Available, State
 from evgp_rcs_console.snapshot import Kart as ShownKart
 from evgp_rcs_console.snapshot import Race as ShownRace

@@ -25,11 +25,12 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.official import UNNAMED
 from evgp_rcs_console.client import Client, request_message
+from evgp_rcs_console.command_line import COMMANDS, STARTING, STATEMENTS
 from evgp_rcs_console.commands import Order
-from evgp_rcs_console.ctl import COMMANDS, STARTING, STATEMENTS, TIDY
-from evgp_rcs_console.desk import Desk
-from evgp_rcs_console.standing import Standing
-from evgp_rcs_console.words import SETTLING
+from evgp_rcs_console.ctl import TIDY
+from evgp_rcs_console.ctl_ros import Hearing
+from evgp_rcs_console.texts import SETTLING
+from evgp_rcs_console.unanswered import Standing
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES
@@ -125,7 +126,7 @@ def test_a_whole_race_by_commands(
 
 
 TYPE = 'rcs_ctl grid-active 1 2 --track-is-clear'
-NOT_YET = 'GREEN_GREEN refused: the race is in IN_GARAGE; GREEN_GREEN follows GRID_ACTIVE.\n'
+NOT_YET = 'GREEN GREEN refused: the race is in IN GARAGE; GREEN GREEN follows GRID ACTIVE.\n'
 
 
 def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
@@ -138,7 +139,7 @@ def test_what_is_refused_or_lacks_a_word_starts_nothing_and_says_what_to_type(
 
     for line, code, *said in (
         ('green-green 1 2', REFUSED, NOT_YET),
-        ('green-green', USAGE, 'GREEN_GREEN follows GRID_ACTIVE'),
+        ('green-green', USAGE, 'GREEN GREEN follows GRID ACTIVE'),
         ('grid-active 1 --track-is-clear', REFUSED, which, f'type: {TYPE}\n'),
         (
             *('grid-active --track-is-clear', USAGE, which, f'{TYPE}\n'),
@@ -393,7 +394,7 @@ def test_the_answer_is_out_before_anything_is_torn_down(
     done, seconds = run_hanging(tmp_path, control.domain, where, 'all-kill', '--wait', '20')
 
     assert (done.returncode, done.stderr) == (ACCEPTED, '')
-    assert 'RED_RED is sent' in done.stdout
+    assert 'RED RED is sent' in done.stdout
     assert seconds < 20
 
 
@@ -425,7 +426,7 @@ def test_a_stop_of_a_kart_is_pressed_until_race_control_is_there(
         stdout, stderr = stop.communicate(timeout=2 * PATIENCE)
 
     assert stop.returncode == ACCEPTED, stderr
-    assert 'RED_RED' in stdout
+    assert 'RED RED' in stdout
 
 
 def test_a_command_that_is_killed_leaves_no_process_behind() -> None:
@@ -498,12 +499,12 @@ def test_watch_shows_the_race_and_what_happens(
 
     assert shown.returncode == ACCEPTED
     assert 'Race: ■ RED RED' in shown.stdout
-    assert 'held: ALL_KILL' in shown.stdout
+    assert 'held: ALL KILL' in shown.stdout
     # It says that it stands: not for people yet.
     assert re.search(SETTLING.format(seconds=r'\d\d'), shown.stdout)
-    assert 'ALL_KILL by ' in shown.stdout.splitlines()[0]
+    assert 'ALL KILL by ' in shown.stdout.splitlines()[0]
     assert events.returncode == ACCEPTED
-    assert 'Kart 1 (Team 1) acknowledged RED_RED' in events.stdout
+    assert 'Kart 1 (Team 1) acknowledged RED RED' in events.stdout
     assert 'Kart 2' not in events.stdout
 
 
@@ -600,7 +601,7 @@ def test_watch_goes_on_and_says_when_race_control_is_gone(
         assert watch.wait(PATIENCE) == ACCEPTED
 
 
-class SlowListener(Desk):
+class SlowListener(Hearing):
     """Takes its time over the news that ALL KILL is pressed, unless it is accepted meanwhile."""
 
     def __init__(self) -> None:

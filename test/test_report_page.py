@@ -347,7 +347,7 @@ def test_on_paper_there_is_the_timeline_of_the_run_and_of_each_race_with_every_k
     greens = browser.evaluate(
         """[...document.querySelectorAll('#pictures canvas')].map((each) => {
             const {data} = each.getContext('2d').getImageData(0, 0, each.width, each.height);
-            return new Uint32Array(data.buffer).filter((pixel) => pixel === 0xff386b00).length;
+            return new Uint32Array(data.buffer).filter((pixel) => pixel === 0xff3e7d0a).length;
         })"""
     )
     grids = [each for each in paper.events if each.state == 'GRID_ACTIVE' and not each.kart]

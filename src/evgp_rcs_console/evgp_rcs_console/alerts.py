@@ -12,77 +12,114 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The alerts, in an area that is always there, also while there are none."""
+"""
+The alerts, in an area that is always there, and the sound that comes until they are seen.
+
+The sound is a short two-tone wave, played by what the machine has to play it.
+"""
 
 from __future__ import annotations
 
+import array
 from collections.abc import Sequence
+import math
+import pathlib
+import shutil
+import sys
+import tempfile
+import wave
 
 from evgp_protocol import clock
-from evgp_rcs_console import words
+from evgp_rcs_console import texts
 from evgp_rcs_console.freshness import Aim
-from evgp_rcs_console.notices import Notice, summary
-from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
+from evgp_rcs_console.notices import AlertBook, Notice, summary
+from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
+from evgp_rcs_console.snapshot import Race, State
+from evgp_rcs_console.style import look, SMALL, TEXT
 from evgp_rcs_console.view import Cell, Tone
-from evgp_rcs_console.widgets import column, Fitted, Label, set_property, set_text
+from evgp_rcs_console.widgets import Card, Painted, Pen, place, Push, Text, TOP
 
 PLACES = 3
 """Number of alerts that are shown at once; of the others, the number and the karts are shown."""
 
+HEAD, EACH = 30, 62
+"""Heights of the heading and of each alert."""
 
-class AlertPlace(QtWidgets.QFrame):
+SOUND_AGAIN = 4.0
+"""Time between two sounds while an alert is not seen, in seconds."""
+
+PLAYERS = ('pw-play', 'paplay', 'aplay')
+"""Programs that play a file, the preferred one first."""
+
+RATE = 22050
+TONES = ((880.0, 0.18), (660.0, 0.18), (880.0, 0.18))
+"""Frequency (Hz) and length (s) of each tone."""
+
+
+class AlertPlace(Painted):
     """One alert: what to do, the kart, the sentence, and SEEN."""
 
-    def __init__(self, place: int) -> None:
+    def __init__(self, number: int) -> None:
         """Be empty."""
-        super().__init__()
-        self.setObjectName(f'alert_{place}')
-        self.setProperty('alert', 'none')
-        self._what = Label(alert_part='what')
-        self._kart = Label(alert_part='kart')
-        for label in (self._what, self._kart):
-            label.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
-        self._text = Fitted('', (17, 15, 13, 12, 11), alert_part='text')
-        self.seen = QtWidgets.QPushButton()
-        self.seen.setObjectName(f'seen_{place}')
-        policy = self.seen.sizePolicy()
-        policy.setRetainSizeWhenHidden(True)
-        self.seen.setSizePolicy(policy)
+        super().__init__(f'alert_{number}')
+        self._notice: Notice | None = None
+        self.seen = Push(f'seen_{number}')
+        self.seen.setParent(self)
         self.seen.hide()
-        layout = QtWidgets.QHBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        for widget in (self._what, self._kart):
-            layout.addWidget(widget)
-        layout.addWidget(self._text, 1)
-        layout.addWidget(self.seen)
 
-    def fit(self, by: float) -> None:
-        """Take the size of a scale."""
-        self.setFixedHeight(round(30 * by))
-        self._what.setFixedWidth(round(146 * by))
-        self._kart.setFixedWidth(round(96 * by))
-        self.seen.setFixedSize(round(94 * by), round(28 * by))
-        self._text.fit(by)
+    @property
+    def whole(self) -> str:
+        """Return all that it says."""
+        notice = self._notice
+        return '\n'.join((notice.heading, self._kart, notice.text)) if notice else ''
+
+    @property
+    def _kart(self) -> str:
+        kart = self._notice.alert.kart if self._notice else 0
+        return texts.FIELD_KART.format(number=kart) if kart else ''
+
+    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
+        """Put SEEN where it belongs."""
+        wide, margin = look.px(78), look.px(4)
+        self.seen.setGeometry(self.width() - wide - margin, margin, wide, look.px(22))
 
     def show_notice(self, notice: Notice | None, key: str) -> None:
         """Show an alert, or none, and the key that presses its SEEN."""
-        look = 'none'
-        if notice is not None:
-            look = 'msr' if notice.use_msr else 'other' if notice.standing else 'ended'
-        set_property(self, 'alert', look)
-        is_seen = 'true' if notice is not None and notice.seen else 'false'
-        for label in (self._what, self._kart, self._text):
-            set_property(label, 'look', look)
-            set_property(label, 'seen', is_seen)
-        set_text(self._what, notice.heading if notice is not None else '')
-        kart = notice.alert.kart if notice is not None else 0
-        set_text(self._kart, words.FIELD_KART.format(number=kart) if kart else '')
-        self._text.show_text(notice.text if notice is not None else '')
+        self._notice = notice
         self.seen.setVisible(notice is not None and not notice.seen)
-        set_text(self.seen, f'{words.SEEN}  {key}'.strip())
+        self.seen.show_words(texts.SEEN, key)
+        self.show_it(notice)
+
+    def paint(self, pen: Pen) -> None:
+        """Draw it: filled until it is seen, then framed; of one that has ended the text only."""
+        notice = self._notice
+        if notice is None:
+            return
+        ink, fill = look.fill(Tone.BAD if notice.use_msr else Tone.WAIT)
+        if not notice.standing:
+            line = QtCore.QRect(0, 0, self.width(), look.px(34))
+            pen.box(line, look.palette.raised)
+            line.setRight(self.seen.geometry().left() - look.px(4))
+            text = texts.ENDED_LINE.format(heading=notice.heading, text=notice.text)
+            pen.text(line.adjusted(look.px(10), 0, 0, 0), text, look.palette.ink, SMALL, wrap=True)
+            return
+        if notice.seen:
+            pen.box(self.rect(), '', fill, 2)
+            ink = look.palette.ink
+        else:
+            pen.box(self.rect(), fill)
+        inner = self.rect().adjusted(look.px(10), look.px(4), -look.px(8), -look.px(2))
+        upper = inner.adjusted(0, 0, 0, look.px(22) - inner.height())
+        if not notice.seen:
+            upper.setRight(self.seen.geometry().left() - look.px(4))
+        heading = ' · '.join(filter(None, (notice.heading, self._kart)))
+        size = TEXT + 2 if notice.use_msr else TEXT
+        pen.text(upper, heading, ink, size, True)
+        lower = inner.adjusted(0, upper.height() + look.px(1), 0, 0)
+        pen.text(lower, notice.text, ink, SMALL, align=TOP, wrap=True)
 
 
-class AlertsArea(QtWidgets.QWidget):
+class AlertsArea(Card):
     """
     The alerts that are not marked as seen, and those whose cause still exists.
 
@@ -97,46 +134,41 @@ class AlertsArea(QtWidgets.QWidget):
 
     def __init__(self) -> None:
         """Have no alert."""
-        super().__init__()
+        super().__init__('banner')
         self._notices: list[Notice] = []
         self._aim: Aim[list[int]] = Aim()
         self._down = 0
-        self._summary = Fitted('standing', (15, 13, 12, 11), fill='true')
-        self._see_all = QtWidgets.QPushButton(words.SEEN_ALL)
-        self._see_all.setObjectName('seen_all')
-        self._see_all.clicked.connect(self._press_all)
-        self._mute = QtWidgets.QPushButton()
-        self._mute.setObjectName('mute')
-        self._mute.clicked.connect(self.mute)
-        head = QtWidgets.QWidget()
-        top = QtWidgets.QHBoxLayout(head)
-        top.setContentsMargins(0, 0, 0, 0)
-        top.addWidget(self._summary, 1)
-        top.addWidget(self._see_all)
-        top.addWidget(self._mute)
-        frame = QtWidgets.QFrame()
-        frame.setObjectName('banner')
-        self._frame = frame
-        self._places = [AlertPlace(place) for place in range(PLACES)]
-        for place, each in enumerate(self._places):
-            each.seen.pressed.connect(lambda place=place: self._go_down(place))
-            each.seen.clicked.connect(lambda _=False, place=place: self._let_go(place))
-        inside = column(frame, *self._places)
-        inside.setSpacing(0)
-        column(self, head, frame).setSpacing(2)
+        self._summary = Text('standing', SMALL, True, wrap=True)
+        self._see_all = Push('seen_all', texts.SEEN_ALL)
+        self._mute = Push('mute')
+        for button, pressed in ((self._see_all, self._press_all), (self._mute, self.mute.emit)):
+            button.quiet = True
+            button.clicked.connect(pressed)
+        self._places = [AlertPlace(number) for number in range(PLACES)]
+        parts: tuple[QtWidgets.QWidget, ...] = (self._summary, self._see_all, self._mute)
+        for part in (*parts, *self._places):
+            part.setParent(self)
+        for number, each in enumerate(self._places):
+            each.seen.pressed.connect(lambda number=number: self._go_down(number))
+            each.seen.clicked.connect(lambda _=False, number=number: self._let_go(number))
 
-    def fit(self, by: float) -> None:
-        """Take the size of a scale."""
-        self._summary.setFixedHeight(round(26 * by))
-        self._summary.fit(by)
-        self._see_all.setFixedSize(round(94 * by), round(26 * by))
-        self._mute.setFixedSize(round(146 * by), round(26 * by))
-        for place in self._places:
-            place.fit(by)
+    @property
+    def whole(self) -> str:
+        """Return all alerts that are shown."""
+        return '\n'.join(each.whole for each in self._places)
+
+    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
+        """Put everything in its place."""
+        width = self.width() / look.by
+        place(self._summary, 12, 2, width - 176, 26)
+        place(self._see_all, width - 162, 4, 76, 23)
+        place(self._mute, width - 82, 4, 76, 23)
+        for number, each in enumerate(self._places):
+            place(each, 6, HEAD + number * EACH, width - 12, EACH - 4)
 
     def show_sound(self, muted: bool) -> None:
         """Show whether the sound is off."""
-        set_text(self._mute, f'{words.SOUND_OFF if muted else words.SOUND_ON}  F11')
+        self._mute.show_words(texts.SOUND_OFF if muted else texts.SOUND_ON, 'F11')
 
     def show_notices(
         self, notices: Sequence[Notice], own: bool = False, known: bool = True
@@ -152,19 +184,19 @@ class AlertsArea(QtWidgets.QWidget):
         if before != self._unseen() and before and not own:
             self._aim.change(before, clock.now())
         first = next((notice.number for notice in notices if not notice.seen), 0)
-        for place, each in enumerate(self._places):
-            notice = notices[place] if place < len(notices) else None
+        for number, each in enumerate(self._places):
+            notice = notices[number] if number < len(notices) else None
             f10 = notice is not None and notice.number == first
             each.show_notice(notice, 'F10' if f10 else '')
         tone = Tone.GOOD
         if notices:
             unseen = any(not each.seen and each.standing for each in notices)
-            tone = Tone.BAD if unseen else Tone.WAIT
+            tone = Tone.BAD if unseen else Tone.PLAIN
         told = summary(notices, PLACES)
         if not notices and not known:
-            told, tone = words.ALERTS_UNKNOWN, Tone.FAINT
+            told, tone = texts.ALERTS_UNKNOWN, Tone.FAINT
         self._summary.show_cell(Cell(told, tone))
-        set_property(self._see_all, 'barred', 'false' if first else 'true')
+        self._see_all.bar(not first)
 
     def press_first(self) -> None:
         """Mark the first alert that is not seen as seen, if it could be read long enough."""
@@ -176,22 +208,22 @@ class AlertsArea(QtWidgets.QWidget):
         """Return the number of the unseen notice in each line, 0 for a line without one."""
         return [0 if notice.seen else notice.number for notice in self._notices]
 
-    def _go_down(self, place: int) -> None:
+    def _go_down(self, line: int) -> None:
         numbers = self._unseen()
-        self._down = numbers[place] if place < len(numbers) else 0
+        self._down = numbers[line] if line < len(numbers) else 0
 
-    def _let_go(self, place: int) -> None:
+    def _let_go(self, line: int) -> None:
         numbers = self._unseen()
-        if place < len(numbers) and numbers[place] == self._down:
-            self._press(place)
+        if line < len(numbers) and numbers[line] == self._down:
+            self._press(line)
         else:
             self.changed.emit()
 
-    def _press(self, place: int) -> None:
+    def _press(self, line: int) -> None:
         stood = self._aim.seen(clock.now())
         numbers = self._unseen()
-        number = numbers[place] if place < len(numbers) else 0
-        if stood is not None and (place >= len(stood) or stood[place] != number):
+        number = numbers[line] if line < len(numbers) else 0
+        if stood is not None and (line >= len(stood) or stood[line] != number):
             self.changed.emit()
         elif number:
             self.seen.emit(number)
@@ -202,3 +234,125 @@ class AlertsArea(QtWidgets.QWidget):
             self.changed.emit()
         else:
             self.all_seen.emit()
+
+
+class Alarm:
+    """
+    Has the alerts shown, and sounds.
+
+    :param area: where the alerts are shown.
+    """
+
+    def __init__(self, area: AlertsArea) -> None:
+        """Begin with no alert, and with the sound on."""
+        self._area = area
+        self._book = AlertBook()
+        self._known = False
+        self._sound = Sound()
+        self._muted = False
+        self._sounded_at = 0.0
+        self._state = State.UNKNOWN
+        area.show_sound(muted=False)
+
+    def take_race(self, race: Race, two: bool) -> None:
+        """Take the alerts of a snapshot; a new one sounds soon."""
+        if race.state is State.GRID_ACTIVE and self._state is not State.GRID_ACTIVE:
+            self._book.begin_race()
+        self._state = race.state
+        if self._book.update(race.alerts, two):
+            self.sound_soon()
+
+    def show(self, known: bool) -> None:
+        """
+        Show the alerts.
+
+        :param known: race control is heard; if it is not, it may have alerts of which we do not
+            know.
+        """
+        self._known = known
+        self._area.show_notices(self._book.shown, known=known)
+
+    def see(self, number: int) -> None:
+        """Mark an alert as seen."""
+        self._book.see(number)
+        self._area.show_notices(self._book.shown, own=True, known=self._known)
+
+    def see_all(self) -> None:
+        """Mark every alert as seen."""
+        self._book.see_all()
+        self._area.show_notices(self._book.shown, own=True, known=self._known)
+
+    def toggle_sound(self) -> None:
+        """Turn the sound off or on."""
+        self._muted = not self._muted
+        self.sound_soon()
+        self._area.show_sound(self._muted)
+
+    def sound_soon(self) -> None:
+        """Sound at the next look, if there is a reason to."""
+        self._sounded_at = 0.0
+
+    def look(self, now: float, alarming: bool) -> None:
+        """
+        Sound if it is time.
+
+        :param now: the time, in seconds.
+        :param alarming: race control is gone or must not be relied on.
+        """
+        due = now - self._sounded_at >= SOUND_AGAIN
+        if due and (alarming or self._book.unseen) and not self._muted:
+            self._sounded_at = now
+            self._sound.play()
+
+    def sound_now(self) -> None:
+        """Sound once: a stop was not sent."""
+        if not self._muted:
+            self._sound.play()
+
+    def close(self) -> None:
+        """Tidy up."""
+        self._sound.close()
+
+
+def alarm() -> bytes:
+    """Return the samples of the alarm: 16 bit, mono."""
+    samples = array.array('h')
+    for frequency, length in TONES:
+        count = int(RATE * length)
+        samples.extend(
+            int(24000 * math.sin(2 * math.pi * frequency * n / RATE)) for n in range(count)
+        )
+    if sys.byteorder == 'big':
+        samples.byteswap()
+    return samples.tobytes()
+
+
+class Sound:
+    """
+    Plays the alarm without waiting for it.
+
+    Where no player is found it is the system's bell, which many machines have turned off.
+    """
+
+    def __init__(self) -> None:
+        """Look for a player, and write the file for it."""
+        found = [path for path in map(shutil.which, PLAYERS) if path]
+        self._player = found[0] if found else None
+        self._folder = tempfile.TemporaryDirectory(prefix='rcs_gui-')
+        self._file = pathlib.Path(self._folder.name, 'alarm.wav')
+        with wave.open(str(self._file), 'wb') as out:
+            out.setnchannels(1)
+            out.setsampwidth(2)
+            out.setframerate(RATE)
+            out.writeframes(alarm())
+
+    def play(self) -> None:
+        """Play it once."""
+        if self._player is None:
+            QtWidgets.QApplication.beep()
+        else:
+            QtCore.QProcess.startDetached(self._player, [str(self._file)])
+
+    def close(self) -> None:
+        """Remove the file."""
+        self._folder.cleanup()

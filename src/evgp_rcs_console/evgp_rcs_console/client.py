@@ -26,10 +26,14 @@ Whoever listens is called in these threads, and must hand over to its own at onc
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 import ipaddress
 import queue
+import re
 import threading
+import time
 from typing import Any, Protocol
 
 from evgp_node.graph import bind_graph, EVERY, fence_graph, reachable_at
@@ -37,18 +41,168 @@ from evgp_node.services import service_class
 from evgp_node.spinning import Spinning
 from evgp_protocol.clock import duration, now
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs_console import words
+from evgp_rcs_console import texts
 from evgp_rcs_console.commands import Order, request
-from evgp_rcs_console.reading import read_event, read_race, state_message
-from evgp_rcs_console.snapshot import Answer, Event, Race, State
-from evgp_rcs_console.sources import Sources
-from evgp_rcs_console.standing import PRESS_AGAIN, Standing, StandingStops
+from evgp_rcs_console.snapshot import (
+    Alert,
+    Answer,
+    Availability,
+    Available,
+    Event,
+    Heat,
+    Kart,
+    Race,
+    State,
+    Track,
+)
+from evgp_rcs_console.unanswered import PRESS_AGAIN, Standing, StandingStops
 from evgp_rcs_msgs import msg
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+
+_STATES = {int(getattr(msg.RaceState, state.name)): state for state in State}
+_COMMANDS = {int(getattr(msg.CommandAvailability, each.name)): each for each in CommandKind}
+_ALERTS = {
+    value: name
+    for name in dir(msg.Alert)
+    if name.isupper() and isinstance(value := getattr(msg.Alert, name), int)
+}
+
+
+_ONE_NAME = re.compile(
+    '|'.join(rf'\b{each.name}\b' for each in (*State, *CommandKind) if '_' in each.name)
+)
+
+
+@lru_cache(maxsize=1000)
+def spoken(sentence: str) -> str:
+    """Return a sentence of race control with each state's name as buttons and rows have it."""
+    return _ONE_NAME.sub(lambda name: name[0].replace('_', ' '), sentence)
+
+
+def read_race(race: msg.Race) -> Race:
+    """Return the race of a message."""
+    stamp = _seconds(race.stamp)
+    return Race(
+        state=_state(race.state),
+        state_for=stamp - _seconds(race.state_since),
+        over=race.over,
+        karts=tuple(_kart(kart, stamp) for kart in race.karts),
+        commands=_availability(race.commands, stamp),
+        track=Track(
+            is_open=race.track.open,
+            allowed=race.track.allowed,
+            reason=spoken(race.track.reason),
+            msr_used=race.track.msr_used,
+        ),
+        alerts=tuple(
+            Alert(
+                kind=_ALERTS.get(alert.kind, 'UNKNOWN'),
+                kart=alert.kart,
+                use_msr=alert.use_msr,
+                text=spoken(alert.text),
+            )
+            for alert in race.alerts
+        ),
+        heats=tuple(Heat(heat.name, tuple(heat.karts)) for heat in race.heats),
+        banner=race.banner,
+        state_cause=spoken(race.state_cause),
+        state_clock=_clock(race.state_since),
+        at=stamp,
+    )
+
+
+def read_event(event: msg.RaceEvent) -> Event:
+    """Return the event of a message."""
+    return Event(
+        sequence=event.sequence,
+        clock=_clock(event.stamp),
+        kart=event.kart,
+        success=event.success,
+        text=spoken(event.text),
+        official=event.official,
+        is_command=event.kind == msg.RaceEvent.COMMAND,
+        race=_state(event.state) if event.kind == msg.RaceEvent.RACE_STATE else State.UNKNOWN,
+        at=_seconds(event.stamp),
+    )
+
+
+def state_message(state: State) -> msg.RaceState:
+    """Return a state as a message."""
+    return msg.RaceState(state=getattr(msg.RaceState, state.name))
+
+
+def _kart(kart: msg.KartStatus, stamp: float) -> Kart:
+    return Kart(
+        number=kart.number,
+        team=kart.team,
+        in_race=kart.in_race,
+        connected=kart.connected,
+        sent=_state(kart.sent),
+        sent_for=stamp - _seconds(kart.sent_since),
+        acknowledged=kart.acknowledged,
+        reported=_state(kart.reported),
+        hold=_state(kart.hold),
+        hold_reason=spoken(kart.hold_reason),
+        may_be_moving=kart.may_be_moving,
+        place=kart.place,
+        inspected=kart.inspected,
+        settles_in=max(0.0, _seconds(kart.settles_at) - stamp),
+        commands=_availability(kart.commands, stamp),
+    )
+
+
+def _availability(commands: Iterable[msg.CommandAvailability], stamp: float) -> Availability:
+    return {
+        _COMMANDS[each.command]: Available(
+            each.available,
+            spoken(each.reason),
+            spoken(each.statement),
+            tuple(each.karts),
+            max(0.0, _seconds(each.available_from) - stamp),
+        )
+        for each in commands
+        if each.command in _COMMANDS
+    }
+
+
+def _state(message: msg.RaceState) -> State:
+    return _STATES.get(message.state, State.UNKNOWN)
+
+
+def _clock(stamp: Any) -> str:
+    return time.strftime('%H:%M:%S', time.localtime(stamp.sec))
+
+
+def _seconds(message: Any) -> float:
+    return float(message.sec) + float(message.nanosec) / 1e9
+
+
+WITHIN = 4.0
+"""Time within which the numbers must go down twice, in seconds; each is heard twice a second."""
+
+
+class Sources:
+    """Hears the numbers of snapshots."""
+
+    def __init__(self) -> None:
+        """Begin with nothing heard."""
+        self._last: int | None = None
+        self._falls: deque[float] = deque(maxlen=2)
+
+    def hear(self, number: int, now: float) -> None:
+        """Take the number of a snapshot and when it came, in seconds."""
+        if self._last is not None and number <= self._last:
+            self._falls.append(now)
+        self._last = number
+
+    def are_two(self, now: float) -> bool:
+        """Return whether two race controls are heard."""
+        return len(self._falls) == 2 and now - self._falls[0] < WITHIN
+
 
 GIVE_UP = 15.0
 """Time for which an answer to a command that is no stop is waited for, in seconds."""
@@ -190,8 +344,8 @@ class Client:
         if self._services[CATALOGUE[order.command].service].service_is_ready():
             self._request(order)
             return
-        name = words.order_name(order)
-        self._listener.on_answer(order, Answer(False, words.NOT_THERE.format(command=name)))
+        name = texts.order_name(order)
+        self._listener.on_answer(order, Answer(False, texts.NOT_THERE.format(command=name)))
 
     def _request(self, order: Order) -> None:
         service = self._services[CATALOGUE[order.command].service]
@@ -218,8 +372,8 @@ class Client:
         for future, order in late.items():
             self._services[CATALOGUE[order.command].service].remove_pending_request(future)
             if not CATALOGUE[order.command].stop:
-                name = words.order_name(order)
-                text = words.GAVE_UP.format(command=name, age=duration(GIVE_UP, 0))
+                name = texts.order_name(order)
+                text = texts.GAVE_UP.format(command=name, age=duration(GIVE_UP, 0))
                 self._listener.on_answer(order, Answer(False, text))
 
     # ----- the executor's thread ----------------------------------------------------------
@@ -229,7 +383,7 @@ class Client:
             order = self._waiting.pop(future, None)
             if order is None or future.cancelled():
                 return
-            answer = Answer(future.result().success, future.result().message)
+            answer = Answer(future.result().success, spoken(future.result().message))
             stood = self._standing.stands(order)
             if answer.success:
                 ended = self._standing.accepted(order)
@@ -292,8 +446,8 @@ def domain_of(context: Context | None = None) -> int:
 def looking(topic: str, context: Context | None = None) -> str:
     """Return where a client looks for race control, as a sentence says it."""
     beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
-    where = words.ON_THIS_MACHINE
+    where = texts.ON_THIS_MACHINE
     if beyond:
-        addresses = words.EVERY_ADDRESS if EVERY in beyond else ' and '.join(beyond)
-        where = words.AT_ADDRESSES.format(addresses=addresses)
-    return words.LOOKING.format(topic=topic, domain=domain_of(context), where=where)
+        addresses = texts.EVERY_ADDRESS if EVERY in beyond else ' and '.join(beyond)
+        where = texts.AT_ADDRESSES.format(addresses=addresses)
+    return texts.LOOKING.format(topic=topic, domain=domain_of(context), where=where)

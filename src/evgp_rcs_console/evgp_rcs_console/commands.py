@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-An official's command as a request: what goes into it, and whether the screen wants it confirmed.
+An official's command: what it asks of race control, what it does, and what became of it.
 
-What each command is called, and whether it is a stop, stands in the catalogue; whether it is
-allowed is race control's to say.
+What each command is called, and whether it is a stop, is in the catalogue; whether it is allowed
+is race control's to say. Pure: snapshots and times go in.
 """
 
 from __future__ import annotations
@@ -24,8 +24,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from evgp_protocol.clock import now
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs_console.snapshot import State
+from evgp_protocol.states import RaceState
+from evgp_rcs.catalogue import CATALOGUE, CommandKind, Result
+from evgp_rcs_console.snapshot import Available, Kart, Race, State
 
 
 @dataclass(frozen=True)
@@ -76,3 +77,152 @@ def request(order: Order) -> dict[str, int | bool | str | list[int] | State]:
     if entry.names_heat:
         fields['heat'] = order.heat
     return fields
+
+
+SENDS = {
+    CommandKind.GRID_ACTIVE: State.GRID_ACTIVE,
+    CommandKind.GREEN_GREEN: State.GREEN_GREEN,
+    CommandKind.IN_GARAGE: State.IN_GARAGE,
+    CommandKind.RECORD_MSR: State.RED_RED,
+    CommandKind.KART_IN_GARAGE: State.IN_GARAGE,
+}
+"""What the commands that ask send; OPEN_TRACK sends nothing."""
+
+
+@dataclass(frozen=True)
+class Effects:
+    """
+    What a command would do; each kart of the roster is in one of these.
+
+    :param state: what it sends; UNKNOWN if it sends nothing.
+    :param now: karts that are sent it at once.
+    :param later: karts without a connection, which are sent it when they have one.
+    :param held: other karts, which stay held.
+    :param rest: karts to which nothing happens.
+    """
+
+    state: State
+    now: tuple[Kart, ...] = ()
+    later: tuple[Kart, ...] = ()
+    held: tuple[Kart, ...] = ()
+    rest: tuple[Kart, ...] = ()
+
+
+def effects(command: CommandKind, race: Race, offered: Available, kart: Kart | None) -> Effects:
+    """
+    Return what a command would do.
+
+    :param offered: what race control says of the command.
+    :param kart: the kart it is for, if it is for one.
+    """
+    if command not in SENDS:
+        concerned: set[int] = set()
+    elif kart is not None:
+        concerned = {kart.number}
+    elif command is CommandKind.RECORD_MSR:
+        concerned = {each.number for each in race.karts}
+    else:
+        concerned = set(offered.karts)
+
+    def those(wanted: bool, part: bool) -> tuple[Kart, ...]:
+        return tuple(
+            each
+            for each in race.karts
+            if (each.number in concerned) is wanted
+            and (each.connected if wanted else each.hold is not State.UNKNOWN) is part
+        )
+
+    return Effects(
+        SENDS.get(command, State.UNKNOWN),
+        now=those(True, True),
+        later=those(True, False),
+        held=those(False, True),
+        rest=those(False, False),
+    )
+
+
+def nobody_is_heard(race: Race) -> bool:
+    """Return whether humans are allowed on the track only because no kart is connected."""
+    connected = any(kart.connected for kart in race.karts)
+    return race.track.allowed and not race.track.msr_used and not connected
+
+
+SETTLED = 1.0
+"""Time after an answer when every snapshot that comes is newer than it, in seconds. Race control
+publishes one every 0.5 s at least."""
+
+
+class Outcome:
+    """
+    The effect of an accepted command.
+
+    :param at: time of its answer, in seconds.
+    """
+
+    def __init__(self, order: Order, at: float) -> None:
+        """Wait for a snapshot that shows the effect."""
+        self.order = order
+        self._at = at
+        self._seen: object = None
+
+    def stands(self, race: Race, at: float) -> bool:
+        """
+        Return whether a snapshot, like every one before it, agrees with the answer.
+
+        :param at: time when the snapshot came, in seconds.
+        """
+        shown = self._shown(race)
+        if self._seen is None and self._is_done(race):
+            self._seen = shown
+        if self._seen is None:
+            return at - self._at < SETTLED  # it may be older than the answer
+        return shown == self._seen
+
+    def _shown(self, race: Race) -> object:
+        """Return the part of a snapshot that the command can change."""
+        entry = CATALOGUE[self.order.command]
+        if entry.result.track_open is not None:
+            return race.track.is_open
+        if entry.names_heat:
+            return race.state, _racing(race)
+        kart = race.kart(self.order.kart)
+        if kart is None:
+            return (race.state,)
+        return kart.sent, kart.hold, kart.in_race, kart.place
+
+    def _is_done(self, race: Race) -> bool:
+        order = self.order
+        entry = CATALOGUE[order.command]
+        if entry.names_heat:
+            return any(
+                heat.name == order.heat and heat.karts == _racing(race) for heat in race.heats
+            )
+        return is_so(entry.result, race, race.kart(order.kart))
+
+
+def is_so(result: Result, race: Race, kart: Kart | None) -> bool:
+    """
+    Return whether a snapshot shows what a command brings about.
+
+    :param kart: the kart that the command is for, if it is for one.
+    """
+    shown = []
+    if result.race:
+        shown.append(race.state in map(_state, result.race))
+    if result.track_open is not None:
+        shown.append(race.track.is_open is result.track_open)
+    if kart is not None and result.hold:
+        shown.append(kart.hold in map(_state, result.hold))
+    if kart is not None and result.in_race is not None:
+        shown.append(kart.in_race is result.in_race)
+    if kart is not None and result.placed is not None:
+        shown.append((kart.place > 0) is result.placed)
+    return bool(shown) and all(shown)
+
+
+def _state(each: RaceState | None) -> State:
+    return State.UNKNOWN if each is None else State[each.name]
+
+
+def _racing(race: Race) -> tuple[int, ...]:
+    return tuple(kart.number for kart in race.karts if kart.in_race)

@@ -11,41 +11,43 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-#
 # PYTHON_ARGCOMPLETE_OK
 
 """
-The officials' terminal client: `rcs_ctl`, one command per command of an official, and `watch`.
+The officials' terminal client as a process: it keeps the deadline and prints the answer.
 
-It knows no rule of the race either. The official makes each statement by a flag of its own, and
-names the karts that a command starts or releases by their numbers.
-
-This module has no ROS: it reads the command line, keeps the deadline and prints the answer. What
-needs ROS is done by ``desk`` in a process of its own, which is killed if it does not answer.
+It knows no rule of the race, and has no ROS: what works with ROS may hang, inside DDS and with the
+interpreter's lock held, and then no thread and no signal handler of that process runs. So
+``ctl_ros`` works in a process of its own, which is killed if it does not answer.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+import ctypes
+import multiprocessing
+from multiprocessing.connection import Connection
 import os
 import signal
 import sys
-from typing import NoReturn
+from types import FrameType
+from typing import Any, NoReturn
 
 from evgp_protocol.clock import now
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.official import tidy
-from evgp_rcs_console import words
-from evgp_rcs_console.apart import Apart, Report
-from evgp_rcs_console.exits import Exit
-from evgp_rcs_console.signature import keep_name, kept_name, MOST_BYTES
-
-STARTING = 5.0
-"""Maximum time for ROS to start, before the time of ``--wait`` begins, in seconds."""
-
-GRACE = 0.5
-"""Time reserved for reporting that no answer came, in seconds."""
+from evgp_rcs_console import texts
+from evgp_rcs_console.command_line import (
+    COMMANDS,
+    Exit,
+    no_answer,
+    parser,
+    Report,
+    STARTING,
+    without_ros_arguments,
+)
+from evgp_rcs_console.settings import keep_name, kept_name, MOST_BYTES
 
 TIDY = 1.0
 """Maximum time to leave the ROS domain once the answer is printed, in seconds."""
@@ -54,33 +56,73 @@ STALLED = 5.0
 """Time without anything new after which a `watch` counts as hanging, in seconds. It shows the race
 once a second."""
 
-SHORT = {
-    CommandKind.JOIN_RACE: 'join',
-    CommandKind.LEAVE_RACE: 'leave',
-    CommandKind.SET_HEAT: 'heat',
-}
-"""The commands whose name on the command line is not that of their kind."""
+_PR_SET_PDEATHSIG = 1  # of linux/prctl.h
 
-COMMANDS: dict[str, CommandKind] = {
-    SHORT.get(kind, kind.name.lower().replace('_', '-')): kind for kind in CATALOGUE
-}
-"""Every command of an official, by its name on the command line."""
 
-STATEMENTS: dict[CommandKind, tuple[str, str, bool]] = {
-    CommandKind.RECORD_MSR: ('--msr-was-used', 'you state that you used the MSR', True),
-    CommandKind.GRID_ACTIVE: (
-        '--track-is-clear',
-        'you state that the track is clear of humans',
-        True,
-    ),
-    CommandKind.IN_GARAGE: ('--track-is-safe', 'you declare the track safe for humans', True),
-    CommandKind.KART_IN_GARAGE: (
-        '--made-safe-by-hand',
-        'you state that someone made this kart safe; needed if it has not acknowledged its stop',
-        False,
-    ),
-}
-"""The flag of each statement: its name, its help, and whether the command always needs it."""
+class TimedProcess:
+    """
+    A piece of work in a forked process: a new interpreter would make each stop 0.3 s later.
+
+    Make it before the process has any thread.
+
+    :param work: is called there, with a ``Report``; it ends early, by SystemExit, on SIGTERM.
+    """
+
+    def __init__(self, work: Callable[[Report], object]) -> None:
+        """Start it."""
+        fork = multiprocessing.get_context('fork')
+        self._hear, tell = fork.Pipe(duplex=False)
+        self._process = fork.Process(target=_do, args=(work, tell, os.getpid()))
+        self._process.start()
+        tell.close()
+
+    def report(self, seconds: float | None) -> dict[str, Any] | None:
+        """
+        Return what the work reports next; None if it ends or time is up without a report.
+
+        :param seconds: how long to wait; None: as long as it takes.
+        """
+        try:
+            return self._hear.recv() if self._hear.poll(seconds) else None
+        except EOFError:
+            return None
+
+    def end(self, seconds: float) -> None:
+        """
+        End the work, by force if it does not end by itself.
+
+        :param seconds: how long it may take to tidy up.
+        """
+        self._process.terminate()
+        self._process.join(seconds)
+        self._process.kill()
+        self._process.join()
+
+
+def _do(work: Callable[[Report], object], tell: Connection, parent: int) -> None:
+    """Work, in the forked process."""
+
+    def report(last: bool = False, **told: Any) -> None:
+        if last:
+            signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        tell.send(told)
+
+    def stop(number: int, frame: FrameType | None) -> NoReturn:
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # once is enough
+        raise SystemExit
+
+    # Whoever started it may be killed: it must not go on, unseen.
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:
+        os._exit(1)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who started it
+    signal.signal(signal.SIGTERM, stop)
+    try:
+        work(report)
+    except SystemExit:
+        pass
+    sys.stdout.flush()
+    os._exit(0)  # what a library does at its end could hang
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -102,17 +144,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     began = now()
 
     def work(report: Report) -> None:
-        from evgp_rcs_console.desk import attend
+        from evgp_rcs_console.ctl_ros import attend
 
         attend(given, wanted, began, report)
 
-    apart = Apart(work)
+    process = TimedProcess(work)
     try:
-        return _answer(apart, wanted, began)
+        return _answer(process, wanted, began)
     except KeyboardInterrupt:
         return Exit.ACCEPTED if wanted.command == 'watch' else Exit.NOT_THERE
     finally:
-        apart.end(TIDY)
+        process.end(TIDY)
 
 
 def _complete() -> NoReturn:
@@ -130,7 +172,7 @@ def _ask_for_name(wanted: argparse.Namespace) -> None:
         return
     if wanted.official or not _official_is_there() or kept_name() is not None:
         return
-    print(words.NAME_PROMPT.format(command=CATALOGUE[command].label), end='', file=sys.stderr)
+    print(texts.NAME_PROMPT.format(command=CATALOGUE[command].label), end='', file=sys.stderr)
     sys.stderr.flush()
     line = os.read(sys.stdin.fileno(), MOST_BYTES).decode(errors='replace')
     if not line.endswith('\n'):
@@ -140,7 +182,7 @@ def _ask_for_name(wanted: argparse.Namespace) -> None:
         keep_name(line)
     except (OSError, RuntimeError) as error:
         wanted.official = tidy(line)
-        print(words.NAME_NOT_KEPT.format(error=error), file=sys.stderr)
+        print(texts.NAME_NOT_KEPT.format(error=error), file=sys.stderr)
 
 
 def _official_is_there() -> bool:
@@ -154,12 +196,12 @@ def _official_is_there() -> bool:
         return False  # it is not our terminal
 
 
-def _answer(apart: Apart, wanted: argparse.Namespace, began: float) -> int:
+def _answer(process: TimedProcess, wanted: argparse.Namespace, began: float) -> int:
     """Print the answer, or that there is none, before anything is torn down."""
     ends = began + STARTING + wanted.wait
-    told = apart.report(ends - now())
+    told = process.report(ends - now())
     while told is not None and 'code' not in told:  # a `watch` that shows the race by itself
-        told = apart.report(STALLED)
+        told = process.report(STALLED)
     if told is None:
         waited = min(now(), ends) - began
         told = {'code': Exit.NOT_THERE, 'error': _no_answer(wanted, waited)}
@@ -172,103 +214,8 @@ def _answer(apart: Apart, wanted: argparse.Namespace, began: float) -> int:
 def _no_answer(wanted: argparse.Namespace, waited: float) -> str:
     where = f'ROS domain {os.environ.get("ROS_DOMAIN_ID", "0")}'
     if wanted.command == 'watch':
-        return f'{words.NOT_YET}: {words.USE_MSR} (ROS hangs; {where})'
+        return f'{texts.NOT_YET}: {texts.USE_MSR} (ROS hangs; {where})'
     return no_answer(COMMANDS[wanted.command], waited, f'ROS hangs; {where}')
-
-
-def no_answer(command: CommandKind, waited: float, details: str) -> str:
-    """
-    Return what to say when race control has not answered in time.
-
-    :param waited: how long it had to answer, in seconds.
-    :param details: what else is known of the wait.
-    """
-    entry = CATALOGUE[command]
-    advice = 'USE THE MSR.' if entry.stop else 'Check the race to see if it took effect.'
-    return f'{entry.label}: no answer within {round(waited, 1):g} s ({details}). {advice}'
-
-
-def without_ros_arguments(given: Sequence[str]) -> list[str]:
-    """Return a command line without the part between `--ros-args` and `--`."""
-    own = []
-    ros = False
-    for argument in given:
-        if argument == '--ros-args':
-            ros = True
-        elif ros and argument == '--':
-            ros = False
-        elif not ros:
-            own.append(argument)
-    return own
-
-
-def parser() -> argparse.ArgumentParser:
-    """Return what reads the command line."""
-    whole = argparse.ArgumentParser(
-        prog='rcs_ctl',
-        description='Command an EVGP race from the terminal. This is not the MSR.',
-        epilog='Exit codes: 0 accepted, 1 refused, 2 wrong usage, 3 race control is not there '
-        'or did not answer. ROS arguments go after --ros-args.',
-    )
-    waiting = argparse.ArgumentParser(add_help=False)
-    waiting.add_argument(
-        '--wait',
-        type=float,
-        default=5.0,
-        metavar='SECONDS',
-        help='how long to wait for race control (default: %(default)s); ROS may take '
-        f'up to {STARTING:g} s before that to start',
-    )
-    signing = argparse.ArgumentParser(add_help=False)
-    # Before the command or after it.
-    for each, default in ((whole, ''), (signing, argparse.SUPPRESS)):
-        each.add_argument(
-            '--official',
-            default=default,
-            metavar='NAME',
-            help='who gives the command, for the record (default: the name that is kept)',
-        )
-    commands = whole.add_subparsers(dest='command', required=True, metavar='command')
-    for name, command in COMMANDS.items():
-        entry = CATALOGUE[command]
-        each = commands.add_parser(
-            name, help=entry.meaning, description=entry.meaning, parents=[waiting, signing]
-        )
-        if entry.to_one_kart:
-            each.add_argument('kart', type=_kart_number, help='its number in the roster')
-        if entry.names_heat:
-            each.add_argument('heat', help='its name in the roster')
-        if entry.names_karts:
-            each.add_argument(
-                'karts',
-                type=_kart_number,
-                nargs='*',
-                help='the karts that you mean; without any, it lists them and sends nothing',
-            )
-        if command in STATEMENTS:
-            flag, statement, needed = STATEMENTS[command]
-            each.add_argument(
-                flag, dest='stated', action='store_true', required=needed, help=statement
-            )
-    watch = commands.add_parser(
-        'watch', help='show the race until Ctrl-C', parents=[waiting], description='show the race'
-    )
-    watch.add_argument('--once', action='store_true', help='show it once and exit')
-    watch.add_argument('--events', action='store_true', help='print what happens, line by line')
-    watch.add_argument(
-        '--kart', type=_kart_number, default=0, help='with --events: those of this kart only'
-    )
-    return whole
-
-
-def _kart_number(text: str) -> int:
-    number = int(text)
-    if not 0 <= number <= 65535:
-        raise ValueError
-    return number
-
-
-_kart_number.__name__ = 'kart number'  # argparse says: invalid kart number value: 'x'
 
 
 if __name__ == '__main__':

@@ -18,20 +18,30 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import faulthandler
+import importlib
 import os
+import pathlib
 import signal
 import sys
+import threading
+import time
 from typing import Any
 
 from evgp_node.graph import GraphError
-from evgp_rcs_console import words
+from evgp_rcs_console import texts
 from evgp_rcs_console.client import Client, join_graph, looking
-from evgp_rcs_console.signature import Signature
+from evgp_rcs_console.settings import Signature
 from rcl_interfaces.msg import ParameterDescriptor
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
+
+BATTERY_LOW = 25
+"""Charge of the battery from which on the window warns, in percent."""
+
+BATTERY_PERIOD = 30.0
+"""Time between two looks at the battery, in seconds."""
 
 END_TIMEOUT = 5.0
 """Maximum time the process takes to end after its window was closed, in seconds."""
@@ -48,14 +58,14 @@ def main(
         If ROS does not end in time, the process exits with 1 and says on stderr where it hung.
     """
     try:
-        from evgp_rcs_console.inbox import Inbox
+        from evgp_rcs_console.display import Inbox
         from evgp_rcs_console.qt import QtCore, QtWidgets
         from evgp_rcs_console.window import ConsoleWindow
     except ImportError as error:
-        print(f'{words.NO_QT} ({error})', file=sys.stderr)
+        print(f'{texts.NO_QT} ({error})', file=sys.stderr)
         return 2
     if not any(map(os.environ.get, ('DISPLAY', 'WAYLAND_DISPLAY', 'QT_QPA_PLATFORM'))):
-        print(words.NO_DISPLAY, file=sys.stderr)
+        print(texts.NO_DISPLAY, file=sys.stderr)
         return 2
     # The window reads every key itself. An input method could only keep one from it, such as the
     # space bar while an accent is being composed.
@@ -74,17 +84,22 @@ def main(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: QtCore.QTimer.singleShot(0, application.quit))
     application.setStyle('Fusion')
+    keep_awake()
     inbox = Inbox()
     try:
         client = Client('rcs_gui', inbox)
     except RCLError as error:
-        print(f'rcs_gui: {words.NOT_ALLOWED.format(error=error)}', file=sys.stderr)
+        print(f'rcs_gui: {texts.NOT_ALLOWED.format(error=error)}', file=sys.stderr)
         return 2
     signature = Signature(_given(client.node, 'official', _OFFICIAL), os.getpid())
     window = ConsoleWindow(inbox, client.give, signature, looking(client.topic))
     # Where no window manager runs, as on a screen for the window alone, nobody maximises it.
     window.setGeometry(application.primaryScreen().availableGeometry())
     window.showMaximized()
+    battery = QtCore.QTimer(window)
+    level = Battery()
+    battery.timeout.connect(lambda: window.show_battery(level.low))
+    battery.start(1000)
     if on_window is not None:
         on_window(window)
     try:
@@ -98,6 +113,60 @@ def main(
     sys.stdout.flush()
     # At once: a library's own end could hang too, when nobody watches any more.
     os._exit(0)
+
+
+def keep_awake() -> None:
+    """
+    Ask the desktop not to blank the screen as long as this process runs.
+
+    Nothing waits for an answer, and without such a desktop nothing happens.
+    """
+    from evgp_rcs_console.qt import QtCore
+
+    try:
+        dbus = importlib.import_module(QtCore.__name__.replace('QtCore', 'QtDBus'))
+    except ImportError:
+        return
+    bus = dbus.QDBusConnection.sessionBus()
+    if not bus.isConnected():
+        return
+    name = 'org.freedesktop.ScreenSaver'
+    path = f'/{name.replace(".", "/")}'
+    call = dbus.QDBusMessage.createMethodCall(name, path, name, 'Inhibit')
+    call.setArguments([texts.TITLE, texts.AWAKE])
+    bus.asyncCall(call)
+
+
+class Battery:
+    """The battery of this machine, read in a thread of its own: some take long to answer."""
+
+    def __init__(self, folder: pathlib.Path = pathlib.Path('/sys/class/power_supply')) -> None:
+        """Begin to read it."""
+        self.low: int | None = None
+        self._folder = folder
+        threading.Thread(target=self._read, name='battery', daemon=True).start()
+
+    def _read(self) -> None:
+        while True:
+            self.low = low_battery(self._folder)
+            time.sleep(BATTERY_PERIOD)
+
+
+def low_battery(folder: pathlib.Path) -> int | None:
+    """
+    Return the charge of the machine's battery, in percent; None: it is not low, or not in use.
+
+    :param folder: where Linux tells of power supplies.
+    """
+    charges = []
+    for supply in folder.glob('*'):
+        try:
+            told = [(supply / name).read_text().strip() for name in ('type', 'status', 'capacity')]
+        except OSError:
+            continue
+        if told[:2] == ['Battery', 'Discharging'] and told[2].isdecimal():
+            charges.append(int(told[2]))
+    return min((each for each in charges if each <= BATTERY_LOW), default=None)
 
 
 _OFFICIAL = 'Who commands from this window; empty: the name that is kept, or asked for.'

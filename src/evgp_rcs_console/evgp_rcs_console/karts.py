@@ -12,47 +12,52 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The karts: a row for each, with its commands, and an overview of them when there are many."""
+"""The karts: a row for each, with its commands, and tiles of all when they do not all fit."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 
-from evgp_rcs_console import style, words
+from evgp_rcs_console import texts
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
-from evgp_rcs_console.view import Cell, Row, Tone
-from evgp_rcs_console.widgets import (
-    column,
-    CommandButton,
-    Fitted,
-    Label,
-    pair,
-    Pressed,
-    set_property,
-)
+from evgp_rcs_console.style import FILLS, GAP, LARGE, look, SMALL, TEXT
+from evgp_rcs_console.view import COLUMNS, Row, Tone
+from evgp_rcs_console.widgets import CENTER, CommandButton, LEFT, Painted, Pen, Pressed, RIGHT
 
 Scrolling = Callable[[QtWidgets.QScrollBar], AbstractContextManager[None]]
 """Is entered while the window itself scrolls, with the bar that moves."""
 
-OVERVIEW_FROM = 9
-"""Minimum number of karts for which there is an overview."""
+BUTTONS = (74, 76, 74, 70, 60)
+"""Widths of a kart's commands; the first two are its stops."""
 
-WIDTHS = {
-    'number': 58,
-    'race': 104,
-    'sent': 138,
-    'acknowledged': 148,
-    'place': 46,
-    'button': 80,
-}
-ROW_HEIGHT = 46
-"""Height of a row where there are many karts."""
-FEW_KARTS = (44, 60)
-"""Minimum and maximum height of a row where there are few karts."""
+HEADING, TILES, BAR = 22, 36, 16
+"""Heights of the heading and of the tiles, and width of the scroll bar."""
+
+LOWEST, HIGHEST, SCROLLED = 28, 60, 34
+"""Minimum and maximum height of a row while all fit, and its height if they do not."""
 
 
-class KartRow(QtWidgets.QFrame):
+def columns(width: int, bar: int) -> list[QtCore.QRect]:
+    """
+    Return where each column and then each command is, in a row of a width (pixels).
+
+    :param bar: width of a scroll bar beside it.
+    """
+    gap, margin = look.px(GAP), look.px(10)
+    fixed = [look.px(column.width) for column in COLUMNS]
+    buttons = [look.px(each) for each in BUTTONS]
+    used = sum(fixed) + sum(buttons) + gap * (len(fixed) + len(buttons) - 1)
+    left = margin
+    found = []
+    for wide in (*fixed, *buttons):
+        wide = wide or max(0, width - bar - 2 * margin - used)
+        found.append(QtCore.QRect(left, 0, wide, 0))
+        left += wide + gap
+    return found
+
+
+class KartRow(Painted):
     """A kart, with its commands beside it."""
 
     chosen = Signal(int)
@@ -61,83 +66,103 @@ class KartRow(QtWidgets.QFrame):
         """Wait to be told the kart."""
         super().__init__()
         self.number = 0
-        self._upper = 0
-        self.setProperty('row', 'true')
-        self._number = Label(cell='number')
-        self._number.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
-        self._team = Fitted('', (15, 13, 12), cell='team')
-        self._note = Fitted('', (12, 11), cell='note')
-        self._names = pair(self._team, self._note)
-        self._race = Label()
-        self._link = Label(fill='true')
-        self._sent = Label(fill='true')
-        self._since = Label(cell='since')
-        self._acknowledged = Label(fill='true')
-        self._says = Label(cell='says')
-        self._place = Label(cell='place')
-        self._place.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
-        self._buttons = [CommandButton(pressed) for _ in range(5)]
-        self._pairs = {
-            'race': pair(self._race, self._link),
-            'sent': pair(self._sent, self._since),
-            'acknowledged': pair(self._acknowledged, self._says),
-        }
-        layout = QtWidgets.QHBoxLayout(self)
-        layout.addWidget(self._number)
-        layout.addWidget(self._names, 1)
-        for both in self._pairs.values():
-            layout.addWidget(both)
-        layout.addWidget(self._place)
+        self._row: Row | None = None
+        self._chosen = self._stale = False
+        self._buttons = [CommandButton(pressed) for _ in BUTTONS]
         for button in self._buttons:
-            layout.addWidget(button)
+            button.setParent(self)
 
-    def fit(self, by: float, height: int) -> None:
-        """Take the size of a scale, and a height in pixels."""
-        self.setFixedHeight(height)
-        # Of a low row the note has two small lines, and the team the rest.
-        self._upper = min(height // 2, height - round(27 * by))
-        self._share_height()
-        for label in (self._team, self._note):
-            label.fit(by)
-        layout = self.layout()
-        assert layout is not None
-        layout.setContentsMargins(round(3 * by), 0, round(3 * by), 0)
-        layout.setSpacing(round(4 * by))
-        self._number.setFixedWidth(round(WIDTHS['number'] * by))
-        self._place.setFixedWidth(round(WIDTHS['place'] * by))
-        for name, both in self._pairs.items():
-            both.setFixedWidth(round(WIDTHS[name] * by))
-        for button in self._buttons:
-            button.setFixedSize(round(WIDTHS['button'] * by), height - round(8 * by))
+    @property
+    def whole(self) -> str:
+        """Return all that it says."""
+        cells = [each for column in COLUMNS for each in (column.cell, column.below)]
+        row = self._row
+        return '\n'.join(text for each in cells if row and (text := each(row).text))
 
     def show_row(self, row: Row, chosen: bool, stale: bool) -> None:
         """Show a kart."""
         if row.number != self.number:
             self.number = row.number
             self.setObjectName(f'kart_{row.number}')
-        set_property(self, 'racing', 'true' if row.in_race else 'false')
-        set_property(self, 'chosen', 'true' if chosen else 'false')
-        faint = Tone.PLAIN if row.in_race else Tone.FAINT
-        self._number.show_cell(Cell(str(row.number), faint), stale)
-        self._team.show_cell(Cell(row.team), stale)
-        self._note.show_cell(Cell(row.note), stale)
-        self._share_height()
-        self._race.show_cell(row.race, stale)
-        self._link.show_cell(row.link, stale)
-        self._sent.show_cell(row.sent, stale)
-        self._since.show_cell(Cell(row.since, Tone.FAINT), stale)
-        self._acknowledged.show_cell(row.acknowledged, stale)
-        says = f'says {row.says.text}' if row.says.text else ''
-        self._says.show_cell(Cell(says, row.says.tone), stale)
-        self._place.show_cell(Cell(row.place), stale)
+        self._row, self._chosen, self._stale = row, chosen, stale
+        self.setProperty('chosen', 'true' if chosen else 'false')
+        self.setProperty('link', row.link.text)
+        self.show_it(row, chosen, stale)
         for widget, button in zip(self._buttons, row.buttons, strict=True):
             widget.show_button(button)
 
-    def _share_height(self) -> None:
-        """Give the team all the room while there is no note."""
-        height = self._upper if self._note.whole else self.height() - 1
-        if self._team.height() != height:
-            self._team.setFixedHeight(height)
+    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
+        """Put the commands where they belong."""
+        super().resizeEvent(event)
+        margin = look.px(3 if self.height() < look.px(40) else 8)
+        first = len(COLUMNS)
+        rooms = columns(self.width(), 0)[first:]
+        for button, room in zip(self._buttons, rooms, strict=True):
+            high = min(self.height() - 2 * margin, look.px(34))
+            top = (self.height() - high) // 2
+            button.setGeometry(room.left(), top, room.width(), high)
+
+    def paint(self, pen: Pen) -> None:
+        """Draw it."""
+        row, colours = self._row, look.palette
+        if row is None:
+            return
+        urgent = row.use_msr
+        if self._chosen:
+            pen.box(self.rect(), colours.raised, radius=0)
+        edge = FILLS[Tone.BAD][1] if urgent else colours.chosen if self._chosen else ''
+        if edge:
+            pen.box(QtCore.QRect(0, 0, look.px(5), self.height()), edge, radius=0)
+        line = self.rect().adjusted(0, self.height() - 1, 0, 0)
+        pen.box(line, colours.line, radius=0)
+        number, team, sent, answer, place = self._rooms()
+        strong = row.in_race and not self._stale
+        self._paint_number(pen, number, row, strong)
+        tone = Tone.FAINT if self._stale else row.note.tone
+        upper, lower = _halves(team, bool(row.note.text))
+        ink = colours.ink if strong else colours.faint
+        pen.text(upper, row.team, ink, TEXT + 1, True, wrap=upper.height() > look.px(30))
+        if urgent:
+            pen.box(lower, FILLS[Tone.BAD][1], radius=3)
+            lower = lower.adjusted(look.px(4), 0, -look.px(2), 0)
+        note = FILLS[Tone.BAD][0] if urgent else look.text(tone)
+        pen.text(lower, row.note.text, note, SMALL, tone is Tone.BAD)
+        self._paint_sent(pen, sent, row)
+        cell, below = COLUMNS[3].cell(row), COLUMNS[3].below(row)
+        upper, lower = _halves(answer, bool(below.text))
+        tone = Tone.FAINT if self._stale else cell.tone
+        bold = tone in (Tone.GOOD, Tone.WAIT, Tone.BAD)
+        pen.text(upper, cell.text, look.text(tone), TEXT, bold)
+        pen.text(lower, below.text, colours.faint, SMALL)
+        pen.text(place, row.place, colours.ink, LARGE - 2, True, CENTER)
+
+    def _rooms(self) -> list[QtCore.QRect]:
+        rooms = columns(self.width(), 0)[: len(COLUMNS)]
+        return [QtCore.QRect(each.left(), 0, each.width(), self.height() - 1) for each in rooms]
+
+    def _paint_number(self, pen: Pen, room: QtCore.QRect, row: Row, strong: bool) -> None:
+        colours = look.palette
+        plate = _centred(room, min(room.height() - look.px(4), look.px(32)))
+        pen.box(plate, colours.ink if strong else '', '' if strong else colours.faint, 1.5)
+        ink = colours.card if strong else colours.faint
+        room = plate.adjusted(look.px(3), 0, -look.px(3), 0)
+        pen.text(room, str(row.number), ink, LARGE - 2, True, CENTER)
+
+    def _paint_sent(self, pen: Pen, room: QtCore.QRect, row: Row) -> None:
+        colours = look.palette
+        chip = _centred(room, min(room.height() - look.px(4), look.px(30)))
+        tone = row.sent.tone
+        known = not self._stale and tone is not Tone.FAINT
+        ink, fill = look.fill(tone) if known else (colours.faint, colours.raised)
+        pen.box(chip, fill)
+        if row.waits and known:
+            pen.stripes(chip)
+        inside = chip.adjusted(look.px(GAP), 0, -look.px(GAP), 0)
+        wide = look.px(44 if len(row.since) > len('00:00') else 36)
+        pen.text(inside.adjusted(0, 0, -wide - look.px(4), 0), row.sent.text, ink, TEXT, True)
+        pen.text(
+            inside.adjusted(inside.width() - wide, 0, 0, 0), row.since, ink, SMALL, align=RIGHT
+        )
 
     def mousePressEvent(self, event: QtGui.QMouseEvent) -> None:  # noqa: N802 - Qt's name
         """Choose this kart."""
@@ -145,56 +170,57 @@ class KartRow(QtWidgets.QFrame):
         super().mousePressEvent(event)
 
 
-class Heading(QtWidgets.QFrame):
+def _centred(room: QtCore.QRect, height: int) -> QtCore.QRect:
+    return QtCore.QRect(
+        room.left(), room.top() + (room.height() - height) // 2, room.width(), height
+    )
+
+
+def _halves(room: QtCore.QRect, both: bool) -> tuple[QtCore.QRect, QtCore.QRect]:
+    """Return the room of a text and of a small one below it; all for the first if it is alone."""
+    if not both:
+        return room, QtCore.QRect()
+    margin = max(0, (room.height() - look.px(38)) // 2)
+    inner = room.adjusted(0, margin, 0, -margin)
+    high = inner.height() * 11 // 20
+    return (
+        QtCore.QRect(inner.left(), inner.top(), inner.width(), high),
+        QtCore.QRect(inner.left(), inner.top() + high, inner.width(), inner.height() - high),
+    )
+
+
+class Heading(Painted):
     """What stands above the columns of the karts."""
 
-    def __init__(self) -> None:
-        """Name the columns."""
-        super().__init__()
-        self._labels = {name: Label(heading='true') for name in words.HEADINGS}
-        layout = QtWidgets.QHBoxLayout(self)
-        for name, label in self._labels.items():
-            label.setText(words.HEADINGS[name])
-            layout.addWidget(label, 1 if name == 'team' else 0)
+    bar = 0
 
-    def fit(self, by: float, bar: int = 0) -> None:
-        """Take the size of a scale, and leave room for the scroll bar below (pixels)."""
-        layout = self.layout()
-        assert layout is not None
-        layout.setContentsMargins(round(3 * by), 0, round(3 * by) + bar, 0)
-        layout.setSpacing(round(4 * by))
-        for name, label in self._labels.items():
-            if name == 'buttons':
-                label.setFixedWidth(round((5 * WIDTHS['button'] + 16) * by))
-            elif name != 'team':
-                label.setFixedWidth(round(WIDTHS[name] * by))
+    def paint(self, pen: Pen) -> None:
+        """Draw it."""
+        names = [column.heading for column in COLUMNS]
+        rooms = columns(self.width(), self.bar)
+        rooms = [*rooms[: len(names)], rooms[len(names)].united(rooms[-1])]
+        for room, name in zip(rooms, [*names, texts.COMMANDS_HEADING], strict=True):
+            room = QtCore.QRect(room.left(), 0, room.width(), self.height())
+            pen.text(room, name, look.palette.faint, SMALL, align=LEFT)
+        pen.box(self.rect().adjusted(0, self.height() - 1, 0, 0), look.palette.line, radius=0)
 
 
-class Overview(QtWidgets.QWidget):
+class Tiles(Painted):
     """Every kart as a tile, for when there are more than fit: number, state, and what is amiss."""
 
     chosen = Signal(int)
 
     def __init__(self) -> None:
         """Be empty."""
-        super().__init__()
-        self.setObjectName('overview')
+        super().__init__('overview')
         self._rows: tuple[Row, ...] = ()
         self._chosen = 0
         self._stale = False
-        self._by = 1.0
-
-    def fit(self, by: float) -> None:
-        """Take the size of a scale."""
-        self._by = by
-        self.setFixedHeight(round(36 * by))
-        self.update()
 
     def show_rows(self, rows: tuple[Row, ...], chosen: int, stale: bool) -> None:
         """Show the karts."""
-        if (rows, chosen, stale) != (self._rows, self._chosen, self._stale):
-            self._rows, self._chosen, self._stale = rows, chosen, stale
-            self.update()
+        self._rows, self._chosen, self._stale = rows, chosen, stale
+        self.show_it([(row.number, row.sent, row.answer, row.link) for row in rows], chosen, stale)
 
     def mousePressEvent(self, event: QtGui.QMouseEvent) -> None:  # noqa: N802 - Qt's name
         """Choose the kart that was clicked."""
@@ -202,42 +228,30 @@ class Overview(QtWidgets.QWidget):
             place = int(event.position().x() / (self.width() / len(self._rows)))
             self.chosen.emit(self._rows[min(place, len(self._rows) - 1)].number)
 
-    def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
-        """Paint the tiles: the number above, the state's symbol and a mark below."""
-        painter = QtGui.QPainter(self)
-        count = max(1, len(self._rows))
-        width = self.width() / count
+    def paint(self, pen: Pen) -> None:
+        """Draw the tiles: the number above, the state's symbol and a mark below."""
+        wide = self.width() / max(1, len(self._rows))
         for place, row in enumerate(self._rows):
-            box = QtCore.QRectF(place * width, 0, width - 2, self.height() - 1)
+            left = round(place * wide)
+            room = QtCore.QRect(left, 1, round((place + 1) * wide) - left - 2, self.height() - 3)
             tone = row.link.tone if row.link.tone is Tone.BAD else row.sent.tone
-            fore, back = style.STALE if self._stale else style.TONES[tone]
-            if not row.in_race and row.sent.tone is Tone.GARAGE and not self._stale:
-                fore, back = style.TONES[Tone.FAINT][0], '#FFFFFF'
-            painter.fillRect(box, QtGui.QColor(back))
-            thick = row.number == self._chosen
-            pen = QtGui.QPen(QtGui.QColor('#0047C2' if thick else '#333333'))
-            pen.setWidthF(3 * self._by if thick else 1)
-            painter.setPen(pen)
-            painter.drawRect(box)
-            painter.setPen(QtGui.QColor(fore))
-            font = painter.font()
-            font.setBold(True)
-            font.setPixelSize(round(min(15 * self._by, width * 0.48)))
-            painter.setFont(font)
-            top = QtCore.Qt.AlignmentFlag.AlignHCenter | QtCore.Qt.AlignmentFlag.AlignTop
-            painter.drawText(box, top, str(row.number))
+            ink, fill = look.fill(Tone.PLAIN if self._stale else tone)
+            is_chosen = row.number == self._chosen
+            frame = look.palette.chosen if is_chosen else look.palette.line
+            pen.box(room, fill, frame, 3 if is_chosen else 1, 3)
             marks = row.sent.text[:1]
             if row.link.tone is Tone.BAD:
-                marks += words.MARK_LOST
-            elif row.acknowledged.tone is Tone.GOOD:
-                marks += words.MARK_YES
-            elif row.acknowledged.tone is Tone.WAIT:
-                marks += words.MARK_WAIT
-            font.setPixelSize(round(min(13 * self._by, width * 0.42)))
-            painter.setFont(font)
-            low = QtCore.Qt.AlignmentFlag.AlignHCenter | QtCore.Qt.AlignmentFlag.AlignBottom
-            painter.drawText(box, low, marks)
-        painter.end()
+                marks += texts.MARK_LOST
+            elif row.answer.tone is Tone.GOOD:
+                marks += texts.MARK_YES
+            elif row.answer.tone is Tone.WAIT:
+                marks += texts.MARK_WAIT
+            middle = room.top() + room.height() // 2
+            upper, lower = room.adjusted(1, 1, -1, 0), room.adjusted(1, 0, -1, -1)
+            upper.setBottom(middle)
+            lower.setTop(middle)
+            pen.text(upper, str(row.number), ink, SMALL, True, CENTER, 7)
+            pen.text(lower, marks, ink, SMALL, False, CENTER, 7)
 
 
 class Rows(QtWidgets.QScrollArea):
@@ -280,38 +294,39 @@ class KartList(QtWidgets.QWidget):
         """Have no kart."""
         super().__init__()
         self._pressed = pressed
-        self._by = 1.0
         self.rows: list[KartRow] = []
-        self._overview = Overview()
-        self._overview.chosen.connect(self.wanted)
-        self._overview.hide()
+        self._tiles = Tiles()
+        self._tiles.chosen.connect(self.wanted)
+        self._tiles.hide()
         self._heading = Heading()
-        inside = QtWidgets.QWidget()
-        inside.setObjectName('rows')
-        self._inside = QtWidgets.QVBoxLayout(inside)
-        self._inside.setContentsMargins(0, 0, 0, 0)
-        self._inside.setSpacing(0)
-        self._inside.addStretch(1)
+        self._inside = QtWidgets.QWidget()
+        self._inside.setObjectName('rows')
         self.scroll = Rows(scrolling)
         self.scroll.setObjectName('karts')
-        self.scroll.setWidgetResizable(True)
-        self.scroll.setWidget(inside)
+        self.scroll.setWidget(self._inside)
+        self.scroll.setFrameShape(QtWidgets.QFrame.Shape.NoFrame)
         self.scroll.setFocusPolicy(QtCore.Qt.FocusPolicy.NoFocus)
         self.scroll.setHorizontalScrollBarPolicy(QtCore.Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        layout = column(self, self._overview, self._heading, self.scroll)
-        layout.setSpacing(1)
-        layout.setStretch(2, 1)
+        for part in (self._tiles, self._heading, self.scroll):
+            part.setParent(self)
 
     @property
     def numbers(self) -> list[int]:
         """Return the numbers of the karts, in their order."""
         return [row.number for row in self.rows]
 
-    def fit(self, by: float) -> None:
-        """Take the size of a scale."""
-        self._by = by
-        self._overview.fit(by)
-        self._fit_rows()
+    @property
+    def stops_begin(self) -> int:
+        """Return from where on the stops of the karts are, in pixels from the left."""
+        return columns(self.width(), self._bar)[len(COLUMNS)].left()
+
+    @property
+    def _all_fit(self) -> bool:
+        return len(self.rows) * look.px(LOWEST) <= self.height() - look.px(HEADING)
+
+    @property
+    def _bar(self) -> int:
+        return 0 if self._all_fit else look.px(BAR)
 
     def show_rows(self, rows: tuple[Row, ...], chosen: int, stale: bool) -> None:
         """Show the karts."""
@@ -319,7 +334,7 @@ class KartList(QtWidgets.QWidget):
             self._have(len(rows))
         for widget, row in zip(self.rows, rows, strict=True):
             widget.show_row(row, row.number == chosen, stale)
-        self._overview.show_rows(rows, chosen, stale)
+        self._tiles.show_rows(rows, chosen, stale)
 
     def bring_into_view(self, number: int) -> None:
         """Scroll to a kart."""
@@ -330,49 +345,49 @@ class KartList(QtWidgets.QWidget):
     def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
         """Have the rows use the room."""
         super().resizeEvent(event)
-        self._fit_rows()
+        self.fit()
 
     def _have(self, count: int) -> None:
         for row in self.rows[count:]:
-            self._inside.removeWidget(row)
             row.hide()
             row.deleteLater()
         del self.rows[count:]
-        for place in range(len(self.rows), count):
+        for _ in range(len(self.rows), count):
             row = KartRow(self._pressed)
+            row.setParent(self._inside)
             row.chosen.connect(self.chosen)
-            self._inside.insertWidget(place, row)
+            row.show()
             self.rows.append(row)
-        many = count >= OVERVIEW_FROM
-        self._overview.setVisible(many)
-        # A bar that comes and goes would shift every button.
-        bar = QtCore.Qt.ScrollBarPolicy
-        self.scroll.setVerticalScrollBarPolicy(
-            bar.ScrollBarAlwaysOn if many else bar.ScrollBarAsNeeded
-        )
-        self._fit_rows()
+        self.fit()
 
-    def _fit_rows(self) -> None:
-        heading = round(17 * self._by)
-        self._heading.setFixedHeight(heading)
-        count = len(self.rows)
-        height = round(ROW_HEIGHT * self._by)
-        bar = count >= OVERVIEW_FROM
-        if 0 < count < OVERVIEW_FROM:
-            room = self.height() - heading - 2
-            least, most = (round(each * self._by) for each in FEW_KARTS)
-            height = max(least, min(most, room // count))
-            bar = height * count > room
-        for row in self.rows:
-            row.fit(self._by, height)
-        width = self.scroll.verticalScrollBar().sizeHint().width()
-        self._heading.fit(self._by, width if bar else 0)
+    def fit(self) -> None:
+        """Take the size of the window: rows as high as there is room for, or tiles and a bar."""
+        heading, count = look.px(HEADING), len(self.rows)
+        top = 0 if self._all_fit else look.px(TILES)
+        self._tiles.setVisible(not self._all_fit)
+        self._tiles.setGeometry(0, 0, self.width(), top)
+        self._heading.bar = self._bar
+        self._heading.setGeometry(0, top, self.width(), heading)
+        self._heading.update()
+        room = self.height() - top - heading
+        self.scroll.setGeometry(0, top + heading, self.width(), room)
+        policy = QtCore.Qt.ScrollBarPolicy
+        self.scroll.setVerticalScrollBarPolicy(
+            policy.ScrollBarAlwaysOff if self._all_fit else policy.ScrollBarAlwaysOn
+        )
+        height = look.px(SCROLLED)
+        if self._all_fit:
+            height = min(look.px(HIGHEST), room // max(1, count))
+        width = self.width() - self._bar
+        self._inside.resize(width, height * count)
+        for place, row in enumerate(self.rows):
+            row.setGeometry(0, place * height, width, height)
 
 
 def chooses(widget: QtWidgets.QWidget | None) -> bool:
     """Return whether a press there only chooses a kart: a stop for it may be next."""
     while widget is not None and not isinstance(widget, QtWidgets.QAbstractButton):
-        if isinstance(widget, (KartRow, Overview)):
+        if isinstance(widget, (KartRow, Tiles)):
             return True
         widget = widget.parentWidget()
     return False

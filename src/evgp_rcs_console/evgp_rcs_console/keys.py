@@ -26,7 +26,7 @@ import enum
 import string
 
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs_console import words
+from evgp_rcs_console import texts
 from evgp_rcs_console.commands import asks
 from evgp_rcs_console.view import Cell, CHOSEN_KART_KEYS, FINISH_KEYS, KEYS, Tone
 
@@ -92,6 +92,7 @@ class Act(enum.Enum):
     HELP = enum.auto()
     SEEN = enum.auto()
     SOUND = enum.auto()
+    NIGHT = enum.auto()
     UP = enum.auto()
     DOWN = enum.auto()
     LOG = enum.auto()
@@ -104,6 +105,7 @@ _ACTS = {
     'F1': Act.HELP,
     'F10': Act.SEEN,
     'F11': Act.SOUND,
+    'F8': Act.NIGHT,
     'Up': Act.UP,
     'Down': Act.DOWN,
     'Ctrl+L': Act.LOG,
@@ -113,7 +115,6 @@ _ACTS = {
     'Esc': Act.CANCEL,
 }
 
-_COMMANDS = {key: command for command, key in KEYS.items()}
 _CHOSEN = {f'Ctrl+{letter}': commands for letter, commands in CHOSEN_KART_KEYS.items()}
 
 
@@ -148,8 +149,9 @@ class Stroke:
 
 def meaning(key: str) -> Stroke | None:
     """Return what a key means, None if it means nothing here."""
-    if key in _COMMANDS:
-        return Stroke((_COMMANDS[key],))
+    commands = tuple(command for command, each in KEYS.items() if each == key)
+    if commands:
+        return Stroke(commands)
     if key in _CHOSEN:
         return Stroke(_CHOSEN[key], to_chosen=True)
     if key in FINISH_KEYS:
@@ -243,12 +245,12 @@ class KartField:
             self.clear()
             return kart, ''
         if self._digits:
-            why = words.NOT_GIVEN_UNKNOWN.format(command=command, number=self._digits)
+            why = texts.NOT_GIVEN_UNKNOWN.format(command=command, number=self._digits)
         elif before:
-            why = words.NOT_GIVEN_FORGOTTEN.format(command=command, number=before)
+            why = texts.NOT_GIVEN_FORGOTTEN.format(command=command, number=before)
         else:
-            why = words.NOT_GIVEN_EMPTY.format(command=command)
-        self._refusal = words.FIELD_REFUSAL.format(number=self._digits or before or '?')
+            why = texts.NOT_GIVEN_EMPTY.format(command=command)
+        self._refusal = texts.FIELD_REFUSAL.format(number=self._digits or before or '?')
         self._refused_at = at
         self._digits = ''
         return 0, why
@@ -256,15 +258,15 @@ class KartField:
     def cells(self) -> tuple[Cell, Cell]:
         """Return what the field shows: in large type, and below."""
         if self._refusal:
-            return Cell(self._refusal, Tone.BAD), Cell(words.FIELD_REFUSED, Tone.BAD)
+            return Cell(self._refusal, Tone.BAD), Cell(texts.FIELD_REFUSED, Tone.BAD)
         number = int(self._digits) if self._digits else self._chosen
         if number in self._teams:
-            return Cell(words.FIELD_KART.format(number=number)), Cell(self._teams[number])
+            return Cell(texts.FIELD_KART.format(number=number)), Cell(self._teams[number])
         if not self._digits and not self._chosen:
-            return Cell(words.FIELD_EMPTY, Tone.FAINT), Cell(words.FIELD_TYPE, Tone.FAINT)
+            return Cell(texts.FIELD_EMPTY, Tone.FAINT), Cell(texts.FIELD_TYPE, Tone.FAINT)
         begun = [each for each in self._teams if str(each).startswith(str(number))]
         if begun and number:
-            title = Cell(words.FIELD_BEGUN.format(number=number), Tone.WAIT)
-            return title, Cell(words.FIELD_NOT_YET.format(number=number), Tone.WAIT)
-        title = Cell(words.FIELD_NO_KART.format(number=number), Tone.BAD)
-        return title, Cell(words.FIELD_NOT_THERE, Tone.BAD)
+            title = Cell(texts.FIELD_BEGUN.format(number=number), Tone.WAIT)
+            return title, Cell(texts.FIELD_NOT_YET.format(number=number), Tone.WAIT)
+        title = Cell(texts.FIELD_NO_KART.format(number=number), Tone.BAD)
+        return title, Cell(texts.FIELD_NOT_THERE, Tone.BAD)

@@ -24,7 +24,8 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from evgp_rcs_console import words
+from evgp_rcs.official import UNNAMED
+from evgp_rcs_console import texts
 from evgp_rcs_console.snapshot import Alert, Event
 
 Key = tuple[str, int]
@@ -54,14 +55,14 @@ class Notice:
     def heading(self) -> str:
         """Return what to do, in a word or two."""
         if not self.standing:
-            return words.ALERT_ENDED
-        return words.ALERT_MSR if self.alert.use_msr else words.ALERT_OTHER
+            return texts.ALERT_ENDED
+        return texts.ALERT_MSR if self.alert.use_msr else texts.ALERT_OTHER
 
     @property
     def text(self) -> str:
         """Return the alert's sentence, without what the heading says."""
         # Race control begins its sentence with that, for screens that have no heading.
-        text = self.alert.text.removeprefix(words.MSR_PREFIX)
+        text = self.alert.text.removeprefix(texts.MSR_PREFIX)
         return text[:1].upper() + text[1:]
 
     def __str__(self) -> str:
@@ -81,6 +82,10 @@ class AlertBook:
         """Begin with none."""
         self._notices: list[Notice] = []
         self._count = 0
+
+    def begin_race(self) -> None:
+        """Forget the alerts that have ended: they do not follow into the next race."""
+        self._notices = [notice for notice in self._notices if notice.standing]
 
     def update(self, alerts: Iterable[Alert], two: bool = False) -> bool:
         """
@@ -112,7 +117,9 @@ class AlertBook:
         return bool(news)
 
     def see(self, number: int) -> None:
-        """Mark an alert as seen."""
+        """Mark an alert as seen; one that has ended with all that have."""
+        if any(notice.number == number and not notice.standing for notice in self._notices):
+            self.begin_race()
         self._notices = [
             replace(notice, seen=True) if notice.number == number else notice
             for notice in self._notices
@@ -131,13 +138,25 @@ class AlertBook:
 
     @property
     def shown(self) -> list[Notice]:
-        """Return every notice: the unseen first, and of those the ones that need the MSR."""
+        """
+        Return the notices: the unseen first, and of those the ones that need the MSR.
+
+        Those that have ended are one notice, the last.
+        """
 
         def rank(notice: Notice) -> tuple[int, int]:
             group = 2 if not notice.standing else 3 * notice.seen + (not notice.use_msr)
             return group, -notice.number
 
-        return sorted(self._notices, key=rank)
+        ended = [notice for notice in self._notices if not notice.standing]
+        if len(ended) > 1:
+            karts = sorted({notice.alert.kart for notice in ended if notice.alert.kart})
+            told = texts.SEVERAL_ENDED.format(
+                count=len(ended), karts=texts.kart_numbers(karts) or texts.NO_SINGLE_KART
+            )
+            ended = [replace(ended[-1], alert=Alert('', 0, False, told))]
+        standing = [notice for notice in self._notices if notice.standing]
+        return sorted([*standing, *ended], key=rank)
 
 
 def summary(notices: Sequence[Notice], places: int) -> str:
@@ -147,19 +166,19 @@ def summary(notices: Sequence[Notice], places: int) -> str:
     :param notices: in the order in which they are shown.
     """
     if not notices:
-        return words.NO_ALERT
+        return texts.NO_ALERT
     new = sum(not notice.seen and notice.standing for notice in notices)
     seen = sum(notice.seen for notice in notices)
-    counted = ((new, words.ALERTS_NEW), (seen, words.ALERTS_SEEN))
-    ended = ((len(notices) - new - seen, words.ALERTS_ENDED),)
+    counted = ((new, texts.ALERTS_NEW), (seen, texts.ALERTS_SEEN))
+    ended = ((len(notices) - new - seen, texts.ALERTS_ENDED),)
     told = [text.format(count=count) for count, text in counted + ended if count]
     more = notices[places:]
-    for msr, text in ((True, words.MORE_MSR), (False, words.MORE_OTHER)):
+    for msr, text in ((True, texts.MORE_MSR), (False, texts.MORE_OTHER)):
         those = [notice for notice in more if notice.use_msr is msr and notice.standing]
         karts = sorted({notice.alert.kart for notice in those if notice.alert.kart})
         if those:
-            told.append(text.format(karts=words.kart_numbers(karts) or words.NO_SINGLE_KART))
-    return words.ALERTS.format(told='; '.join(told))
+            told.append(text.format(karts=texts.kart_numbers(karts) or texts.NO_SINGLE_KART))
+    return texts.ALERTS.format(told='; '.join(told))
 
 
 @dataclass(frozen=True)
@@ -170,10 +189,16 @@ class Line:
     kart: int
     success: bool
     text: str
+    is_command: bool = False
 
     def __str__(self) -> str:
         """Return the line as it is shown."""
-        return f'{self.clock}  {"" if self.success else words.REFUSED}{self.text}'.lstrip()
+        return f'{self.clock}  {self.said}'.lstrip()
+
+    @property
+    def said(self) -> str:
+        """Return the line without its time."""
+        return f'{"" if self.success else texts.REFUSED}{self.text}'
 
 
 class EventLog:
@@ -187,16 +212,33 @@ class EventLog:
         """Begin with none."""
         self._lines: deque[Line] = deque(maxlen=most)
         self._last = 0
+        self._claims: dict[str, set[str]] = {}
 
     def add(self, event: Event) -> list[Line]:
         """Take an event and return the lines it adds."""
         added = []
         if event.sequence <= self._last:
-            added.append(Line('', 0, True, words.NEW_RUN))
+            added.append(Line('', 0, True, texts.NEW_RUN))
         self._last = event.sequence
-        added.append(Line(event.clock, event.kart, event.success, event.told))
+        added.append(
+            Line(event.clock, event.kart, event.success, self._told(event), event.is_command)
+        )
         self._lines.extend(added)
         return added
+
+    def _told(self, event: Event) -> str:
+        """Return the sentence and who caused it: by name, where that is enough."""
+        name = event.official.partition(' (')[0]
+        claims = self._claims.setdefault(name, set())
+        claims.add(event.official)
+        if not name:
+            return event.text
+        return f'{event.text} · {event.official if len(claims) > 1 or name == UNNAMED else name}'
+
+    @property
+    def officials(self) -> list[str]:
+        """Return who has commanded, in the order of their first command."""
+        return [name for name in self._claims if name]
 
     def lines(self, kart: int = 0) -> list[Line]:
         """Return the lines that concern one kart (0: all lines), oldest first."""

@@ -16,223 +16,447 @@
 
 from __future__ import annotations
 
+import time
+
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs_console import words
-from evgp_rcs_console.notices import concerns, EventLog
+from evgp_rcs_console import texts
+from evgp_rcs_console.notices import concerns, EventLog, Line
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.snapshot import Event
-from evgp_rcs_console.view import Cell, Row, Screen
+from evgp_rcs_console.style import BLACK, FILLS, GAP, HUGE, LARGE, look, SMALL, TEXT, WHITE, YELLOW
+from evgp_rcs_console.view import Cell, Danger, Row, Screen, Tone
 from evgp_rcs_console.widgets import (
-    column,
+    Card,
+    CENTER,
     CommandButton,
-    Fitted,
-    Label,
-    NumberField,
+    font,
+    LEFT,
+    Painted,
+    Pen,
     Pressed,
-    RaceButton,
-    set_property,
-    set_text,
+    Push,
+    RIGHT,
+    StepButton,
+    Text,
 )
 
-TOP_HEIGHT = 128
-"""Height of the uppermost area on a 1366 by 768 screen, in pixels."""
+EVENTS = 500
+"""Maximum number of events in the window: to draw more again takes it too long."""
 
-REASON_LINES = (2, 4, 0, 2, 4)
-"""Number of lines for the reason below each command to the race; a stop needs none."""
+TOP, STEPS = 78, 60
+"""Heights of the state of the race, and of the commands to it."""
 
 
-class NowPanel(QtWidgets.QWidget):
-    """The state of the race, and whether humans may be on the track."""
+class StatePanel(Painted):
+    """The state of the race in its colour: since when, and by whom."""
 
-    def __init__(self, pressed: Pressed) -> None:
+    def __init__(self) -> None:
         """Wait to be told."""
-        super().__init__()
-        self._state = Fitted('state', (46, 40, 34, 30, 26))
-        self._since = Fitted('state_since', (17, 15, 14, 13, 12, 11))
-        for label in (self._state, self._since):
-            label.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
-        self._humans = Label('humans', fill='true')
-        self._humans_reason = Fitted('humans_reason', (15, 14, 13, 12, 11))
-        self._track = Label('track', fill='true')
-        self._track_button = CommandButton(pressed)
-        left = QtWidgets.QVBoxLayout()
-        left.setSpacing(2)
-        left.addWidget(self._state, 1)
-        left.addWidget(self._since)
-        track = QtWidgets.QHBoxLayout()
-        track.addWidget(self._track, 1)
-        track.addWidget(self._track_button)
-        right = QtWidgets.QVBoxLayout()
-        right.setSpacing(2)
-        right.addWidget(self._humans)
-        right.addWidget(self._humans_reason, 1)
-        right.addLayout(track)
-        layout = QtWidgets.QHBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addLayout(left, 1)
-        layout.addLayout(right, 1)
-
-    def fit(self, by: float) -> None:
-        """Take the size of a scale."""
-        self.setFixedHeight(round(TOP_HEIGHT * by))
-        self._track_button.setFixedSize(round(170 * by), round(36 * by))
-        self._since.setFixedHeight(round(44 * by))
-        for text in (self._state, self._since, self._humans_reason):
-            text.fit(by)
+        super().__init__('state_panel')
+        self._tone = Tone.PLAIN
+        self._title = Text('state', HUGE, True, colour=lambda: look.fill(self._tone)[0])
+        self._since = Text('state_since', TEXT, wrap=True, colour=lambda: look.fill(self._tone)[0])
+        for part in (self._title, self._since):
+            part.setParent(self)
 
     def show_screen(self, screen: Screen, stale: bool) -> None:
         """Show the race as it is now."""
-        self._state.show_cell(screen.state, stale)
-        self._since.show_text('\n'.join(filter(None, (screen.since, screen.tally))))
+        self._tone = Tone.FAINT if stale else screen.state.tone
+        self._title.show_cell(screen.state, stale)
+        self._since.show_text(screen.since)
+        self.show_it(self._tone)
+
+    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
+        """Share the room."""
+        inner = self.rect().adjusted(look.px(14), look.px(4), -look.px(10), -look.px(5))
+        high = look.px(42)
+        self._title.setGeometry(inner.left(), inner.top(), inner.width(), high)
+        self._since.setGeometry(inner.adjusted(0, high, 0, 0))
+
+    def paint(self, pen: Pen) -> None:
+        """Draw its ground."""
+        pen.box(self.rect(), look.fill(self._tone)[1])
+
+
+class TrackPanel(Painted):
+    """Whether humans may be on the track, and whether it is open."""
+
+    def __init__(self, pressed: Pressed) -> None:
+        """Wait to be told."""
+        super().__init__('track_panel')
+        self._humans = Text('humans', LARGE, True)
+        self._reason = Text('humans_reason', TEXT, wrap=True, colour=lambda: look.palette.ink)
+        self._track = Text('track', TEXT, True, CENTER, fills=True)
+        self.button = CommandButton(pressed)
+        for part in (self._humans, self._reason, self._track, self.button):
+            part.setParent(self)
+
+    def show_screen(self, screen: Screen, stale: bool) -> None:
+        """Show the track as it is now."""
         self._humans.show_cell(screen.humans, stale)
-        self._humans_reason.show_text(screen.humans_reason)
+        self._reason.show_text(screen.humans_reason)
         self._track.show_cell(screen.track, stale)
         if screen.track_button is not None:
-            self._track_button.show_button(screen.track_button)
+            self.button.show_button(screen.track_button)
+        self.show_it(screen.humans.tone, stale)
+
+    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
+        """Share the room."""
+        right = look.px(156)
+        inner = self.rect().adjusted(look.px(20), look.px(7), -look.px(12), -look.px(7))
+        left = inner.width() - right - look.px(GAP)
+        high = look.px(28)
+        self._humans.setGeometry(inner.left(), inner.top(), left, high)
+        self._reason.setGeometry(inner.left(), inner.top() + high, left, inner.height() - high)
+        beside = inner.left() + left + look.px(GAP)
+        self._track.setGeometry(beside, inner.top(), right, look.px(24))
+        self.button.setGeometry(beside, inner.top() + look.px(30), right, look.px(34))
+
+    def paint(self, pen: Pen) -> None:
+        """Draw its ground, and an edge: green if humans are allowed, red if something is wrong."""
+        pen.box(self.rect(), look.palette.card, look.palette.line)
+        tone = self._humans.cell.tone
+        edge = look.palette.good if tone is Tone.GOOD else look.palette.line
+        edge = look.fill(tone)[1] if tone in (Tone.BAD, Tone.WAIT) else edge
+        if self._humans.property('tone') == 'stale':
+            edge = look.palette.faint
+        pen.box(QtCore.QRect(0, 0, look.px(8), self.height()), edge, radius=4)
+
+
+class ClockPanel(Painted):
+    """The time of day, the time since GREEN GREEN, and what is in the race."""
+
+    def __init__(self) -> None:
+        """Show the time."""
+        super().__init__('clock')
+        self._race = self._heat = ''
+
+    def show_screen(self, screen: Screen, stale: bool) -> None:
+        """Take the race as it is now; a race that is not heard has no clock."""
+        self._race, self._heat = screen.clock * (not stale), screen.heat
+        self.look()
+
+    def look(self) -> None:
+        """Show what time it is."""
+        self.show_it(time.strftime('%H:%M:%S'), self._race, self._heat)
+
+    def paint(self, pen: Pen) -> None:
+        """Draw it."""
+        high = self.height()
+        room = self.rect().adjusted(0, 0, -look.px(4), 0)
+        upper = room.adjusted(0, look.px(4), 0, -high + look.px(38))
+        pen.text(upper, time.strftime('%H:%M:%S'), look.palette.ink, LARGE + 4, True, RIGHT)
+        middle = room.adjusted(0, look.px(38), 0, -high + look.px(58))
+        race = texts.RACE_CLOCK.format(age=self._race) if self._race else ''
+        pen.text(middle, race, look.palette.ink, TEXT, True, RIGHT)
+        lower = room.adjusted(0, look.px(57), 0, -look.px(3))
+        pen.text(lower, self._heat, look.palette.faint, TEXT, False, RIGHT)
+
+
+class KillButton(Push):
+    """ALL KILL."""
+
+    pressing = False
+
+    def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
+        """Draw it: like nothing else on the screen."""
+        with Pen(self) as pen:
+            pen.box(self.rect(), BLACK, radius=10)
+            yellow = self.rect().adjusted(look.px(3), look.px(3), -look.px(3), -look.px(3))
+            pen.box(yellow, YELLOW, radius=8)
+            inner = yellow.adjusted(look.px(6), look.px(6), -look.px(6), -look.px(6))
+            fill = BLACK if self.pressing else '#6E0012' if self.isDown() else FILLS[Tone.RED][1]
+            pen.box(inner, fill, radius=4)
+            room = inner.adjusted(look.px(8), look.px(14), -look.px(8), -look.px(42))
+            pen.text(room, self.words, YELLOW if self.pressing else WHITE, HUGE + 4, True, CENTER)
+        self.drawn = pen.drawn
 
 
 class KillBox(QtWidgets.QWidget):
-    """ALL KILL, and below it its keys, or for how long it has had no answer."""
+    """ALL KILL, and in it its keys, or for how long it has had no answer."""
 
     def __init__(self) -> None:
         """Be ready."""
         super().__init__()
-        self.button = QtWidgets.QPushButton(CATALOGUE[CommandKind.ALL_KILL].label)
-        self.button.setObjectName('all_kill')
-        self.button.setSizePolicy(
-            QtWidgets.QSizePolicy.Policy.Preferred, QtWidgets.QSizePolicy.Policy.Expanding
-        )
-        self._hint = Label('kill_hint', fill='true')
-        self._hint.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
-        frame = QtWidgets.QFrame()
-        frame.setObjectName('kill_frame')
-        column(frame, self.button).setContentsMargins(3, 3, 3, 3)
-        column(self, frame, self._hint).setSpacing(2)
+        self.button = KillButton('all_kill', CATALOGUE[CommandKind.ALL_KILL].label)
+        self._hint = Text('kill_hint', TEXT, True, CENTER, True, colour=self._colour)
+        # It lies over the button, which gets every click.
+        self._hint.setAttribute(QtCore.Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        for part in (self.button, self._hint):
+            part.setParent(self)
 
-    def fit(self, by: float) -> None:
-        """Take the size of a scale."""
-        self.setFixedSize(round(340 * by), round(TOP_HEIGHT * by))
+    def _colour(self) -> str:
+        return YELLOW if self._hint.cell.tone is Tone.BAD else WHITE
+
+    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
+        """Fill the box."""
+        self.button.setGeometry(self.rect())
+        beside, below = look.px(16), look.px(12)
+        high = look.px(44)
+        self._hint.setGeometry(
+            beside, self.height() - below - high, self.width() - 2 * beside, high
+        )
 
     def show_hint(self, hint: Cell, pressing: bool) -> None:
         """Show a text below ALL KILL, and whether ALL KILL has no answer yet."""
-        set_property(self.button, 'pressing', 'true' if pressing else 'false')
+        self.button.setProperty('pressing', 'true' if pressing else 'false')
+        if pressing != self.button.pressing:
+            self.button.pressing = pressing
+            self.button.update()
         self._hint.show_cell(hint)
 
 
-class SidePanel(QtWidgets.QWidget):
-    """The kart that a command by key acts on, and the commands to the race and to all karts."""
+class Steps(QtWidgets.QWidget):
+    """The commands to the race from left to right, as a race goes."""
 
     def __init__(self, pressed: Pressed) -> None:
         """Wait to be told what is possible."""
         super().__init__()
-        self.number_field = NumberField()
-        self._race = [RaceButton(pressed, lines) for lines in REASON_LINES]
-        self._all_karts = RaceButton(pressed, 0)
-        in_race, all_karts = Label(section='true'), Label(section='true')
-        for section, text in ((in_race, words.IN_RACE), (all_karts, words.ALL_KARTS)):
-            section.setText(text)
-        self._heat_button = CommandButton(pressed)
-        self._heat_button.hide()
-        heading = QtWidgets.QHBoxLayout()
-        heading.addWidget(in_race, 1)
-        heading.addWidget(self._heat_button)
-        layout = column(self, self.number_field)
-        layout.addLayout(heading)
-        for part in (*self._race, all_karts, self._all_karts):
-            layout.addWidget(part)
-        layout.setSpacing(2)
-        layout.addStretch(1)
+        self._steps = [StepButton(pressed) for _ in range(6)]
+        for step in self._steps:
+            step.setParent(self)
 
-    def fit(self, by: float) -> None:
-        """Take the size of a scale."""
-        self.setFixedWidth(round(250 * by))
-        self.number_field.fit(by)
-        for part in (*self._race, self._all_karts):
-            part.fit(by)
-        self._heat_button.setFixedHeight(round(26 * by))
+    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
+        """Share the room."""
+        gap = look.px(GAP)
+        wide = (self.width() - gap * (len(self._steps) - 1)) // len(self._steps)
+        for place, step in enumerate(self._steps):
+            step.setGeometry(place * (wide + gap), 0, wide, self.height())
 
     def show_screen(self, screen: Screen) -> None:
         """Show which commands are possible, and why the others are not."""
-        for widget, button in zip(self._race, screen.race, strict=True):
-            widget.show_button(button)
-        self._all_karts.show_button(screen.all_karts[0])
+        buttons = (*screen.race, *screen.all_karts)
+        for step, button in zip(self._steps, buttons, strict=True):
+            step.show_button(button)
+
+
+class Strip(Painted):
+    """What is true of the race in a line: which karts do what, who is missing, who commands."""
+
+    def __init__(self, pressed: Pressed) -> None:
+        """Wait to be told."""
+        super().__init__('strip')
+        self._screen: Screen | None = None
+        self._officials = ''
+        self._has_heats = False
+        self.heat = CommandButton(pressed)
+        self.heat.setParent(self)
+        self.heat.quiet = True
+        self.heat.hide()
+
+    def show_screen(self, screen: Screen, officials: list[str], stale: bool) -> None:
+        """Show the race as it is now, and who has commanded it."""
+        self._screen = screen
+        self._officials = texts.COMMANDED_BY.format(names=', '.join(officials)) * bool(officials)
+        self._stale = stale
         # There are heats or there are none, as long as the roster is the same.
-        self._heat_button.setVisible(screen.heat_button is not None)
+        self.heat.setVisible(screen.heat_button is not None)
         if screen.heat_button is not None:
-            self._heat_button.show_button(screen.heat_button)
+            self.heat.show_button(screen.heat_button)
+        self.setProperty('tone', 'stale' if stale else 'plain')
+        self.show_it(screen.tally, screen.missing, screen.places, self._officials, stale)
+
+    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
+        """Put the heats at the right."""
+        wide = look.px(136)
+        self.heat.setGeometry(self.width() - wide, 0, wide, self.height())
+
+    def paint(self, pen: Pen) -> None:
+        """Draw it."""
+        screen = self._screen
+        if screen is None:
+            return
+        colours = look.palette
+        pen.box(self.rect(), colours.card, colours.line)
+        room = self.rect().adjusted(look.px(12), 0, -look.px(12), 0)
+        if screen.heat_button is not None:
+            room.setRight(self.heat.geometry().left() - look.px(GAP))
+        tally = ' · '.join(filter(None, (screen.tally or texts.NOBODY_RACES,)))
+        after = ' · '.join(filter(None, (screen.missing, screen.places)))
+        strong = colours.faint if self._stale else colours.ink
+        wide = min(room.width() // 2, _advance(tally, True) + look.px(4))
+        pen.text(QtCore.QRect(room.left(), 0, wide, self.height()), tally, strong, TEXT, True)
+        officials = min(room.width() // 4, _advance(self._officials) + look.px(4))
+        last = QtCore.QRect(room.right() - officials, 0, officials, self.height())
+        pen.text(last, self._officials, colours.faint, TEXT, align=RIGHT)
+        rest = QtCore.QRect(room.left() + wide + look.px(14), 0, 0, self.height())
+        rest.setRight(last.left() - look.px(14))
+        pen.text(rest, after, strong, TEXT)
 
 
-class EventPanel(QtWidgets.QWidget):
-    """What happened, of all karts or of one; and in whose name this window sends commands."""
+def _advance(text: str, bold: bool = False) -> int:
+    return QtGui.QFontMetrics(font(look.px(TEXT), bold)).horizontalAdvance(text)
+
+
+class DangerPanel(Painted):
+    """Race control is gone, or must not be relied on: in the largest type."""
+
+    def __init__(self) -> None:
+        """Say nothing yet."""
+        super().__init__('danger')
+        white, yellow = (lambda: WHITE), (lambda: YELLOW)
+        self._title = Text('danger_title', LARGE + 2, True, colour=white)
+        self._detail = Text('danger_detail', TEXT, wrap=True, colour=white)
+        self._advice = Text('danger_advice', HUGE + 8, True, CENTER, True, colour=yellow)
+        for part in (self._title, self._detail, self._advice):
+            part.setParent(self)
+
+    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
+        """Share the room."""
+        inner = self.rect().adjusted(look.px(14), look.px(5), -look.px(10), -look.px(5))
+        left, high = inner.width() * 3 // 5, look.px(26)
+        self._title.setGeometry(inner.left(), inner.top(), left, high)
+        self._detail.setGeometry(inner.left(), inner.top() + high, left, inner.height() - high)
+        self._advice.setGeometry(inner.adjusted(left + look.px(12), 0, 0, 0))
+
+    def show_danger(self, danger: Danger) -> None:
+        """Say it."""
+        self._title.show_text(danger.title)
+        self._advice.show_text(danger.advice)
+        self._detail.show_text(danger.detail)
+
+    def paint(self, pen: Pen) -> None:
+        """Draw its ground."""
+        pen.box(self.rect(), '#000000', FILLS[Tone.BAD][1], 4)
+
+
+class NumberField(Painted):
+    """The kart that a command by key acts on; or that no key acts at all."""
+
+    def __init__(self) -> None:
+        """Be empty."""
+        super().__init__('number_field')
+        self._off = False
+        self._title = Text('number', LARGE + 6, True, colour=self._colour)
+        self._detail = Text('number_detail', TEXT, wrap=True, colour=self._colour)
+        self._cells = Cell(''), Cell('')
+        for part in (self._title, self._detail):
+            part.setParent(self)
+
+    def _colour(self) -> str:
+        if self._off:
+            return YELLOW
+        tone = self._cells[0].tone
+        return WHITE if tone is Tone.BAD else look.text(tone)
+
+    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
+        """Share the room."""
+        self._share()
+
+    def _share(self) -> None:
+        inner = self.rect().adjusted(look.px(12), look.px(4), -look.px(8), -look.px(4))
+        left = inner.width() * 11 // 20 if self._title.whole else 0
+        self._title.setGeometry(inner.left(), inner.top(), left, inner.height())
+        self._detail.setGeometry(inner.adjusted(left + look.px(4) * bool(left), 0, 0, 0))
+
+    def show_keys(self, work: bool) -> None:
+        """Take whether the keys work: this window is the active one."""
+        self._off = not work
+        self._show()
+
+    def show_cells(self, title: Cell, detail: Cell) -> None:
+        """Show a kart's number and team, or why there is none."""
+        self._cells = title, detail
+        self._show()
+
+    def _show(self) -> None:
+        title, detail = self._cells
+        if self._off:
+            title = Cell(texts.KEYS_OFF_LARGE, Tone.BAD)
+            detail = Cell(texts.KEYS_OFF_DETAIL, Tone.BAD)
+        self._title.show_cell(title)
+        self._detail.show_cell(detail)
+        self.setProperty('tone', title.tone.value)
+        self._share()
+        self.show_it(self._off, title, detail, look.palette)
+
+    def paint(self, pen: Pen) -> None:
+        """Draw its ground."""
+        tone = self._cells[0].tone
+        if self._off:
+            pen.box(self.rect(), '#000000', YELLOW, 4)
+        elif tone is Tone.BAD:
+            pen.box(self.rect(), FILLS[Tone.BAD][1])
+        elif self._cells[0].text:
+            pen.box(self.rect(), look.palette.card, look.palette.chosen, 3)
+        else:
+            pen.box(self.rect(), look.palette.card, look.palette.line)
+
+
+class EventPanel(Card):
+    """What happened, of all karts or of one: commands in bold, with who gave them."""
 
     toggled = Signal()
     """The official wants the events of one kart only, or of all again."""
 
-    name_wanted = Signal()
-    """The official wants to say who they are."""
-
     def __init__(self) -> None:
         """Begin with nothing."""
-        super().__init__()
-        self._events = EventLog()
+        super().__init__('events')
+        self.log = EventLog()
         self._kart = 0
         self._teams: dict[int, str] = {}
-        self._view = QtWidgets.QPlainTextEdit()
+        self._view = QtWidgets.QTextEdit()
         self._view.setObjectName('log')
         self._view.setReadOnly(True)
+        self._view.setFrameShape(QtWidgets.QFrame.Shape.NoFrame)
         # No text can be selected, and so none dragged: a drag takes every key and click.
         self._view.setTextInteractionFlags(QtCore.Qt.TextInteractionFlag.NoTextInteraction)
         self._view.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
         self._view.setTabChangesFocus(True)
         # Lines are wrapped, as they are by default: a bar below them would hide the newest one.
-        self._view.setMaximumBlockCount(2000)
+        self._view.document().setMaximumBlockCount(EVENTS)
         # No list that opens: while one is open, it takes every key and click, also those of stops.
-        self._filter = QtWidgets.QPushButton()
-        self._filter.setObjectName('filter')
+        self._filter = Push('filter')
+        self._filter.quiet = True
         self._filter.clicked.connect(self.toggled)
-        self._name = ''
-        self._official = QtWidgets.QPushButton()
-        self._official.setObjectName('official')
-        self._official.clicked.connect(self.name_wanted)
-        title = Label(section='true')
-        title.setText(words.LOG)
-        left = QtWidgets.QVBoxLayout()
-        left.setSpacing(2)
-        left.addWidget(title)
-        left.addWidget(self._filter)
-        left.addWidget(self._official)
-        left.addStretch(1)
-        layout = QtWidgets.QHBoxLayout(self)
-        layout.setContentsMargins(0, 0, 0, 0)
-        layout.addLayout(left)
-        layout.addWidget(self._view, 1)
+        self._title = Text('', SMALL, True, colour=lambda: look.palette.faint)
+        self._title.show_text(texts.LOG)
+        for part in (self._title, self._filter, self._view):
+            part.setParent(self)
         self._show_one(0)
 
-    def fit(self, by: float, height: int) -> None:
-        """Take the size of a scale, in a window of a height (pixels)."""
-        for button in (self._filter, self._official):
-            button.setFixedWidth(round(190 * by))
-        self.show_name(self._name)
-        self._view.setFixedHeight(round(max(76 * by, 0.12 * height - 20)))
+    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
+        """Share the room."""
+        margin, high = look.px(GAP), look.px(24)
+        wide = look.px(150)
+        self._title.setGeometry(look.px(12), look.px(4), look.px(80), high)
+        self._filter.setGeometry(self.width() - wide - look.px(6), look.px(4), wide, high)
+        self._view.setGeometry(self.rect().adjusted(margin, high + look.px(8), -2, -look.px(6)))
+        self._view.document().setDocumentMargin(look.px(3))
+
+    def restyle(self) -> None:
+        """Take another size or palette."""
+        self._view.setFont(font(look.px(SMALL)))
+        self._show_one(self._kart)
 
     def add(self, event: Event) -> None:
         """Take an event."""
-        for line in self._events.add(event):
+        for line in self.log.add(event):
             if concerns(line, self._kart):
-                self._view.appendPlainText(str(line))
+                self._append(line)
 
-    def show_name(self, name: str) -> None:
-        """Show the official's name; empty: it is not known."""
-        self._name = name
-        text = words.NAME_IS.format(name=name) if name else words.NAME_UNKNOWN
-        set_property(self._official, 'tone', 'plain' if name else 'wait')
-        self._official.ensurePolished()
-        room = self._official.contentsRect().width() - 16
-        shown = self._official.fontMetrics().elidedText(
-            text, QtCore.Qt.TextElideMode.ElideRight, room
-        )
-        # No letter of a name is a shortcut.
-        set_text(self._official, shown.replace('&', '&&'))
+    def _append(self, line: Line) -> None:
+        bar = self._view.verticalScrollBar()
+        at_end = bar.value() == bar.maximum()
+        cursor = QtGui.QTextCursor(self._view.document())
+        cursor.movePosition(QtGui.QTextCursor.MoveOperation.End)
+        if not self._view.document().isEmpty():
+            cursor.insertBlock()
+        indent = look.px(56)
+        block = QtGui.QTextBlockFormat()
+        block.setLeftMargin(indent)
+        block.setTextIndent(-indent)
+        block.setTabPositions([QtGui.QTextOption.Tab(indent, QtGui.QTextOption.TabType.LeftTab)])
+        cursor.setBlockFormat(block)
+        ink = look.palette.ink if line.success else look.palette.bad
+        parts = ((f'{line.clock}\t', look.palette.faint, False), (line.said, ink, line.is_command))
+        for text, colour, bold in parts:
+            style = QtGui.QTextCharFormat()
+            style.setFont(font(look.px(SMALL), bold))
+            style.setForeground(QtGui.QColor(colour))
+            cursor.insertText(text, style)
+        if at_end:
+            bar.setValue(bar.maximum())
 
     def show_karts(self, rows: tuple[Row, ...]) -> None:
         """Take the karts of the roster; if the kart that is shown is gone, all are shown."""
@@ -250,9 +474,57 @@ class EventPanel(QtWidgets.QWidget):
 
     def _show_one(self, kart: int) -> None:
         self._kart = kart if kart in self._teams else 0
-        shown = words.EVERY_KART
+        shown = texts.EVERY_KART
         if self._kart:
-            shown = words.ONE_KART.format(number=self._kart, team=self._teams[self._kart])
-        set_text(self._filter, shown)
-        self._view.setPlainText('\n'.join(str(line) for line in self._events.lines(self._kart)))
-        self._view.moveCursor(QtGui.QTextCursor.MoveOperation.End)
+            shown = texts.ONE_KART.format(number=self._kart, team=self._teams[self._kart])
+        self._filter.show_words(shown)
+        self._view.clear()
+        cursor = QtGui.QTextCursor(self._view.document())
+        cursor.beginEditBlock()
+        for line in self.log.lines(self._kart)[-EVENTS:]:
+            self._append(line)
+        cursor.endEditBlock()
+        self._view.verticalScrollBar().setValue(self._view.verticalScrollBar().maximum())
+
+
+class Foot(QtWidgets.QWidget):
+    """The bottom line, a low battery, and in whose name this window sends commands."""
+
+    name_wanted = Signal()
+    """The official wants to say who they are."""
+
+    def __init__(self) -> None:
+        """Begin with nothing."""
+        super().__init__()
+        self.status = Text('status', TEXT + 1, True, LEFT, True, fills=True)
+        self._battery = Text('battery', TEXT, True, CENTER, fills=True)
+        self._battery.hide()
+        self._official = Push('official')
+        self._official.quiet = True
+        self._official.clicked.connect(self.name_wanted)
+        for part in (self.status, self._battery, self._official):
+            part.setParent(self)
+
+    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
+        """Share the room."""
+        name, battery = look.px(272), look.px(250)
+        self._official.setGeometry(self.width() - name, 0, name, self.height())
+        left = self.width() - name - look.px(GAP)
+        if not self._battery.isHidden():
+            left -= battery + look.px(GAP)
+        self.status.setGeometry(0, 0, left, self.height())
+        self._battery.setGeometry(left + look.px(GAP), 0, battery, self.height())
+
+    def show_battery(self, percent: int | None) -> None:
+        """Show that the battery is low, in percent; None: it is not."""
+        if percent is not None:
+            self._battery.show_cell(Cell(texts.BATTERY.format(percent=percent), Tone.BAD))
+        if self._battery.isHidden() is not (percent is None):
+            self._battery.setVisible(percent is not None)
+            self.resizeEvent(QtGui.QResizeEvent(self.size(), self.size()))
+
+    def show_name(self, name: str) -> None:
+        """Show the official's name; empty: it is not known."""
+        text = texts.NAME_IS.format(name=name) if name else texts.NAME_UNKNOWN
+        self._official.setProperty('tone', 'plain' if name else 'wait')
+        self._official.show_words(text)

@@ -12,7 +12,11 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The panels that lie over the karts: a question, the heats, and the keys."""
+"""
+The sheets that lie over the karts: a question, the heats, the official's name, and the keys.
+
+They end before the stops of the karts begin, so they cover no stop.
+"""
 
 from __future__ import annotations
 
@@ -21,53 +25,100 @@ from collections.abc import Sequence
 from evgp_protocol import clock
 from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.official import MOST_OF_NAME
-from evgp_rcs_console import words
+from evgp_rcs_console import texts
 from evgp_rcs_console.freshness import SEEN
-from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
+from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
+from evgp_rcs_console.style import LARGE, LEAST, look, SMALL, TEXT
 from evgp_rcs_console.view import Button, Cell, Tone
 from evgp_rcs_console.widgets import (
-    column,
     CommandButton,
-    Fitted,
-    Label,
+    font,
+    Painted,
+    Pen,
     Pressed,
-    set_property,
-    set_text,
+    Push,
+    Text,
+    TOP,
 )
 
+SHEET_MARGIN = 20
 
-class Sheet(QtWidgets.QFrame):
+
+class Sheet(Painted):
     """
-    A panel over the karts: a question, the heats, or the keys.
+    A sheet over the karts.
 
     It is not a window of its own, so it blocks nothing beside it.
+
+    :ivar parts: what is below each other in it, with the least height of each.
     """
 
-    def __init__(self, parent: QtWidgets.QWidget, name: str) -> None:
+    def __init__(self, parent: QtWidgets.QWidget, name: str, title: str = '') -> None:
         """Be hidden."""
-        super().__init__(parent)
-        self.setObjectName(name)
-        self.setProperty('sheet', 'true')
+        super().__init__(name)
+        self.setParent(parent)
         self.hide()
+        self.title = Text(f'{name}_title', LARGE + 4, True)
+        self.title.show_text(title)
+        self.parts: list[tuple[QtWidgets.QWidget, int]] = []
+        self.add(self.title, 40)
 
-    def buttons(self) -> list[QtWidgets.QPushButton]:
-        """Return the buttons, in the order in which Tab goes through them."""
-        return self.findChildren(QtWidgets.QPushButton)
+    def add(self, *parts: QtWidgets.QWidget | int) -> None:
+        """Put parts below those that there are: each with its height, 0 for that of its text."""
+        for part, height in zip(parts[::2], parts[1::2], strict=True):
+            assert isinstance(part, QtWidgets.QWidget)
+            assert isinstance(height, int)
+            part.setParent(self)
+            self.parts.append((part, height))
 
-    def fit_height(self, width: int) -> None:
-        """Take a width, and the height that all texts need then."""
-        layout = self.layout()
-        assert layout is not None
-        self.ensurePolished()
-        frame = self.contentsMargins()
-        inside = width - frame.left() - frame.right()
-        layout.activate()
-        height = max(layout.totalHeightForWidth(inside), layout.totalMinimumSize().height())
-        self.setFixedSize(width, height + frame.top() + frame.bottom())
+    @property
+    def whole(self) -> str:
+        """Return all that it says."""
+        said = (getattr(part, 'whole', '') for part, _ in self.parts if not part.isHidden())
+        return '\n'.join(filter(None, said))
+
+    def has(self, widget: QtWidgets.QWidget | None) -> bool:
+        """Return whether a widget is part of it."""
+        return widget is not None and (widget is self or self.isAncestorOf(widget))
+
+    def lay_out(self, room: QtCore.QRect) -> None:
+        """Take a room: as wide as that, and as high as the texts need, the type smaller for it."""
+        margin, gap = look.px(SHEET_MARGIN), look.px(10)
+        width = room.width() - 2 * margin
+        there = [(part, least) for part, least in self.parts if self._keeps_room(part)]
+        for size in (TEXT + 3, TEXT + 1, TEXT - 1, SMALL - 1, LEAST):
+            heights = [self._height(part, least, width, size) for part, least in there]
+            total = sum(heights) + gap * (len(heights) - 1) + 2 * margin
+            if total <= room.height():
+                break
+        self.setGeometry(room.left(), room.top(), room.width(), min(total, room.height()))
+        top = margin
+        for (part, _), height in zip(there, heights, strict=True):
+            part.setGeometry(margin, top, width, height)
+            top += height + gap
+        self.raise_()
+
+    def _keeps_room(self, part: QtWidgets.QWidget) -> bool:
+        return not part.isHidden()
+
+    def _height(self, part: QtWidgets.QWidget, least: int, width: int, size: int) -> int:
+        if least or not isinstance(part, Text):
+            return look.px(least)
+        part.resize_type(size)
+        metrics = QtGui.QFontMetrics(font(look.px(size), part.bold))
+        high = QtCore.QRect(0, 0, width, 10_000)
+        flags = QtCore.Qt.TextFlag.TextWordWrap.value
+        return metrics.boundingRect(high, flags, part.whole).height() + look.px(2)
 
     def close_sheet(self) -> None:
-        """Hide it."""
-        self.hide()
+        """Hide it; nothing that could be pressed by Enter gets the focus."""
+        if not self.isHidden():
+            self.hide()
+            self.window().setFocus()
+
+    def paint(self, pen: Pen) -> None:
+        """Draw its ground."""
+        pen.box(self.rect(), look.palette.card, look.palette.ink, 3, 10)
 
 
 class Question(Sheet):
@@ -85,39 +136,30 @@ class Question(Sheet):
         self._settling = QtCore.QTimer(self)
         self._settling.setSingleShot(True)
         self._settling.timeout.connect(self._show_problem)
-        self._title = Label('question_title', sheet_title='true')
-        self._consequence = Label('question_consequence', sheet_text='true')
-        self._warning = Label('question_warning', sheet_text='true', tone='bad')
-        self._statement = Label('question_statement', sheet_text='true')
-        # It always keeps its room, so that YES and NO never move.
-        self._problem = Fitted('question_problem', (20, 17, 15, 13))
-        for label in (self._consequence, self._warning, self._statement):
-            label.setWordWrap(True)
-        self.yes = QtWidgets.QPushButton()
-        self.yes.setObjectName('yes')
-        self.no = QtWidgets.QPushButton(words.ASK_NO)
-        self.no.setObjectName('no')
+        self._consequence = Text('question_consequence', align=TOP, wrap=True)
+        self._warning = Text('question_warning', TEXT, True, wrap=True, fills=True)
+        self._statement = Text('question_statement', TEXT, True, TOP, True)
+        self._texts = (self._consequence, self._warning, self._statement)
+        # It lies where they are, so that YES and NO never move.
+        self._problem = Text('question_problem', TEXT + 2, True, wrap=True, fills=True)
+        self._problem.setParent(self)
+        self.yes, self.no = Push('yes'), Push('no', texts.ASK_NO)
         self.no.clicked.connect(lambda: self.answered.emit(False))
         self.yes.clicked.connect(lambda: self.answered.emit(True))
-        layout = column(
-            self,
-            self._title,
-            self._consequence,
-            self._warning,
-            self._statement,
-            self._problem,
-            self.no,
-            self.yes,
-        )
-        layout.setContentsMargins(24, 16, 24, 20)
-        layout.setSpacing(12)
+        self.add(self._consequence, 0, self._warning, 0, self._statement, 0, self.no, 40)
+        self.add(self.yes, 52)
 
-    def fit(self, by: float) -> None:
-        """Take the size of a scale."""
-        self._problem.setFixedHeight(round(50 * by))
-        self._problem.fit(by)
-        for button in self.buttons():
-            button.setFixedHeight(round(39 * by))
+    def _keeps_room(self, part: QtWidgets.QWidget) -> bool:
+        # A text that is hidden for a problem keeps its room.
+        return bool(part.whole) if isinstance(part, Text) else not part.isHidden()
+
+    def lay_out(self, room: QtCore.QRect) -> None:
+        """Take a room; a problem lies over the texts that it makes untrue."""
+        super().lay_out(room)
+        top = self._consequence.geometry()
+        bottom = self.no.geometry().top() - look.px(10)
+        high = max(bottom - top.top(), look.px(46))
+        self._problem.setGeometry(top.left(), top.top(), top.width(), min(high, look.px(90)))
 
     def ask(self, button: Button) -> None:
         """Ask for the confirmation of a command; NO has the focus."""
@@ -127,14 +169,12 @@ class Question(Sheet):
         self.yes.setDown(False)  # held down since another question
         # A click on YES does not count at first: it may be the second one of a double click.
         self._settling.start(round(SEEN * 1000))
-        set_text(
-            self._title,
-            words.ASK_TITLE.format(command=words.command_name(button.command, button.kart)),
-        )
+        command = texts.command_name(button.command, button.kart)
+        self.title.show_text(texts.ASK_TITLE.format(command=command))
         condition = button.condition[:1].upper() + button.condition[1:]
-        set_text(self._statement, words.ASK_STATE.format(condition=button.condition))
+        self._statement.show_text(texts.ASK_STATE.format(condition=button.condition))
         self._show_texts(button)
-        set_text(self.yes, words.ASK_YES.format(condition=condition))
+        self.yes.show_words(texts.ASK_YES.format(condition=condition), 'Y')
         self.update_button(button)
         self.show()
         self.raise_()
@@ -153,23 +193,18 @@ class Question(Sheet):
                 self._show_texts(button)
         elif button is not None and button.reason:
             self._spoilt = True
-            self._problem_text = words.ASK_AGAIN.format(reason=button.reason)
+            self._problem_text = texts.ASK_AGAIN.format(reason=button.reason)
         elif self._spoilt or button is None or not button.asks_the_same(self.button):
             self._spoilt = True
-            self._problem_text = words.ASK_CHANGED
+            self._problem_text = texts.ASK_CHANGED
         else:
             self._problem_text = ''
         self._show_problem()
 
     def _show_texts(self, button: Button) -> None:
-        set_text(self._consequence, button.consequence)
-        warning = words.ASK_WARNING.format(warning=button.warning) if button.warning else ''
-        set_text(self._warning, warning)
-        for label in (self._consequence, self._warning, self._statement):
-            # A text that is hidden later keeps its room, for the same reason.
-            policy = label.sizePolicy()
-            policy.setRetainSizeWhenHidden(bool(label.text()))
-            label.setSizePolicy(policy)
+        self._consequence.show_text(button.consequence)
+        warning = texts.ASK_WARNING.format(warning=button.warning) if button.warning else ''
+        self._warning.show_cell(Cell(warning, Tone.BAD))
 
     @property
     def settled(self) -> bool:
@@ -179,11 +214,13 @@ class Question(Sheet):
     def _show_problem(self) -> None:
         problem = self._problem_text
         # The texts of the question are no longer true.
-        for label in (self._consequence, self._warning, self._statement):
-            label.setVisible(bool(label.text()) and not problem)
-        self._problem.show_cell(Cell(problem, Tone.BAD if problem else Tone.PLAIN))
+        for text in self._texts:
+            text.setVisible(bool(text.whole) and not problem)
+        self._problem.show_cell(Cell(problem, Tone.BAD))
+        self._problem.setVisible(bool(problem))
+        self._problem.raise_()
         self.yes.setEnabled(not problem)
-        set_property(self.yes, 'barred', 'true' if problem or not self.settled else 'false')
+        self.yes.bar(bool(problem) or not self.settled)
 
 
 class Heats(Sheet):
@@ -191,31 +228,28 @@ class Heats(Sheet):
 
     def __init__(self, parent: QtWidgets.QWidget, pressed: Pressed) -> None:
         """Have none yet."""
-        super().__init__(parent, 'heats')
+        super().__init__(parent, 'heats', texts.HEATS_TITLE)
         self._pressed = pressed
         self._heats: list[CommandButton] = []
-        title = Label(sheet_title='true')
-        title.setText(words.HEATS_TITLE)
-        does = Label(sheet_text='true')
-        does.setText(words.HEATS_CONSEQUENCE)
-        close = QtWidgets.QPushButton(words.HEATS_CLOSE)
-        close.setObjectName('close_heats')
-        close.clicked.connect(self.close_sheet)
-        self._column = column(self, title, does, close)
-        self._column.setContentsMargins(24, 16, 24, 20)
-        self._column.setSpacing(12)
+        does = Text('', wrap=True)
+        does.show_text(texts.HEATS_CONSEQUENCE)
+        self._close = Push('close_heats', texts.HEATS_CLOSE, 'Esc')
+        self._close.clicked.connect(self.close_sheet)
+        self.add(does, 0, self._close, 36)
 
     def show_heats(self, buttons: Sequence[Button]) -> None:
         """Show one button for each heat."""
-        for place in range(len(self._heats), len(buttons)):
-            button = CommandButton(self._choose, large=True)
+        for _ in range(len(self._heats), len(buttons)):
+            button = CommandButton(self._choose)
             self._heats.append(button)
-            self._column.insertWidget(2 + place, button)
-        for place, (widget, heat) in enumerate(zip(self._heats, buttons, strict=False)):
+            self.add(button, 34)
+            self.parts.append(self.parts.pop(-2))
+        for number, (widget, heat) in enumerate(zip(self._heats, buttons, strict=False), 1):
             widget.show_button(heat)
-            widget.setObjectName(f'heat_{place + 1}')
-        for place, widget in enumerate(self._heats):
-            widget.setVisible(place < len(buttons))
+            widget.setObjectName(f'heat_{number}')
+        for number, widget in enumerate(self._heats):
+            if widget.isHidden() is not (number >= len(buttons)):
+                widget.setVisible(number < len(buttons))
 
     def open_sheet(self) -> None:
         """Show it; the first heat has the focus."""
@@ -241,23 +275,17 @@ class YourName(Sheet):
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         """Begin empty."""
-        super().__init__(parent, 'your_name')
+        super().__init__(parent, 'your_name', texts.NAME_TITLE)
         self._name = ''
-        title, about = Label(sheet_title='true'), Label(sheet_text='true')
-        title.setText(words.NAME_TITLE)
-        about.setText(words.NAME_ABOUT)
-        about.setWordWrap(True)
-        self._field = Label('name')
+        about = Text('', wrap=True)
+        about.show_text(texts.NAME_ABOUT)
+        self._field = NameField('name', LARGE, True)
         self._field.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
-        keep = QtWidgets.QPushButton(words.NAME_KEEP)
-        keep.setObjectName('keep_name')
+        keep = Push('keep_name', texts.NAME_KEEP, 'Enter')
         keep.clicked.connect(self.save)
-        cancel = QtWidgets.QPushButton(words.NAME_CANCEL)
-        cancel.setObjectName('close_name')
+        cancel = Push('close_name', texts.HEATS_CLOSE, 'Esc')
         cancel.clicked.connect(self.close_sheet)
-        layout = column(self, title, about, self._field, keep, cancel)
-        layout.setContentsMargins(24, 16, 24, 20)
-        layout.setSpacing(12)
+        self.add(about, 0, self._field, 44, keep, 36, cancel, 36)
 
     def open_sheet(self, name: str) -> None:
         """Show it with the name that there is."""
@@ -286,7 +314,33 @@ class YourName(Sheet):
 
     def _show_name(self, name: str) -> None:
         self._name = name
-        set_text(self._field, words.NAME_CARET.format(name=name))
+        self._field.show_text(texts.NAME_CARET.format(name=name))
+
+
+class NameField(Text):
+    """Shows the name that is typed."""
+
+    def paint(self, pen: Pen) -> None:
+        """Draw it, framed."""
+        frame = look.palette.chosen if self.hasFocus() else look.palette.faint
+        pen.box(self.rect(), look.palette.card, frame, 3 if self.hasFocus() else 1.5)
+        room = self.rect().adjusted(look.px(10), look.px(4), -look.px(10), -look.px(4))
+        pen.text(room, self.whole, look.palette.ink, LARGE, True)
+
+
+class KeyTable(Painted):
+    """Every key, with what it does."""
+
+    def paint(self, pen: Pen) -> None:
+        """Draw two columns of them."""
+        half = (len(texts.KEY_HELP) + 1) // 2
+        high, wide = self.height() // half, self.width() // 2
+        for number, (key, meaning) in enumerate(texts.KEY_HELP):
+            left, top = wide * (number // half), high * (number % half)
+            name = QtCore.QRect(left, top, wide * 2 // 5 - look.px(8), high)
+            does = QtCore.QRect(left + wide * 2 // 5, top, wide * 3 // 5 - look.px(8), high)
+            pen.text(name, key, look.palette.ink, TEXT, True)
+            pen.text(does, meaning, look.palette.ink, TEXT, wrap=True)
 
 
 class Help(Sheet):
@@ -294,23 +348,7 @@ class Help(Sheet):
 
     def __init__(self, parent: QtWidgets.QWidget) -> None:
         """List them."""
-        super().__init__(parent, 'help')
-        title = Label(sheet_title='true')
-        title.setText(words.HELP_TITLE)
-        grid = QtWidgets.QGridLayout()
-        half = (len(words.KEY_HELP) + 1) // 2
-        for place, (key, meaning) in enumerate(words.KEY_HELP):
-            for offset, text in ((0, key), (1, meaning)):
-                label = Label(tone='good' if offset == 0 else 'plain')
-                label.setText(text)
-                grid.addWidget(label, place % half, 2 * (place // half) + offset)
-        close = QtWidgets.QPushButton(words.HELP_CLOSE)
-        close.setObjectName('close_help')
+        super().__init__(parent, 'help', texts.HELP_TITLE)
+        close = Push('close_help', texts.HELP_CLOSE, 'Esc')
         close.clicked.connect(self.close_sheet)
-        layout = column(self, title)
-        layout.addLayout(grid)
-        layout.addWidget(close)
-        layout.setContentsMargins(24, 16, 24, 20)
-        grid.setHorizontalSpacing(16)
-        grid.setVerticalSpacing(4)
-        layout.addStretch(1)
+        self.add(KeyTable(), 330, close, 36)

@@ -12,29 +12,132 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""How the window looks: colours and sizes. Sizes are those of a 1366 by 768 screen."""
+"""
+How the window looks: one palette for the day and one for the night, one unit, three sizes of type.
+
+All sizes are those of a 1366 by 768 screen, in pixels; ``look.px`` makes them those of this one.
+No Qt: a test computes the contrasts from here.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+import functools
+
 from evgp_rcs_console.view import Tone
 
-# Dark text on light ground reads best in the sun; fills differ in brightness as well as in hue.
-TONES = {
-    Tone.PLAIN: ('#000000', 'transparent'),
-    Tone.FAINT: ('#4A4A4A', 'transparent'),
-    Tone.GOOD: ('#00472B', 'transparent'),
-    Tone.WAIT: ('#000000', '#FFE08A'),
-    Tone.BAD: ('#FFFFFF', '#A0001C'),
-    Tone.GARAGE: ('#000000', '#DADADA'),
-    Tone.GRID: ('#000000', '#FFD200'),
-    Tone.GREEN: ('#FFFFFF', '#006B38'),
-    Tone.FLAG: ('#000000', '#FF9A1F'),
-    Tone.RED: ('#FFFFFF', '#A0001C'),
-}
-"""Foreground and background of each tone."""
+FAMILIES = ('Inter', 'Noto Sans', 'DejaVu Sans')
+"""Fonts, the preferred one first; the last one has every sign, and is wide."""
 
-STALE = ('#5A5A5A', '#CFCFCF')
-"""Of everything that is no longer known to be true."""
+UNIT = 4
+"""Margins and gaps are multiples of it."""
+
+GAP = 2 * UNIT
+RADIUS = 6
+SMALL = 12
+TEXT = 14
+LARGE = 22
+HUGE = 38
+"""Sizes of type; the last one is for the state of the race, ALL KILL and what is as urgent."""
+
+LEAST = 10
+"""Minimum size of type; a text that does not fit in it ends with dots."""
+
+
+@dataclass(frozen=True)
+class Palette:
+    """
+    The colours of the window.
+
+    :param ground: behind the cards.
+    :param card: behind what is read.
+    :param raised: a card's part that is pressed or chosen; also the fill of IN GARAGE.
+    :param line: between rows, and around cards.
+    :param ink: text.
+    :param faint: text that matters less, and commands that are not possible.
+    :param good: text of what is as it should be.
+    :param bad: text of what is wrong, and of stops.
+    :param chosen: around what has the focus or is chosen.
+    """
+
+    ground: str
+    card: str
+    raised: str
+    line: str
+    ink: str
+    faint: str
+    good: str
+    bad: str
+    chosen: str
+
+
+DAY = Palette(
+    ground='#EEF0F2',
+    card='#FFFFFF',
+    raised='#E2E6EA',
+    line='#D5D9DE',
+    ink='#14171A',
+    faint='#5E676F',
+    good='#0A7D3E',
+    bad='#B3001B',
+    chosen='#1F6FEB',
+)
+NIGHT = Palette(
+    ground='#0F1215',
+    card='#191D22',
+    raised='#2C333B',
+    line='#333B43',
+    ink='#F1F4F6',
+    faint='#A3ADB6',
+    good='#3DDC84',
+    bad='#FF7B8A',
+    chosen='#5C9DFF',
+)
+
+BLACK, WHITE, YELLOW = '#14171A', '#FFFFFF', '#FFCF00'
+
+FILLS = {
+    Tone.WAIT: (BLACK, '#F2C200'),
+    Tone.BAD: (WHITE, '#B3001B'),
+    Tone.GRID: (BLACK, '#F2C200'),
+    Tone.GREEN: (WHITE, '#0A7D3E'),
+    Tone.FLAG: (BLACK, '#F08A00'),
+    Tone.RED: (WHITE, '#B3001B'),
+}
+"""Text and ground of what a colour means: the same by day and by night."""
+
+BANNER = (WHITE, '#6A1B9A')
+"""Of the line at the top, such as REHEARSAL."""
+
+
+class Look:
+    """
+    What is in use now; a window draws by it.
+
+    :ivar by: how much larger than on a 1366 by 768 screen everything is.
+    """
+
+    def __init__(self) -> None:
+        """Begin by day, on a 1366 by 768 screen."""
+        self.palette = DAY
+        self.by = 1.0
+
+    def px(self, size: float) -> int:
+        """Return a size on this screen, in pixels."""
+        return round(size * self.by)
+
+    def text(self, tone: Tone) -> str:
+        """Return the colour of a text on a card."""
+        by_name = {Tone.FAINT: self.palette.faint, Tone.GOOD: self.palette.good}
+        return {**by_name, Tone.BAD: self.palette.bad}.get(tone, self.palette.ink)
+
+    def fill(self, tone: Tone) -> tuple[str, str]:
+        """Return the colours of a text and its own ground."""
+        return FILLS.get(tone, (self.text(tone), self.palette.raised))
+
+
+look = Look()
+"""Of this process: it has one window."""
 
 
 def scale(width: int, height: int) -> float:
@@ -46,124 +149,32 @@ def scale(width: int, height: int) -> float:
     return max(0.8, min(width / 1366, height / 768))
 
 
-def sheet(by: float) -> str:
-    """Return the style sheet of the window at a scale."""
+def contrast(one: str, other: str) -> float:
+    """Return the contrast of two colours, from 1 to 21, as WCAG 2 defines it."""
+    dark, light = sorted((_luminance(one), _luminance(other)))
+    return (light + 0.05) / (dark + 0.05)
 
-    def px(size: float) -> str:
-        return f'{round(size * by)}px'
 
-    tones = ''.join(
-        f'QLabel[tone="{tone.value}"] {{ color: {fore}; background: {back}; }}\n'
-        for tone, (fore, back) in TONES.items()
-    )
+@functools.cache
+def _luminance(colour: str) -> float:
+    parts = [part / 255 for part in bytes.fromhex(colour[1:])]
+    linear = [
+        part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts
+    ]
+    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+
+def sheet() -> str:
+    """Return the style sheet of what Qt draws itself: the events, and what scrolls."""
+    colours = look.palette
     return f"""
-* {{ font-size: {px(14)}; color: #000; }}
-QWidget#window {{ background: #FFF; }}
-QLabel {{ background: transparent; }}
-{tones}
-QLabel[tone="stale"] {{ color: {STALE[0]}; background: {STALE[1]}; }}
-QLabel[tone="good"], QLabel[tone="bad"], QLabel[tone="wait"], QLabel[tone="red"],
-QLabel[tone="flag"], QLabel[tone="grid"], QLabel[tone="green"] {{ font-weight: bold; }}
-QLabel[fill="true"] {{ border-radius: {px(3)}; padding: 0 {px(4)}; }}
-
-QLabel#top_line {{ color: #FFFFFF; background: #6A1B9A; font-size: {px(17)}; font-weight: 900; }}
-QLabel#state {{ font-size: {px(46)}; font-weight: 900; border-radius: {px(6)}; }}
-QLabel#state_since {{ font-size: {px(17)}; font-weight: bold; }}
-QLabel#humans {{ font-size: {px(21)}; font-weight: bold; padding: {px(2)} {px(6)}; }}
-QLabel#track {{ font-size: {px(17)}; font-weight: bold; }}
-QFrame#danger {{ background: #000; border: {px(5)} solid #A0001C; border-radius: {px(6)}; }}
-QFrame#danger QLabel {{ color: #FFF; }}
-QLabel#danger_title {{ font-size: {px(50)}; font-weight: 900; }}
-QLabel#danger_advice {{ font-size: {px(60)}; font-weight: 900; }}
-QFrame#danger QLabel#danger_advice {{ color: #FFD200; }}
-QLabel#danger_detail {{ font-size: {px(16)}; font-weight: bold; }}
-
-QPushButton {{
-  background: #F2F2F2; border: {px(2)} solid #333; border-radius: {px(4)};
-  padding: {px(1)} {px(3)}; font-weight: bold;
+QWidget#window {{ background: {colours.ground}; }}
+QScrollArea, QWidget#rows {{ border: none; background: {colours.card}; }}
+QTextEdit {{ border: none; background: {colours.card}; color: {colours.ink}; }}
+QScrollBar:vertical {{ width: {look.px(16)}px; background: {colours.raised}; }}
+QScrollBar::handle:vertical {{
+  background: {colours.faint}; min-height: {look.px(40)}px; border-radius: {look.px(4)}px;
 }}
-QPushButton:hover {{ background: #FFF; }}
-QPushButton:pressed {{ background: #B8B8B8; }}
-QPushButton:focus {{ border: {px(3)} solid #0047C2; background: #DCE8FF; }}
-QPushButton[barred="true"] {{
-  color: #767676; background: #FFF; border: {px(2)} dashed #8A8A8A; font-weight: normal;
-}}
-QPushButton[barred="true"]:focus {{ border: {px(3)} dashed #0047C2; }}
-QPushButton[stop="true"] {{ border: {px(2)} solid #A0001C; color: #A0001C; background: #FFF; }}
-QPushButton[stop="true"]:focus {{ border: {px(3)} solid #0047C2; background: #DCE8FF; }}
-QPushButton[large="true"] {{ font-size: {px(18)}; }}
-QFrame[row="true"] QPushButton {{ font-size: {px(13)}; padding: 0; }}
-QFrame#kill_frame {{ background: #000; border-radius: {px(12)}; }}
-QPushButton#all_kill {{
-  background: #A0001C; color: #FFF; border: {px(8)} solid #FFD200; border-radius: {px(10)};
-  font-size: {px(42)}; font-weight: 900;
-}}
-QPushButton#all_kill:hover {{ background: #C00022; }}
-QPushButton#all_kill:pressed {{ background: #5A0010; }}
-QPushButton#all_kill:focus {{ border: {px(8)} solid #FFD200; }}
-QPushButton#all_kill[pressing="true"] {{ background: #000; color: #FFD200; font-size: {px(34)}; }}
-QLabel#kill_hint {{ font-weight: bold; font-size: {px(15)}; }}
-QLabel#kill_hint[tone="bad"] {{ font-size: {px(15)}; }}
-
-QLabel[section="true"] {{
-  font-weight: bold; font-size: {px(15)}; border-bottom: {px(2)} solid #000;
-}}
-QLabel[reason="true"] {{ font-size: {px(12)}; color: #333; }}
-QFrame#banner {{ border-top: {px(1)} solid #9A9A9A; border-bottom: {px(1)} solid #9A9A9A; }}
-QFrame[alert="msr"], QFrame[alert="other"] {{ background: #FFF2D0; }}
-QLabel[alert_part] {{ padding: 0 {px(4)}; font-weight: bold; }}
-QLabel[alert_part="what"], QLabel[alert_part="kart"] {{ font-size: {px(17)}; font-weight: 900; }}
-QLabel[alert_part="what"] {{ border-radius: {px(3)}; font-size: {px(15)}; }}
-QLabel[alert_part="what"][look="msr"] {{ color: #FFF; background: #A0001C; }}
-QLabel[alert_part="what"][look="other"] {{ background: #FFE08A; }}
-QLabel[alert_part="what"][look="msr"][seen="true"] {{
-  color: #A0001C; background: #FFF; border: {px(2)} solid #A0001C;
-}}
-QLabel[alert_part="text"][seen="true"] {{ font-weight: normal; }}
-QLabel[look="ended"] {{ color: #5A5A5A; font-weight: normal; }}
-QLabel[alert_part="text"][look="ended"], QLabel[alert_part="kart"][look="ended"] {{
-  text-decoration: line-through; font-weight: normal;
-}}
-QFrame#number_field {{ border: {px(3)} solid #0047C2; border-radius: {px(4)}; background: #FFF; }}
-QFrame#number_field[tone="faint"] {{ border: {px(2)} dashed #8A8A8A; }}
-QFrame#number_field[tone="bad"] {{ border: {px(3)} solid #A0001C; }}
-QLabel#number {{ font-weight: 900; }}
-QLabel#number_detail {{ font-weight: bold; }}
-
-QLabel[heading="true"] {{ font-size: {px(12)}; color: #333; }}
-QFrame[row="true"] {{ border-bottom: 1px solid #9A9A9A; background: #FFF; }}
-QFrame[row="true"][racing="false"] {{ background: #EFEFEF; }}
-QFrame[row="true"][chosen="true"] {{
-  border: {px(3)} solid #0047C2; border-radius: {px(3)};
-}}
-QFrame[row="true"] QLabel {{ padding: 0 {px(4)}; }}
-QFrame[row="true"] QLabel[cell="number"], QFrame[row="true"] QLabel[cell="place"] {{ padding: 0; }}
-QLabel[cell="number"] {{ font-size: {px(28)}; font-weight: 900; }}
-QLabel[cell="team"] {{ font-size: {px(15)}; font-weight: bold; }}
-QLabel[cell="note"] {{ font-size: {px(12)}; color: #333; }}
-QLabel[cell="since"] {{ font-size: {px(12)}; }}
-QLabel[cell="says"] {{ font-size: {px(12)}; }}
-QLabel[cell="place"] {{ font-size: {px(20)}; font-weight: 900; }}
-QScrollArea {{ border: none; background: #FFF; }}
-QWidget#rows {{ background: #FFF; }}
-QScrollBar:vertical {{ width: {px(24)}; background: #DDD; }}
-QScrollBar::handle:vertical {{ background: #555; min-height: {px(40)}; border-radius: {px(4)}; }}
+QTextEdit QScrollBar:vertical {{ width: {look.px(10)}px; }}
 QScrollBar::add-line, QScrollBar::sub-line {{ height: 0; }}
-
-QPlainTextEdit#log {{ border: 1px solid #333; background: #FFF; font-size: {px(13)}; }}
-QPushButton#filter, QPushButton#official {{ text-align: left; font-size: {px(14)}; }}
-QPushButton#official[tone="wait"] {{ background: #FFE08A; }}
-QPushButton#official[tone="wait"]:focus {{ background: #DCE8FF; }}
-QLabel#name {{
-  font-size: {px(28)}; font-weight: bold; border: {px(2)} solid #333; padding: {px(4)} {px(8)};
-}}
-QLabel#name:focus {{ border: {px(3)} solid #0047C2; }}
-QPlainTextEdit#log:focus {{ border: {px(2)} solid #0047C2; }}
-QLabel#status {{
-  font-size: {px(15)}; font-weight: bold; border: 1px solid #333; padding: {px(1)} {px(6)};
-}}
-QFrame[sheet="true"] {{ background: #FFF; border: {px(6)} solid #000; border-radius: {px(8)}; }}
-QLabel[sheet_title="true"] {{ font-size: {px(36)}; font-weight: 900; }}
-QLabel[sheet_text="true"] {{ font-size: {px(20)}; }}
-QFrame[sheet="true"] QPushButton {{ font-size: {px(20)}; padding: {px(5)} {px(14)}; }}
 """

@@ -22,7 +22,7 @@ terminal client shows the same.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 import enum
 import math
@@ -30,13 +30,14 @@ import string
 
 from evgp_protocol.clock import duration
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs_console import words
-from evgp_rcs_console.commands import asks, Order
-from evgp_rcs_console.effects import effects, nobody_is_heard
-from evgp_rcs_console.outcome import is_so
+from evgp_rcs_console import texts
+from evgp_rcs_console.commands import asks, effects, is_so, nobody_is_heard, Order
+from evgp_rcs_console.notices import Notice
 from evgp_rcs_console.snapshot import (
+    Alert,
     Availability,
     Available,
+    Event,
     Heat,
     Kart,
     Race,
@@ -137,6 +138,9 @@ class Button:
     :param warning: why not to confirm it; empty if nothing is known against it.
     :param heat: the heat that it puts into the race, by its name.
     :param key: the key that presses it; empty if none does.
+    :param phrase: of a command to the race: since when its result holds, what it would do, or
+        what it waits for, in a few words.
+    :param current: of a command to the race: the race is in the state that it brings about.
     """
 
     command: CommandKind
@@ -152,6 +156,8 @@ class Button:
     warning: str = ''
     heat: str = ''
     key: str = ''
+    phrase: str = ''
+    current: bool = False
 
     def order(self) -> Order:
         """
@@ -194,8 +200,8 @@ class Button:
     @property
     def explanation(self) -> str:
         """Return why it is not possible; empty if it is."""
-        name = words.command_name(self.command, self.kart)
-        return words.BARRED.format(command=name, reason=self.reason) if self.reason else ''
+        name = texts.command_name(self.command, self.kart)
+        return texts.BARRED.format(command=name, reason=self.reason) if self.reason else ''
 
 
 @dataclass(frozen=True)
@@ -203,22 +209,60 @@ class Row:
     """
     A kart as a row.
 
+    :param use_msr: an alert of it asks for the Master Safety Remote.
+    :param answer: what it answered, in a word or two; empty if nothing was asked.
+    :param waits: it is connected and has not done yet what it is sent.
     :param finish: what its letter presses, whatever its button offers.
     """
 
     number: int
     team: str
     in_race: bool
-    race: Cell
+    use_msr: bool
     link: Cell
     sent: Cell
     since: str
-    acknowledged: Cell
-    says: Cell
+    answer: Cell
+    waits: bool
+    says: str
     place: str
-    note: str
+    note: Cell
     buttons: tuple[Button, ...]
     finish: Button
+
+
+@dataclass(frozen=True)
+class Column:
+    """
+    A column of the karts, in the window and in the terminal.
+
+    :param width: in pixels on a 1366 by 768 screen; 0: what the others leave.
+    :param cell: what it shows of a row.
+    :param below: what it shows below that, in small type.
+    """
+
+    heading: str
+    width: int
+    cell: Callable[[Row], Cell]
+    below: Callable[[Row], Cell] = lambda row: Cell('')
+
+
+def _answer_or_link(row: Row) -> Cell:
+    """Return the answer of a kart that is connected and asked; else what is known of its link."""
+    return row.answer if row.answer.text and row.link.text == texts.LINKED else row.link
+
+
+def _says(row: Row) -> Cell:
+    return Cell(row.says if row.link.text == texts.LINKED else row.answer.text, Tone.FAINT)
+
+
+COLUMNS = (
+    Column('Kart', 46, lambda row: Cell(str(row.number))),
+    Column('Team', 0, lambda row: Cell(row.team), lambda row: row.note),
+    Column('Sent, for', 176, lambda row: row.sent, lambda row: Cell(row.since)),
+    Column('Answer, link', 116, _answer_or_link, _says),
+    Column('Place', 38, lambda row: Cell(row.place)),
+)
 
 
 @dataclass(frozen=True)
@@ -247,7 +291,10 @@ class Screen:
     :param state: the state of the race, in the largest type; or what is true of its karts, if none
         of them is sent it.
     :param since: for how long it has been in that state, and by whom.
+    :param clock: the time since GREEN GREEN while a race is on; empty if none is.
+    :param heat: what is in the race: the heat and the number of its karts.
     :param tally: how many karts of the race do what; empty if there is none.
+    :param missing: which karts of the race have not done yet what they are sent.
     :param heat_button: offers the choice of a heat; None if the roster names none.
     :param heats: one button for each heat of the roster.
     :param places: the places of the race, or of the last one; empty if there are none.
@@ -256,7 +303,10 @@ class Screen:
     banner: str
     state: Cell
     since: str
+    clock: str
+    heat: str
     tally: str
+    missing: str
     heat_button: Button | None
     heats: tuple[Button, ...]
     places: str
@@ -287,7 +337,7 @@ KEYS = {
     CommandKind.RACE_OVER: 'F5',
     CommandKind.IN_GARAGE: 'F6',
     CommandKind.OPEN_TRACK: 'F7',
-    CommandKind.CLOSE_TRACK: 'F8',
+    CommandKind.CLOSE_TRACK: 'F7',
     CommandKind.RECORD_MSR: 'F9',
     CommandKind.SET_HEAT: 'Ctrl+H',
 }
@@ -319,7 +369,7 @@ def is_gone(silent_for: float | None) -> bool:
     return silent_for is None or silent_for >= GONE_AFTER
 
 
-KILL_NOTES = (words.KILL_NOTE_NOT_YET, words.KILL_NOTE_GONE)
+KILL_NOTES = (texts.KILL_NOTE_NOT_YET, texts.KILL_NOTE_GONE)
 """How a stop is pressed before race control is found, and once it is gone."""
 
 
@@ -342,13 +392,13 @@ def silence(
     if not is_gone(silent_for):
         return None
     if silent_for is None:
-        title, barred, note = words.NOT_YET, words.NOT_YET_REASON, notes[0]
-        detail = words.NOT_YET_DETAIL.format(looking=looking, age=duration(looking_for, 0))
+        title, barred, note = texts.NOT_YET, texts.NOT_YET_REASON, notes[0]
+        detail = texts.NOT_YET_DETAIL.format(looking=looking, age=duration(looking_for, 0))
     else:
-        title, barred, note = words.GONE, words.GONE_REASON, notes[1]
-        detail = words.GONE_SINCE.format(age=duration(silent_for), state=words.STATES[state])
+        title, barred, note = texts.GONE, texts.GONE_REASON, notes[1]
+        detail = texts.GONE_SINCE.format(age=duration(silent_for), state=texts.STATES[state])
     detail = f'{detail} {note}'.rstrip()
-    return Danger(title, words.USE_MSR, detail, barred, stale=True)
+    return Danger(title, texts.USE_MSR, detail, barred, stale=True)
 
 
 def danger(race: Race, two: bool) -> Danger | None:
@@ -359,13 +409,25 @@ def danger(race: Race, two: bool) -> Danger | None:
     """
     told = {alert.kind: alert.text for alert in race.alerts}
     if PART_FAILED in told:
-        return Danger(words.FAILED, words.USE_MSR, told[PART_FAILED])
+        return Danger(texts.FAILED, texts.USE_MSR, told[PART_FAILED])
     if two or TWO_RACE_CONTROLS in told:
-        found = told.get(TWO_RACE_CONTROLS, words.TWO_DETAIL).removesuffix('.')
-        detail = f'{found}. {words.TWO_WHAT_TO_DO}'
-        return Danger(words.TWO, words.TWO_ADVICE, detail, words.TWO_REASON)
+        found = told.get(TWO_RACE_CONTROLS, texts.TWO_DETAIL).removesuffix('.')
+        detail = f'{found}. {texts.TWO_WHAT_TO_DO}'
+        return Danger(texts.TWO, texts.TWO_ADVICE, detail, texts.TWO_REASON)
     return None
 
+
+STEP_STATES = {
+    CommandKind.GRID_ACTIVE: State.GRID_ACTIVE,
+    CommandKind.GREEN_GREEN: State.GREEN_GREEN,
+    CommandKind.RED_FLAG: State.RED_FLAG,
+    CommandKind.RACE_OVER: State.RED_RED,
+    CommandKind.IN_GARAGE: State.IN_GARAGE,
+}
+"""The state of the race that each command to it brings about."""
+
+PAST = (State.GRID_ACTIVE, State.GREEN_GREEN)
+"""The states that a race under way has behind it, or has before it."""
 
 WORTH_A_FIGURE = 2.0
 """Time after which the screen says for how long a command has not been possible, in seconds."""
@@ -388,12 +450,30 @@ class ReasonTimes:
         return {command: now - since for command, (_, since) in first.items()}
 
 
+class RaceTimes:
+    """When the race went to each of its states, since it was last brought to the garage."""
+
+    def __init__(self) -> None:
+        """Know of none."""
+        self.entered: dict[State, tuple[float, str]] = {}
+        self._last = 0
+
+    def take(self, event: Event) -> None:
+        """Take an event; only those of the race's state matter."""
+        if event.sequence <= self._last or event.race is State.IN_GARAGE:
+            self.entered.clear()  # another race control numbers anew
+        self._last = event.sequence
+        if event.race is not State.UNKNOWN:
+            self.entered[event.race] = event.at, event.clock
+
+
 def show(
     race: Race,
     age: float,
     pending: Pending,
     danger: Danger | None = None,
     reasons: Mapping[CommandKind, float] | None = None,
+    entered: Mapping[State, tuple[float, str]] | None = None,
 ) -> Screen:
     """
     Return what a screen shows of a snapshot.
@@ -403,17 +483,22 @@ def show(
     :param danger: what to say if race control is gone or must not be relied on.
     :param reasons: the time for which each command to the race has not been possible for its
         present reason, in seconds.
+    :param entered: when the race went to each of its states: by race control's wall clock, in
+        seconds, and as hours:minutes:seconds.
     """
     barred = danger.barred if danger else ''
-    buttons = _Buttons(race, pending, age, barred, reasons or {})
+    buttons = _Buttons(race, pending, age, barred, reasons or {}, entered or {})
     humans, reason = _humans(race)
     if danger is not None:
-        humans, reason = Cell(words.HUMANS_NOT_KNOWN, Tone.BAD), danger.title
+        humans, reason = Cell(texts.HUMANS_NOT_KNOWN, Tone.BAD), danger.title
     return Screen(
         banner=race.banner,
         state=_headline(race),
         since=_since(race, age),
-        tally=words.tally(race.karts),
+        clock=_race_clock(race, age, entered or {}),
+        heat=texts.heat_in_race(race),
+        tally=texts.tally(race.karts),
+        missing=texts.missing(race.karts),
         heat_button=buttons.race(CommandKind.SET_HEAT) if race.heats else None,
         heats=tuple(buttons.heat(heat) for heat in race.heats),
         places=_places(race),
@@ -441,24 +526,34 @@ def _headline(race: Race) -> Cell:
     if sent:
         if race.state in RED and len(sent) == 1:
             return _state_cell(*sent)
-        return Cell(words.OTHERWISE[race.state], Tone.WAIT)
+        return Cell(texts.OTHERWISE[race.state], Tone.WAIT)
     if race.state is State.GRID_ACTIVE:
-        return Cell(words.NONE_CONNECTED, Tone.WAIT)
+        return Cell(texts.NONE_CONNECTED, Tone.WAIT)
     if race.state in (State.GREEN_GREEN, State.RED_FLAG):
-        return Cell(words.ALL_LOST, Tone.BAD)
+        return Cell(texts.ALL_LOST, Tone.BAD)
     return _state_cell(race.state)
 
 
 def _since(race: Race, age: float) -> str:
     """Return for how long the race has been in its state, by whom, and whether it is over."""
-    since = words.STATE_SINCE.format(age=duration(race.state_for + age, 0))
+    since = texts.clock(race.state_for + age)
     if race.state_cause:
-        since = words.STATE_CAUSE.format(since=since, cause=race.state_cause)
+        since = texts.STATE_CAUSE.format(since=since, cause=texts.by_name(race.state_cause))
     if race.state_clock:
-        since = words.STATE_AT.format(since=since, clock=race.state_clock)
+        since = texts.STATE_AT.format(since=since, clock=race.state_clock)
     if _headline(race) != _state_cell(race.state):
-        since = words.STATE_OF_RACE.format(state=words.STATES[race.state], since=since)
-    return f'{since}, {words.OVER}' if race.over else since
+        since = texts.STATE_OF_RACE.format(state=texts.STATES[race.state], since=since)
+    return f'{since}, {texts.OVER}' if race.over else since
+
+
+def _race_clock(race: Race, age: float, entered: Mapping[State, tuple[float, str]]) -> str:
+    """Return the time since GREEN GREEN; empty while no race is on, or if it is not known."""
+    if race.state not in (State.GREEN_GREEN, State.RED_FLAG):
+        return ''
+    if race.state is State.GREEN_GREEN:
+        return texts.clock(race.state_for + age)
+    began = entered.get(State.GREEN_GREEN)
+    return texts.clock(race.at - began[0] + age) if began else ''
 
 
 def _humans(race: Race) -> tuple[Cell, str]:
@@ -467,7 +562,7 @@ def _humans(race: Race) -> tuple[Cell, str]:
 
     They are not while anything else on the screen speaks against it.
     """
-    against, under_way = words.against_humans(race), words.under_way(race)
+    against, under_way = texts.against_humans(race), texts.under_way(race)
     if against or under_way or not race.track.allowed:
         told = any(alert.use_msr for alert in race.alerts)
         doubtful = any(kart.in_doubt and not kart.is_stopping for kart in race.karts)
@@ -475,75 +570,87 @@ def _humans(race: Race) -> tuple[Cell, str]:
         reason = '' if race.track.allowed else race.track.reason
         if under_way or not reason:
             reason = against or reason or under_way
-        return Cell(words.HUMANS_NOT_ALLOWED, Tone.BAD if wrong else Tone.WAIT), reason
+        return Cell(texts.HUMANS_NOT_ALLOWED, Tone.BAD if wrong else Tone.WAIT), reason
     if nobody_is_heard(race):
-        return Cell(words.HUMANS_UNKNOWN), words.HUMANS_UNKNOWN_REASON
-    karts = words.in_doubt(race)
+        return Cell(texts.HUMANS_UNKNOWN), texts.HUMANS_UNKNOWN_REASON
+    karts = texts.in_doubt(race)
     if karts:
-        reason = words.HUMANS_BY_MSR_REASON.format(reason=race.track.reason, karts=karts)
-        return Cell(words.HUMANS_BY_MSR, Tone.WAIT), reason
-    return Cell(words.HUMANS_ALLOWED, Tone.GOOD), race.track.reason
+        reason = texts.HUMANS_BY_MSR_REASON.format(reason=race.track.reason, karts=karts)
+        return Cell(texts.HUMANS_BY_MSR, Tone.WAIT), reason
+    return Cell(texts.HUMANS_ALLOWED, Tone.GOOD), race.track.reason
 
 
 def _track(race: Race) -> Cell:
     """Return whether the track is open; in red if nobody may be there."""
     if not race.track.is_open:
-        return Cell(words.TRACK_CLOSED)
-    unsafe = _humans(race)[0].text == words.HUMANS_NOT_ALLOWED
-    return Cell(words.TRACK_OPEN, Tone.BAD if unsafe else Tone.WAIT)
+        return Cell(texts.TRACK_CLOSED)
+    unsafe = _humans(race)[0].text == texts.HUMANS_NOT_ALLOWED
+    return Cell(texts.TRACK_OPEN, Tone.BAD if unsafe else Tone.WAIT)
 
 
 def _places(race: Race) -> str:
     """Return the places, the first one first."""
     finished = sorted((kart for kart in race.karts if kart.place), key=lambda kart: kart.place)
-    return ', '.join(f'{kart.place}. {words.kart_name(kart)}' for kart in finished)
+    return ', '.join(f'{kart.place}. {texts.kart_name(kart)}' for kart in finished)
 
 
 def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
     race = buttons.snapshot
-    notes = []
+    use_msr = any(alert.use_msr and alert.kart == kart.number for alert in race.alerts)
+    notes = [texts.USE_MSR] if use_msr else []
     if kart.in_doubt and not kart.settles:
-        notes.append(words.MSR_STOPS_IT if race.track.msr_used else words.MAY_MOVE)
+        notes.append(texts.MSR_STOPS_IT if race.track.msr_used else texts.MAY_MOVE)
     if kart.hold is not State.UNKNOWN:
-        notes.append(words.HELD.format(reason=kart.hold_reason))
-    asks = kart.sent is not State.IN_GARAGE
-    if not kart.connected or not asks:
-        acknowledged = Cell(words.NOTHING_ASKED, Tone.FAINT)
-    elif kart.acknowledged and kart.in_doubt:
-        left = max(1, math.ceil(kart.settles_in - age))
-        acknowledged = Cell(words.SETTLING.format(seconds=left), Tone.WAIT)
-    elif kart.acknowledged:
-        acknowledged = Cell(words.YES, Tone.GOOD)
-    else:
-        acknowledged = Cell(words.WAITING, Tone.WAIT)
-    says = Cell(words.STATES[kart.reported], Tone.PLAIN)
-    if kart.reported not in (State.UNKNOWN, kart.sent):
-        says = Cell(words.STATES[kart.reported], Tone.WAIT)
+        notes.append(texts.HELD.format(reason=texts.by_name(kart.hold_reason)))
+    if not kart.in_race:
+        notes.append(texts.NOT_RACING)
+    urgent = use_msr or (kart.in_doubt and not kart.is_stopping)
+    # Never beside what an official must read; of a kart at rest there is nothing else.
+    note = ', '.join(notes) or texts.inspected(kart)
     missing = Tone.WAIT if kart.in_race else Tone.FAINT  # in the garage it may come yet
     if kart.may_be_moving or (kart.in_race and race.state is not State.IN_GARAGE):
         missing = Tone.BAD
     key = FINISH_KEYS[place] if place < len(FINISH_KEYS) else ''
     finish = buttons.kart(CommandKind.KART_FINISH, kart, key)
+    asks = kart.sent is not State.IN_GARAGE
+    done = kart.acknowledged and not kart.in_doubt
+    says = ''
+    if kart.connected and kart.reported not in (State.UNKNOWN, kart.sent):
+        says = texts.SAYS.format(state=texts.STATES[kart.reported])
     return Row(
         number=kart.number,
         team=kart.team,
         in_race=kart.in_race,
-        race=Cell(words.RACING) if kart.in_race else Cell(words.NOT_RACING, Tone.FAINT),
-        link=Cell(words.LINKED) if kart.connected else Cell(words.NOT_LINKED, missing),
+        use_msr=use_msr,
+        link=Cell(texts.LINKED) if kart.connected else Cell(texts.NOT_LINKED, missing),
         # Without a link it is sent nothing: it would be.
         sent=_state_cell(kart.sent) if kart.connected else _faint(_state_cell(kart.sent)),
-        since=duration(kart.sent_for + age, 0),
-        acknowledged=acknowledged,
+        since=texts.clock(kart.sent_for + age),
+        answer=_answer(kart, age, missing),
+        waits=kart.connected and asks and not done,
         says=says,
         place=f'P{kart.place}' if kart.place else '',
-        # Never beside what an official must read; of a kart at rest there is nothing else.
-        note=', '.join(notes) or words.inspected(kart),
+        note=Cell(note, Tone.BAD if urgent and notes else Tone.FAINT),
         buttons=tuple(
             finish if command is finish.command else buttons.kart(command, kart)
             for command in (_offered(each, race, kart) for each in KART_COMMANDS)
         ),
         finish=finish,
     )
+
+
+def _answer(kart: Kart, age: float, missing: Tone) -> Cell:
+    """Return what a kart answered to what it is sent, in a word or two."""
+    if not kart.connected:
+        return Cell(texts.NO_ANSWER_YET, missing) if missing is Tone.BAD else Cell('')
+    if kart.sent is State.IN_GARAGE:
+        return Cell('')
+    if kart.acknowledged and kart.in_doubt:
+        left = max(1, math.ceil(kart.settles_in - age))
+        return Cell(texts.SETTLING.format(seconds=left), Tone.WAIT)
+    if kart.acknowledged:
+        return Cell(texts.ANSWERS[kart.sent], Tone.GOOD)
+    return Cell(texts.WAITING, Tone.WAIT)
 
 
 def _offered(command: CommandKind, race: Race, kart: Kart | None) -> CommandKind:
@@ -555,7 +662,7 @@ def _offered(command: CommandKind, race: Race, kart: Kart | None) -> CommandKind
 
 
 def _state_cell(state: State) -> Cell:
-    return Cell(f'{words.SYMBOLS[state]} {words.STATES[state]}'.strip(), STATE_TONES[state])
+    return Cell(f'{texts.SYMBOLS[state]} {texts.STATES[state]}'.strip(), STATE_TONES[state])
 
 
 def _faint(cell: Cell) -> Cell:
@@ -571,10 +678,42 @@ class _Buttons:
     age: float
     barred: str
     reasons: Mapping[CommandKind, float]
+    entered: Mapping[State, tuple[float, str]]
 
     def race(self, command: CommandKind) -> Button:
         offered = self.snapshot.commands.get(command, Available(False))
-        return self._button(command, None, offered, KEYS.get(command, ''))
+        button = self._button(command, None, offered, KEYS.get(command, ''))
+        phrase, current = self._phrase(button, offered)
+        return replace(button, phrase=phrase, current=current)
+
+    def _phrase(self, button: Button, offered: Available) -> tuple[str, bool]:
+        """Return a command's phrase, and whether the race is in the state it brings about."""
+        race, command = self.snapshot, button.command
+        if command not in texts.STEPS:
+            return '', False
+        state = STEP_STATES.get(command, State.UNKNOWN)
+        current = state is race.state and state is not State.UNKNOWN
+        current = current and (race.over or command is not CommandKind.RACE_OVER)
+        does, follows = texts.STEPS[command]
+        if self.barred and not button.enabled:
+            return texts.BARRED_STEP, False
+        if (command, 0) in self.pending and not button.enabled:
+            return button.reason, current
+        if current:
+            return texts.STEP_SINCE.format(clock=race.state_clock or button.reason), True
+        if button.enabled:
+            return texts.step_does(does, offered.karts), False
+        if offered.again_in:
+            return texts.AGAIN.format(
+                seconds=max(1, math.ceil(offered.again_in - self.age))
+            ), False
+        missing = texts.missing(race.karts, counted=True)
+        if offered.reason.startswith(texts.WAITS_FOR) and missing:
+            return missing, False
+        if state in PAST and state in self.entered and race.state is not State.IN_GARAGE:
+            return texts.STEP_WAS.format(clock=self.entered[state][1]), False
+        wrong_state = follows and offered.reason.startswith(texts.WRONG_STATE)
+        return follows if wrong_state else button.reason, False
 
     def kart(self, command: CommandKind, kart: Kart, key: str = '') -> Button:
         offered = kart.commands.get(command, Available(False))
@@ -583,7 +722,7 @@ class _Buttons:
     def heat(self, heat: Heat) -> Button:
         """Return the button that puts a heat into the race."""
         racing = tuple(kart.number for kart in self.snapshot.karts if kart.in_race)
-        label = words.heat(heat, in_race=heat.karts == racing)
+        label = texts.heat(heat, in_race=heat.karts == racing)
         return replace(
             self.race(CommandKind.SET_HEAT), label=label, heat=heat.name, karts=heat.karts, key=''
         )
@@ -600,21 +739,21 @@ class _Buttons:
         reason = offered.reason
         since = self.reasons.get(command, 0.0) if kart is None else 0.0
         if reason and offered.again_in:
-            reason = words.again_in(reason, offered.again_in - self.age)
+            reason = texts.again_in(reason, offered.again_in - self.age)
         elif reason and since >= WORTH_A_FIGURE:
-            reason = words.WITH_AGE.format(reason=reason, age=duration(since, 0))
+            reason = texts.WITH_AGE.format(reason=reason, age=duration(since, 0))
         # A stop can always be pressed, also while one waits or nobody answers: it does no harm.
         if not entry.stop and self.barred:
             reason = self.barred
         elif not entry.stop and waits is not None:
-            reason = words.PENDING_REASON.format(age=duration(waits))
+            reason = texts.PENDING_REASON.format(age=duration(waits))
         condition = consequence = warning = ''
         if asks(command) or (offered.statement and not entry.stop):
             race = self.snapshot
             does = effects(command, race, offered, kart)
-            condition = words.condition(command, kart, race, offered.statement)
-            consequence = '\n'.join(words.consequences(command, does, race, kart))
-            warning = words.warning(command, race, nobody_is_heard(race))
+            condition = texts.condition(command, kart, race, offered.statement)
+            consequence = '\n'.join(texts.consequences(command, does, race, kart))
+            warning = texts.warning(command, race, nobody_is_heard(race))
         return Button(
             command=command,
             kart=kart.number if kart else 0,
@@ -629,3 +768,33 @@ class _Buttons:
             warning=warning,
             key=key,
         )
+
+
+def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
+    """Return the race as lines: state, track, alerts, karts, and which commands are possible."""
+    lines = [
+        *([texts.BANNER.format(banner=screen.banner)] if screen.banner else []),
+        f'Race: {screen.state.text}  ({screen.since})',
+        *([f'Karts: {screen.tally}'] if screen.tally else []),
+        f'{screen.humans.text}: {screen.humans_reason}.  {screen.track.text}.',
+        *(str(Notice(0, alert)) for alert in alerts),
+        *([f'{texts.RESULTS}: {screen.places}'] if screen.places else []),
+        '',
+    ]
+    columns = [[column.heading for column in COLUMNS]]
+    for row in screen.rows:
+        cells = [(column.cell(row).text, column.below(row).text) for column in COLUMNS]
+        columns.append([' '.join(filter(None, each)) for each in cells])
+    widths = [max(map(len, column)) for column in zip(*columns, strict=True)]
+    for shown in columns:
+        line = '  '.join(cell.ljust(width) for cell, width in zip(shown, widths, strict=True))
+        lines.append(line.rstrip())
+    lines.append('')
+    lines += [_line(button) for button in screen.race]
+    if screen.heat_button is not None:
+        lines += [_line(screen.heat_button), *(f'  {button.label}' for button in screen.heats)]
+    return lines
+
+
+def _line(button: Button) -> str:
+    return f'{button.label:12} {"possible" if button.enabled else button.reason}'

@@ -12,175 +12,365 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""Parts that the areas of the window are made of, and the areas that are small."""
+"""What the areas of the window are made of: texts that fit, cards, and buttons."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+import functools
+from typing import NamedTuple
 
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs_console import texts
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
-from evgp_rcs_console.view import Button, Cell, Danger
+from evgp_rcs_console.style import FAMILIES, GAP, LEAST, look, RADIUS, SMALL, TEXT
+from evgp_rcs_console.view import Button, Cell, STATE_TONES, STEP_STATES, Tone
 
 Pressed = Callable[[Button, Button], None]
 """Takes the command that a button had when it went down, and the one it has when it is let go."""
 
-WRAP = QtCore.Qt.TextFlag.TextWordWrap.value
+_FLAGS = QtCore.Qt.AlignmentFlag
+LEFT = _FLAGS.AlignLeft | _FLAGS.AlignVCenter
+RIGHT = _FLAGS.AlignRight | _FLAGS.AlignVCenter
+CENTER = _FLAGS.AlignHCenter | _FLAGS.AlignVCenter
+TOP = _FLAGS.AlignLeft | _FLAGS.AlignTop
+_WRAP = QtCore.Qt.TextFlag.TextWordWrap.value
 
 
-def set_property(widget: QtWidgets.QWidget, name: str, value: str) -> None:
-    """Give a widget a property that its style depends on."""
-    if widget.property(name) != value:
-        widget.setProperty(name, value)
-        widget.style().unpolish(widget)
-        widget.style().polish(widget)
+@functools.lru_cache(maxsize=200)
+def font(pixels: int, bold: bool = False) -> QtGui.QFont:
+    """Return a font of a size in pixels, with digits of one width."""
+    there = QtGui.QFontDatabase.families()
+    family = next((each for each in FAMILIES if each in there), FAMILIES[-1])
+    made = QtGui.QFont([family, FAMILIES[-1]])
+    made.setPixelSize(max(1, pixels))
+    made.setBold(bold)
+    if family == FAMILIES[-1]:
+        made.setStretch(90)  # it is wide
+    if hasattr(QtGui.QFont, 'setFeature'):
+        made.setFeature(QtGui.QFont.Tag('tnum'), 1)
+    return made
 
 
-def set_text(widget: QtWidgets.QLabel | QtWidgets.QPushButton, text: str) -> None:
-    """Give a label or a button a text."""
-    if widget.text() != text:
-        widget.setText(text)
+class Drawn(NamedTuple):
+    """A text that a widget shows: all of it, what is shown of it, and the room that it has."""
+
+    whole: str
+    shown: str
+    room: QtCore.QRect
+    used: QtCore.QRect
 
 
-class Label(QtWidgets.QLabel):
-    """A text with a tone."""
-
-    def __init__(self, name: str = '', **properties: str) -> None:
-        """Be empty; the properties are what its style depends on."""
-        super().__init__()
-        self.setTextFormat(QtCore.Qt.TextFormat.PlainText)
-        if name:
-            self.setObjectName(name)
-        for key, value in properties.items():
-            self.setProperty(key, value)
-
-    def show_cell(self, cell: Cell, stale: bool = False) -> None:
-        """Show a text in its tone, or greyed."""
-        set_text(self, cell.text)
-        set_property(self, 'tone', 'stale' if stale else cell.tone.value)
-
-
-class Fitted(Label):
+@functools.lru_cache(maxsize=4000)
+def fitted(
+    text: str, width: int, height: int, size: int, least: int, bold: bool, wrap: bool
+) -> tuple[str, int]:
     """
-    A text that takes the room it is given: no text moves what is beside it.
+    Return what is shown of a text in a room, and the size of its type; sizes in pixels.
 
-    It is shown in the largest type in which all of it fits, wrapped. If it fits in none, it ends
-    after a word with dots, and the bottom line shows all of it when it is pointed at.
-
-    :param sizes: the sizes of type to try, in pixels on a 1366 by 768 screen.
+    It is shown in the largest type in which all of it fits. If it fits in none, it ends after a
+    word with dots.
     """
-
-    def __init__(self, name: str, sizes: tuple[int, ...], **properties: str) -> None:
-        """Be empty."""
-        super().__init__(name, **properties)
-        self._sizes = sizes
-        self._by = 1.0
-        self._whole = ''
-        self._fitted: object = None
-        self._size = 0
-        self.setWordWrap(True)
-        self.setSizePolicy(
-            QtWidgets.QSizePolicy.Policy.Ignored, QtWidgets.QSizePolicy.Policy.Preferred
-        )
-
-    @property
-    def whole(self) -> str:
-        """Return the text that is not cut."""
-        return self._whole
-
-    @property
-    def cut(self) -> bool:
-        """Return whether not all of it is shown."""
-        return self.text() != self._whole
-
-    def fit(self, by: float) -> None:
-        """Take the size of a scale."""
-        self._by = by
-        self._refit()
-
-    def show_text(self, text: str) -> None:
-        """Show a text."""
-        if text != self._whole:
-            self._whole = text
-            self.setAccessibleName(text)
-            self._refit()
-
-    def show_cell(self, cell: Cell, stale: bool = False) -> None:
-        """Show a text in its tone, or greyed."""
-        set_property(self, 'tone', 'stale' if stale else cell.tone.value)
-        self.show_text(cell.text)
-
-    def sizeHint(self) -> QtCore.QSize:  # noqa: N802 - Qt's name
-        """Ask for no room: it is given some."""
-        return QtCore.QSize(0, 0)
-
-    def minimumSizeHint(self) -> QtCore.QSize:  # noqa: N802 - Qt's name
-        """Do with any room."""
-        return QtCore.QSize(0, 0)
-
-    def hasHeightForWidth(self) -> bool:  # noqa: N802 - Qt's name
-        """Return that its height never depends on its text."""
-        return False
-
-    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Fit the text into the new room."""
-        super().resizeEvent(event)
-        self._refit()
-
-    def changeEvent(self, event: QtCore.QEvent) -> None:  # noqa: N802 - Qt's name
-        """Fit the text, since its type has changed."""
-        super().changeEvent(event)
-        if event.type() == QtCore.QEvent.Type.FontChange:
-            self._refit()
-
-    def _refit(self) -> None:
-        self.ensurePolished()
-        room = self.contentsRect().adjusted(0, 0, -2, 0)
-        font = QtGui.QFont(self.font())
-        wanted = (self._whole, room.width(), room.height(), self._by, font.weight())
-        if wanted == self._fitted:
-            return
-        self._fitted = wanted
-        text = self._whole
-        for size in self._sizes:
-            font.setPixelSize(round(size * self._by))
-            if _fits(text, font, room):
-                break
-        else:
-            text = _cut(text, font, room)
-        if font.pixelSize() != self._size:
-            self._size = font.pixelSize()
-            self.setStyleSheet(f'font-size: {self._size}px')
-        set_text(self, text)
-        self.setToolTip('' if text == self._whole else self._whole)
-
-
-def _fits(text: str, font: QtGui.QFont, room: QtCore.QRect) -> bool:
-    high = QtCore.QRect(0, 0, room.width(), 10_000)
-    needed = QtGui.QFontMetrics(font).boundingRect(high, WRAP, text)
-    return needed.width() <= room.width() and needed.height() <= room.height()
-
-
-def _cut(text: str, font: QtGui.QFont, room: QtCore.QRect) -> str:
-    """Return as many words as fit, and dots."""
-    all_words = text.split(' ')
-    few, many = 0, len(all_words)
+    for pixels in range(size, least - 1, -1):
+        if _fits(text, width, height, pixels, bold, wrap):
+            return text, pixels
+    words = text.split(' ')
+    few, many = 0, len(words)
     while few < many:
         middle = (few + many + 1) // 2
-        if _fits(' '.join(all_words[:middle]) + ' …', font, room):
+        if _fits(' '.join(words[:middle]) + ' …', width, height, least, bold, wrap):
             few = middle
         else:
             many = middle - 1
     if few:
-        return ' '.join(all_words[:few]).rstrip(',;:') + ' …'
-    metrics = QtGui.QFontMetrics(font)
-    return metrics.elidedText(text, QtCore.Qt.TextElideMode.ElideRight, max(0, room.width()))
+        return ' '.join(words[:few]).rstrip(',;:') + ' …', least
+    metrics = QtGui.QFontMetrics(font(least, bold))
+    return metrics.elidedText(text, QtCore.Qt.TextElideMode.ElideRight, max(0, width)), least
 
 
-IN_A_ROW = 10
-"""Maximum length of what a button in a kart's row says in one line, in characters."""
+def _fits(text: str, width: int, height: int, size: int, bold: bool, wrap: bool) -> bool:
+    needed = _extent(text, width, size, bold, wrap)
+    return needed.width() <= width and needed.height() <= height
 
 
-class CommandButton(QtWidgets.QPushButton):
+def _extent(text: str, width: int, size: int, bold: bool, wrap: bool) -> QtCore.QRect:
+    room = QtCore.QRect(0, 0, max(0, width), 10_000)
+    return QtGui.QFontMetrics(font(size, bold)).boundingRect(room, _WRAP if wrap else 0, text)
+
+
+class Pen:
+    """
+    Draws a widget.
+
+    :ivar drawn: the texts that it has drawn.
+    """
+
+    def __init__(self, widget: QtWidgets.QWidget) -> None:
+        """Begin to draw."""
+        self.painter = QtGui.QPainter(widget)
+        self.painter.setRenderHint(QtGui.QPainter.RenderHint.Antialiasing)
+        self.drawn: list[Drawn] = []
+
+    def __enter__(self) -> Pen:
+        """Draw."""
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        """Draw no more, whatever has happened."""
+        self.painter.end()
+
+    def box(
+        self,
+        room: QtCore.QRect,
+        fill: str = '',
+        frame: str = '',
+        width: float = 1.0,
+        radius: float = RADIUS,
+    ) -> None:
+        """Draw a rounded box."""
+        thick = max(1.0, width * look.by)
+        pen = QtGui.QPen(QtGui.QColor(frame), thick) if frame else QtCore.Qt.PenStyle.NoPen
+        self.painter.setPen(pen)
+        self.painter.setBrush(QtGui.QColor(fill) if fill else QtCore.Qt.BrushStyle.NoBrush)
+        half = thick / 2 if frame else 0.0
+        inner = QtCore.QRectF(room).adjusted(half, half, -half, -half)
+        self.painter.drawRoundedRect(inner, look.px(radius), look.px(radius))
+
+    def stripes(self, room: QtCore.QRect) -> None:
+        """Draw stripes over a box: it is not so yet."""
+        path = QtGui.QPainterPath()
+        path.addRoundedRect(QtCore.QRectF(room), look.px(RADIUS), look.px(RADIUS))
+        self.painter.save()
+        self.painter.setClipPath(path)
+        self.painter.setPen(QtGui.QPen(QtGui.QColor(255, 255, 255, 60), look.px(6)))
+        step = look.px(16)
+        for x in range(room.left() - room.height(), room.right() + step, step):
+            self.painter.drawLine(x, room.bottom(), x + room.height(), room.top())
+        self.painter.restore()
+
+    def text(
+        self,
+        room: QtCore.QRect,
+        text: str,
+        colour: str,
+        size: float = TEXT,
+        bold: bool = False,
+        align: QtCore.Qt.AlignmentFlag = LEFT,
+        least: float = LEAST,
+        wrap: bool = False,
+    ) -> None:
+        """Draw a text where it fits."""
+        if not text:
+            return
+        shown, pixels = fitted(
+            text,
+            room.width(),
+            room.height(),
+            look.px(size),
+            look.px(min(size, least)),
+            bold,
+            wrap,
+        )
+        self.painter.setFont(font(pixels, bold))
+        self.painter.setPen(QtGui.QColor(colour))
+        flags = align.value | (_WRAP if wrap else 0)
+        used = self.painter.boundingRect(room, flags, shown)
+        self.painter.drawText(room, flags, shown)
+        self.drawn.append(Drawn(text, shown, room, used))
+
+
+class Painted(QtWidgets.QWidget):
+    """
+    A widget that draws itself.
+
+    :ivar drawn: its texts, as they were drawn last.
+    """
+
+    def __init__(self, name: str = '') -> None:
+        """Be empty."""
+        super().__init__()
+        self.drawn: list[Drawn] = []
+        self.setObjectName(name)
+        self._shown: object = None
+
+    @property
+    def whole(self) -> str:
+        """Return all that it says, also what is cut."""
+        return '\n'.join(each.whole for each in self.drawn)
+
+    @property
+    def cut(self) -> bool:
+        """Return whether not all of it is shown."""
+        return any(each.whole != each.shown for each in self.drawn)
+
+    def show_it(self, *shown: object) -> None:
+        """Draw it again if what it is to show has changed."""
+        if shown != self._shown:
+            self._shown = shown
+            self.update()
+
+    def paint(self, pen: Pen) -> None:
+        """Draw it."""
+
+    def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
+        """Draw it."""
+        with Pen(self) as pen:
+            self.paint(pen)
+        self.drawn = pen.drawn
+
+
+class Text(Painted):
+    """
+    A text that takes the room it is given: no text moves what is beside it.
+
+    If it does not fit, it ends with dots, and the bottom line shows all of it when it is pointed
+    at.
+
+    :param fills: its tone colours its ground, too.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        size: float = TEXT,
+        bold: bool = False,
+        align: QtCore.Qt.AlignmentFlag = LEFT,
+        wrap: bool = False,
+        fills: bool = False,
+        colour: Callable[[], str] | None = None,
+    ) -> None:
+        """Be empty."""
+        super().__init__(name)
+        self.cell = Cell('')
+        self._size = size
+        self.bold = bold
+        self._align = align
+        self._wrap = wrap
+        self._fills = fills
+        self._colour = colour
+
+    @property
+    def whole(self) -> str:
+        """Return the text that is not cut."""
+        return self.cell.text
+
+    def resize_type(self, size: float) -> None:
+        """Take another size of type."""
+        if size != self._size:
+            self._size = size
+            self.update()
+
+    def show_text(self, text: str) -> None:
+        """Show a text."""
+        self.show_cell(Cell(text))
+
+    def show_cell(self, cell: Cell, stale: bool = False) -> None:
+        """Show a text in its tone, or greyed."""
+        self.cell = cell
+        self.setProperty('tone', 'stale' if stale else cell.tone.value)
+        self.setAccessibleName(cell.text)
+        self.show_it(cell, stale)
+
+    def paint(self, pen: Pen) -> None:
+        """Draw it."""
+        room, tone = self.rect(), self.cell.tone
+        if self.property('tone') == 'stale':
+            tone = Tone.FAINT
+        colour = self._colour() if self._colour else look.text(tone)
+        if self._fills and tone not in (Tone.PLAIN, Tone.FAINT, Tone.GOOD):
+            colour, fill = look.fill(tone)
+            pen.box(room, fill)
+        if self._fills:
+            room = room.adjusted(look.px(GAP), look.px(2), -look.px(GAP), -look.px(2))
+        pen.text(room, self.cell.text, colour, self._size, self.bold, self._align, wrap=self._wrap)
+
+
+class Card(Painted):
+    """The ground of an area."""
+
+    def paint(self, pen: Pen) -> None:
+        """Draw it."""
+        pen.box(self.rect(), look.palette.card, look.palette.line)
+
+
+class Push(QtWidgets.QPushButton):
+    """
+    A button that draws itself.
+
+    :ivar drawn: its texts, as they were drawn last.
+    """
+
+    def __init__(self, name: str = '', text: str = '', key: str = '') -> None:
+        """Show a text, and the key that does the same."""
+        super().__init__()
+        self.setObjectName(name)
+        self.words = self.key = ''
+        self.show_words(text, key)
+        self.quiet = False
+        self.drawn: list[Drawn] = []
+
+    @property
+    def whole(self) -> str:
+        """Return all that it says."""
+        return f'{self.words}  {self.key}'.strip()
+
+    @property
+    def barred(self) -> bool:
+        """Return whether it does nothing now."""
+        return self.property('barred') == 'true'
+
+    def bar(self, barred: bool) -> None:
+        """Take whether it does nothing now."""
+        self.setProperty('barred', 'true' if barred else 'false')
+        self.update()
+
+    def show_words(self, text: str, key: str = '') -> None:
+        """Show another text."""
+        if (text, key) != (self.words, self.key):
+            self.words, self.key = text, key
+            self.setText(text.replace('&', '&&'))  # no letter of a name is a shortcut
+
+    def paintEvent(self, event: QtGui.QPaintEvent) -> None:  # noqa: N802 - Qt's name
+        """Draw it."""
+        with Pen(self) as pen:
+            self.paint(pen)
+            if self.hasFocus():
+                pen.box(self.rect(), '', look.palette.chosen, 3)
+        self.drawn = pen.drawn
+
+    def colours(self) -> tuple[str, str, str]:
+        """Return the colours of its text, its ground and its frame; empty: it has none."""
+        colours = look.palette
+        if self.barred or not self.isEnabled():
+            return colours.faint, '', ''
+        if self.property('tone') == Tone.WAIT.value and not self.isDown():
+            return *look.fill(Tone.WAIT), look.fill(Tone.WAIT)[1]
+        ground = colours.raised if self.isDown() else colours.card
+        return colours.ink, ground, colours.line if self.quiet else colours.ink
+
+    def paint(self, pen: Pen) -> None:
+        """Draw it: the text in the middle, the key after it."""
+        ink, ground, frame = self.colours()
+        if ground:
+            pen.box(self.rect(), ground, frame, 1.5)
+        margin = look.px(UNDER_TEXT)
+        room = self.rect().adjusted(margin, look.px(2), -margin, -look.px(2))
+        size = TEXT if self.height() > look.px(36) else SMALL
+        if self.key and not self.barred:
+            key = QtGui.QFontMetrics(font(look.px(SMALL))).horizontalAdvance(self.key)
+            wide = min(room.width() // 2, key + look.px(2))
+            beside = room.adjusted(room.width() - wide, 0, 0, 0)
+            pen.text(beside, self.key, look.palette.faint, SMALL, align=RIGHT)
+            room.setRight(beside.left() - look.px(3))
+        bold = not self.barred and self.isEnabled()
+        pen.text(room, self.words, ink, size, bold, CENTER, wrap=self.height() > look.px(38))
+
+
+UNDER_TEXT = 5
+"""Room between a button's frame and its text, at least."""
+
+
+class CommandButton(Push):
     """
     A command. One that is not allowed looks and is disabled, but can still be focused and tapped.
 
@@ -190,12 +380,11 @@ class CommandButton(QtWidgets.QPushButton):
     the button is still there then, is no matter. Anything else acts when the button is let go.
     """
 
-    def __init__(self, pressed: Pressed, large: bool = False) -> None:
+    def __init__(self, pressed: Pressed) -> None:
         """Wait to be told the command."""
         super().__init__()
         self.button: Button | None = None
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
-        self.setProperty('large', 'true' if large else 'false')
         self._give = pressed
         self._down: Button | None = None
         self.pressed.connect(self._go_down)
@@ -208,15 +397,22 @@ class CommandButton(QtWidgets.QPushButton):
         self.button = button
         name = button.command.value.lower()
         self.setObjectName(f'{name}_{button.kart}' if button.kart else name)
-        text = f'{button.label}  {button.key}' if button.key else button.label
-        if button.kart and len(text) > IN_A_ROW:
-            text = text.replace(' ', '\n', 1)
-        set_text(self, text)
-        set_property(self, 'stop', 'true' if button.is_stop else 'false')
-        set_property(self, 'barred', 'false' if button.enabled else 'true')
-        tip = button.explanation
-        self.setToolTip(tip)
-        self.setAccessibleDescription(tip)
+        label = texts.SHORT_LABELS.get(button.command, button.label)
+        self.show_words(label if button.kart else button.label, button.key)
+        self.setToolTip(button.explanation)
+        self.setAccessibleDescription(button.explanation)
+        self.bar(not button.enabled)
+
+    def colours(self) -> tuple[str, str, str]:
+        """Return the colours of its text, its ground and its frame; empty: it has none."""
+        ink, ground, frame = super().colours()
+        if self.button is None or not self.button.is_stop:
+            return ink, ground, frame
+        if self.button.kart and not self.isDown():
+            flag = self.button.command is CommandKind.KART_RED_FLAG
+            ink, fill = look.fill(Tone.FLAG if flag else Tone.RED)
+            return ink, fill, fill
+        return look.palette.bad, ground, look.palette.bad
 
     def _go_down(self) -> None:
         self._down = self.button
@@ -229,106 +425,36 @@ class CommandButton(QtWidgets.QPushButton):
             self._give(down, self.button)
 
 
-class RaceButton(QtWidgets.QWidget):
-    """
-    A command to the race with the reason below it, always there to be read.
+class StepButton(CommandButton):
+    """A command to the race, with a phrase below it: since when, what it does, what it awaits."""
 
-    :param lines: how many lines the reason may have.
-    """
-
-    def __init__(self, pressed: Pressed, lines: int) -> None:
-        """Wait to be told the command."""
-        super().__init__()
-        self._lines = lines
-        self.press = CommandButton(pressed, large=True)
-        self._reason = Fitted('', (12, 11), reason='true')
-        self._reason.setAlignment(QtCore.Qt.AlignmentFlag.AlignTop)
-        column(self, self.press, self._reason).setSpacing(0)
-
-    def show_button(self, button: Button) -> None:
-        """Show a command and whether it is allowed."""
-        self.press.show_button(button)
-        self._reason.show_text(button.reason)
-
-    def fit(self, by: float) -> None:
-        """Take the size of a scale."""
-        self.press.setFixedHeight(round(38 * by))
-        self._reason.setFixedHeight(round(13 * self._lines * by))
-        self._reason.fit(by)
-
-
-class DangerPanel(QtWidgets.QFrame):
-    """Race control is gone, or must not be relied on: in the largest type."""
-
-    def __init__(self) -> None:
-        """Say nothing yet."""
-        super().__init__()
-        self.setObjectName('danger')
-        self._title = Fitted('danger_title', (40, 36, 32, 28))
-        self._detail = Fitted('danger_detail', (16, 15, 14, 13, 12))
-        self._advice = Fitted('danger_advice', (56, 50, 46, 42, 36, 30))
-        left = QtWidgets.QVBoxLayout()
-        left.addWidget(self._title, 3)
-        left.addWidget(self._detail, 4)
-        layout = QtWidgets.QHBoxLayout(self)
-        layout.setContentsMargins(6, 0, 6, 0)
-        layout.addLayout(left, 3)
-        layout.addWidget(self._advice, 2)
-        for label in (self._title, self._advice, self._detail):
-            label.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
-
-    def fit(self, by: float) -> None:
-        """Take the size of a scale."""
-        for label in (self._title, self._advice, self._detail):
-            label.fit(by)
-
-    def show_danger(self, danger: Danger) -> None:
-        """Say it."""
-        self._title.show_text(danger.title)
-        self._advice.show_text(danger.advice)
-        self._detail.show_text(danger.detail)
+    def paint(self, pen: Pen) -> None:
+        """Draw it."""
+        button = self.button
+        if button is None:
+            return
+        ink, ground, frame = self.colours()
+        if button.current:
+            tone = STATE_TONES[STEP_STATES[button.command]]
+            frame = look.palette.faint if tone is Tone.GARAGE else look.fill(tone)[1]
+            ink = look.palette.ink if not button.is_stop else ink
+            pen.box(self.rect(), ground or look.palette.card, frame, 3)
+        elif ground:
+            pen.box(self.rect(), ground, frame, 2)
+        room = self.rect().adjusted(look.px(10), look.px(7), -look.px(10), -look.px(5))
+        high = look.px(21)
+        upper = QtCore.QRect(room.left(), room.top(), room.width(), high)
+        wide = look.px(22)
+        strong = button.current or not self.barred
+        name = upper.adjusted(0, 0, -wide - look.px(4), 0)
+        pen.text(name, self.words, ink, TEXT, strong)
+        key = upper.adjusted(upper.width() - wide, 0, 0, 0)
+        pen.text(key, self.key, look.palette.faint, SMALL, align=RIGHT)
+        below = room.adjusted(0, high, 0, 0)
+        pen.text(below, button.phrase, look.palette.faint, SMALL, align=TOP, wrap=True)
 
 
-class NumberField(QtWidgets.QFrame):
-    """The kart that a command by key acts on, in large type."""
-
-    def __init__(self) -> None:
-        """Be empty."""
-        super().__init__()
-        self.setObjectName('number_field')
-        self._title = Fitted('number', (34, 28, 22, 18))
-        self._detail = Fitted('number_detail', (15, 13, 12, 11))
-        layout = column(self, self._title, self._detail)
-        layout.setSpacing(0)
-        layout.setStretch(0, 5)
-        layout.setStretch(1, 2)
-        for label in (self._title, self._detail):
-            label.setAlignment(QtCore.Qt.AlignmentFlag.AlignCenter)
-
-    def fit(self, by: float) -> None:
-        """Take the size of a scale."""
-        self.setFixedHeight(round(64 * by))
-        self._title.fit(by)
-        self._detail.fit(by)
-
-    def show_cells(self, title: Cell, detail: Cell) -> None:
-        """Show a kart's number and team, or why there is none."""
-        set_property(self, 'tone', title.tone.value)
-        self._title.show_cell(title)
-        self._detail.show_cell(detail)
-
-
-def column(parent: QtWidgets.QWidget, *children: QtWidgets.QWidget) -> QtWidgets.QVBoxLayout:
-    """Put widgets below each other, without margins."""
-    layout = QtWidgets.QVBoxLayout(parent)
-    layout.setContentsMargins(0, 0, 0, 0)
-    for child in children:
-        layout.addWidget(child)
-    return layout
-
-
-def pair(above: QtWidgets.QWidget, below: QtWidgets.QWidget) -> QtWidgets.QWidget:
-    """Put two widgets below each other, as one."""
-    both = QtWidgets.QWidget()
-    column(both, above, below).setSpacing(0)
-    return both
+def place(widget: QtWidgets.QWidget, x: float, y: float, width: float, height: float) -> None:
+    """Put a widget somewhere in its parent; the sizes are those of a 1366 by 768 screen."""
+    left, top = look.px(x), look.px(y)
+    widget.setGeometry(left, top, look.px(x + width) - left, look.px(y + height) - top)

@@ -22,23 +22,17 @@ which Qt queues; commands go out through ``give``, which returns at once.
 from __future__ import annotations
 
 from evgp_protocol import clock
-from evgp_rcs_console import words
-from evgp_rcs_console.alarm import Alarm
-from evgp_rcs_console.areas import Areas
-from evgp_rcs_console.bottom_line import BottomLine
-from evgp_rcs_console.chosen import ChosenKart
-from evgp_rcs_console.display import Display
-from evgp_rcs_console.inbox import Inbox
-from evgp_rcs_console.keyboard import Keyboard
-from evgp_rcs_console.late_input import LateInput
-from evgp_rcs_console.mouse import Mouse
-from evgp_rcs_console.presses import Give, Presses
+from evgp_rcs_console import texts
+from evgp_rcs_console.alerts import Alarm
+from evgp_rcs_console.areas import Areas, SeenCommands
+from evgp_rcs_console.display import BottomLine, ChosenKart, Display, Inbox
+from evgp_rcs_console.input import Give, Keyboard, LateInput, Mouse, Presses
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
-from evgp_rcs_console.sight import Sight
-from evgp_rcs_console.signature import Signature
+from evgp_rcs_console.settings import is_night, keep_night, Signature
+from evgp_rcs_console.style import DAY, look, NIGHT
 from evgp_rcs_console.unanswered import Unanswered
 from evgp_rcs_console.view import Tone
-from evgp_rcs_console.widgets import CommandButton, Fitted
+from evgp_rcs_console.widgets import CommandButton, Painted
 
 LOOK = 100
 """Time between two looks at what time has changed, in milliseconds."""
@@ -58,35 +52,36 @@ class ConsoleWindow(QtWidgets.QWidget):
         """Show that race control is being looked for."""
         super().__init__()
         self.setObjectName('window')
-        self.setWindowTitle(words.TITLE)
+        self.setWindowTitle(texts.TITLE)
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
         self._waiting = inbox.waiting
-        sight = Sight(self)
-        self._areas = areas = Areas(self, sight.scrolling)
+        look.palette = NIGHT if is_night() else DAY
+        seen = SeenCommands(self)
+        self._areas = areas = Areas(self, seen.scrolling)
         unanswered = Unanswered()
-        self._bottom = bottom = BottomLine(areas.status, unanswered)
-        chosen = ChosenKart(areas.side.number_field, areas.karts)
+        self._bottom = bottom = BottomLine(areas.foot.status, unanswered)
+        chosen = ChosenKart(areas.number_field, areas.karts)
         self._alarm = alarm = Alarm(areas.alerts)
-        display = Display(areas, sight, chosen, alarm, bottom, unanswered, looking)
+        display = Display(areas, seen, chosen, alarm, bottom, unanswered, looking)
         self._display = display
         presses = Presses(give, signature, areas, chosen, bottom, unanswered, display)
         self._late = late = LateInput(LOOK / 1000, chosen, bottom)
-        self._mouse = Mouse(areas, sight, presses, late)
-        self._keyboard = Keyboard(areas, sight, presses, late, chosen, alarm, bottom)
+        self._mouse = Mouse(areas, seen, presses, late, bottom)
+        self._keyboard = Keyboard(areas, seen, presses, late, chosen, alarm, bottom)
 
         areas.pressed.connect(presses.let_go)
         # On the press, not on the release: a hand that slips off has pressed it all the same.
         areas.kill.button.pressed.connect(presses.kill)
         areas.question.answered.connect(presses.answer)
         areas.events.toggled.connect(presses.toggle_events)
-        areas.events.name_wanted.connect(presses.open_name)
+        areas.foot.name_wanted.connect(presses.open_name)
         areas.your_name.signed.connect(presses.sign)
         areas.karts.chosen.connect(chosen.choose_in_sight)
         areas.karts.wanted.connect(chosen.choose)
         areas.alerts.seen.connect(alarm.see)
         areas.alerts.all_seen.connect(alarm.see_all)
         areas.alerts.mute.connect(alarm.toggle_sound)
-        areas.alerts.changed.connect(lambda: bottom.say(words.ALERTS_CHANGED, Tone.WAIT))
+        areas.alerts.changed.connect(lambda: bottom.say(texts.ALERTS_CHANGED, Tone.WAIT))
         # Queued in any case: the signals come from other threads.
         queued = QtCore.Qt.ConnectionType.QueuedConnection
         inbox.came.connect(self._take_races, queued)
@@ -99,7 +94,8 @@ class ConsoleWindow(QtWidgets.QWidget):
         application = QtWidgets.QApplication.instance()
         assert application is not None
         application.installEventFilter(self)
-        areas.events.show_name(signature.name)
+        presses.night.connect(self._toggle_night)
+        areas.foot.show_name(signature.name)
         areas.fit()
         self.setFocus()
         self._look()
@@ -112,6 +108,22 @@ class ConsoleWindow(QtWidgets.QWidget):
         now = clock.now()
         self._display.look(now)
         self._late.beat(now)
+
+    def _toggle_night(self) -> None:
+        look.palette = DAY if look.palette is NIGHT else NIGHT
+        keep_night(look.palette is NIGHT)
+        self._areas.fit()
+
+    def show_battery(self, percent: int | None) -> None:
+        """Show that the battery is low, in percent; None: it is not."""
+        self._areas.foot.show_battery(percent)
+
+    def changeEvent(self, event: QtCore.QEvent) -> None:  # noqa: N802 - Qt's name
+        """Take that this window has become the active one, or no longer is."""
+        super().changeEvent(event)
+        if event.type() == QtCore.QEvent.Type.ActivationChange and hasattr(self, '_mouse'):
+            self._mouse.take_activation(self.isActiveWindow())
+            self._display.refresh()
 
     def eventFilter(  # noqa: N802 - Qt's name
         self, watched: QtCore.QObject, event: QtCore.QEvent
@@ -128,7 +140,7 @@ class ConsoleWindow(QtWidgets.QWidget):
                 return self._keyboard.take(event)
             if isinstance(event, QtGui.QMouseEvent):
                 return self._mouse.take(event)
-        if isinstance(watched, (CommandButton, Fitted)):
+        if isinstance(watched, (CommandButton, Painted)):
             if kind in (QtCore.QEvent.Type.Enter, QtCore.QEvent.Type.FocusIn):
                 self._bottom.point_at(watched)
             elif kind in (QtCore.QEvent.Type.Leave, QtCore.QEvent.Type.FocusOut):

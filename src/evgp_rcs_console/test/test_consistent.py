@@ -24,18 +24,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs_console import words
+from evgp_rcs_console import texts
 from evgp_rcs_console.commands import Order
 from evgp_rcs_console.notices import AlertBook
 from evgp_rcs_console.snapshot import Alert, Kart, Race, RED, State, Track
-from evgp_rcs_console.terminal import table
-from evgp_rcs_console.view import Danger, danger, Screen, show, silence, Tone
+from evgp_rcs_console.view import Danger, danger, Screen, show, silence, table, Tone
 from example_race import EVERYTHING, KART, RACE
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 STATES = [state for state in State if state is not State.UNKNOWN]
-ALLOWED = (words.HUMANS_ALLOWED, words.HUMANS_BY_MSR)
+ALLOWED = (texts.HUMANS_ALLOWED, texts.HUMANS_BY_MSR)
 many = settings(max_examples=300, deadline=None)
 MSR_KINDS = ('LOST_IN_MOTION', 'RED_UNACKNOWLEDGED', 'TRACK_UNSAFE', 'KART_LOST', 'NOT_READY')
 
@@ -100,11 +99,11 @@ def statements(race: Race, screen: Screen, shown_danger: Danger | None) -> list[
     book = AlertBook()
     book.update(race.alerts)
     said = [str(notice) for notice in book.shown if notice.use_msr]
-    said += [row.note for row in screen.rows if words.MAY_MOVE in row.note]
+    said += [row.note.text for row in screen.rows if texts.MAY_MOVE in row.note.text]
     said += [shown_danger.title] if shown_danger else []
     states = [screen.state.text, screen.since]
-    states += [row.sent.text for row in screen.rows if row.link.text == words.LINKED]
-    under_way = words.STATES[State.GRID_ACTIVE], words.STATES[State.GREEN_GREEN]
+    states += [row.sent.text for row in screen.rows if row.link.text == texts.LINKED]
+    under_way = texts.STATES[State.GRID_ACTIVE], texts.STATES[State.GREEN_GREEN]
     return said + [text for text in states if any(state in text for state in under_way)]
 
 
@@ -121,7 +120,7 @@ def test_humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against
             assert not statements(race, screen, shown)
         if screen.humans.tone is Tone.GOOD:
             assert not any(kart.in_doubt for kart in race.karts)
-        elif screen.humans.text == words.HUMANS_NOT_ALLOWED:
+        elif screen.humans.text == texts.HUMANS_NOT_ALLOWED:
             assert screen.humans.tone is Tone.BAD or not any(
                 alert.use_msr for alert in race.alerts
             )
@@ -132,9 +131,9 @@ def test_humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against
 def test_what_is_largest_is_true_of_a_kart_of_the_race(race: Race) -> None:
     screen = show(race, 0.0, {})
     concerned = [row for row in screen.rows if row.in_race] or screen.rows
-    sent = {row.sent.text for row in concerned if row.link.text == words.LINKED}
+    sent = {row.sent.text for row in concerned if row.link.text == texts.LINKED}
 
-    shown = {f'{words.SYMBOLS[each]} {words.STATES[each]}': each for each in STATES}
+    shown = {f'{texts.SYMBOLS[each]} {texts.STATES[each]}': each for each in STATES}
     state = shown.get(screen.state.text)
     if state in (State.RED_RED, State.IN_GARAGE) and not sent:
         # A kart without a link stops, and in the garage it may come yet.
@@ -142,9 +141,9 @@ def test_what_is_largest_is_true_of_a_kart_of_the_race(race: Race) -> None:
     elif state is not None:
         assert screen.state.text in sent
     else:
-        assert not any(words.STATES[race.state] in each for each in sent)
+        assert not any(texts.STATES[race.state] in each for each in sent)
     # The state of the race is told in any case, and who brought it about.
-    assert words.STATES[race.state] in f'{screen.state.text} {screen.since}'
+    assert texts.STATES[race.state] in f'{screen.state.text} {screen.since}'
     assert race.state_cause in screen.since
     assert race.state_clock in screen.since
 
@@ -155,7 +154,7 @@ def test_all_karts_are_lost_only_if_none_is_connected(race: Race) -> None:
     screen = show(race, 0.0, {})
     racing = [kart for kart in race.karts if kart.in_race] or race.karts
 
-    if screen.state.text == words.ALL_LOST:
+    if screen.state.text == texts.ALL_LOST:
         assert not any(kart.connected for kart in racing)
 
 
@@ -168,7 +167,7 @@ def test_an_open_track_never_looks_like_a_closed_one(race: Race) -> None:
     if race.track.is_open:
         assert screen.track.text != closed.text
         assert screen.track.tone is not closed.tone
-        assert (screen.track.tone is Tone.BAD) is (screen.humans.text == words.HUMANS_NOT_ALLOWED)
+        assert (screen.track.tone is Tone.BAD) is (screen.humans.text == texts.HUMANS_NOT_ALLOWED)
 
 
 @many
@@ -220,7 +219,7 @@ def test_a_question_that_lets_humans_near_warns_of_what_the_screen_says(
     button = screen.button(command)
 
     assert button is not None
-    if screen.humans.tone is Tone.BAD or screen.humans.text == words.HUMANS_BY_MSR:
+    if screen.humans.tone is Tone.BAD or screen.humans.text == texts.HUMANS_BY_MSR:
         assert button.warning
 
 
@@ -231,10 +230,10 @@ def test_a_kart_that_may_be_moving_is_not_shown_as_stopped(race: Race) -> None:
 
     for kart, row in zip(race.karts, screen.rows, strict=True):
         if kart.in_doubt:
-            assert row.acknowledged.tone is not Tone.GOOD
+            assert row.answer.tone is not Tone.GOOD
             settling = kart.connected and kart.acknowledged and kart.sent in RED
-            told = words.MSR_STOPS_IT if race.track.msr_used else words.MAY_MOVE
-            assert (told in row.note) is not settling
+            told = texts.MSR_STOPS_IT if race.track.msr_used else texts.MAY_MOVE
+            assert (told in row.note.text) is not settling
     stopped = [kart for kart in race.karts if kart.in_race and kart.sent in RED]
     sure = sum(kart.connected and kart.acknowledged and not kart.in_doubt for kart in stopped)
     told = dict(reversed(each.split(' ', 1)) for each in screen.tally.split(', ') if each)
@@ -253,7 +252,7 @@ def test_the_terminal_says_what_the_window_says(race: Race) -> None:
         for each in (screen.state.text, screen.since, screen.tally, screen.humans.text):
             assert each in lines
         assert screen.track.text in lines
-        assert lines.count(words.ALERT_MSR) == sum(alert.use_msr for alert in race.alerts)
+        assert lines.count(texts.ALERT_MSR) == sum(alert.use_msr for alert in race.alerts)
 
 
 def test_an_alert_asks_for_the_msr_by_its_own_word_and_not_by_its_kind() -> None:
@@ -265,7 +264,7 @@ def test_an_alert_asks_for_the_msr_by_its_own_word_and_not_by_its_kind() -> None
 
     book.update((replace(alert, use_msr=False),))
 
-    assert (before, book.shown[0].heading) == (words.ALERT_MSR, words.ALERT_OTHER)
+    assert (before, book.shown[0].heading) == (texts.ALERT_MSR, texts.ALERT_OTHER)
 
 
 def test_a_change_names_who_brought_it_about() -> None:
@@ -275,8 +274,8 @@ def test_a_change_names_who_brought_it_about() -> None:
     flagged = replace(RACE, state=State.RED_FLAG, state_cause='RED_FLAG by Bob')
     kart = replace(KART, sent=State.RED_FLAG)
 
-    assert by in words.now_so(order, race)
+    assert by in texts.now_so(order, race)
     to_kart = replace(order, command=CommandKind.KART_FINISH, kart=7)
-    assert 'RED_FLAG by Bob' in words.now_so(to_kart, replace(flagged, karts=(kart,)))
+    assert 'RED_FLAG by Bob' in texts.now_so(to_kart, replace(flagged, karts=(kart,)))
     held = replace(kart, hold=State.RED_RED, sent=State.RED_RED, hold_reason=by)
-    assert words.now_so(to_kart, replace(flagged, karts=(held,))).count(' by ') == 1
+    assert texts.now_so(to_kart, replace(flagged, karts=(held,))).count(' by ') == 1

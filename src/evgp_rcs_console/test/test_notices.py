@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from evgp_rcs_console import words
+from evgp_rcs_console import texts
 from evgp_rcs_console.notices import AlertBook, EventLog, summary
 from evgp_rcs_console.snapshot import Alert, Event
 
@@ -28,7 +28,7 @@ def alert(kart: int, kind: str = 'KART_LOST') -> Alert:
     return Alert(kind, kart, False, f'Kart {kart} lost its connection')
 
 
-def texts(book: AlertBook) -> list[str]:
+def sentences(book: AlertBook) -> list[str]:
     """Return what is not seen yet."""
     return [notice.text for notice in book.unseen]
 
@@ -84,7 +84,7 @@ def test_alerts_that_find_no_place_are_told_with_their_karts() -> None:
 
     text = summary(book.shown, 2)
 
-    assert words.MORE_MSR.format(karts='karts 4, 5') in text
+    assert texts.MORE_MSR.format(karts='karts 4, 5') in text
     assert text.endswith('kart 9')
 
 
@@ -115,7 +115,7 @@ def test_an_alert_whose_cause_is_gone_stays_until_it_is_seen() -> None:
 
     assert told(book) == ['ENDED: Kart 1 lost its connection']
     book.see(book.unseen[0].number)
-    assert texts(book) == []
+    assert sentences(book) == []
     assert book.shown == []
 
 
@@ -125,7 +125,7 @@ def test_an_alert_that_is_seen_and_stands_is_not_forgotten() -> None:
 
     book.see_all()
 
-    assert texts(book) == []
+    assert sentences(book) == []
     assert [notice.seen for notice in book.shown] == [True]
     book.update([])
     assert book.shown == []
@@ -140,7 +140,7 @@ def test_an_alert_that_comes_again_is_to_be_seen_again() -> None:
     again = book.update([alert(1)])
 
     assert again
-    assert texts(book) == ['Kart 1 lost its connection']
+    assert sentences(book) == ['Kart 1 lost its connection']
 
 
 def test_an_alert_that_comes_again_before_it_was_seen_stands_beside_the_old_one() -> None:
@@ -169,7 +169,7 @@ def test_a_new_text_of_an_alert_is_shown() -> None:
     news = book.update([Alert('TRACK_UNSAFE', 0, True, 'kart 2 is not stopped')])
 
     assert not news
-    assert texts(book) == ['Kart 2 is not stopped']
+    assert sentences(book) == ['Kart 2 is not stopped']
 
 
 def test_the_log_of_a_kart_has_what_concerns_it_and_what_concerns_all() -> None:
@@ -196,7 +196,7 @@ def test_a_race_control_that_was_started_again_is_told_in_the_log() -> None:
 
     log.add(Event(1, '12:05:00', 0, True, 'three'))
 
-    assert [str(line) for line in log.lines()][2:] == [words.NEW_RUN, '12:05:00  three']
+    assert [str(line) for line in log.lines()][2:] == [texts.NEW_RUN, '12:05:00  three']
 
 
 def test_the_log_keeps_the_newest() -> None:

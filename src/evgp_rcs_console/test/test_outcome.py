@@ -19,8 +19,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs_console.commands import Order
-from evgp_rcs_console.outcome import Outcome, SETTLED
+from evgp_rcs_console.commands import Order, Outcome, SETTLED
 from evgp_rcs_console.snapshot import Heat, Race, State
 from example_race import KART, RACE
 import pytest

@@ -23,7 +23,7 @@ import threading
 
 from evgp_rcs.official import MOST
 from evgp_rcs_console.keys import letter_of_name
-from evgp_rcs_console.signature import file_of_name, keep_name, kept_name, Signature
+from evgp_rcs_console.settings import file_of_name, keep_name, kept_name, Signature
 import pytest
 
 

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from evgp_rcs_console.sources import Sources, WITHIN
+from evgp_rcs_console.client import Sources, spoken, WITHIN
 import pytest
 
 
@@ -64,3 +64,11 @@ def test_it_is_over_when_one_of_them_has_ended() -> None:
 
     assert now > WITHIN
     assert not sources.are_two(now)
+
+
+def test_a_state_has_one_name_wherever_it_is_read() -> None:
+    told = 'GREEN_GREEN refused: the race is in IN_GARAGE; kart 7 (A_B) says RED_RED; ALL_KILL'
+
+    assert spoken(told) == (
+        'GREEN GREEN refused: the race is in IN GARAGE; kart 7 (A_B) says RED RED; ALL KILL'
+    )

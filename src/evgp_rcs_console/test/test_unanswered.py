@@ -18,8 +18,7 @@ from __future__ import annotations
 
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console.commands import Order
-from evgp_rcs_console.standing import Standing
-from evgp_rcs_console.unanswered import LATE, Unanswered
+from evgp_rcs_console.unanswered import LATE, Standing, Unanswered
 
 
 def test_the_answer_to_an_older_press_leaves_the_newer_one_waiting() -> None:

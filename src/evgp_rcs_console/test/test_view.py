@@ -19,10 +19,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs_console import words
+from evgp_rcs_console import texts
 from evgp_rcs_console.commands import request
-from evgp_rcs_console.snapshot import Alert, Available, Heat, Kart, Race, State, Track
-from evgp_rcs_console.terminal import table
+from evgp_rcs_console.snapshot import Alert, Available, Event, Heat, Kart, Race, State, Track
 from evgp_rcs_console.view import (
     Button,
     Danger,
@@ -32,18 +31,20 @@ from evgp_rcs_console.view import (
     KART_COMMANDS,
     NOTHING,
     RACE_COMMANDS,
+    RaceTimes,
     ReasonTimes,
     Screen,
     show,
     silence,
     STATE_TONES,
+    table,
     Tone,
     UNDONE_BY,
 )
 from example_race import EVERYTHING, KART, RACE
 import pytest
 
-SILENT = Danger('gone', 'MSR', 'long ago', words.GONE_REASON, stale=True)
+SILENT = Danger('gone', 'MSR', 'long ago', texts.GONE_REASON, stale=True)
 
 
 def with_kart(**changes: object) -> Screen:
@@ -245,11 +246,11 @@ def test_what_speaks_against_a_command_is_said_and_makes_it_another_question() -
 @pytest.mark.parametrize(
     ('connected', 'allowed', 'msr', 'text', 'tone'),
     [
-        (True, True, False, words.HUMANS_ALLOWED, Tone.GOOD),
-        (True, False, False, words.HUMANS_NOT_ALLOWED, Tone.WAIT),
-        (False, False, False, words.HUMANS_NOT_ALLOWED, Tone.WAIT),
-        (False, True, False, words.HUMANS_UNKNOWN, Tone.PLAIN),
-        (False, True, True, words.HUMANS_ALLOWED, Tone.GOOD),
+        (True, True, False, texts.HUMANS_ALLOWED, Tone.GOOD),
+        (True, False, False, texts.HUMANS_NOT_ALLOWED, Tone.WAIT),
+        (False, False, False, texts.HUMANS_NOT_ALLOWED, Tone.WAIT),
+        (False, True, False, texts.HUMANS_UNKNOWN, Tone.PLAIN),
+        (False, True, True, texts.HUMANS_ALLOWED, Tone.GOOD),
     ],
 )
 def test_that_humans_are_allowed_is_no_good_news_while_no_kart_is_connected(
@@ -261,7 +262,7 @@ def test_that_humans_are_allowed_is_no_good_news_while_no_kart_is_connected(
     screen = show(replace(RACE, state=State.RED_RED, karts=karts, track=track), 0.0, {})
 
     assert (screen.humans.text, screen.humans.tone) == (text, tone)
-    assert (screen.humans_reason == 'so it is') is (text != words.HUMANS_UNKNOWN)
+    assert (screen.humans_reason == 'so it is') is (text != texts.HUMANS_UNKNOWN)
 
 
 # ----- heats and places ---------------------------------------------------------------------
@@ -324,7 +325,7 @@ def alerting(kind: str) -> Race:
 def test_two_race_controls_leave_nothing_but_stops() -> None:
     for told in (danger(RACE, two=True), danger(alerting('TWO_RACE_CONTROLS'), two=False)):
         assert told is not None
-        assert told.title == words.TWO
+        assert told.title == texts.TWO
         screen = show(RACE, 0.0, {}, told)
         buttons = [*screen.race, *screen.rows[0].buttons]
         assert all(CATALOGUE[button.command].stop for button in buttons if button.enabled)
@@ -334,7 +335,7 @@ def test_the_failure_of_a_part_of_race_control_asks_for_the_msr() -> None:
     told = danger(alerting('PART_FAILED'), two=False)
 
     assert told is not None
-    assert (told.title, told.advice, told.detail) == (words.FAILED, words.USE_MSR, 'It is so.')
+    assert (told.title, told.advice, told.detail) == (texts.FAILED, texts.USE_MSR, 'It is so.')
 
 
 def test_any_other_alert_is_no_danger_of_race_control_itself() -> None:
@@ -360,7 +361,7 @@ def test_without_race_control_only_stops_can_be_pressed() -> None:
         for command, entry in CATALOGUE.items()
         if entry.stop and command is not CommandKind.ALL_KILL
     }
-    assert all(button.reason == words.GONE_REASON for button in buttons if not button.enabled)
+    assert all(button.reason == texts.GONE_REASON for button in buttons if not button.enabled)
 
 
 def test_before_race_control_is_heard_nothing_but_stops_can_be_pressed() -> None:
@@ -378,7 +379,7 @@ def test_a_command_that_waits_for_its_answer_shows_the_time_and_cannot_be_given_
 
     assert green is not None
     assert flag is not None
-    assert (green.enabled, green.reason) == (False, words.PENDING_REASON.format(age='2.1 s'))
+    assert (green.enabled, green.reason) == (False, texts.PENDING_REASON.format(age='2.1 s'))
     assert flag.enabled
 
 
@@ -386,10 +387,10 @@ def test_a_kart_shows_whether_it_acknowledged_and_what_it_says() -> None:
     waiting = with_kart().rows[0]
     done = with_kart(acknowledged=True, reported=State.GRID_ACTIVE).rows[0]
 
-    assert (waiting.acknowledged.text, waiting.acknowledged.tone) == ('… not yet', Tone.WAIT)
-    assert (waiting.says.text, waiting.says.tone) == ('IN GARAGE', Tone.WAIT)
-    assert (done.acknowledged.text, done.acknowledged.tone) == ('✓ yes', Tone.GOOD)
-    assert done.says.tone is Tone.PLAIN
+    assert (waiting.answer.text, waiting.answer.tone) == ('… not yet', Tone.WAIT)
+    assert (waiting.says, waiting.waits) == ('says IN GARAGE', True)
+    assert (done.answer.text, done.answer.tone) == ('✓ ready', Tone.GOOD)
+    assert (done.says, done.waits) == ('', False)
 
 
 def test_a_kart_without_link_stands_out_if_it_matters() -> None:
@@ -402,11 +403,11 @@ def test_a_kart_without_link_stands_out_if_it_matters() -> None:
 
 def test_the_day_of_an_inspection_is_shown_where_nothing_else_is_to_be_read() -> None:
     inspected = with_kart(inspected='2026-05-01')
-    assert inspected.rows[0].note == 'inspected 2026-05-01'
+    assert inspected.rows[0].note.text == 'inspected 2026-05-01'
     assert 'inspected 2026-05-01' in '\n'.join(table(inspected, ()))
     held = with_kart(inspected='2026-05-01', hold=State.RED_FLAG, hold_reason='ALL_KILL')
-    assert held.rows[0].note == 'held: ALL_KILL'
-    assert with_kart().rows[0].note == ''
+    assert held.rows[0].note.text == 'held: ALL_KILL'
+    assert with_kart().rows[0].note.text == ''
 
 
 def test_a_held_kart_shows_why() -> None:
@@ -414,7 +415,7 @@ def test_a_held_kart_shows_why() -> None:
         sent=State.RED_RED, hold=State.RED_RED, hold_reason='ALL_KILL', may_be_moving=True
     ).rows[0]
 
-    assert row.note == 'may be moving, held: ALL_KILL'
+    assert row.note.text == 'may be moving, held: ALL_KILL'
 
 
 def test_a_kart_in_the_race_can_leave_and_one_outside_can_join() -> None:
@@ -447,8 +448,8 @@ def test_more_karts_than_keys_are_shown_all_the_same() -> None:
 
 
 def test_no_state_is_told_by_its_colour_alone() -> None:
-    assert len(set(words.SYMBOLS.values())) == len(State)
-    assert len(set(words.STATES.values())) == len(State)
+    assert len(set(texts.SYMBOLS.values())) == len(State)
+    assert len(set(texts.STATES.values())) == len(State)
     assert set(STATE_TONES) == set(State)
 
 
@@ -465,11 +466,11 @@ def test_the_track_button_is_the_one_that_makes_sense() -> None:
 @pytest.mark.parametrize(
     ('silent_for', 'title', 'barred'),
     [
-        (None, words.NOT_YET, words.NOT_YET_REASON),
+        (None, texts.NOT_YET, texts.NOT_YET_REASON),
         (0.0, '', ''),
         (GONE_AFTER - 0.01, '', ''),
-        (GONE_AFTER, words.GONE, words.GONE_REASON),
-        (60.0, words.GONE, words.GONE_REASON),
+        (GONE_AFTER, texts.GONE, texts.GONE_REASON),
+        (60.0, texts.GONE, texts.GONE_REASON),
     ],
 )
 def test_race_control_is_gone_within_a_second(
@@ -490,10 +491,10 @@ def test_the_terminal_shows_the_same() -> None:
 
     lines = '\n'.join(table(show(race, 0.0, {}), race.alerts))
 
-    assert 'Race: ▦ GRID ACTIVE  (for 40 s)' in lines
+    assert 'Race: ▦ GRID ACTIVE  (0:40)' in lines
     assert '⚠ USE THE MSR: Kart 7\n' in lines
     assert 'GREEN GREEN  waiting for kart 7\n' in lines
-    assert '7     Purdue  ● in race' in lines
+    assert '7     Purdue USE THE MSR  ▦ GRID ACTIVE 0:40  … not yet' in lines
 
 
 def test_every_command_has_a_button() -> None:
@@ -545,3 +546,61 @@ def test_the_letter_of_finish_never_takes_a_finish_back() -> None:
     assert not finish.enabled
     assert finish.reason == said
     assert not any(each.key for each in screen.rows[0].buttons if each != finish)
+
+
+# ----- the way of a race ------------------------------------------------------------------
+
+
+def phrases(race: Race, times: RaceTimes | None = None) -> dict[CommandKind, str]:
+    """Return the phrase of each command to the race."""
+    screen = show(race, 0.0, {}, None, None, times.entered if times else None)
+    return {button.command: button.phrase for button in screen.race}
+
+
+def test_each_command_to_the_race_says_what_was_what_is_and_what_it_waits_for() -> None:
+    refused = Available(False, 'the race is in GRID ACTIVE; bring it to IN GARAGE first')
+    waiting = Available(False, 'waiting for kart 8 (Purdue): no GRID ACTIVE yet')
+    pause = Available(False, 'a stop was sent just now', again_in=2.1)
+    commands = {
+        **EVERYTHING,
+        CommandKind.GRID_ACTIVE: refused,
+        CommandKind.GREEN_GREEN: waiting,
+        CommandKind.IN_GARAGE: pause,
+    }
+    ready = replace(KART, acknowledged=True)
+    karts = (ready, replace(KART, number=8))
+    race = replace(RACE, commands=commands, karts=karts, state_clock='14:31:04')
+
+    said = phrases(race)
+
+    assert said[CommandKind.GRID_ACTIVE] == 'since 14:31:04'
+    assert said[CommandKind.GREEN_GREEN] == '1 of 2 ready: not 8'
+    assert said[CommandKind.IN_GARAGE] == 'again in 3 s'
+    times = RaceTimes()
+    times.take(Event(1, '14:31:04', 0, True, '', race=State.GRID_ACTIVE, at=4.0))
+    times.take(Event(2, '14:31:24', 0, True, '', race=State.GREEN_GREEN, at=24.0))
+    flagged = replace(race, state=State.RED_FLAG, at=30.0)
+    assert phrases(flagged, times)[CommandKind.GRID_ACTIVE] == '✓ 14:31:04'
+    assert show(flagged, 1.0, {}, entered=times.entered).clock == '0:07'
+    times.take(Event(3, '14:40:00', 0, True, '', race=State.IN_GARAGE, at=600.0))
+    assert State.GREEN_GREEN not in times.entered  # that was another race
+    later = {
+        **commands,
+        CommandKind.GREEN_GREEN: replace(refused, reason='the race is in RED RED'),
+    }
+    assert phrases(replace(race, commands=later))[CommandKind.GREEN_GREEN] == 'after GRID ACTIVE'
+
+
+def test_the_strip_tells_who_is_missing_and_the_row_that_the_msr_is_needed() -> None:
+    lost = replace(KART, number=8, connected=False, may_be_moving=True)
+    done = replace(KART, acknowledged=True, place=1, sent=State.RED_FLAG)
+    told = Alert('LOST_IN_MOTION', 8, True, 'Use the MSR: kart 8 was lost')
+
+    screen = show(replace(RACE, karts=(done, lost), alerts=(told,)), 0.0, {})
+
+    assert screen.tally == '1 finished, 1 lost'
+    assert screen.missing == 'not yet: 8'
+    assert screen.heat == '2 karts'
+    assert [row.use_msr for row in screen.rows] == [False, True]
+    assert screen.rows[1].note.text.startswith(texts.USE_MSR)
+    assert screen.rows[1].note.tone is Tone.BAD

@@ -40,9 +40,9 @@
   // ----- the timeline ------------------------------------------------------------------------
 
   const COLOURS = {
-    IN_GARAGE: ['#dadada', '#000'], GRID_ACTIVE: ['#ffd200', '#000'],
-    GREEN_GREEN: ['#006b38', '#fff'], RED_FLAG: ['#ff9a1f', '#000'],
-    RED_RED: ['#a0001c', '#fff'], NOT_CONNECTED: ['#fff', '#000'], NOT_KNOWN: ['#fff', '#000'],
+    IN_GARAGE: ['#e2e6ea', '#000'], GRID_ACTIVE: ['#f2c200', '#000'],
+    GREEN_GREEN: ['#0a7d3e', '#fff'], RED_FLAG: ['#f08a00', '#000'],
+    RED_RED: ['#b3001b', '#fff'], NOT_CONNECTED: ['#fff', '#000'], NOT_KNOWN: ['#fff', '#000'],
   };
   // What is shown where there is no room for all: what matters most to a jury.
   const WORST = ['IN_GARAGE', 'GRID_ACTIVE', 'GREEN_GREEN', 'NOT_CONNECTED', 'RED_FLAG',
@@ -127,7 +127,7 @@
       else paintLane(line);
     }
     if (cursor !== null) {
-      pen.fillStyle = '#0047c2';
+      pen.fillStyle = '#1f6feb';
       pen.fillRect(x(cursor) - 0.5, AXIS, 1, bottom - AXIS);
     }
     pen.restore();
@@ -195,7 +195,7 @@
       const px = x(command[0]);
       if (px - before >= 1) {
         before = px;
-        pen.fillStyle = command[2] ? '#000' : '#a0001c';
+        pen.fillStyle = command[2] ? '#000' : '#b3001b';
         pen.fillRect(px - 0.5, line.top + line.height - 7, 1, 7);
       }
     }
@@ -216,7 +216,7 @@
       for (const command of seen) if ((command[5] === 1) === first) place(command);
     }
     for (const [command, , px, , , top] of labels) {
-      pen.fillStyle = command[2] ? '#000' : '#a0001c';
+      pen.fillStyle = command[2] ? '#000' : '#b3001b';
       pen.fillRect(px - 0.5, top, 1, line.top + line.height - top);
     }
     for (const [command, text, , left, wide, top] of labels) {
@@ -224,7 +224,7 @@
       pen.fillStyle = command === chosen ? '#dce8ff' : '#fff';
       pen.fillRect(left, top, wide, COMMAND_ROW - 2);
       pen.lineWidth = command === chosen ? 2 : 1;
-      pen.strokeStyle = pen.fillStyle = accepted ? '#000' : '#a0001c';
+      pen.strokeStyle = pen.fillStyle = accepted ? '#000' : '#b3001b';
       pen.setLineDash(accepted ? [] : [3, 2]);
       pen.strokeRect(left + 0.5, top + 0.5, wide - 1, COMMAND_ROW - 3);
       pen.setLineDash([]);
@@ -333,14 +333,14 @@
         pen.arc(px, low, 6.5, 0, 7);
         pen.fill();
         pen.lineWidth = marks[n] === chosen ? 3 : 1;
-        pen.strokeStyle = marks[n] === chosen ? '#0047c2' : '#000';
+        pen.strokeStyle = marks[n] === chosen ? '#1f6feb' : '#000';
         pen.stroke();
-        pen.fillStyle = kind === 'ACKNOWLEDGED' ? '#000' : '#a0001c';
+        pen.fillStyle = kind === 'ACKNOWLEDGED' ? '#000' : '#b3001b';
         pen.fillText(MARKS[kind], px, low + 4);
       } else {
         pen.fillStyle = '#fff';
         pen.fillRect(px - 1.5, low - 3, 3, 10);
-        pen.fillStyle = marks[n] === chosen ? '#0047c2' : MARKS[kind] ? '#000' : '#777';
+        pen.fillStyle = marks[n] === chosen ? '#1f6feb' : MARKS[kind] ? '#000' : '#777';
         pen.fillRect(px - 0.5, low - 2, 1, 8);
       }
     }
@@ -390,7 +390,7 @@
     }
     if (unseenAlerts) {
       pen.font = '12px ' + FONT;
-      pen.fillStyle = '#a0001c';
+      pen.fillStyle = '#b3001b';
       pen.fillText(unseenAlerts + ' more:', LEFT - 8, lines[1].top + 31);
       pen.fillText('see Alerts', LEFT - 8, lines[1].top + 46);
     }

@@ -23,10 +23,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import math
+import re
 
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs_console.commands import Order
-from evgp_rcs_console.effects import Effects
+from evgp_rcs_console.commands import Effects, Order
 from evgp_rcs_console.snapshot import Heat, Kart, Race, State
 
 TITLE = 'EVGP race control'
@@ -52,29 +52,50 @@ SYMBOLS = {
 }
 """Every state has a word and a symbol: it is never shown by its colour alone."""
 
-IN_RACE = 'IN RACE'
-ALL_KARTS = 'ALL KARTS'
-COLUMNS = ('Kart', 'Team', 'Race', 'Link', 'Sent', 'For', 'Acknowledged', 'Says', 'Place', '')
-HEADINGS = {
-    'number': 'Kart',
-    'team': 'Team, why it is held',
-    'race': 'Race, link',
-    'sent': 'State sent, time',
-    'acknowledged': 'Acknowledged, says',
-    'place': 'Place',
-    'buttons': 'Commands to this kart',
-}
-RACING = '● in race'
-NOT_RACING = '○ out'
+SHORT_LABELS = {CommandKind.KART_UNDO_FINISH: 'UNDO'}
+COMMANDS_HEADING = 'Commands'
+NOT_RACING = 'not in the race'
 LINKED = '✓ linked'
 NOT_LINKED = '✗ NO LINK'
 MAY_MOVE = 'may be moving'
 MSR_STOPS_IT = 'only the MSR stops it: make it safe'
 HELD = 'held: {reason}'
-YES = '✓ yes'
+SAYS = 'says {state}'
 WAITING = '… not yet'
 SETTLING = '… wait {seconds} s'
-NOTHING_ASKED = '-'
+NO_ANSWER_YET = '! no answer'
+ANSWERS = {
+    State.GRID_ACTIVE: '✓ ready',
+    State.GREEN_GREEN: '✓ driving',
+    State.RED_FLAG: '✓ stopped',
+    State.RED_RED: '✓ stopped',
+}
+"""What a kart has answered that has acknowledged what it is sent."""
+
+STEPS = {
+    CommandKind.GRID_ACTIVE: ('{karts}', 'when in the garage'),
+    CommandKind.GREEN_GREEN: ('{karts}', 'after GRID ACTIVE'),
+    CommandKind.RED_FLAG: ('stops the race', ''),
+    CommandKind.RACE_OVER: ('stops and ends the race', 'when a race is on'),
+    CommandKind.IN_GARAGE: ('{karts}', 'after RACE OVER or ALL KILL'),
+    CommandKind.RECORD_MSR: ('also stops every kart', ''),
+}
+"""What a command to the race would do, in a few words; and when it is possible, if the state of
+the race is what refuses it."""
+
+STEP_SINCE = 'since {clock}'
+STEP_WAS = '✓ {clock}'
+BARRED_STEP = 'not now'
+AGAIN = 'again in {seconds} s'
+WAITS_FOR = 'waiting for '
+WRONG_STATE = 'the race is in '
+"""With these words race control's reasons begin that such a phrase stands for."""
+
+READY = '{ready} of {count} ready: not {numbers}'
+MISSING = 'not yet: {numbers}'
+NOBODY_RACES = 'no kart is in the race'
+RACE_CLOCK = 'GREEN for {age}'
+COMMANDED_BY = 'by {names}'
 OVER = 'race over'
 ALL_LOST = '✗ ALL KARTS LOST'
 NONE_CONNECTED = '? NO KART CONNECTED'
@@ -102,7 +123,7 @@ ALERTS_UNKNOWN = 'Alerts: not known'
 NO_ALERT = '✓ No alerts'
 SEEN = 'SEEN'
 SEEN_ALL = 'ALL SEEN'
-ALERTS = 'Alerts: {told}'
+ALERTS = '{told}'
 ALERTS_NEW = '{count} new'
 ALERTS_SEEN = '{count} seen, still there'
 ALERTS_ENDED = '{count} ended'
@@ -112,13 +133,15 @@ NO_SINGLE_KART = 'the whole race'
 ALERT_MSR = '⚠ USE THE MSR'
 ALERT_OTHER = '! ALERT'
 ALERT_ENDED = 'ENDED'
+ENDED_LINE = '{heading}: {text}'
+SEVERAL_ENDED = '{count} alerts: {karts}'
 MSR_PREFIX = 'Use the MSR: '
 ALERTS_CHANGED = 'The alerts have just changed. Look, and press SEEN again.'
 MARK_LOST = '✗'
 MARK_YES = '✓'
 MARK_WAIT = '…'
-SOUND_ON = '♪ SOUND ON'
-SOUND_OFF = '✗ SOUND OFF'
+SOUND_ON = '♪ ON'
+SOUND_OFF = '✗ OFF'
 
 LOG = 'Events'
 EVERY_KART = 'all karts'
@@ -148,8 +171,7 @@ TWO_ADVICE = 'ALL KILL, THEN SHUT ONE DOWN'
 TWO_DETAIL = 'Two race controls are running in this ROS domain.'
 TWO_WHAT_TO_DO = 'Stops go to both. No other command can be sent.'
 TWO_REASON = 'two race controls are running: shut one down'
-STATE_SINCE = 'for {age}'
-STATE_CAUSE = '{since}: {cause}'
+STATE_CAUSE = '{since} · {cause}'
 STATE_AT = '{since}, {clock}'
 STATE_OF_RACE = 'race in {state} {since}'
 KILL_HINT = 'SPACE BAR or F12'
@@ -161,11 +183,15 @@ KILL_NOTE_NOT_YET = (
 STOP_UNANSWERED = '{command}: sent {count} times in {age}, {why}. USE THE MSR.'
 NO_ANSWER = 'no answer'
 KEYS_OFF = 'KEYS OFF: click this window'
+KEYS_OFF_LARGE = 'KEYS OFF'
+KEYS_OFF_DETAIL = 'ALL KILL works by the mouse only. Click this window.'
+BROUGHT_FORWARD = '{name} was not sent: the click only brought this window forward. Click again.'
+BATTERY = 'BATTERY {percent} %: plug it in'
 
 GIVEN = '{clock}  {command} sent'
 ANSWERED = '{clock}  {mark}{answer}'
 CHANGED = 'Changed at {clock}: {what}'
-READY = 'Ready.  F1 shows the keys.'
+BEGIN = 'Ready.  F1 shows the keys.'
 PENDING = '{command}: no answer yet ({age})'
 PENDING_REASON = 'no answer yet ({age})'
 GAVE_UP = '{command}: no answer within {age}. Check the race to see whether it took effect.'
@@ -184,8 +210,8 @@ AGAIN_IN = '{reason} (again in {seconds} s)'
 
 ASK_TITLE = '{command}?'
 ASK_STATE = 'I state: {condition}.'
-ASK_YES = 'YES: {condition}   (Y)'
-ASK_NO = 'NO   (N or Esc)'
+ASK_YES = 'YES: {condition}'
+ASK_NO = 'NO   (N)'
 ASK_WARNING = 'Warning: {warning}.'
 ASK_CHANGED = 'What you are asked to confirm has changed. Press NO and begin again.'
 ASK_AGAIN = '{reason}. Press NO and begin again.'
@@ -193,15 +219,15 @@ ASK_AGAIN = '{reason}. Press NO and begin again.'
 HEATS_TITLE = 'Which heat?'
 HEATS_CONSEQUENCE = 'Puts the karts of the heat into the race, and takes all others out.'
 HEATS_CHANGED = 'The heats have just changed. Nothing was sent: open HEAT again.'
-HEATS_CLOSE = 'CANCEL   (Esc)'
+HEATS_CLOSE = 'CANCEL'
 HEAT = '{name}: {karts}'
 IN_RACE_NOW = '{text}  (in the race)'
 RESULTS = 'Places'
 FIELD_KART = 'KART {number}'
 FIELD_BEGUN = '{number} …'
 FIELD_NO_KART = 'NO KART {number}'
-FIELD_EMPTY = 'KART -'
-FIELD_TYPE = 'type a number for Ctrl+R, F, G, J'
+FIELD_EMPTY = ''
+FIELD_TYPE = 'Kart by number: type it'
 FIELD_NOT_YET = 'no kart {number}: keep typing'
 FIELD_NOT_THERE = 'not in the roster'
 FIELD_REFUSAL = 'NO KART {number}'
@@ -216,8 +242,7 @@ NAME_ABOUT = (
     'It goes with every command from this window, and into the record. Type letters, "-", "." and '
     '"_". All other keys do what they always do: the SPACE BAR sends ALL KILL.'
 )
-NAME_KEEP = 'SAVE   (Enter)'
-NAME_CANCEL = 'CANCEL   (Esc)'
+NAME_KEEP = 'SAVE'
 NAME_IS = 'Name: {name}'
 NAME_UNKNOWN = 'Your name?'
 NAME_CARET = '{name}▏'
@@ -226,7 +251,7 @@ NAME_NOT_KEPT = 'Your name was not saved for the next start: {error}'
 NAME_PROMPT = 'Your name, for the record (Enter also sends {command}; Ctrl-C sends nothing): '
 
 HELP_TITLE = 'Keys'
-HELP_CLOSE = 'CLOSE   (Esc)'
+HELP_CLOSE = 'CLOSE'
 KEY_HELP = (
     ('Space bar, F12', 'ALL KILL, always'),
     ('F2', 'GRID ACTIVE'),
@@ -234,7 +259,8 @@ KEY_HELP = (
     ('F4', 'RED FLAG'),
     ('F5', 'RACE OVER'),
     ('F6', 'IN GARAGE'),
-    ('F7, F8', 'open, close the track'),
+    ('F7', 'open or close the track'),
+    ('F8', 'day, night'),
     ('F9', 'the MSR was used'),
     ('F10', 'mark the first alert as seen'),
     ('F11', 'sound on, off'),
@@ -249,6 +275,8 @@ KEY_HELP = (
     ('Tab, Enter', 'go to the next button, press it'),
     ('Y, N', 'answer a question'),
 )
+
+AWAKE = 'An EVGP race is on this screen.'
 
 NO_QT = (
     'rcs_gui: there is no Qt for Python here. Install it: '
@@ -426,7 +454,9 @@ def _does(kart: Kart) -> str:
     if kart.settles:
         return 'just stopped'
     done, not_yet = _WHEN_SENT.get(kart.sent, _STOPS)
-    return done if kart.acknowledged and not kart.in_doubt else not_yet
+    if not kart.acknowledged or kart.in_doubt:
+        return not_yet
+    return 'finished' if kart.place and kart.sent is not State.IN_GARAGE else done
 
 
 _STOPS = ('stopped', 'not stopped yet')
@@ -436,7 +466,58 @@ _WHEN_SENT = {
     State.GREEN_GREEN: ('driving', 'not driving yet'),
 }
 _DOES = (*(each for pair in _WHEN_SENT.values() for each in dict.fromkeys(pair)), *_STOPS)
-_DOES += ('just stopped', 'not connected', 'lost')
+_DOES += ('finished', 'just stopped', 'not connected', 'lost')
+
+
+def missing(karts: Sequence[Kart], counted: bool = False) -> str:
+    """
+    Return which karts of the race have not done yet what they are sent; empty if all have.
+
+    :param counted: on the grid, say how many are ready, too.
+    """
+    racing = [kart for kart in karts if kart.in_race and kart.sent is not State.IN_GARAGE]
+    late = [
+        kart for kart in racing if not kart.connected or not kart.acknowledged or kart.in_doubt
+    ]
+    numbers = ', '.join(str(kart.number) for kart in late)
+    if not late:
+        return ''
+    if counted and all(kart.sent is State.GRID_ACTIVE for kart in racing):
+        ready = len(racing) - len(late)
+        return READY.format(ready=ready, count=len(racing), numbers=numbers)
+    return MISSING.format(numbers=numbers)
+
+
+def heat_in_race(race: Race) -> str:
+    """Return the heat that is in the race, with the number of its karts; empty if none races."""
+    racing = tuple(kart.number for kart in race.karts if kart.in_race)
+    names = [heat.name for heat in race.heats if heat.karts == racing]
+    return ' · '.join([*names[:1], _count(racing)]) if racing else ''
+
+
+def step_does(does: str, karts: Sequence[int]) -> str:
+    """
+    Return what a command to the race would do, in a few words.
+
+    :param karts: the karts that it would start or release.
+    """
+    return does.format(karts=_count(karts))
+
+
+def _count(karts: Sequence[int]) -> str:
+    return f'{len(karts)} kart' if len(karts) == 1 else f'{len(karts)} karts'
+
+
+def by_name(cause: str) -> str:
+    """Return what brought a state about with the official's name only, without the machine."""
+    return re.sub(r' \([^()]*\)$', '', cause)
+
+
+def clock(seconds: float) -> str:
+    """Return a time as minutes:seconds, or hours:minutes:seconds."""
+    minutes, second = divmod(int(max(0.0, seconds)), 60)
+    hours, minute = divmod(minutes, 60)
+    return f'{hours}:{minute:02}:{second:02}' if hours else f'{minute}:{second:02}'
 
 
 def held(kart: Kart) -> str:

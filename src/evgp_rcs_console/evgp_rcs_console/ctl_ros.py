@@ -27,18 +27,22 @@ from evgp_node.graph import GraphError
 from evgp_protocol.clock import now
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.official import tidy
-from evgp_rcs_console import words
-from evgp_rcs_console.apart import Report
+from evgp_rcs_console import texts
 from evgp_rcs_console.client import Client, domain_of, join_graph, looking
-from evgp_rcs_console.commands import Order
-from evgp_rcs_console.ctl import COMMANDS, GRACE, no_answer, STARTING, STATEMENTS
-from evgp_rcs_console.effects import effects, nobody_is_heard
-from evgp_rcs_console.exits import Exit
-from evgp_rcs_console.signature import Signature
+from evgp_rcs_console.command_line import (
+    COMMANDS,
+    Exit,
+    GRACE,
+    no_answer,
+    Report,
+    STARTING,
+    STATEMENTS,
+)
+from evgp_rcs_console.commands import effects, nobody_is_heard, Order
+from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.snapshot import Answer, Available, Event, Kart, Race, State
-from evgp_rcs_console.standing import Standing
-from evgp_rcs_console.terminal import table
-from evgp_rcs_console.view import danger, is_gone, ReasonTimes, show, silence
+from evgp_rcs_console.unanswered import Standing
+from evgp_rcs_console.view import danger, is_gone, ReasonTimes, show, silence, table
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 
@@ -48,7 +52,7 @@ SETTLED = 1.0
 Told = dict[str, object]
 
 
-class Desk:
+class Hearing:
     """What the client hears, for a caller that waits for it."""
 
     def __init__(self) -> None:
@@ -109,30 +113,30 @@ def attend(given: Sequence[str], wanted: argparse.Namespace, began: float, repor
     except (GraphError, UnknownROSArgsError) as error:
         report(last=True, code=Exit.USAGE, error=f'rcs_ctl: {error}')
         return
-    desk = Desk()
+    hearing = Hearing()
     # Watching needs no permission to command: a spectators' screen has none.
     commands = () if wanted.command == 'watch' else (COMMANDS[wanted.command],)
     try:
-        client = Client('rcs_ctl', desk, commands=commands)
+        client = Client('rcs_ctl', hearing, commands=commands)
     except RCLError as error:
-        said = words.NOT_ALLOWED.format(error=error)
+        said = texts.NOT_ALLOWED.format(error=error)
         report(last=True, code=Exit.USAGE, error=f'rcs_ctl: {said}')
         return
     ready = now()
     until = min(ready + float(wanted.wait), began + STARTING + float(wanted.wait) - GRACE)
     try:
         if wanted.command == 'watch':
-            report(last=True, **_watch(client, desk, wanted, until, report))
+            report(last=True, **_watch(client, hearing, wanted, until, report))
         else:
-            told = _give(client, desk, wanted, until, ready - began)
-            report(last=True, **_under_banner(told, desk.race))
+            told = _give(client, hearing, wanted, until, ready - began)
+            report(last=True, **_under_banner(told, hearing.race))
     finally:
         client.close()
         rclpy.try_shutdown()
 
 
 def _give(
-    client: Client, desk: Desk, wanted: argparse.Namespace, until: float, starting: float
+    client: Client, hearing: Hearing, wanted: argparse.Namespace, until: float, starting: float
 ) -> Told:
     """
     Send a command and return the answer.
@@ -147,25 +151,25 @@ def _give(
         command, until - now(), f'once ROS had started, which took {starting:.1f} s; {where}'
     )
     if not entry.stop and not client.wait_for(command, until - now()):
-        said = words.NOT_THERE.format(command=CATALOGUE[command].label)
+        said = texts.NOT_THERE.format(command=CATALOGUE[command].label)
         error = f'{said} ({where})'
         return {'code': Exit.NOT_THERE, 'error': error}
     karts = tuple(sorted(set(getattr(wanted, 'karts', ()))))
     hold = State.UNKNOWN
     released = ''
     if (entry.names_karts and not karts) or entry.names_hold:
-        if not desk.wait_for(lambda: desk.race is not None, until):
+        if not hearing.wait_for(lambda: hearing.race is not None, until):
             return {'code': Exit.NOT_THERE, 'error': unanswered}
-        assert desk.race is not None
-        concerned = desk.race.commands.get(command, Available(False))
+        assert hearing.race is not None
+        concerned = hearing.race.commands.get(command, Available(False))
         # IN GARAGE may be for no kart; then there is none to name.
         if entry.names_karts and (concerned.karts or not concerned.yes or not wanted.stated):
-            return _name_them(wanted, desk.race)
-        kart = desk.race.kart(wanted.kart) if entry.names_hold else None
+            return _name_them(wanted, hearing.race)
+        kart = hearing.race.kart(wanted.kart) if entry.names_hold else None
         if kart is not None:
             hold = kart.hold
             offered = kart.commands.get(command, Available(False))
-            released = '\n'.join(said_of(command, desk.race, offered, kart))
+            released = '\n'.join(said_of(command, hearing.race, offered, kart))
     order = Order(
         command,
         getattr(wanted, 'kart', 0),
@@ -176,19 +180,21 @@ def _give(
         Signature(wanted.official).claim,
     )
     client.give(order)
-    desk.wait_for(lambda: desk.answer is not None, until)
-    if desk.answer is None:
-        said = ''.join(f' Race control said: {stop.said}' for stop in desk.standing if stop.said)
+    hearing.wait_for(lambda: hearing.answer is not None, until)
+    if hearing.answer is None:
+        said = ''.join(
+            f' Race control said: {stop.said}' for stop in hearing.standing if stop.said
+        )
         return {'code': Exit.NOT_THERE, 'error': f'{unanswered}{said}'}
-    answer = desk.answer[1]
+    answer = hearing.answer[1]
     if answer.success:
         return {
             'code': Exit.ACCEPTED,
             'output': f'{released}\n{answer.message}' if released else answer.message,
         }
     # The race is heard from the start on: this only bounds the wait where it is not.
-    desk.wait_for(lambda: desk.race is not None, min(until, now() + SETTLED))
-    steps = [] if desk.race is None else _next_step(wanted, order, desk.race)
+    hearing.wait_for(lambda: hearing.race is not None, min(until, now() + SETTLED))
+    steps = [] if hearing.race is None else _next_step(wanted, order, hearing.race)
     return {'code': Exit.REFUSED, 'error': '\n'.join([answer.message, *steps])}
 
 
@@ -196,7 +202,7 @@ def _under_banner(told: Told, race: Race | None) -> Told:
     """Put race control's banner above what is said, if its answer does not have it."""
     banner = race.banner if race is not None else ''
     return {
-        key: f'{words.BANNER.format(banner=banner)}\n{said}'
+        key: f'{texts.BANNER.format(banner=banner)}\n{said}'
         if isinstance(said, str) and banner and f'{banner}: ' not in said
         else said
         for key, said in told.items()
@@ -262,28 +268,28 @@ def as_called(arguments: str) -> str:
 
 def said_of(command: CommandKind, race: Race, offered: Available, kart: Kart | None) -> list[str]:
     """Return what a command would do, and why not to confirm it, as sentences."""
-    said = words.consequences(command, effects(command, race, offered, kart), race, kart)
-    warning = words.warning(command, race, nobody_is_heard(race))
-    return [*said, words.ASK_WARNING.format(warning=warning)] if warning else said
+    said = texts.consequences(command, effects(command, race, offered, kart), race, kart)
+    warning = texts.warning(command, race, nobody_is_heard(race))
+    return [*said, texts.ASK_WARNING.format(warning=warning)] if warning else said
 
 
 def _name(karts: tuple[Kart, ...], number: int) -> str:
-    return next((words.kart_name(kart) for kart in karts if kart.number == number), str(number))
+    return next((texts.kart_name(kart) for kart in karts if kart.number == number), str(number))
 
 
 def _watch(
-    client: Client, desk: Desk, wanted: argparse.Namespace, until: float, report: Report
+    client: Client, hearing: Hearing, wanted: argparse.Namespace, until: float, report: Report
 ) -> Told:
     if wanted.events:
-        return _watch_events(desk, wanted, until, report)
+        return _watch_events(hearing, wanted, until, report)
     began = now()
     reasons = ReasonTimes()
     if wanted.once:
-        desk.wait_for(lambda: desk.race is not None, until)
+        hearing.wait_for(lambda: hearing.race is not None, until)
     redraw = sys.stdout.isatty() and not wanted.once
     while True:
-        with desk.news:
-            race, heard_at, two = desk.race, desk.heard_at, desk.two
+        with hearing.news:
+            race, heard_at, two = hearing.race, hearing.heard_at, hearing.two
         at = now()
         silent_for = at - heard_at if race is not None else None
         state = race.state if race else State.UNKNOWN
@@ -302,31 +308,35 @@ def _watch(
             return {'code': code, 'output': text}
         print(('\x1b[H\x1b[2J' if redraw else '') + text + ('' if redraw else '\n'), flush=True)
         report(alive=True)
-        with desk.news:
-            desk.news.wait(1.0)
+        with hearing.news:
+            hearing.news.wait(1.0)
 
 
-def _watch_events(desk: Desk, wanted: argparse.Namespace, until: float, report: Report) -> Told:
+def _watch_events(
+    hearing: Hearing, wanted: argparse.Namespace, until: float, report: Report
+) -> Told:
     shown = 0
     banner = ''
     kept: list[str] = []
-    desk.wait_for(lambda: desk.race is not None, until)  # it has the banner, which comes first
+    hearing.wait_for(
+        lambda: hearing.race is not None, until
+    )  # it has the banner, which comes first
     while True:
         # The past events come one by one: they have all come when no other one follows.
         pause = now() + SETTLED
         known = shown
-        desk.wait_for(
-            lambda known=known: len(desk.events) > known,
+        hearing.wait_for(
+            lambda known=known: len(hearing.events) > known,
             pause if shown or now() >= until else until,
         )
-        with desk.news:
-            fresh = desk.events[shown:]
-            heard = desk.race is not None
-            said, banner = banner, desk.race.banner if desk.race else ''
+        with hearing.news:
+            fresh = hearing.events[shown:]
+            heard = hearing.race is not None
+            said, banner = banner, hearing.race.banner if hearing.race else ''
         shown += len(fresh)
         if not shown and not heard:
             where = f'ROS domain {domain_of()}'
-            error = f'{words.NOT_YET}: {words.USE_MSR} ({where})'
+            error = f'{texts.NOT_YET}: {texts.USE_MSR} ({where})'
             return {'code': Exit.NOT_THERE, 'error': error}
         lines = [
             f'{event.clock} {" " if event.success else "!"} {event.told}'
@@ -334,7 +344,7 @@ def _watch_events(desk: Desk, wanted: argparse.Namespace, until: float, report: 
             if not wanted.kart or event.kart in (0, wanted.kart)
         ]
         if banner != said and banner:
-            lines.insert(0, words.BANNER.format(banner=banner))
+            lines.insert(0, texts.BANNER.format(banner=banner))
         if wanted.once:
             kept += lines
             if not fresh or now() >= until:

@@ -13,13 +13,15 @@
 # limitations under the License.
 
 """
-The name that an official's commands carry: given at start, kept from before, or not known.
+What is kept on this machine for its officials: their name, and whether the window is dark.
 
-It is asked for once and kept in a plain text file, for the window and `rcs_ctl`. No Qt, no ROS.
+The name that commands carry was given at start, or kept from before, or is not known. It is asked
+for once and kept in a plain text file, for the window and `rcs_ctl`. No Qt, no ROS.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pathlib
 import platform
@@ -29,7 +31,7 @@ import threading
 
 from evgp_rcs.folder import rcs_folder
 from evgp_rcs.official import claim, tidy
-from evgp_rcs_console import words
+from evgp_rcs_console import texts
 
 MOST_BYTES = 4096
 """Maximum of the file that is read, in bytes."""
@@ -67,7 +69,7 @@ class Signature:
         try:
             keep_name(name)
         except (OSError, RuntimeError) as error:
-            print(words.NAME_NOT_KEPT.format(error=error), file=sys.stderr)
+            print(texts.NAME_NOT_KEPT.format(error=error), file=sys.stderr)
 
 
 def file_of_name() -> pathlib.Path:
@@ -98,13 +100,37 @@ def keep_name(name: str) -> None:
     :raises OSError: if the disk does not take it.
     :raises RuntimeError: if there is no home folder.
     """
-    path = file_of_name()
+    _keep(file_of_name(), f'{tidy(name)}\n')
+
+
+def is_night() -> bool:
+    """Return whether the window was dark when it was used last."""
+    try:
+        return (rcs_folder() / 'night').exists()
+    except (OSError, RuntimeError):
+        return False
+
+
+def keep_night(night: bool) -> None:
+    """Keep whether the window is dark; a disk that hangs holds nobody up."""
+
+    def keep() -> None:
+        with contextlib.suppress(OSError, RuntimeError):
+            if night:
+                _keep(rcs_folder() / 'night', '')
+            else:
+                (rcs_folder() / 'night').unlink(missing_ok=True)
+
+    threading.Thread(target=keep, daemon=True).start()
+
+
+def _keep(path: pathlib.Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     # In one piece: another program may read it just now.
-    descriptor, other = tempfile.mkstemp(prefix='.official', dir=path.parent)
+    descriptor, other = tempfile.mkstemp(prefix=f'.{path.name}', dir=path.parent)
     try:
         with os.fdopen(descriptor, 'wb') as file:
-            file.write(f'{tidy(name)}\n'.encode())
+            file.write(text.encode())
         pathlib.Path(other).replace(path)
     except OSError:
         pathlib.Path(other).unlink(missing_ok=True)

@@ -1,0 +1,175 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The command line of `rcs_ctl`: one command per command of an official, and `watch`.
+
+The official makes each statement by a flag of its own, and names the karts that a command starts
+or releases by their numbers.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+import enum
+
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
+
+Report = Callable[..., None]
+"""
+Hands something over to who started the work: `report(name=value)`.
+
+`last=True` says that nothing follows: from then on the work is not interrupted, as it only tidies
+up, but ended by force if that takes too long.
+"""
+
+
+class Exit(enum.IntEnum):
+    """The exit codes, for scripts."""
+
+    ACCEPTED = 0
+    REFUSED = 1
+    USAGE = 2
+    NOT_THERE = 3
+
+
+STARTING = 5.0
+"""Maximum time for ROS to start, before the time of ``--wait`` begins, in seconds."""
+
+GRACE = 0.5
+"""Time reserved for reporting that no answer came, in seconds."""
+
+SHORT = {
+    CommandKind.JOIN_RACE: 'join',
+    CommandKind.LEAVE_RACE: 'leave',
+    CommandKind.SET_HEAT: 'heat',
+}
+"""The commands whose name on the command line is not that of their kind."""
+
+COMMANDS: dict[str, CommandKind] = {
+    SHORT.get(kind, kind.name.lower().replace('_', '-')): kind for kind in CATALOGUE
+}
+"""Every command of an official, by its name on the command line."""
+
+STATEMENTS: dict[CommandKind, tuple[str, str, bool]] = {
+    CommandKind.RECORD_MSR: ('--msr-was-used', 'you state that you used the MSR', True),
+    CommandKind.GRID_ACTIVE: (
+        '--track-is-clear',
+        'you state that the track is clear of humans',
+        True,
+    ),
+    CommandKind.IN_GARAGE: ('--track-is-safe', 'you declare the track safe for humans', True),
+    CommandKind.KART_IN_GARAGE: (
+        '--made-safe-by-hand',
+        'you state that someone made this kart safe; needed if it has not acknowledged its stop',
+        False,
+    ),
+}
+"""The flag of each statement: its name, its help, and whether the command always needs it."""
+
+
+def no_answer(command: CommandKind, waited: float, details: str) -> str:
+    """
+    Return what to say when race control has not answered in time.
+
+    :param waited: how long it had to answer, in seconds.
+    :param details: what else is known of the wait.
+    """
+    entry = CATALOGUE[command]
+    advice = 'USE THE MSR.' if entry.stop else 'Check the race to see if it took effect.'
+    return f'{entry.label}: no answer within {round(waited, 1):g} s ({details}). {advice}'
+
+
+def without_ros_arguments(given: Sequence[str]) -> list[str]:
+    """Return a command line without the part between `--ros-args` and `--`."""
+    own = []
+    ros = False
+    for argument in given:
+        if argument == '--ros-args':
+            ros = True
+        elif ros and argument == '--':
+            ros = False
+        elif not ros:
+            own.append(argument)
+    return own
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return what reads the command line."""
+    whole = argparse.ArgumentParser(
+        prog='rcs_ctl',
+        description='Command an EVGP race from the terminal. This is not the MSR.',
+        epilog='Exit codes: 0 accepted, 1 refused, 2 wrong usage, 3 race control is not there '
+        'or did not answer. ROS arguments go after --ros-args.',
+    )
+    waiting = argparse.ArgumentParser(add_help=False)
+    waiting.add_argument(
+        '--wait',
+        type=float,
+        default=5.0,
+        metavar='SECONDS',
+        help='how long to wait for race control (default: %(default)s); ROS may take '
+        f'up to {STARTING:g} s before that to start',
+    )
+    signing = argparse.ArgumentParser(add_help=False)
+    # Before the command or after it.
+    for each, default in ((whole, ''), (signing, argparse.SUPPRESS)):
+        each.add_argument(
+            '--official',
+            default=default,
+            metavar='NAME',
+            help='who gives the command, for the record (default: the name that is kept)',
+        )
+    commands = whole.add_subparsers(dest='command', required=True, metavar='command')
+    for name, command in COMMANDS.items():
+        entry = CATALOGUE[command]
+        each = commands.add_parser(
+            name, help=entry.meaning, description=entry.meaning, parents=[waiting, signing]
+        )
+        if entry.to_one_kart:
+            each.add_argument('kart', type=_kart_number, help='its number in the roster')
+        if entry.names_heat:
+            each.add_argument('heat', help='its name in the roster')
+        if entry.names_karts:
+            each.add_argument(
+                'karts',
+                type=_kart_number,
+                nargs='*',
+                help='the karts that you mean; without any, it lists them and sends nothing',
+            )
+        if command in STATEMENTS:
+            flag, statement, needed = STATEMENTS[command]
+            each.add_argument(
+                flag, dest='stated', action='store_true', required=needed, help=statement
+            )
+    watch = commands.add_parser(
+        'watch', help='show the race until Ctrl-C', parents=[waiting], description='show the race'
+    )
+    watch.add_argument('--once', action='store_true', help='show it once and exit')
+    watch.add_argument('--events', action='store_true', help='print what happens, line by line')
+    watch.add_argument(
+        '--kart', type=_kart_number, default=0, help='with --events: those of this kart only'
+    )
+    return whole
+
+
+def _kart_number(text: str) -> int:
+    number = int(text)
+    if not 0 <= number <= 65535:
+        raise ValueError
+    return number
+
+
+_kart_number.__name__ = 'kart number'  # argparse says: invalid kart number value: 'x'

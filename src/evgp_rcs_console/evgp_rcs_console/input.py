@@ -1,0 +1,523 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The keys and clicks of the official: which of them act, and what they do.
+
+The window has each before any widget does. One may be too old, or meant for another button.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+import time
+
+from evgp_protocol import clock
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs_console import keys, texts
+from evgp_rcs_console.alerts import Alarm
+from evgp_rcs_console.areas import Areas, SeenCommands
+from evgp_rcs_console.commands import Order
+from evgp_rcs_console.display import BottomLine, ChosenKart, Display
+from evgp_rcs_console.freshness import Beat, InputClock, Repeats, STALE
+from evgp_rcs_console.karts import chooses
+from evgp_rcs_console.keys import Act, Stroke
+from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
+from evgp_rcs_console.settings import Signature
+from evgp_rcs_console.unanswered import Unanswered
+from evgp_rcs_console.view import ANSWER_KEYS, Button, Screen, Tone
+from evgp_rcs_console.widgets import CommandButton
+
+Give = Callable[[Order], None]
+"""Sends a command, and returns at once."""
+
+
+class Presses(QtCore.QObject):
+    """
+    Does what the official pressed.
+
+    :param give: sends a command.
+    :param signature: in whose name.
+    """
+
+    def __init__(
+        self,
+        give: Give,
+        signature: Signature,
+        areas: Areas,
+        chosen: ChosenKart,
+        bottom: BottomLine,
+        unanswered: Unanswered,
+        display: Display,
+    ) -> None:
+        """Wait for a press."""
+        super().__init__(areas.window)
+        self._give = give
+        self._signature = signature
+        self._areas = areas
+        self._chosen = chosen
+        self._bottom = bottom
+        self._unanswered = unanswered
+        self._display = display
+
+    night = Signal()
+    """The official wants the other palette."""
+
+    def kill(self) -> None:
+        """Send ALL KILL."""
+        self._give(Order(CommandKind.ALL_KILL, official=self._signature.claim))
+        self._chosen.clear()
+
+    def let_go(self, down: Button, button: Button) -> None:
+        """Take a press of a button, if its command is still the one that it was pressed for."""
+        if down.is_same_command(button):
+            self.press(button)
+        else:
+            self.refuse_changed(down)
+
+    def press(self, button: Button) -> None:
+        """Send the command of a button, ask for its confirmation, or say why it cannot be sent."""
+        areas = self._areas
+        if not button.enabled:
+            self._bottom.say(button.explanation, Tone.WAIT)
+        elif button.command is CommandKind.SET_HEAT and not button.heat:
+            areas.close_sheets()
+            areas.heats.open_sheet()
+            areas.place_sheets()
+        elif button.condition:
+            areas.close_sheets()
+            areas.question.ask(button)
+            areas.place_sheets()
+        else:
+            self._send(button)
+        self._chosen.clear()
+
+    def answer(self, yes: bool) -> None:
+        """Take the answer to the question that is open."""
+        asked = self._areas.question.button
+        # Hidden first: a second press of the same key must find nothing to answer.
+        self._areas.question.close_sheet()
+        self._areas.window.setFocus()
+        self._chosen.clear()
+        if yes and asked is not None:
+            self._send(asked)
+
+    def missed(self, target: QtWidgets.QWidget | None, aimed: Button | None) -> bool:
+        """
+        Return whether a press is not for the command that is there now, and deal with it.
+
+        A stop goes to the kart whose button was there. Anything else is not sent, and the bottom
+        line says so.
+
+        :param target: what is there now.
+        :param aimed: the command that was there when the official aimed.
+        """
+        there = target.button if isinstance(target, CommandButton) else None
+        if aimed is None and (there is None or there.is_stop):
+            return False  # no kart's button was there that it could have been meant for
+        if aimed is not None and there is not None and aimed.is_same_command(there):
+            return False
+        if aimed is not None and aimed.is_instant:
+            self.press(aimed)
+        elif there is not None and not there.is_instant:
+            self.refuse_changed(there)
+        else:
+            return False
+        return True
+
+    def refuse_changed(self, button: Button) -> None:
+        """Say that a command was not sent, since its button was another one's a moment ago."""
+        name = texts.command_name(button.command, button.kart)
+        self._bottom.say(texts.ROWS_CHANGED.format(name=name), Tone.BAD)
+        self._chosen.clear()
+
+    def toggle_help(self) -> None:
+        """Show the keys, or hide them."""
+        self._areas.help.setVisible(not self._areas.help.isVisible())
+        self._areas.place_sheets()
+
+    def open_name(self) -> None:
+        """Ask for the official's name."""
+        self._areas.close_sheets()
+        self._areas.your_name.open_sheet(self._signature.name)
+        self._areas.place_sheets()
+
+    def sign(self, name: str) -> None:
+        """Send commands in a name from now on."""
+        self._signature.sign(name)
+        self._areas.your_name.close_sheet()
+        self._areas.window.setFocus()
+        self._areas.foot.show_name(self._signature.name)
+        self._bottom.say(texts.SIGNED.format(claim=self._signature.claim))
+
+    def toggle_events(self) -> None:
+        """Show the events of the chosen kart only, or of all karts."""
+        if not self._areas.events.toggle(self._chosen.kart):
+            self._bottom.say(texts.WHOSE_EVENTS, Tone.WAIT)
+
+    def _send(self, button: Button) -> None:
+        order = replace(button.order(), official=self._signature.claim)
+        self._give(order)
+        if not button.is_stop:  # the client says which stops are not accepted yet
+            self._unanswered.add(order)
+        self._bottom.say_sent(order)
+        self._display.refresh()
+
+
+class LateInput:
+    """
+    Measures for how long a key or click has waited, and drops what is too old.
+
+    :param period: how often ``beat`` is called, in seconds.
+    """
+
+    def __init__(self, period: float, chosen: ChosenKart, bottom: BottomLine) -> None:
+        """Begin in time."""
+        self._chosen = chosen
+        self._bottom = bottom
+        self._clock = InputClock()
+        self._beat = Beat(period, clock.now())
+        self._dropped: list[str] = []
+
+    def beat(self, now: float) -> None:
+        """Take that the window's thread is alive."""
+        self._beat.beat(now)
+        # What was typed while the window hung is taken before it is too old.
+        if not self._beat.held_up(now):
+            self._chosen.expire(now)
+
+    def age(self, event: QtGui.QInputEvent) -> float:
+        """Return for how long a key or click has waited at least, in seconds."""
+        waited = self._clock.age(event.timestamp(), time.monotonic())
+        return max(waited, self._beat.held_up(clock.now()))
+
+    def drop(self, name: str, age: float) -> bool:
+        """Say that a key or click was too old (s); return that it is used up."""
+        # It would have ended the number: what is typed after it is another one.
+        self._chosen.clear()
+        self._dropped = [*self._dropped[-4:], name]
+        names = ', '.join(self._dropped)
+        self._bottom.say(texts.TOO_OLD.format(name=names, age=clock.duration(age, 0)), Tone.BAD)
+        return True
+
+    def in_time(self) -> None:
+        """Take that an input was in time: what was dropped before it is not named any more."""
+        self._dropped.clear()
+
+
+FORWARD = 0.3
+"""Time after which a click in a window that has come forward is meant for what is in it, in
+seconds."""
+
+
+class Mouse:
+    """Takes the mouse."""
+
+    def __init__(
+        self,
+        areas: Areas,
+        seen: SeenCommands,
+        presses: Presses,
+        late: LateInput,
+        bottom: BottomLine,
+    ) -> None:
+        """Wait for a click."""
+        self._bottom = bottom
+        self._active_since: float | None = None
+        self._brought_forward = False
+        self._areas = areas
+        self._seen = seen
+        self._presses = presses
+        self._late = late
+
+    def take_activation(self, active: bool) -> None:
+        """Take that the window has become the active one, or no longer is."""
+        self._active_since = clock.now() if active else None
+        if not active:
+            self._brought_forward = False
+
+    def _only_brings_forward(self) -> bool:
+        """Return whether a click was meant for the window and not for what is below it."""
+        if self._brought_forward:
+            return False
+        since = self._active_since
+        self._brought_forward = True
+        if since is None:
+            self._areas.window.activateWindow()
+        return since is None or clock.now() - since < FORWARD
+
+    def take(self, event: QtGui.QMouseEvent) -> bool:
+        """Return whether a movement or a click is used up: no widget gets it then."""
+        age = self._late.age(event)
+        kind = event.type()
+        if kind == QtCore.QEvent.Type.MouseButtonRelease:
+            if age >= STALE:
+                self._let_go(age)
+            return False
+        double = kind == QtCore.QEvent.Type.MouseButtonDblClick
+        if not double and kind != QtCore.QEvent.Type.MouseButtonPress:
+            return False
+        point = event.globalPosition().toPoint()
+        window = self._areas.window
+        target = window.childAt(window.mapFromGlobal(point))
+        shown = self._seen.seen(clock.now() - age)
+        if (
+            shown is not None
+            and not self._areas.on_sheet(target)
+            and self._presses.missed(target, shown.at(point))
+        ):
+            return True
+        if self._areas.is_stop(target) or chooses(target):
+            return False
+        if age >= STALE:
+            return self._late.drop(_called(target), age)
+        self._late.in_time()
+        if self._only_brings_forward() and isinstance(target, QtWidgets.QAbstractButton):
+            said = texts.BROUGHT_FORWARD.format(name=_called(target))
+            self._bottom.say(said, Tone.WAIT)
+            return True
+        question = self._areas.question
+        if target is question.yes and not question.settled:
+            return True
+        # The second press of a double click is not meant for what is there by now.
+        return double and isinstance(target, QtWidgets.QAbstractButton)
+
+    def _let_go(self, age: float) -> None:
+        """Have a button that was pressed in time, and released too late, do nothing."""
+        for button in self._areas.window.findChildren(QtWidgets.QAbstractButton):
+            if button.isDown() and not self._areas.is_stop(button):
+                button.setDown(False)
+                self._late.drop(_called(button), age)
+
+
+def _called(widget: QtWidgets.QWidget | None) -> str:
+    """Return what a click on a widget is called when it is talked about."""
+    if isinstance(widget, CommandButton) and widget.button is not None:
+        return texts.command_name(widget.button.command, widget.button.kart)
+    if isinstance(widget, QtWidgets.QAbstractButton):
+        return widget.text().replace('&&', '&')
+    return texts.CLICK
+
+
+class Keyboard:
+    """Takes the keyboard."""
+
+    def __init__(
+        self,
+        areas: Areas,
+        seen: SeenCommands,
+        presses: Presses,
+        late: LateInput,
+        chosen: ChosenKart,
+        alarm: Alarm,
+        bottom: BottomLine,
+    ) -> None:
+        """Wait for a key."""
+        self._areas = areas
+        self._seen = seen
+        self._presses = presses
+        self._late = late
+        self._chosen = chosen
+        self._alarm = alarm
+        self._bottom = bottom
+        self._repeats = Repeats()
+
+    def take(self, event: QtGui.QKeyEvent) -> bool:
+        """Return whether a key is used up: no widget gets it then."""
+        age = self._late.age(event)
+        repeated = event.isAutoRepeat()
+        if keys.is_kill(_alone(event), event.nativeScanCode()):
+            if not repeated:
+                self._presses.kill()
+            return True
+        name = _name(event)
+        stroke = keys.meaning(name)
+        asking = self._areas.question.isVisible()
+        if age >= STALE and not self._acts_late(stroke):
+            # What means nothing here, as Shift alone, is not worth a word.
+            named = stroke is not None or asking
+            return self._late.drop(name, age) if named and not repeated else True
+        self._late.in_time()
+        at = clock.now() - age
+        if self._areas.your_name.is_typed_into and not asking and self._spell(event, stroke):
+            return True
+        means = stroke is not None or name in ANSWER_KEYS
+        twice = means and not repeated and self._repeats.same_press(name, at)
+        if asking:
+            return repeated or self._answer(name, stroke, at)
+        if stroke is None:
+            return name in ANSWER_KEYS
+        if repeated and stroke.act not in (Act.UP, Act.DOWN):
+            return True
+        if stroke.act is not None:
+            self._do(stroke.act, at)
+        elif stroke.digit:
+            self._chosen.type_digit(stroke.digit, at)
+        elif stroke.to_chosen and twice and not self._chosen.kart and not self._chosen.digits:
+            pass  # the same press once more: the first one has taken the kart
+        elif stroke.stop or not twice:
+            self._press(stroke, at)
+        return True
+
+    def _spell(self, event: QtGui.QKeyEvent, stroke: Stroke | None) -> bool:
+        """Take a key for the name that is being typed; return whether it is one for that."""
+        sheet = self._areas.your_name
+        act = stroke.act if stroke is not None else None
+        letter = keys.letter_of_name(_typed(event))
+        if act is Act.ERASE and not self._chosen.digits:
+            sheet.erase()
+        elif act is not Act.PRESS and not letter:
+            return False
+        elif event.isAutoRepeat():
+            pass  # held down a little too long
+        elif letter:
+            sheet.type_letter(letter)
+        else:
+            sheet.save()
+        return True
+
+    def _acts_late(self, stroke: Stroke | None) -> bool:
+        """Return whether a key acts however old it is: a stop, and choosing a kart for one."""
+        if stroke is None:
+            return False
+        if stroke.act is Act.PRESS:
+            return self._areas.is_stop(QtWidgets.QApplication.focusWidget())
+        chooses_kart = stroke.act in (Act.UP, Act.DOWN, Act.ERASE, Act.CANCEL)
+        return stroke.stop or bool(stroke.digit) or chooses_kart
+
+    def _answer(self, name: str, stroke: Stroke | None, at: float) -> bool:
+        """Take a key while a question is open; return that it is used up."""
+        question = self._areas.question
+        yes_by_enter = stroke is not None and stroke.act is Act.PRESS and question.yes.hasFocus()
+        if name in ('N', 'Esc'):
+            self._presses.answer(False)
+        elif name == 'Y' or yes_by_enter:
+            if at < question.shown_at:
+                self._bottom.say(texts.TOO_EARLY.format(name=name), Tone.BAD)
+            elif question.yes.isEnabled():
+                self._presses.answer(True)
+        elif name in ('Tab', 'Up', 'Down', 'Left', 'Right', 'Shift+Backtab'):
+            other = question.yes if question.no.hasFocus() else question.no
+            (other if other.isEnabled() else question.no).setFocus()
+        elif stroke is not None and stroke.act in (Act.PRESS, Act.ERASE):
+            self._do(stroke.act, at)
+        elif stroke is not None and stroke.digit:
+            self._chosen.type_digit(stroke.digit, at)
+        elif stroke is not None and stroke.stop and not stroke.asks:
+            self._press(stroke, at)  # a stop never waits for an answer
+        elif stroke is not None:
+            self._chosen.clear()
+            self._bottom.say(texts.ANSWER_FIRST, Tone.WAIT)
+        return True
+
+    def _press(self, stroke: Stroke, at: float) -> None:
+        """Press the button that a key is for."""
+        screen = self._seen.screen
+        assert screen is not None
+        kart = 0
+        if stroke.finish is not None:
+            kart = _kart_at(screen, stroke.finish)
+            if not kart:
+                self._chosen.clear()
+                return
+        elif stroke.to_chosen:
+            kart, why = self._chosen.take(CATALOGUE[stroke.commands[0]].label, at)
+            if not kart:
+                self._bottom.say(why, Tone.BAD)
+                if stroke.stop:
+                    self._alarm.sound_now()
+                return
+        button = _meant(screen, stroke, kart)
+        shown = self._seen.seen(at)
+        if button is not None and shown is not None and not button.is_instant:
+            stood = kart if stroke.finish is None else _kart_at(shown.screen, stroke.finish)
+            seen = _meant(shown.screen, stroke, stood)
+            if seen is None or not seen.is_same_command(button):
+                self._presses.refuse_changed(button)
+                return
+        if button is not None:
+            self._presses.press(button)
+
+    def _do(self, act: Act, at: float) -> None:
+        if act is Act.HELP:
+            self._presses.toggle_help()
+        elif act is Act.SEEN:
+            self._areas.alerts.press_first()
+        elif act is Act.NIGHT:
+            self._presses.night.emit()
+        elif act is Act.SOUND:
+            self._alarm.toggle_sound()
+        elif act is Act.UP:
+            self._chosen.choose_next(-1)
+        elif act is Act.DOWN:
+            self._chosen.choose_next(1)
+        elif act is Act.LOG:
+            self._presses.toggle_events()
+        elif act is Act.ERASE:
+            self._chosen.erase(at)
+        elif act is Act.PRESS:
+            self._press_focused(at)
+        elif act is Act.CANCEL:
+            if self._chosen.digits:
+                self._chosen.clear()
+                return
+            self._areas.close_sheets()
+            self._areas.window.setFocus()
+
+    def _press_focused(self, at: float) -> None:
+        """Press the button that has the focus, if it is still the one that the official saw."""
+        focused = QtWidgets.QApplication.focusWidget()
+        if not isinstance(focused, QtWidgets.QAbstractButton):
+            return
+        shown = self._seen.seen(at)
+        if (
+            shown is None
+            or not isinstance(focused, CommandButton)
+            or self._areas.on_sheet(focused)
+            or not self._presses.missed(focused, shown.of(focused))
+        ):
+            focused.click()
+
+
+def _alone(event: QtGui.QKeyEvent) -> str:
+    """Return the name of a key without its modifiers."""
+    return QtGui.QKeySequence(event.key()).toString()
+
+
+def _name(event: QtGui.QKeyEvent) -> str:
+    """Return what a key is called here."""
+    modifiers = QtCore.Qt.KeyboardModifier
+    name = QtGui.QKeySequence(event.keyCombination()).toString()
+    if event.modifiers() & modifiers.KeypadModifier:
+        name = _alone(event)
+    return keys.key_name(name, _typed(event), event.nativeScanCode())
+
+
+def _typed(event: QtGui.QKeyEvent) -> str:
+    """Return what a key types; nothing with Ctrl, Alt or Meta."""
+    modifiers = QtCore.Qt.KeyboardModifier
+    commanding = modifiers.ControlModifier | modifiers.AltModifier | modifiers.MetaModifier
+    return '' if event.modifiers() & commanding else event.text()
+
+
+def _kart_at(screen: Screen, place: int) -> int:
+    """Return the kart at a place of the roster, 0 if there is none."""
+    return screen.rows[place].number if place < len(screen.rows) else 0
+
+
+def _meant(screen: Screen, stroke: Stroke, kart: int) -> Button | None:
+    """Return the command that a key gives to a kart (0: to none), as a screen has it."""
+    found = (screen.button(command, kart) for command in stroke.commands)
+    return next((each for each in found if each is not None), None)

@@ -1,0 +1,715 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The window without a race control and without a screen: where things are, and what fits."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+import importlib
+import itertools
+import os
+import pathlib
+import time
+from typing import Any
+
+from evgp_protocol import clock
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs_console import style, texts
+from evgp_rcs_console.commands import asks, Order
+from evgp_rcs_console.display import Inbox
+from evgp_rcs_console.freshness import AIM, SETTLE
+from evgp_rcs_console.gui import low_battery
+from evgp_rcs_console.input import FORWARD
+from evgp_rcs_console.keys import FORGOTTEN
+from evgp_rcs_console.qt import QtCore, QtWidgets
+from evgp_rcs_console.settings import Signature
+from evgp_rcs_console.snapshot import Alert, Available, Event, Heat, Race, State, Track
+from evgp_rcs_console.style import BANNER, BLACK, contrast, DAY, FILLS, NIGHT, WHITE, YELLOW
+from evgp_rcs_console.view import FINISH_KEYS
+from evgp_rcs_console.widgets import Painted, Push
+from evgp_rcs_console.window import ConsoleWindow
+from example_race import EVERYTHING, KART, RACE
+import pytest
+
+QtTest = importlib.import_module(QtCore.__name__.replace('QtCore', 'QtTest'))
+
+PATIENCE = 30.0
+"""Time for which a busy machine is given another chance, in seconds."""
+
+SIZES = [(1280, 720), (1366, 768), (1920, 1080), (3840, 2160)]
+NAME = 'Hochschule für Technik und Wirtschaft 40'
+WHY = 'waiting for kart 17 (Technische Hochschule Ostwestfalen-Lippe): no GRID ACTIVE yet; '
+ASKING = [kind for kind in CommandKind if asks(kind)]
+SENTENCES = ('status', 'strip', 'humans_reason', 'danger_detail', 'state_since', 'number_detail')
+"""Texts of any length: where they do not fit they end with dots, and the bottom line has all."""
+
+
+@pytest.fixture(scope='module')
+def application() -> Any:
+    """Return Qt's application, without a screen."""
+    os.environ.setdefault('QT_QPA_PLATFORM', 'offscreen')
+    return QtWidgets.QApplication.instance() or QtWidgets.QApplication(['rcs_gui'])
+
+
+class Console:
+    """A window, what it is told, and what it sent."""
+
+    def __init__(self, application: Any, width: int = 1366, height: int = 768) -> None:
+        """Open it."""
+        self.application = application
+        self.sent: list[Order] = []
+        self._race = RACE
+        self.inbox = Inbox()
+        self.window = ConsoleWindow(self.inbox, self.sent.append, Signature('Anna', 1), 'here')
+        self.window.resize(width, height)
+        self.window.show()
+        self.window.activateWindow()
+        self.settle(FORWARD)
+
+    def settle(self, seconds: float = 0.0) -> None:
+        """Have Qt do what is to be done."""
+        ends = time.monotonic() + seconds
+        while True:
+            for _ in range(3):
+                self.application.processEvents()
+            if time.monotonic() >= ends:
+                return
+
+    def tell(self, race: Race) -> None:
+        """Tell it of a race."""
+        self._race = race
+        self.inbox.on_race(race, clock.now(), False)
+        self.settle()
+
+    def find(self, name: str) -> Any:
+        """Return a widget by its name."""
+        found = self.window.findChild(QtWidgets.QWidget, name)
+        assert found is not None, name
+        return found
+
+    def press(self, *keys: QtCore.Qt.Key) -> None:
+        """Press keys."""
+        for key in keys:
+            self.tell(self._race)
+            for _ in range(5):  # on a busy machine the window may be held up, and says so
+                self.window._bottom.say('')
+                QtTest.QTest.keyClick(self.window.windowHandle(), key)
+                self.settle()
+                said = self.find('status').whole
+                if 'while the window hung' not in said and 'just changed' not in said:
+                    break
+                self.settle(2 * SETTLE)
+
+    def click(self, name: str) -> None:
+        """Click a widget."""
+        self.tell(self._race)
+        widget = self.find(name)
+        point = widget.mapTo(self.window, widget.rect().center())
+        button = QtCore.Qt.MouseButton.LeftButton
+        none = QtCore.Qt.KeyboardModifier.NoModifier
+        QtTest.QTest.mouseClick(self.window.windowHandle(), button, none, point)
+        self.settle()
+
+    def close(self) -> None:
+        """Close it."""
+        self.window.close()
+        self.window.deleteLater()
+        self.application.removeEventFilter(self.window)
+        self.settle()
+
+
+@pytest.fixture
+def opened(
+    application: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: pathlib.Path,
+    capfd: pytest.CaptureFixture[str],
+) -> Iterator[Any]:
+    """Return a function that opens a window of a size; what fails in it fails the test."""
+    monkeypatch.setenv('ROS_HOME', str(tmp_path))
+    windows: list[Console] = []
+
+    def open_(width: int = 1366, height: int = 768) -> Console:
+        windows.append(Console(application, width, height))
+        return windows[-1]
+
+    yield open_
+    for window in windows:
+        window.close()
+    assert 'Traceback' not in capfd.readouterr().err
+
+
+def race_of(
+    count: int, state: State = State.GREEN_GREEN, reason: str = '', **changes: Any
+) -> Race:
+    """Return a race of some karts, with every command possible unless there is a reason."""
+    offered = Available(not reason, reason, '' if reason else 'the track is clear of humans')
+    silent = replace(offered, statement='')
+    commands = {kind: offered if CATALOGUE[kind].statement else silent for kind in EVERYTHING}
+    karts = tuple(
+        replace(
+            KART,
+            number=1000 + number if count > 20 else number,
+            team=NAME,
+            sent=state,
+            sent_for=3599.0,
+            acknowledged=number % 3 > 0,
+            reported=State.GRID_ACTIVE,
+            place=number if state is State.RED_FLAG else 0,
+            hold=State.RED_RED if reason else State.UNKNOWN,
+            hold_reason='ALL KILL by Anna' if reason else '',
+            connected=not reason or number % 2 > 0,
+            may_be_moving=bool(reason),
+            commands=commands,
+        )
+        for number in range(1, count + 1)
+    )
+    race = replace(
+        RACE,
+        state=state,
+        karts=karts,
+        commands={**commands, CommandKind.GRID_ACTIVE: replace(offered, karts=(1, 2))},
+        track=Track(False, False, reason or 'the race is under way', False),
+        heats=(Heat('Heat A', (1,)), Heat('Final', (1, 2))),
+        state_cause='GREEN GREEN by Anna-Katharina (race-pc 4711)',
+        state_clock='14:31:24',
+    )
+    return replace(race, **changes)
+
+
+def alert(kart: int) -> Alert:
+    """Return an alert that needs the MSR."""
+    text = f'Use the MSR: kart {kart} ({NAME}) lost its connection while it may have been moving'
+    return Alert('LOST_IN_MOTION', kart, True, text)
+
+
+STATES = {
+    'green': race_of(8),
+    'one': race_of(1, State.GRID_ACTIVE),
+    'sixteen': race_of(16, State.RED_FLAG),
+    'killed': race_of(16, State.RED_RED, WHY, alerts=tuple(map(alert, range(1, 7)))),
+    'thirty': race_of(30, State.RED_RED, WHY, alerts=(alert(1001),), banner='REHEARSAL'),
+    'garage': race_of(9, State.IN_GARAGE, track=Track(True, True, 'all are in IN GARAGE', False)),
+}
+
+
+def misfits(window: Any) -> Iterator[str]:
+    """Yield every text that is cut, or that leaves its room or touches its frame."""
+    for widget in window.findChildren(QtWidgets.QWidget):
+        if not isinstance(widget, (Painted, Push)) or not widget.isVisible():
+            continue
+        name = widget.objectName()
+        if widget.visibleRegion().isEmpty():
+            continue  # scrolled out of sight
+        for text in widget.drawn:
+            if not text.room.contains(text.used.adjusted(0, 1, -1, -1)):
+                yield f'{name}: {text.shown!r} leaves its room'
+            least = 2 if isinstance(widget, Push) else 0
+            if not widget.rect().adjusted(least, 0, -least, 0).contains(text.used):
+                yield f'{name}: {text.shown!r} touches its frame'
+            sentence = name in SENTENCES or (' ' in text.whole[24:] and text.whole != NAME)
+            if text.shown != text.whole and not sentence:
+                yield f'{name}: {text.whole!r} is cut to {text.shown!r}'
+
+
+def overlaps(window: Any) -> Iterator[str]:
+    """Yield every two areas, and every two buttons of one area, that lie over each other."""
+    for parent in (window, *window.findChildren(QtWidgets.QWidget)):
+        if parent.objectName() in ('rows', 'question', ''):
+            continue
+        parts = [each for each in parent.children() if isinstance(each, (Painted, Push))]
+        parts = [each for each in parts if each.isVisible() and type(each).__name__ != 'Card']
+        sheets = {'question', 'help', 'heats', 'your_name', 'question_problem'}
+        parts = [each for each in parts if each.objectName() not in sheets]
+        for one, other in itertools.combinations(parts, 2):
+            if one.geometry().intersects(other.geometry()) and not other.testAttribute(
+                QtCore.Qt.WidgetAttribute.WA_TransparentForMouseEvents
+            ):
+                yield f'{one.objectName()} and {other.objectName()}'
+
+
+@pytest.mark.parametrize(
+    ('size', 'larger'), [*((size, 1.0) for size in SIZES), (SIZES[0], 1.25)], ids=str
+)
+def test_nothing_is_cut_overlaps_or_touches_its_frame(
+    opened: Any, application: Any, size: tuple[int, int], larger: float
+) -> None:
+    font = application.font()
+    before = font.pointSizeF()
+    font.setPointSizeF(before * larger)
+    application.setFont(font)
+    console = opened(*size)
+    found = []
+    for name, race in STATES.items():
+        console.tell(race)
+        console.settle(0.05)
+        found += [
+            f'{name}: {each}' for each in (*misfits(console.window), *overlaps(console.window))
+        ]
+    console.tell(STATES['green'])
+    for key in (QtCore.Qt.Key.Key_F2, QtCore.Qt.Key.Key_F1):
+        console.press(key)
+        console.settle(0.05)
+        found += [f'{key}: {each}' for each in misfits(console.window)]
+        console.press(QtCore.Qt.Key.Key_Escape)
+    console.settle(1.2)
+    found += [f'gone: {each}' for each in misfits(console.window)]
+    font.setPointSizeF(before)
+    application.setFont(font)
+
+    assert not found
+
+
+@pytest.mark.parametrize(
+    ('size', 'count'), [(SIZES[0], 8), (SIZES[1], 16), (SIZES[2], 30)], ids=str
+)
+def test_no_question_covers_a_stop_of_any_kart(
+    opened: Any, size: tuple[int, int], count: int
+) -> None:
+    console = opened(*size)
+    console.tell(race_of(count))
+    console.settle(0.4)
+    asked = set()
+    for key in ('F2', 'F3', 'F6', 'F7', 'F9'):
+        console.press(getattr(QtCore.Qt.Key, f'Key_{key}'))
+        asked.add(console.find('question').button.command)
+        covered = []
+        for kind in (CommandKind.KART_RED_RED, CommandKind.KART_RED_FLAG):
+            for kart in range(1, count + 1):
+                number = 1000 + kart if count > 20 else kart
+                stop = console.find(f'{kind.value.lower()}_{number}')
+                if count > 16 and stop.visibleRegion().isEmpty():
+                    continue  # it is scrolled to by its number
+                corners = stop.rect().adjusted(2, 2, -2, -2)
+                covered += [
+                    f'{kind} {number}'
+                    for point in (corners.topLeft(), stop.rect().center())
+                    if console.window.childAt(stop.mapTo(console.window, point)) is not stop
+                    and stop.visibleRegion().contains(point)
+                ]
+        assert not covered
+        console.sent.clear()
+        console.click(f'kart_red_flag_{1001 if count > 20 else 1}')
+        assert [order.command for order in console.sent] == [CommandKind.KART_RED_FLAG]
+        console.press(QtCore.Qt.Key.Key_N)
+    assert asked | {CommandKind.KART_IN_GARAGE, CommandKind.KART_UNDO_FINISH} == set(ASKING)
+
+
+def test_up_to_sixteen_karts_need_no_scrolling_and_more_have_tiles(opened: Any) -> None:
+    for size in SIZES[:3]:
+        console = opened(*size)
+        for count, tiles in ((8, False), (16, False), (30, True)):
+            console.tell(race_of(count))
+            assert console.find('overview').isVisible() is tiles
+            last = console.find(f'kart_{1000 + count if count > 20 else count}')
+            assert last.visibleRegion().isEmpty() is tiles
+
+
+@pytest.mark.parametrize('palette', [DAY, NIGHT], ids=['day', 'night'])
+def test_every_text_and_shape_stands_out_from_its_ground(palette: style.Palette) -> None:
+    grounds = (palette.card, palette.ground)
+    for text in (palette.ink, palette.faint, palette.good, palette.bad):
+        for ground in grounds:
+            assert contrast(text, ground) >= 4.5, (text, ground)
+    for text in (palette.ink, palette.faint):
+        assert contrast(text, palette.raised) >= 4.5, text
+    for text, ground in (
+        *FILLS.values(),
+        BANNER,
+        (YELLOW, BLACK),
+        (WHITE, FILLS[style.Tone.RED][1]),
+    ):
+        assert contrast(text, ground) >= 4.5, (text, ground)
+    for shape in (palette.chosen, palette.ink, palette.bad):
+        for ground in grounds:
+            assert contrast(shape, ground) >= 3, (shape, ground)
+
+
+def test_every_state_has_a_sign_and_a_word_of_its_own() -> None:
+    for names in (texts.STATES, texts.SYMBOLS):
+        assert len({names[state] for state in State}) == len(State)
+
+
+def test_the_first_click_into_a_window_that_is_not_active_lands_on_no_command(
+    opened: Any, application: Any
+) -> None:
+    console, other = opened(), QtWidgets.QWidget()
+    console.tell(race_of(8))
+    other.setGeometry(2000, 0, 50, 50)
+    other.show()
+    other.activateWindow()
+    console.settle(0.1)
+    assert not console.window.isActiveWindow()
+
+    console.click('kart_finish_1')
+    assert not console.sent
+    assert 'click again' in console.find('status').whole.lower()
+    other.activateWindow()
+    console.settle(0.1)
+    console.click('kart_red_red_1')
+    console.click('all_kill')
+
+    commands = [order.command for order in console.sent]
+    assert commands == [CommandKind.KART_RED_RED, CommandKind.ALL_KILL]
+    other.close()
+
+
+def test_that_the_keys_are_off_is_as_large_as_all_kill(opened: Any) -> None:
+    console, other = opened(), QtWidgets.QWidget()
+    console.tell(race_of(8))
+    other.setGeometry(2000, 0, 50, 50)
+    other.show()
+    other.activateWindow()
+    console.settle(0.3)
+
+    field = console.find('number')
+
+    assert field.whole == texts.KEYS_OFF_LARGE
+    assert field.drawn[0].used.height() * 2 > console.find('all_kill').drawn[0].used.height()
+    other.close()
+    console.window.activateWindow()
+    console.settle(0.3)
+    assert console.find('number').whole == ''
+
+
+def test_after_a_heat_is_chosen_by_enter_no_button_has_the_focus(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(8, State.IN_GARAGE))
+    console.click('set_heat')
+    assert console.find('heat_1').hasFocus()
+
+    console.press(QtCore.Qt.Key.Key_Return)
+
+    assert [order.command for order in console.sent] == [CommandKind.SET_HEAT]
+    assert console.window.hasFocus()
+    console.press(QtCore.Qt.Key.Key_Return)
+    assert len(console.sent) == 1
+
+
+def test_day_and_night_are_remembered(opened: Any, tmp_path: pathlib.Path) -> None:
+    console = opened()
+    console.press(QtCore.Qt.Key.Key_F8)
+    ends = time.monotonic() + 5
+    while not (tmp_path / 'evgp_rcs' / 'night').exists() and time.monotonic() < ends:
+        console.settle()
+    assert style.look.palette is NIGHT
+
+    console = opened()
+
+    assert style.look.palette is NIGHT
+    console.press(QtCore.Qt.Key.Key_F8)
+    assert style.look.palette is DAY
+
+
+def test_alerts_that_ended_are_one_line_and_do_not_follow_into_the_next_race(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(8, alerts=(alert(1), alert(2))))
+    assert 'USE THE MSR' in console.find('alert_0').whole
+    assert texts.USE_MSR in console.find('kart_1').whole
+    console.tell(race_of(8))
+
+    assert '2 alerts: karts 1, 2' in console.find('alert_0').whole
+    assert not console.find('alert_1').whole
+    console.tell(race_of(8, State.GRID_ACTIVE))
+    assert not console.find('alert_0').whole
+
+
+@pytest.mark.parametrize(
+    ('status', 'capacity', 'low'),
+    [('Discharging', '12', 12), ('Discharging', '80', None), ('Charging', '12', None)],
+)
+def test_a_low_battery_is_told_while_it_is_in_use(
+    tmp_path: pathlib.Path, status: str, capacity: str, low: int | None
+) -> None:
+    (tmp_path / 'AC').mkdir()
+    battery = tmp_path / 'BAT0'
+    battery.mkdir()
+    for name, text in (('type', 'Battery'), ('status', status), ('capacity', capacity)):
+        (battery / name).write_text(f'{text}\n')
+
+    assert low_battery(tmp_path) == low
+
+
+def test_every_stop_of_the_catalogue_looks_like_a_stop(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(len(FINISH_KEYS[:8]), reason=WHY))
+    for kind, entry in CATALOGUE.items():
+        if entry.stop and kind is not CommandKind.ALL_KILL:
+            stop = console.find(
+                f'{kind.value.lower()}_1' if entry.to_one_kart else kind.value.lower()
+            )
+            assert not stop.barred
+            assert stop.isEnabled()
+            assert stop.colours()[2]
+
+
+# ----- nothing moves, and a press is for what the official saw ------------------------------
+
+
+def places(console: Console) -> dict[str, tuple[int, int, int, int]]:
+    """Return where every button and every area is, by the name of its first command."""
+    found = {}
+    for each in console.window.findChildren(QtWidgets.QWidget):
+        name = each.objectName()
+        if name and each.isVisible() and (isinstance(each, (Push, QtWidgets.QTextEdit, Painted))):
+            for kind, entry in CATALOGUE.items():
+                if entry.undoes is not None:
+                    name = name.replace(kind.name.lower(), entry.undoes.name.lower())
+            corner = each.mapTo(console.window, QtCore.QPoint(0, 0))
+            found[name] = (corner.x(), corner.y(), each.width(), each.height())
+    return found
+
+
+MOVES = ('number', 'question_', 'top_line', 'danger', 'help_', 'battery')
+"""What is no control, and shares a place with something else."""
+
+
+@pytest.mark.parametrize(
+    ('size', 'count'), [(SIZES[0], 1), (SIZES[1], 16), (SIZES[2], 30)], ids=str
+)
+def test_no_control_moves_whatever_is_shown(
+    opened: Any, size: tuple[int, int], count: int
+) -> None:
+    console = opened(*size)
+    plain = race_of(count, banner='REHEARSAL')
+    console.tell(plain)
+    first = places(console)
+    shown = [
+        replace(plain, alerts=(alert(1),)),
+        replace(plain, alerts=tuple(map(alert, range(1, 13)))),
+        plain,  # the alerts have ended
+        race_of(count, State.RED_RED, WHY, banner='REHEARSAL'),
+        race_of(count, State.IN_GARAGE, banner='REHEARSAL'),
+    ]
+
+    def compare(during: str) -> None:
+        now = places(console)
+        moved = {name for name, place in now.items() if first.get(name, place) != place}
+        assert not {name for name in moved if not name.startswith(MOVES)}, during
+        missing = set(first) - set(now) - {'open_track', 'state', 'humans', 'track'}
+        assert not {
+            name
+            for name in missing
+            if not name.startswith(('state', 'humans', 'track', 'seen_', 'number'))
+        }, during
+
+    for number, race in enumerate(shown):
+        console.tell(race)
+        compare(f'race {number}')
+    console.tell(plain)
+    for key in ('F1', 'F2', 'N', 'F11', 'F4', '5', '8', '7', 'Escape', 'F10', 'F8', 'F8'):
+        console.press(getattr(QtCore.Qt.Key, f'Key_{key}'))
+        compare(key)
+    console.settle(1.1)
+    compare('race control is gone')
+    assert console.find('danger').isVisible()
+
+
+def without(race: Race, number: int) -> Race:
+    """Return a race without a kart, and with another one at the end: the rows move up."""
+    rest = [kart for kart in race.karts if kart.number != number]
+    return replace(race, karts=(*rest, replace(rest[-1], number=rest[-1].number + 1)))
+
+
+@pytest.mark.parametrize('stop', [True, False])
+def test_a_click_just_after_the_roster_changed_hits_no_other_kart(opened: Any, stop: bool) -> None:
+    ends = time.monotonic() + PATIENCE
+    in_time = False
+    while not in_time and time.monotonic() < ends:
+        console, race = opened(), race_of(8)  # to one window Qt's second click looks old
+        console.tell(race)
+        button = console.find('kart_red_red_8' if stop else 'kart_finish_8')
+        point = button.mapTo(console.window, button.rect().center())
+        since = time.monotonic()
+        console.tell(without(race, 3))
+        left, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
+        QtTest.QTest.mouseClick(console.window.windowHandle(), left, none, point)
+        console.settle()
+        in_time = time.monotonic() - since < AIM
+
+    assert [order.kart for order in console.sent] == [8] * stop
+    assert stop or 'WAS NOT SENT' in console.find('status').whole
+
+
+@pytest.mark.parametrize('stop', [True, False])
+def test_a_button_held_down_while_the_rows_move_goes_to_no_other_kart(
+    opened: Any, stop: bool
+) -> None:
+    console, race = opened(), race_of(8)
+    console.tell(race)
+    button = console.find('kart_red_red_8' if stop else 'kart_finish_8')
+    point = button.mapTo(console.window, button.rect().center())
+    left, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
+
+    QtTest.QTest.mousePress(console.window.windowHandle(), left, none, point)
+    console.tell(without(race, 3))
+    QtTest.QTest.mouseRelease(console.window.windowHandle(), left, none, point)
+    console.settle()
+
+    assert [order.kart for order in console.sent] == [8] * stop
+
+
+def test_a_stop_aimed_before_the_list_was_scrolled_goes_to_the_kart_that_stood_there(
+    opened: Any,
+) -> None:
+    console = opened()
+    console.tell(race_of(30))
+    button = console.find('kart_red_red_1005')
+    point = button.mapTo(console.window, button.rect().center())
+
+    console.press(*(getattr(QtCore.Qt.Key, f'Key_{digit}') for digit in '1025'))
+    left, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
+    QtTest.QTest.mouseClick(console.window.windowHandle(), left, none, point)
+    console.settle()
+
+    assert [order.kart for order in console.sent] == [1005]
+    assert not console.find('kart_1025').visibleRegion().isEmpty()
+
+
+def test_a_click_in_a_row_that_is_cut_scrolls_nothing(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(30))
+    before = places(console)
+    scroll = console.find('karts')
+    end = scroll.mapTo(console.window, scroll.rect().bottomLeft()).y()
+    cut = next(
+        number
+        for number in range(1001, 1031)
+        if (place := before[f'kart_{number}'])[1] + place[3] > end
+    )
+    left, top, _, _ = before[f'kart_{cut}']
+
+    button, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
+    point = QtCore.QPoint(left + 20, top + 2)
+    QtTest.QTest.mouseClick(console.window.windowHandle(), button, none, point)
+    console.settle()
+
+    assert console.find('number').whole == f'KART {cut}'
+    assert places(console)['kart_1001'] == before['kart_1001']
+
+
+def test_join_by_key_is_not_sent_as_leave_when_another_official_was_faster(opened: Any) -> None:
+    console = opened()
+    inside = race_of(8, State.IN_GARAGE)
+    outside = replace(inside, karts=tuple(replace(kart, in_race=False) for kart in inside.karts))
+    console.tell(outside)
+    console.press(QtCore.Qt.Key.Key_4)
+    console.tell(inside)
+
+    control = QtCore.Qt.KeyboardModifier.ControlModifier
+    QtTest.QTest.keyClick(console.window.windowHandle(), QtCore.Qt.Key.Key_J, control)
+    console.settle()
+
+    assert not console.sent
+    assert 'LEAVE kart 4 WAS NOT SENT' in console.find('status').whole
+
+
+def test_the_sheet_of_heats_closes_when_the_heats_change(opened: Any) -> None:
+    console = opened()
+    race = race_of(8, State.IN_GARAGE)
+    console.tell(race)
+    console.click('set_heat')
+    heat = console.find('heat_1')
+    point = heat.mapTo(console.window, heat.rect().center())
+
+    console.tell(replace(race, heats=(Heat('Heat C', (3,)),)))
+    left, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
+    QtTest.QTest.mouseClick(console.window.windowHandle(), left, none, point)
+    console.settle()
+
+    assert not console.find('heats').isVisible()
+    assert not console.sent
+
+
+def test_a_number_that_is_not_in_the_roster_is_said_so_and_stops_no_kart(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(8))
+    control = QtCore.Qt.KeyboardModifier.ControlModifier
+
+    console.press(QtCore.Qt.Key.Key_7, QtCore.Qt.Key.Key_2)
+    assert console.find('number').whole == 'NO KART 72'
+    QtTest.QTest.keyClick(console.window.windowHandle(), QtCore.Qt.Key.Key_R, control)
+    console.settle()
+
+    assert not console.sent
+    assert 'RED RED WAS NOT SENT' in console.find('status').whole
+    console.press(QtCore.Qt.Key.Key_7, QtCore.Qt.Key.Key_2, QtCore.Qt.Key.Key_Backspace)
+    assert console.find('number').whole == 'KART 7'
+    console.settle(FORGOTTEN + 0.2)  # nobody uses it: it is cleared in sight
+    assert console.find('number').whole == ''
+
+
+def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(opened: Any) -> None:
+    console = opened()
+    race = race_of(1, State.RED_RED)
+    kart = replace(race.karts[0], connected=False, may_be_moving=True, hold=State.RED_RED)
+    lost = Alert('LOST_IN_MOTION', 1, False, 'Kart 1 was lost')
+    race = replace(race, karts=(kart,), alerts=(lost,), track=Track(True, True, 'the MSR', True))
+    console.tell(race)
+    assert 'ALLOWED BY THE MSR' in console.find('humans').whole
+    assert 'it alone stops kart 1' in console.find('humans_reason').whole
+    assert 'only the MSR stops it' in console.find('kart_1').whole
+    assert 'USE THE MSR' not in console.find('banner').whole
+
+    console.tell(replace(race, alerts=(replace(lost, use_msr=True),)))
+
+    assert 'USE THE MSR' in console.find('banner').whole
+    assert (
+        console.find('humans').property('tone') == console.find('track').property('tone') == 'bad'
+    )
+
+
+def test_the_banner_of_race_control_is_at_the_top(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(1))
+    assert not console.find('top_line').isVisible()
+    console.tell(race_of(1, banner='REHEARSAL'))
+    assert console.find('top_line').whole == 'REHEARSAL'
+    assert console.find('top_line').y() < console.find('state_panel').y()
+    assert 'REHEARSAL' in console.window.windowTitle()
+
+
+def test_a_window_that_was_held_up_shows_no_snapshot_but_the_newest_and_every_alert(
+    opened: Any,
+) -> None:
+    console = opened()
+    console.tell(race_of(1))
+    shown = []
+    console.find('danger').showEvent = lambda event: shown.append(event)
+    for age in range(30, -1, -1):
+        race = race_of(1, alerts=(alert(1),) if age == 15 else ())
+        console.inbox.on_race(race, clock.now() - age / 10, False)
+    console.settle()
+
+    assert not shown
+    assert 'KART 1' in console.find('alert_0').whole
+
+
+def test_a_long_event_hides_no_other_one_and_a_command_is_bold(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(1))
+    log, display = console.find('log'), console.window._display
+    display.take_event(Event(1, '14:31:24', 0, True, 'RED RED is sent to ' + 'kart 99, ' * 200))
+    display.take_event(Event(2, '14:31:25', 0, True, 'the newest', 'Anna (pc 1)', True))
+    console.settle()
+
+    assert not log.horizontalScrollBar().isVisible()
+    assert log.toPlainText().endswith('the newest · Anna')
+    cursor = log.cursorForPosition(log.viewport().rect().bottomRight())
+    assert cursor.block() == log.document().lastBlock()
+    assert cursor.charFormat().font().bold()
+    display.take_event(Event(3, '14:31:26', 0, True, 'more', 'Anna (pc 2)', True))
+    assert log.toPlainText().endswith('more · Anna (pc 2)')  # two windows of one name
