@@ -90,7 +90,7 @@ def keep_running(command: Sequence[str]) -> int:
     signal.set_wakeup_fd(tell, warn_on_full_buffer=False)
     for number in ENDING:
         signal.signal(number, lambda *_: None)
-    signal.signal(signal.SIGTSTP, signal.SIG_IGN)  # Ctrl-Z: the program ignores it too
+    signal.signal(signal.SIGTSTP, signal.SIG_IGN)  # Ctrl-Z
     # Where whoever started this one ignores it, nobody learns how the program ended.
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     news = select.poll()
@@ -103,7 +103,10 @@ def keep_running(command: Sequence[str]) -> int:
     ends = Ends(time.monotonic())
     while True:
         began = time.monotonic()
-        program = subprocess.Popen(['setpriv', '--pdeathsig', 'TERM', *command])
+        # In a session of its own: it hears of the terminal through this process.
+        program = subprocess.Popen(
+            ['setpriv', '--pdeathsig', 'TERM', *command], start_new_session=True
+        )
         ended = os.pidfd_open(program.pid)
         news.register(ended, select.POLLIN)
         is_told = [ready for ready, _ in news.poll() if ready != ended]

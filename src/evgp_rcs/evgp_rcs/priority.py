@@ -33,12 +33,14 @@ LOOP = 3
 
 
 def come_before_others() -> None:
-    """Have this thread and its session, and all that it starts, get more of the processor."""
+    """Have this thread and all that it starts get more of the processor."""
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
-    # Linux shares the processor between sessions first, where it is told to, and this is theirs.
-    with contextlib.suppress(OSError):
-        pathlib.Path('/proc/self/autogroup').write_text(str(NICENESS), encoding='ascii')
+    # Linux shares the processor between sessions first. `make run` and systemd give race control
+    # one of its own; in somebody else's, such as a terminal's, this would stay when it has ended.
+    if os.getsid(0) == os.getpid():
+        with contextlib.suppress(OSError):
+            pathlib.Path('/proc/self/autogroup').write_text(str(NICENESS), encoding='ascii')
 
 
 def come_first() -> None:
