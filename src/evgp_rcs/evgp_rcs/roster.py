@@ -34,7 +34,10 @@ from typing import TypeVar
 from evgp_rcs.race import Heat
 import yaml
 
-# A roster of 1000 karts fits.
+MOST_KARTS = 200
+"""Maximum number of karts. Race control is built for 20 and tried with 100."""
+
+# A roster of so many fits, with comments.
 MAX_BYTES = 200_000
 MAX_NUMBER = 9999
 # What still fits beside the buttons of a GUI.
@@ -185,6 +188,12 @@ class _Parser:
                 self._note(karts, "'karts' is not a list; begin each kart with '- number: ...'")
             elif not karts.value:
                 self._note(karts, "'karts' is empty; list at least one kart")
+            elif len(karts.value) > MOST_KARTS:
+                raise _fault(
+                    karts,
+                    f'lists {len(karts.value)} karts; list {MOST_KARTS} at most, and keep the '
+                    'others in a roster of their own',
+                )
             else:
                 entries = list(self._entries(karts.value))
         heats = fields.get('heats')

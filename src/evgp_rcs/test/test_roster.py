@@ -288,6 +288,20 @@ def test_a_deep_nest_is_refused_without_being_followed() -> None:
     assert fault_of('[' * 100_000).startswith('karts.yaml:1: is nested too deep')
 
 
+def test_more_karts_than_race_control_is_built_for_are_refused_in_one_sentence() -> None:
+    def of(karts: int) -> str:
+        return 'karts:\n' + ''.join(
+            f'- {{number: {each}, team: A, address: 10.0.0.{each}, in_race: false}}\n'
+            for each in range(1, karts + 1)
+        )
+
+    assert len(parse_roster(of(200), 'karts.yaml').entries) == 200
+    assert fault_of(of(201)) == (
+        'karts.yaml:2: lists 201 karts; list 200 at most, and keep the others in a roster of '
+        'their own'
+    )
+
+
 def test_what_is_too_large_for_a_roster_is_refused_unread(tmp_path: pathlib.Path) -> None:
     path = tmp_path / 'karts.yaml'
     path.write_bytes(b'#' * (MAX_BYTES + 1))
