@@ -498,7 +498,7 @@ def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
         field = _FIELD.match(lines[number])
         if field and field['glued'] and field['name'] in (*_FIELDS, *_OPTIONAL, 'karts', 'heats'):
             right = f'{field["name"]}: {field["glued"]}{field["rest"]}'.rstrip()
-            return _FaultError(number + 1, f"has no space after the colon; write '{right[:60]}'")
+            return _FaultError(number + 1, f'has no space after the colon; write {right[:60]!r}')
     field, before = _FIELD.match(shown), _FIELD.match(lines[at - 1]) if at else None
     second_colon = error.problem == 'mapping values are not allowed here'
     misfit = second_colon or (error.problem or '').startswith('expected <block end>')

@@ -273,6 +273,10 @@ def test_a_slip_of_the_keyboard_is_refused_with_what_to_do(old: str, new: str, f
     assert fault_of_two_karts_with(old, new).startswith(f'karts.yaml:{fault}')
 
 
+def test_a_hint_shows_what_cannot_be_printed_as_python_writes_it() -> None:
+    assert fault_of('karts:1\ufeff: "\n  team: A\n').endswith(r"""write 'karts: 1\ufeff: "'""")
+
+
 @pytest.mark.parametrize('text', ['karts:\n  - &one {}\n', 'karts:\n  - *one\n'])
 def test_anchors_and_aliases_are_refused(text: str) -> None:
     assert fault_of(text) == 'karts.yaml:2: anchors (&, *) are not used here; write it out'
