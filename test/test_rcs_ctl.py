@@ -29,7 +29,7 @@ from evgp_rcs_console.command_line import COMMANDS, STARTING, STATEMENTS
 from evgp_rcs_console.commands import Order
 from evgp_rcs_console.ctl import TIDY
 from evgp_rcs_console.ctl_ros import Hearing
-from evgp_rcs_console.texts import SETTLING
+from evgp_rcs_console.texts import FLAG_IN, SETTLING
 from evgp_rcs_console.unanswered import Standing
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
@@ -506,6 +506,28 @@ def test_watch_shows_the_race_and_what_happens(
     assert events.returncode == ACCEPTED
     assert 'Kart 1 (Team 1) acknowledged RED RED' in events.stdout
     assert 'Kart 2' not in events.stdout
+
+
+def test_watch_shows_when_a_finished_kart_that_drives_on_is_sent_its_flag(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1, 2), finish_delays='[60.0]')
+    official = join_official(control)
+    for number in (1, 2):
+        connect_kart(control, number, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1, 2)
+    official.bring_to(RaceState.GREEN_GREEN)
+    official.command('kart/finish', kart=2)
+    race = official.wait_for_race(lambda race: race.karts[1].place, 'the finish')
+
+    shown = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE))
+    official.command('kart/undo_finish', kart=2)
+    undone = official.wait_for_race(lambda race: not race.karts[1].place, 'no finish')
+
+    assert not race.karts[0].flag_at.sec
+    assert 0 < race.karts[1].flag_at.sec - race.stamp.sec <= 60
+    assert re.search(FLAG_IN.format(place=1, seconds=r'\d\d'), shown.stdout)
+    assert not undone.karts[1].flag_at.sec
 
 
 def test_watch_says_the_banner_of_race_control_first(

@@ -103,6 +103,7 @@ def race_message(
             may_be_moving=kart.may_be_moving,
             settles_at=wall(kart.settles_at),
             place=kart.place,
+            flag_at=wall(kart.finish_due),
             inspected=kart.inspected,
             commands=[availability(each) for each in kart.commands],
         )

@@ -50,6 +50,7 @@ class KartSnapshot(NamedTuple):
     may_be_moving: bool
     settles_at: float | None
     place: int
+    finish_due: float | None
     inspected: str
     commands: list[Offer]
 
@@ -97,6 +98,7 @@ def snapshot_of(race: Race, now: float) -> Snapshot:
                 kart.may_be_moving,
                 kart.settles_at,
                 kart.place,
+                kart.finish_due,
                 kart.inspected,
                 [race.availability(kind, number, now)[:] for kind in _TO_ONE_KART],
             )

@@ -151,6 +151,7 @@ def _kart(kart: msg.KartStatus, stamp: float) -> Kart:
         place=kart.place,
         inspected=kart.inspected,
         settles_in=max(0.0, _seconds(kart.settles_at) - stamp),
+        flag_in=max(0.0, _seconds(kart.flag_at) - stamp),
         commands=_availability(kart.commands, stamp),
     )
 

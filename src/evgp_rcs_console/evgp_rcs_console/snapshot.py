@@ -70,6 +70,8 @@ class Kart:
 
     :param settles_in: time from the snapshot until its stop counts, if it stands by its word, in
         seconds; 0 when nothing is pending.
+    :param flag_in: time from the snapshot until its finish becomes a RED_FLAG, in seconds; 0 when
+        none is due.
     """
 
     number: int
@@ -87,6 +89,7 @@ class Kart:
     commands: Availability
     inspected: str = ''
     settles_in: float = 0.0
+    flag_in: float = 0.0
 
     @property
     def in_doubt(self) -> bool:
@@ -97,6 +100,11 @@ class Kart:
     def settles(self) -> bool:
         """Return whether it has said that it stopped, and only must stand for a while yet."""
         return self.in_doubt and self.connected and self.acknowledged and self.sent in RED
+
+    @property
+    def flag_follows(self) -> bool:
+        """Return whether it has finished, and drives on until it is sent its RED_FLAG."""
+        return self.flag_in > 0.0 and self.connected and self.sent is State.GREEN_GREEN
 
     @property
     def is_stopping(self) -> bool:

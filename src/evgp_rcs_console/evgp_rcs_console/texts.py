@@ -60,6 +60,7 @@ NOT_LINKED = '✗ NO LINK'
 MAY_MOVE = 'may be moving'
 MSR_STOPS_IT = 'only the MSR stops it: make it safe'
 HELD = 'held: {reason}'
+FLAG_IN = 'P{place}, flag in {seconds} s'
 SAYS = 'says {state}'
 WAITING = '… not yet'
 SETTLING = '… wait {seconds} s'
@@ -285,9 +286,14 @@ NO_QT = (
 NO_DISPLAY = 'rcs_gui: there is no screen to open a window on (DISPLAY, WAYLAND_DISPLAY).'
 
 
+def left(seconds: float) -> int:
+    """Return a time that runs down, in whole seconds; rounded up, so that it is never too soon."""
+    return max(1, math.ceil(seconds))
+
+
 def again_in(reason: str, seconds: float) -> str:
-    """Return why a command is refused for a time; rounded up, so that it is never too soon."""
-    return AGAIN_IN.format(reason=reason, seconds=max(1, math.ceil(seconds)))
+    """Return why a command is refused for a time."""
+    return AGAIN_IN.format(reason=reason, seconds=left(seconds))
 
 
 def kart_name(kart: Kart) -> str:

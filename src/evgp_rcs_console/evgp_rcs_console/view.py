@@ -25,7 +25,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 import enum
-import math
 import string
 
 from evgp_protocol.clock import duration
@@ -600,6 +599,9 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
     notes = [texts.USE_MSR] if use_msr else []
     if kart.in_doubt and not kart.settles:
         notes.append(texts.MSR_STOPS_IT if race.track.msr_used else texts.MAY_MOVE)
+    if kart.flag_follows:
+        left = texts.left(kart.flag_in - age)
+        notes.append(texts.FLAG_IN.format(place=kart.place, seconds=left))
     if kart.hold is not State.UNKNOWN:
         notes.append(texts.HELD.format(reason=texts.by_name(kart.hold_reason)))
     if not kart.in_race:
@@ -646,7 +648,7 @@ def _answer(kart: Kart, age: float, missing: Tone) -> Cell:
     if kart.sent is State.IN_GARAGE:
         return Cell('')
     if kart.acknowledged and kart.in_doubt:
-        left = max(1, math.ceil(kart.settles_in - age))
+        left = texts.left(kart.settles_in - age)
         return Cell(texts.SETTLING.format(seconds=left), Tone.WAIT)
     if kart.acknowledged:
         return Cell(texts.ANSWERS[kart.sent], Tone.GOOD)
@@ -704,9 +706,7 @@ class _Buttons:
         if button.enabled:
             return texts.step_does(does, offered.karts), False
         if offered.again_in:
-            return texts.AGAIN.format(
-                seconds=max(1, math.ceil(offered.again_in - self.age))
-            ), False
+            return texts.AGAIN.format(seconds=texts.left(offered.again_in - self.age)), False
         missing = texts.missing(race.karts, counted=True)
         if offered.reason.startswith(texts.WAITS_FOR) and missing:
             return missing, False

@@ -55,6 +55,7 @@ def karts(draw: st.DrawFn, number: int) -> Kart:
         hold_reason='' if hold is State.UNKNOWN else 'ALL_KILL by Anna',
         may_be_moving=draw(st.booleans()),
         settles_in=draw(st.sampled_from((0.0, 2.5))),
+        flag_in=draw(st.sampled_from((0.0, 2.5))),
     )
 
 

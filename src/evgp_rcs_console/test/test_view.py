@@ -418,6 +418,19 @@ def test_a_held_kart_shows_why() -> None:
     assert row.note.text == 'may be moving, held: ALL_KILL'
 
 
+def test_a_finished_kart_that_drives_on_shows_when_it_is_sent_its_flag() -> None:
+    driving = replace(KART, sent=State.GREEN_GREEN, acknowledged=True, place=1, flag_in=2.5)
+    for age, seconds in ((0.0, 3), (0.6, 2), (9.0, 1)):  # never too soon
+        screen = show(replace(RACE, karts=(driving,)), age, {})
+        assert screen.rows[0].note.text == f'P1, flag in {seconds} s'
+        assert f'Purdue P1, flag in {seconds} s' in '\n'.join(table(screen, ()))
+
+    not_due, without_link = replace(driving, flag_in=0.0), replace(driving, connected=False)
+    for kart in (not_due, without_link, replace(driving, sent=State.RED_RED)):
+        row = show(replace(RACE, karts=(kart,)), 0.0, {}).rows[0]
+        assert (row.place, row.note.text) == ('P1', '')
+
+
 def test_a_kart_in_the_race_can_leave_and_one_outside_can_join() -> None:
     inside, outside = with_kart().rows[0], with_kart(in_race=False).rows[0]
 
