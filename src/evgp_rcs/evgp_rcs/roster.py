@@ -34,7 +34,7 @@ from typing import TypeVar
 from evgp_rcs.race import Heat
 import yaml
 
-MOST_KARTS = 200
+MOST_ENTRIES = 200
 """Maximum number of karts. Race control is built for 20 and tried with 100."""
 
 # A roster of so many fits, with comments.
@@ -188,10 +188,10 @@ class _Parser:
                 self._note(karts, "'karts' is not a list; begin each kart with '- number: ...'")
             elif not karts.value:
                 self._note(karts, "'karts' is empty; list at least one kart")
-            elif len(karts.value) > MOST_KARTS:
+            elif len(karts.value) > MOST_ENTRIES:
                 raise _fault(
                     karts,
-                    f'lists {len(karts.value)} karts; list {MOST_KARTS} at most, and keep the '
+                    f'lists {len(karts.value)} karts; list {MOST_ENTRIES} at most, and keep the '
                     'others in a roster of their own',
                 )
             else:

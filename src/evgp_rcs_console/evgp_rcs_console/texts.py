@@ -462,7 +462,7 @@ def _does(kart: Kart) -> str:
     done, not_yet = _WHEN_SENT.get(kart.sent, _STOPS)
     if not kart.acknowledged or kart.in_doubt:
         return not_yet
-    return 'finished' if kart.place and kart.sent is not State.IN_GARAGE else done
+    return 'finished' if kart.place and kart.sent in (State.RED_FLAG, State.RED_RED) else done
 
 
 _STOPS = ('stopped', 'not stopped yet')

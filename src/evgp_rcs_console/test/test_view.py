@@ -423,6 +423,7 @@ def test_a_finished_kart_that_drives_on_shows_when_it_is_sent_its_flag() -> None
     for age, seconds in ((0.0, 3), (0.6, 2), (9.0, 1)):  # never too soon
         screen = show(replace(RACE, karts=(driving,)), age, {})
         assert screen.rows[0].note.text == f'P1, flag in {seconds} s'
+        assert screen.tally == '1 driving'
         assert f'Purdue P1, flag in {seconds} s' in '\n'.join(table(screen, ()))
 
     not_due, without_link = replace(driving, flag_in=0.0), replace(driving, connected=False)
