@@ -13,10 +13,10 @@
 # limitations under the License.
 
 """
-What of race control has the processor before other programs.
+Which parts of race control get the processor before other programs.
 
-Where it is allowed (root, or a limit for the user); else as any other program, and
-docs/performance.md says what that costs.
+They do where the system allows it (root, or a limit for the user). Elsewhere race control runs
+like any other program; docs/performance.md says what that costs.
 """
 
 from __future__ import annotations
@@ -26,25 +26,26 @@ import os
 import pathlib
 
 NICENESS = -10
-"""Of all of race control: a stop must be taken however busy the computer is."""
+"""Niceness of all of race control: it must take a stop however busy the computer is."""
 
 LOOP = 3
-"""The real-time priority of the kart server's loop (SCHED_RR), for the karts' frames."""
+"""Real-time priority (SCHED_RR) of the kart server's loop, which sends the karts' frames."""
 
 
 def come_before_others() -> None:
-    """Have this thread and all that it starts get more of the processor."""
+    """Give this thread, and all that it starts, more of the processor."""
     with contextlib.suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
     # Linux shares the processor between sessions first. `make run` and systemd give race control
-    # one of its own; in somebody else's, such as a terminal's, this would stay when it has ended.
+    # a session of its own. In another session, such as a terminal's, this niceness would remain
+    # after race control has ended.
     if os.getsid(0) == os.getpid():
         with contextlib.suppress(OSError):
             pathlib.Path('/proc/self/autogroup').write_text(str(NICENESS), encoding='ascii')
 
 
 def come_first() -> None:
-    """Have this thread, and none that it starts, come before all ordinary programs."""
+    """Put this thread, and none that it starts, before all ordinary programs."""
     with contextlib.suppress(PermissionError):
         policy = os.SCHED_RR | os.SCHED_RESET_ON_FORK
         os.sched_setscheduler(0, policy, os.sched_param(LOOP))

@@ -15,9 +15,9 @@
 """
 The record's process: it alone waits for the disk.
 
-The kart server forks it before it does anything else, and hands everything over by a socket pair.
-What the disk has not taken is bounded by `MOST_UNWRITTEN_BYTES`; beyond that it is lost, and
-`RecordProcess.trouble` says so. When the kart server ends, however it does, this process writes
+The kart server forks this process before it does anything else, and sends it everything over a
+socket pair. At most `MOST_UNWRITTEN_BYTES` wait for the disk; what comes beyond that is lost, and
+`RecordProcess.trouble` says so. When the kart server ends, in whatever way, this process writes
 what has reached it and ends too. When this process ends, hangs or is frozen, the record fails:
 karts go on, and no race starts.
 """
@@ -55,21 +55,21 @@ from evgp_rcs.race import RaceMemory
 from evgp_rcs.record import Record, RecordError
 
 MOST_UNWRITTEN_BYTES = 80 * 2**20
-"""Maximum backlog of events and inputs that are not on the disk, in bytes; what comes after them
-is lost. An hour of racing with 20 karts."""
+"""Maximum backlog of events and inputs that are not on the disk; what comes beyond it is lost.
+Enough for an hour of racing with 20 karts. In bytes."""
 
 SLOW = 2.0
-"""Time an event may wait before `RecordProcess.trouble` speaks of it, in seconds."""
+"""Time for which an event may wait before `RecordProcess.trouble` reports it, in seconds."""
 
 _PR_SET_PDEATHSIG = 1  # of linux/prctl.h
 
 
 class RecordProcess:
     """
-    The record, as the kart server sees it; nothing here waits, but for the beginning and ``end``.
+    The record, as the kart server sees it; only ``__init__`` and ``end`` wait.
 
     :param path: the file of the record.
-    :raises RecordError: if it cannot be used at all.
+    :raises RecordError: if the file cannot be used at all.
     """
 
     def __init__(self, path: pathlib.Path) -> None:
@@ -82,9 +82,9 @@ class RecordProcess:
         other.close()
         self._end = LocalEnd(end)
         self._socket = end
-        self._unwritten: deque[tuple[int, int]] = deque()  # of each batch: events, bytes
-        self._batches = 0  # that were written
-        self._events = 0  # that were not written
+        self._unwritten: deque[tuple[int, int]] = deque()  # events, bytes of each batch
+        self._batches = 0  # written
+        self._events = 0  # not yet written
         self._bytes = 0
         self._lost = 0
         self._full = False
@@ -102,22 +102,22 @@ class RecordProcess:
             raise RecordError(opened.text)
         self._error: str = opened.error
         self.left_behind: RaceMemory | None = opened.left_behind
-        """What is known of the last run; None: nothing."""
+        """What is known of the last run; None if nothing is."""
 
     def attach(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Take what comes in this loop."""
+        """Read the process's messages in this loop."""
         self._end.attach(loop, self.look)
 
     def begin(self, rules: str, setup: Setup) -> None:
-        """Have written with what the rules begin, and their version."""
+        """Record the version of the rules, and what they begin with."""
         self._end.send(pack(Rules(rules, setup)))
 
     def put(self, events: int, happened: bytes, inputs: Block) -> None:
         """
-        Have events written, and what went into the rules up to them.
+        Record events, and the inputs of the rules up to them.
 
-        :param events: how many there are.
-        :param happened: a packed ``Happened``; empty: none.
+        :param events: the number of events.
+        :param happened: a packed ``Happened``; empty if there are no events.
         """
         size = len(happened) + len(inputs.data)
         if self._end.gone or self._bytes + size > MOST_UNWRITTEN_BYTES:
@@ -139,9 +139,10 @@ class RecordProcess:
 
     def make_sure(self, memory: RaceMemory, at: float, done: Callable[[bool], None]) -> None:
         """
-        Save this for the next run, in the file itself.
+        Save this for the next run, and report when the file has it.
 
-        :param done: is called in the loop with whether it is there; never, if that is not known.
+        :param done: called in the loop with whether the file has it; never called if that is not
+            known.
         """
         self._confirms += 1
         self._confirm[self._confirms] = done
@@ -149,7 +150,7 @@ class RecordProcess:
         self._end.send(pack(Remember(memory, at, self._confirms)))
 
     def look(self) -> None:
-        """Take in what has come."""
+        """Read the messages that have come from the process."""
         for batches, error, confirmed in self._end.receive():
             while self._batches < batches:
                 self._batches += 1
@@ -162,8 +163,8 @@ class RecordProcess:
                 self._confirm.pop(number)(not error)
 
     def trouble(self) -> str:
-        """Return why the record fails, as a sentence for an official; empty: it does not."""
-        # Not the clock of the rules: a disk is not slow because the machine was suspended.
+        """Return why the record fails, as a sentence for an official; empty if it does not."""
+        # Not the clock of the rules, which counts a suspend: that does not make a disk slow.
         now = time.monotonic()
         if not self._events:
             self._caught_up_at = now
@@ -182,9 +183,9 @@ class RecordProcess:
 
     def end(self, timeout: float, in_order: bool) -> None:
         """
-        Have what is left written, and that this run has ended.
+        Record what is left, and that this run has ended.
 
-        :param timeout: wait no longer than this, s.
+        :param timeout: maximum time to wait, in seconds.
         :param in_order: the next run need not take up a race that was not under way.
         """
         until = time.monotonic() + timeout
@@ -195,9 +196,9 @@ class RecordProcess:
                 while self._socket.recv(PAIR_BYTES) and time.monotonic() < until:
                     pass
             except ConnectionError:
-                pass  # it has ended without a look at the last messages
+                pass  # it has ended without reading the last messages
             if time.monotonic() < until:
-                os.waitpid(self.pid, 0)  # nothing of it is left when the kart server ends
+                os.waitpid(self.pid, 0)  # it must not outlive the kart server
         self._socket.close()
 
 
@@ -205,19 +206,19 @@ class RecordProcess:
 
 
 def _live(path: pathlib.Path, end: socket.socket) -> None:
-    """Be the record's process, and end."""
+    """Run the record's process until it ends."""
     code = 1
     try:
-        # Nothing of the kart server may stay open when that ends: not the ROS half's pair.
+        # The kart server's files, such as the ROS half's pair, must close when it ends.
         os.closerange(3, end.fileno())
         os.closerange(end.fileno() + 1, os.sysconf('SC_OPEN_MAX'))
-        # It ends with the kart server; a frozen one goes on then.
+        # It ends with the kart server. SIGCONT wakes it then, if it is frozen.
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
             signal.signal(number, signal.SIG_IGN)
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGCONT)
         _write(path, end)
         code = 0
-    except BaseException:  # noqa: BLE001 - there is nobody to raise it to
+    except BaseException:  # noqa: BLE001 - no caller can catch it
         traceback.print_exc()
     finally:
         os._exit(code)

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-What there is to see of the race, as plain data: the kart server makes it, everyone else shows it.
+What officials see of the race, as plain data: the kart server makes it, all others show it.
 
 Pure.
 """
@@ -27,7 +27,7 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.race import Alert, Heat, Race, TrackAccess
 
 Offer = tuple[CommandKind, int, str, str, tuple[int, ...], float | None]
-"""The fields of an ``Availability``, without its class: it is packed in a tenth of the time, and a
+"""The fields of an ``Availability``, as a plain tuple: packing takes a tenth of the time, and a
 hundred karts have 700 of them."""
 
 _TO_ONE_KART = tuple(kind for kind, entry in CATALOGUE.items() if entry.to_one_kart)
@@ -59,8 +59,8 @@ class Snapshot(NamedTuple):
     """
     The race at one time; the meanings are those of ``Race``.
 
-    :param at: the time, on the clock of the rules (s).
-    :param commands: those that are not to one kart.
+    :param at: the time, on the clock of the rules, in seconds.
+    :param commands: the commands that are not to one kart.
     """
 
     at: float
@@ -76,7 +76,7 @@ class Snapshot(NamedTuple):
 
 
 def snapshot_of(race: Race, now: float) -> Snapshot:
-    """Return what there is to see of the race at this time (s)."""
+    """Return what officials see of the race at this time, in seconds."""
     return Snapshot(
         now,
         race.state,

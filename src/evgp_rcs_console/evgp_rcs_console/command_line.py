@@ -29,10 +29,10 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind
 
 Report = Callable[..., None]
 """
-Hands something over to who started the work: `report(name=value)`.
+Gives a value to the caller that started the work: `report(name=value)`.
 
-`last=True` says that nothing follows: from then on the work is not interrupted, as it only tidies
-up, but ended by force if that takes too long.
+`last=True` says that nothing follows. From then on the work only tidies up: the caller does not
+interrupt it, but ends it by force if it takes too long.
 """
 
 
@@ -56,7 +56,7 @@ SHORT = {
     CommandKind.LEAVE_RACE: 'leave',
     CommandKind.SET_HEAT: 'heat',
 }
-"""The commands whose name on the command line is not that of their kind."""
+"""The commands whose name on the command line differs from that of their kind."""
 
 COMMANDS: dict[str, CommandKind] = {
     SHORT.get(kind, kind.name.lower().replace('_', '-')): kind for kind in CATALOGUE
@@ -84,8 +84,8 @@ def no_answer(command: CommandKind, waited: float, details: str) -> str:
     """
     Return what to say when race control has not answered in time.
 
-    :param waited: how long it had to answer, in seconds.
-    :param details: what else is known of the wait.
+    :param waited: time that race control had to answer, in seconds.
+    :param details: what else is known about the wait.
     """
     entry = CATALOGUE[command]
     advice = 'USE THE MSR.' if entry.stop else 'Check the race to see if it took effect.'
@@ -107,7 +107,7 @@ def without_ros_arguments(given: Sequence[str]) -> list[str]:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return what reads the command line."""
+    """Return the parser of the command line."""
     whole = argparse.ArgumentParser(
         prog='rcs_ctl',
         description='Command an EVGP race from the terminal. This is not the MSR.',
@@ -124,7 +124,7 @@ def parser() -> argparse.ArgumentParser:
         f'up to {STARTING:g} s before that to start',
     )
     signing = argparse.ArgumentParser(add_help=False)
-    # Before the command or after it.
+    # `--official` may stand before the command or after it.
     for each, default in ((whole, ''), (signing, argparse.SUPPRESS)):
         each.add_argument(
             '--official',

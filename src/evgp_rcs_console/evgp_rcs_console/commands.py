@@ -15,8 +15,8 @@
 """
 An official's command: what it asks of race control, what it does, and what became of it.
 
-What each command is called, and whether it is a stop, is in the catalogue; whether it is allowed
-is race control's to say. Pure: snapshots and times go in.
+The catalogue says what each command is called and whether it is a stop; race control says whether
+it is allowed. Pure: snapshots and times go in.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ class Order:
 
     :param kart: the kart it is for; 0 for a command to the race, to all, or to the track.
     :param stated: the official made the statement that race control asked for.
-    :param karts: for a command that starts or releases karts: which, as the official saw it.
-    :param hold: for the release of one kart: its hold, as the official saw it.
+    :param karts: for a command that starts or releases karts: the karts that the official saw.
+    :param hold: for the release of one kart: the hold that the official saw.
     :param heat: for putting a heat into the race: its name.
-    :param official: who gave it, as it is sent.
+    :param official: who gave it, as sent to race control.
     :param at: when it was given, by the clock that counts a suspend, in seconds.
     """
 
@@ -54,7 +54,7 @@ class Order:
 
 
 def asks(command: CommandKind) -> bool:
-    """Return whether the official confirms it: it loosens, or to give it is a statement."""
+    """Return whether the official confirms it: it loosens, or giving it is a statement."""
     entry = CATALOGUE[command]
     return entry.loosens or entry.call_is_statement
 
@@ -86,17 +86,17 @@ SENDS = {
     CommandKind.RECORD_MSR: State.RED_RED,
     CommandKind.KART_IN_GARAGE: State.IN_GARAGE,
 }
-"""What the commands that ask send; OPEN_TRACK sends nothing."""
+"""The state that each command sends that asks first; OPEN_TRACK sends none."""
 
 
 @dataclass(frozen=True)
 class Effects:
     """
-    What a command would do; each kart of the roster is in one of these.
+    What a command would do; each kart of the roster is in one of these groups.
 
-    :param state: what it sends; UNKNOWN if it sends nothing.
-    :param now: karts that are sent it at once.
-    :param later: karts without a connection, which are sent it when they have one.
+    :param state: the state that it sends; UNKNOWN if it sends nothing.
+    :param now: karts that are sent the state at once.
+    :param later: karts without a connection, which are sent the state when they connect.
     :param held: other karts, which stay held.
     :param rest: karts to which nothing happens.
     """
@@ -112,7 +112,7 @@ def effects(command: CommandKind, race: Race, offered: Available, kart: Kart | N
     """
     Return what a command would do.
 
-    :param offered: what race control says of the command.
+    :param offered: what race control says about the command.
     :param kart: the kart it is for, if it is for one.
     """
     if command not in SENDS:
@@ -148,15 +148,15 @@ def nobody_is_heard(race: Race) -> bool:
 
 
 SETTLED = 1.0
-"""Time after an answer when every snapshot that comes is newer than it, in seconds. Race control
-publishes one every 0.5 s at least."""
+"""Time after an answer from which on every snapshot is newer than the answer, in seconds. Race
+control publishes a snapshot at least every 0.5 s."""
 
 
 class Outcome:
     """
     The effect of an accepted command.
 
-    :param at: time of its answer, in seconds.
+    :param at: time of the answer to it, in seconds.
     """
 
     def __init__(self, order: Order, at: float) -> None:
@@ -202,7 +202,7 @@ class Outcome:
 
 def is_so(result: Result, race: Race, kart: Kart | None) -> bool:
     """
-    Return whether a snapshot shows what a command brings about.
+    Return whether a snapshot shows the result of a command.
 
     :param kart: the kart that the command is for, if it is for one.
     """

@@ -15,8 +15,8 @@
 """
 Every text that the console itself writes, in one place.
 
-Sentences of race control (reasons, answers, alerts, events) are shown as they are. The labels of
-the commands are in the catalogue.
+The console shows race control's sentences (reasons, answers, alerts, events) unchanged. The
+labels of the commands are in the catalogue.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ SYMBOLS = {
     State.RED_FLAG: '⚑',
     State.RED_RED: '■',
 }
-"""Every state has a word and a symbol: it is never shown by its colour alone."""
+"""The symbol of each state: with it and a word, no state is shown by its colour alone."""
 
 SHORT_LABELS = {CommandKind.KART_UNDO_FINISH: 'UNDO'}
 COMMANDS_HEADING = 'Commands'
@@ -71,7 +71,7 @@ ANSWERS = {
     State.RED_FLAG: '✓ stopped',
     State.RED_RED: '✓ stopped',
 }
-"""What a kart has answered that has acknowledged what it is sent."""
+"""What the screen says of a kart that has acknowledged what it is sent."""
 
 STEPS = {
     CommandKind.GRID_ACTIVE: ('{karts}', 'when in the garage'),
@@ -81,8 +81,8 @@ STEPS = {
     CommandKind.IN_GARAGE: ('{karts}', 'after RACE OVER or ALL KILL'),
     CommandKind.RECORD_MSR: ('also stops every kart', ''),
 }
-"""What a command to the race would do, in a few words; and when it is possible, if the state of
-the race is what refuses it."""
+"""What a command to the race would do, in a few words; and, if the state of the race does not
+allow it, when it is possible."""
 
 STEP_SINCE = 'since {clock}'
 STEP_WAS = '✓ {clock}'
@@ -90,7 +90,7 @@ BARRED_STEP = 'not now'
 AGAIN = 'again in {seconds} s'
 WAITS_FOR = 'waiting for '
 WRONG_STATE = 'the race is in '
-"""With these words race control's reasons begin that such a phrase stands for."""
+"""The first words of those reasons of race control that such a phrase replaces."""
 
 READY = '{ready} of {count} ready: not {numbers}'
 MISSING = 'not yet: {numbers}'
@@ -108,7 +108,7 @@ OTHERWISE = {
     State.RED_RED: '… NO KART IN RED RED',
     State.UNKNOWN: '',
 }
-"""What is said instead of a state of the race that no kart of it is sent."""
+"""What the screen says instead of the state of the race, if no kart of the race is sent it."""
 
 HUMANS_ALLOWED = '✓ HUMANS ALLOWED'
 HUMANS_BY_MSR = '✓ HUMANS ALLOWED BY THE MSR'
@@ -343,7 +343,7 @@ def condition(command: CommandKind, kart: Kart | None, race: Race, statement: st
 
 
 def in_doubt(race: Race) -> str:
-    """Return the karts that may be moving although they are not to; empty if there is none."""
+    """Return the karts that may be moving but should not be; empty if there is none."""
     return kart_numbers([kart.number for kart in race.karts if kart.in_doubt])
 
 
@@ -368,7 +368,7 @@ def warning(command: CommandKind, race: Race, nobody_heard: bool) -> str:
     """
     Return why an official should not confirm a command; empty if nothing is known against it.
 
-    That a race is under way is nothing wrong, and no warning.
+    A race that is under way is normal, and no reason for a warning.
 
     :param nobody_heard: humans are allowed on the track only because no kart is connected.
     """
@@ -445,11 +445,11 @@ _THEN = {
     CommandKind.GREEN_GREEN: (' It drives off.', ' They drive off.'),
     CommandKind.IN_GARAGE: (' The team has its kart back.', ' The teams have their karts back.'),
 }
-"""What happens then, if the command is sent to one kart, and if it is sent to several."""
+"""What happens after a command, if it is sent to one kart, and if it is sent to several."""
 
 
 def tally(karts: Sequence[Kart]) -> str:
-    """Return how many karts of the race do what; empty if none is in it."""
+    """Return how many karts of the race are driving, stopped and so on; empty if none is in it."""
     does = [_does(kart) for kart in karts if kart.in_race]
     return ', '.join(f'{does.count(each)} {each}' for each in _DOES if each in does)
 
@@ -477,9 +477,9 @@ _DOES += ('finished', 'just stopped', 'not connected', 'lost')
 
 def missing(karts: Sequence[Kart], counted: bool = False) -> str:
     """
-    Return which karts of the race have not done yet what they are sent; empty if all have.
+    Return which karts of the race have not yet done what they are sent; empty if all have.
 
-    :param counted: on the grid, say how many are ready, too.
+    :param counted: on the grid, also say how many are ready.
     """
     racing = [kart for kart in karts if kart.in_race and kart.sent is not State.IN_GARAGE]
     late = [
@@ -515,7 +515,7 @@ def _count(karts: Sequence[int]) -> str:
 
 
 def by_name(cause: str) -> str:
-    """Return what brought a state about with the official's name only, without the machine."""
+    """Return the cause of a state with the official's name only, without the machine."""
     return re.sub(r' \([^()]*\)$', '', cause)
 
 

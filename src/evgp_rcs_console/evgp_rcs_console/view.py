@@ -68,25 +68,25 @@ KART_COMMANDS = (
     CommandKind.KART_IN_GARAGE,
     CommandKind.JOIN_RACE,
 )
-"""The buttons of a kart's row; one whose result holds offers to take it back."""
+"""The buttons of a kart's row; while a command's result holds, its button offers to undo it."""
 
 UNDONE_BY = {entry.undoes: kind for kind, entry in CATALOGUE.items() if entry.undoes is not None}
-"""The command that takes back each one that can be taken back."""
+"""For each command that can be undone, the command that undoes it."""
 
 ANSWER_KEYS = ('Y', 'N')
-"""The letters that answer a question, and do nothing else: one typed too late has no effect."""
+"""The letters that answer a question and do nothing else: typed too late, they do nothing."""
 
 _LETTERS = tuple(letter for letter in string.ascii_uppercase if letter not in ANSWER_KEYS)
 
 FINISH_KEYS = (*_LETTERS, *(f'Shift+{letter}' for letter in _LETTERS))
-"""The keys that mark a kart as finished, by its place in the roster: a kart keeps its key."""
+"""The keys that mark a kart as finished, by its place in the roster, so a kart keeps its key."""
 
 PART_FAILED = 'PART_FAILED'
 TWO_RACE_CONTROLS = 'TWO_RACE_CONTROLS'
 """The kinds of alert that are shown in the largest type."""
 
 Pending = Mapping[tuple[CommandKind, int], float]
-"""The time that each command to each kart (0: none) has waited for its answer, in seconds."""
+"""Time that each command to each kart (0: no kart) has waited for its answer, in seconds."""
 
 
 class Tone(enum.Enum):
@@ -128,18 +128,18 @@ class Button:
     A command as a button.
 
     :param enabled: pressing it sends the command, or asks for its confirmation.
-    :param reason: why it is not enabled, with how long that has been so; empty if it is.
+    :param reason: why it is not enabled, and for how long; empty if it is enabled.
     :param condition: what the official confirms; empty if the command needs no confirmation.
     :param consequence: what it would do to each kart of the roster.
     :param statement: what race control asks the official to state; empty if nothing.
-    :param karts: the karts that it would start or release, as race control says, or of its heat.
-    :param hold: the hold that it would end; UNKNOWN for none.
+    :param karts: the karts that race control says it would start or release, or those of its heat.
+    :param hold: the hold that it would end; UNKNOWN if none.
     :param warning: why not to confirm it; empty if nothing is known against it.
-    :param heat: the heat that it puts into the race, by its name.
+    :param heat: the name of the heat that it puts into the race.
     :param key: the key that presses it; empty if none does.
-    :param phrase: of a command to the race: since when its result holds, what it would do, or
+    :param phrase: for a command to the race: since when its result holds, what it would do, or
         what it waits for, in a few words.
-    :param current: of a command to the race: the race is in the state that it brings about.
+    :param current: for a command to the race: whether the race is in the state that it leads to.
     """
 
     command: CommandKind
@@ -174,7 +174,7 @@ class Button:
         )
 
     def asks_the_same(self, other: Button) -> bool:
-        """Return whether both would do the same, so that one confirmation is good for both."""
+        """Return whether both would do the same, so that one confirmation is valid for both."""
 
         def seen(button: Button) -> tuple[object, ...]:
             said = button.condition, button.consequence, button.warning
@@ -189,7 +189,7 @@ class Button:
 
     @property
     def is_instant(self) -> bool:
-        """Return whether it is a stop that asks nothing: it acts when the button goes down."""
+        """Return whether it is a stop without a question, which acts when the button goes down."""
         return self.is_stop and not self.condition
 
     def is_same_command(self, other: Button) -> bool:
@@ -208,10 +208,10 @@ class Row:
     """
     A kart as a row.
 
-    :param use_msr: an alert of it asks for the Master Safety Remote.
-    :param answer: what it answered, in a word or two; empty if nothing was asked.
-    :param waits: it is connected and has not done yet what it is sent.
-    :param finish: what its letter presses, whatever its button offers.
+    :param use_msr: an alert about it asks for the Master Safety Remote.
+    :param answer: what it answered, in a word or two; empty if no answer is expected.
+    :param waits: it is connected and has not yet done what it is sent.
+    :param finish: the button that its letter presses, whatever the row's button offers.
     """
 
     number: int
@@ -235,8 +235,8 @@ class Column:
     """
     A column of the karts, in the window and in the terminal.
 
-    :param width: in pixels on a 1366 by 768 screen; 0: what the others leave.
-    :param cell: what it shows of a row.
+    :param width: in pixels on a 1366 by 768 screen; 0: the width that the others leave.
+    :param cell: what it shows for a row.
     :param below: what it shows below that, in small type.
     """
 
@@ -247,7 +247,7 @@ class Column:
 
 
 def _answer_or_link(row: Row) -> Cell:
-    """Return the answer of a kart that is connected and asked; else what is known of its link."""
+    """Return the answer of a kart, if it is connected and must answer; else its link."""
     return row.answer if row.answer.text and row.link.text == texts.LINKED else row.link
 
 
@@ -284,17 +284,18 @@ class Danger:
 @dataclass(frozen=True)
 class Screen:
     """
-    All that a screen shows of the race itself.
+    Everything that a screen shows of the race itself.
 
-    :param banner: what it says at its top; empty: nothing.
-    :param state: the state of the race, in the largest type; or what is true of its karts, if none
-        of them is sent it.
-    :param since: for how long it has been in that state, and by whom.
+    :param banner: what it says at its top; empty if nothing.
+    :param state: the state of the race, in the largest type; if no kart is sent that state, what
+        is true of the karts.
+    :param since: for how long the race has been in that state, and who put it there.
     :param clock: the time since GREEN GREEN while a race is on; empty if none is.
-    :param heat: what is in the race: the heat and the number of its karts.
-    :param tally: how many karts of the race do what; empty if there is none.
-    :param missing: which karts of the race have not done yet what they are sent.
-    :param heat_button: offers the choice of a heat; None if the roster names none.
+    :param heat: the heat that is in the race, and the number of its karts.
+    :param tally: how many karts of the race are driving, stopped and so on; empty if there are
+        none.
+    :param missing: which karts of the race have not yet done what they are sent.
+    :param heat_button: opens the choice of a heat; None if the roster names none.
     :param heats: one button for each heat of the roster.
     :param places: the places of the race, or of the last one; empty if there are none.
     """
@@ -340,7 +341,7 @@ KEYS = {
     CommandKind.RECORD_MSR: 'F9',
     CommandKind.SET_HEAT: 'Ctrl+H',
 }
-"""The keys of the commands that concern no single kart, without ALL KILL."""
+"""The keys of the commands that are not to one kart, except ALL KILL."""
 
 CHOSEN_KART_KEYS = {
     'R': (CommandKind.KART_RED_RED,),
@@ -348,7 +349,7 @@ CHOSEN_KART_KEYS = {
     'G': (CommandKind.KART_IN_GARAGE,),
     'J': (CommandKind.JOIN_RACE, CommandKind.LEAVE_RACE),
 }
-"""With Ctrl, the keys of the commands to the chosen kart."""
+"""The keys that, with Ctrl, command the chosen kart."""
 
 
 NOTHING = Race(
@@ -360,7 +361,7 @@ NOTHING = Race(
     track=Track(is_open=False, allowed=False, reason='', msr_used=False),
     alerts=(),
 )
-"""What is shown before race control is heard for the first time."""
+"""What the screen shows before it hears race control for the first time."""
 
 
 def is_gone(silent_for: float | None) -> bool:
@@ -380,12 +381,12 @@ def silence(
     notes: tuple[str, str] = ('', ''),
 ) -> Danger | None:
     """
-    Return what to say of race control's silence, None while it is heard.
+    Return what to say about race control's silence; None while race control is heard.
 
-    :param silent_for: time since it was last heard, in seconds; None: it never was.
+    :param silent_for: time since race control was last heard, in seconds; None: it never was.
     :param looking_for: time since the search for it began, in seconds.
-    :param looking: where it is looked for, as a sentence says it.
-    :param state: the state of the race when it was heard last.
+    :param looking: where the search looks, in the words of a sentence.
+    :param state: the state of the race when race control was last heard.
     :param notes: what to add before it is found, and once it is gone.
     """
     if not is_gone(silent_for):
@@ -402,7 +403,7 @@ def silence(
 
 def danger(race: Race, two: bool) -> Danger | None:
     """
-    Return what to say of a race control that is heard, but must not be relied on.
+    Return what to say about a race control that is heard but must not be relied on.
 
     :param two: snapshots come from two race controls.
     """
@@ -423,20 +424,20 @@ STEP_STATES = {
     CommandKind.RACE_OVER: State.RED_RED,
     CommandKind.IN_GARAGE: State.IN_GARAGE,
 }
-"""The state of the race that each command to it brings about."""
+"""The state of the race that each command to the race leads to."""
 
 PAST = (State.GRID_ACTIVE, State.GREEN_GREEN)
-"""The states that a race under way has behind it, or has before it."""
+"""The states for which a command's phrase still says, later in a race, when it was in them."""
 
 WORTH_A_FIGURE = 2.0
 """Time after which the screen says for how long a command has not been possible, in seconds."""
 
 
 class ReasonTimes:
-    """The time for which each command has not been possible for its present reason."""
+    """For how long each command has not been possible for its present reason."""
 
     def __init__(self) -> None:
-        """Have seen no reason."""
+        """Begin without any reason."""
         self._first: dict[CommandKind, tuple[str, float]] = {}
 
     def update(self, offered: Availability, now: float) -> dict[CommandKind, float]:
@@ -453,14 +454,14 @@ class RaceTimes:
     """When the race went to each of its states, since it was last brought to the garage."""
 
     def __init__(self) -> None:
-        """Know of none."""
+        """Begin without any state."""
         self.entered: dict[State, tuple[float, str]] = {}
         self._last = 0
 
     def take(self, event: Event) -> None:
-        """Take an event; only those of the race's state matter."""
+        """Take an event; only events about the race's state matter."""
         if event.sequence <= self._last or event.race is State.IN_GARAGE:
-            self.entered.clear()  # another race control numbers anew
+            self.entered.clear()  # another race control numbers again from 1
         self._last = event.sequence
         if event.race is not State.UNKNOWN:
             self.entered[event.race] = event.at, event.clock
@@ -513,7 +514,7 @@ def show(
 
 def _headline(race: Race) -> Cell:
     """
-    Return what is said in the largest type: what is true of the karts of the race.
+    Return the text in the largest type: what is true of the karts of the race.
 
     A kart without a link stops by itself: RED RED is true of it.
     """
@@ -559,7 +560,7 @@ def _humans(race: Race) -> tuple[Cell, str]:
     """
     Return whether humans are allowed on the track, and why or why not.
 
-    They are not while anything else on the screen speaks against it.
+    They are not allowed while anything else on the screen speaks against it.
     """
     against, under_way = texts.against_humans(race), texts.under_way(race)
     if against or under_way or not race.track.allowed:
@@ -607,9 +608,9 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
     if not kart.in_race:
         notes.append(texts.NOT_RACING)
     urgent = use_msr or (kart.in_doubt and not kart.is_stopping)
-    # Never beside what an official must read; of a kart at rest there is nothing else.
+    # The inspection is shown only where there is nothing that an official must read.
     note = ', '.join(notes) or texts.inspected(kart)
-    missing = Tone.WAIT if kart.in_race else Tone.FAINT  # in the garage it may come yet
+    missing = Tone.WAIT if kart.in_race else Tone.FAINT  # in the garage it may still come
     if kart.may_be_moving or (kart.in_race and race.state is not State.IN_GARAGE):
         missing = Tone.BAD
     key = FINISH_KEYS[place] if place < len(FINISH_KEYS) else ''
@@ -625,7 +626,7 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
         in_race=kart.in_race,
         use_msr=use_msr,
         link=Cell(texts.LINKED) if kart.connected else Cell(texts.NOT_LINKED, missing),
-        # Without a link it is sent nothing: it would be.
+        # A kart without a link is sent nothing; this is what it would be sent.
         sent=_state_cell(kart.sent) if kart.connected else _faint(_state_cell(kart.sent)),
         since=texts.clock(kart.sent_for + age),
         answer=_answer(kart, age, missing),
@@ -656,7 +657,7 @@ def _answer(kart: Kart, age: float, missing: Tone) -> Cell:
 
 
 def _offered(command: CommandKind, race: Race, kart: Kart | None) -> CommandKind:
-    """Return what the button of a command offers: to take it back, while its result holds."""
+    """Return the command that a button offers: while its result holds, the one that undoes it."""
     undone_by = UNDONE_BY.get(command)
     if undone_by is not None and is_so(CATALOGUE[command].result, race, kart):
         return undone_by
@@ -689,7 +690,7 @@ class _Buttons:
         return replace(button, phrase=phrase, current=current)
 
     def _phrase(self, button: Button, offered: Available) -> tuple[str, bool]:
-        """Return a command's phrase, and whether the race is in the state it brings about."""
+        """Return a command's phrase, and whether the race is in the state that it leads to."""
         race, command = self.snapshot, button.command
         if command not in texts.STEPS:
             return '', False
@@ -742,7 +743,7 @@ class _Buttons:
             reason = texts.again_in(reason, offered.again_in - self.age)
         elif reason and since >= WORTH_A_FIGURE:
             reason = texts.WITH_AGE.format(reason=reason, age=duration(since, 0))
-        # A stop can always be pressed, also while one waits or nobody answers: it does no harm.
+        # A stop can always be pressed, even while one waits or nobody answers: it does no harm.
         if not entry.stop and self.barred:
             reason = self.barred
         elif not entry.stop and waits is not None:
