@@ -30,7 +30,7 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.commands import asks, Order
 from evgp_rcs_console.display import Inbox
-from evgp_rcs_console.freshness import AIM, SETTLE
+from evgp_rcs_console.freshness import AIM, InputClock, SETTLE
 from evgp_rcs_console.gui import low_battery
 from evgp_rcs_console.input import FORWARD
 from evgp_rcs_console.keys import FORGOTTEN
@@ -140,6 +140,9 @@ def opened(
 ) -> Iterator[Any]:
     """Return a function that opens a window of a size; what fails in it fails the test."""
     monkeypatch.setenv('ROS_HOME', str(tmp_path))
+    # QTest stamps each click half a second after the last one, and keys by the time: a quick test
+    # would seem to press its keys long ago. test_freshness.py and test_console.py test stamps.
+    monkeypatch.setattr(InputClock, 'age', lambda self, stamp, now: 0.0)
     windows: list[Console] = []
 
     def open_(width: int = 1366, height: int = 768) -> Console:
