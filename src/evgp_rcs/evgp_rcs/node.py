@@ -62,6 +62,7 @@ from evgp_rcs.roster import RosterError
 from evgp_rcs.settings import read_settings
 from evgp_rcs.teller import Teller
 from evgp_rcs_msgs.srv import SignOfLife
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -155,7 +156,12 @@ class RcsNode(StrictNode):
             # At once: what follows may take its time.
             self._server.end(in_order=False)
             self._teller.stop()
-            self._teller.last_words(self._failure)
+            try:
+                self._teller.last_words(self._failure)
+            except RCLError as error:  # as Fast DDS publishes nothing past 2038
+                self.get_logger().error(
+                    f'Officials cannot be told that race control ends: {error}'
+                )
         self._server.stop(in_order=not self._failure)
         self._teller.stop()
         self._closing.set()
