@@ -27,7 +27,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import ctypes
 import gc
 import os
 import signal
@@ -40,7 +39,7 @@ from evgp_rcs.channel import Begin, Failed, Listening, LocalEnd, pack, Refused
 from evgp_rcs.inputs import Entrant, Recovered, Setup
 from evgp_rcs.kart_server import KartServer, KartServerError, RosHalfGoneError
 from evgp_rcs.record import RecordError
-from evgp_rcs.record_process import RecordProcess
+from evgp_rcs.record_process import RecordProcess, wake_when_the_parent_dies
 from evgp_rcs.rules_version import rules_version
 
 FIRST_SIGN = 2.0
@@ -49,8 +48,6 @@ FIRST_SIGN = 2.0
 LAST_WORDS_TIMEOUT = 2.0
 """Maximum time at the end for the record to be finished, and for the ROS half to take the last
 messages, each, in seconds."""
-
-_PR_SET_PDEATHSIG = 1  # of linux/prctl.h
 
 
 def setup_of(begin: Begin, now: float) -> Setup:
@@ -112,8 +109,7 @@ def main(arguments: list[str] | None = None) -> int:
     :return: 0 after an orderly end, 1 after a failure, 2 if it could not start.
     """
     (descriptor,) = sys.argv[1:] if arguments is None else arguments
-    # One that was stopped goes on when the ROS half has died: it finds that out, and ends.
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGCONT)
+    wake_when_the_parent_dies()
     priority.come_before_others()  # in a session of its own
     with socket.socket(fileno=int(descriptor)) as end:
         ros_half = LocalEnd(end)

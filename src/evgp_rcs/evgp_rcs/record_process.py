@@ -205,6 +205,11 @@ class RecordProcess:
 # ----- the process itself ---------------------------------------------------------------------
 
 
+def wake_when_the_parent_dies() -> None:
+    """Have this process, should it be stopped, go on when its parent dies: it finds that out."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGCONT)
+
+
 def _live(path: pathlib.Path, end: socket.socket) -> None:
     """Run the record's process until it ends."""
     code = 1
@@ -215,7 +220,7 @@ def _live(path: pathlib.Path, end: socket.socket) -> None:
         # It ends with the kart server. SIGCONT wakes it then, if it is frozen.
         for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):
             signal.signal(number, signal.SIG_IGN)
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGCONT)
+        wake_when_the_parent_dies()
         _write(path, end)
         code = 0
     except BaseException:  # noqa: BLE001 - no caller can catch it
