@@ -9,7 +9,7 @@ Measure what becomes of stops on slow, narrow and lossy links; ``--help`` says h
 Real race control, and karts on machines with networks of their own. Each kart says back every
 frame, stops itself after 1 s without one, and connects again. A stop is covered if the kart has
 read it within 1 s, or had stopped itself by then, or race control had given the link up by then
-(with at most a beat more).
+(with at most a beat more), be it before the stop was given: officials see it as lost.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from __future__ import annotations
 import argparse
 import contextlib
 from dataclasses import dataclass, field
+import itertools
+import math
 import pathlib
 import random
 import socket
@@ -137,8 +139,12 @@ class Kart:
         """Return whether it had no connection then: it has stopped by itself."""
         return sum(each <= at for each in self.ends) >= sum(each <= at for each in self.begins)
 
-    def report(self, given_up: list[float]) -> int:
-        """Print its line; return how many of its stops nothing covered."""
+    def report(self, connected: list[tuple[float, bool]]) -> int:
+        """
+        Print its line; return how many of its stops nothing covered.
+
+        `connected` holds when race control took and lost its links.
+        """
         took: list[float] = []
         itself, dropped, uncovered = 0, 0, 0
         for stop in self.stops:
@@ -147,7 +153,10 @@ class Kart:
                 took.append(read - stop)
             elif self.had_stopped(stop + LIMIT):
                 itself += 1
-            elif any(stop <= at <= stop + LIMIT + GRACE for at in given_up):
+            elif any(
+                not holds and at <= stop + LIMIT + GRACE and until >= stop
+                for (at, holds), (until, _) in itertools.pairwise([*connected, (math.inf, True)])
+            ):
                 dropped += 1
             else:
                 uncovered += 1
@@ -196,12 +205,13 @@ def measure(airs: tuple[Air, ...], stops: int, seconds: float, seed: int) -> int
                     kart.press(official)
             time.sleep(0.005)
         time.sleep(LIMIT + GRACE)
-        given_up: dict[int, list[float]] = {}
+        connected: dict[int, list[tuple[float, bool]]] = {}
         for event in official.events:
-            if event.kind == msg.RaceEvent.DISCONNECTED:
+            if event.kind in (msg.RaceEvent.CONNECTED, msg.RaceEvent.DISCONNECTED):
                 at = event.monotonic.sec + event.monotonic.nanosec * 1e-9
-                given_up.setdefault(event.kart, []).append(at)
-        return sum(kart.report(given_up.get(kart.number, [])) for kart in karts)
+                holds = event.kind == msg.RaceEvent.CONNECTED
+                connected.setdefault(event.kart, []).append((at, holds))
+        return sum(kart.report(connected.get(kart.number, [])) for kart in karts)
 
 
 def main() -> int:
