@@ -106,7 +106,6 @@ WRONG_FIELDS = [
             'kart2.local',
             '10.0.0',
             '10.0.0.256',
-            '010.0.0.256',
             '10.0.0.2/24',
             '10.2',
             '10.0.0.2:1',
@@ -114,7 +113,7 @@ WRONG_FIELDS = [
     ),
     (
         'address: 10.0.0.2',
-        '8: kart 2: address {} has a number with a leading zero; write 10.0.0.2',
+        '8: kart 2: address {} is no IPv4 address (Leading zeros are not permitted',
         ('10.0.0.02', '10.00.0.002', '010.0.0.2'),
     ),
     (

@@ -690,7 +690,9 @@ class Part:
         if self.whole:
             return account
         start, end = self.span(account)
-        shown = {self.kart, 0} if self.kart is not None else {0, *(n.kart for n in account.lanes)}
+
+        def concerns(kart: int) -> bool:
+            return self.kart is None or kart in (0, self.kart)
 
         def touches(begins: float | None, ends: float | None) -> bool:
             last = account.length if ends is None else ends
@@ -706,47 +708,44 @@ class Part:
         events = [
             event
             for event in account.events
-            if (self.kart is None or event.kart in shown) and start <= account.at(event) <= end
+            if concerns(event.kart) and start <= account.at(event) <= end
         ]
         kept = {event.sequence for event in events}
-        lanes = [
-            Lane(
-                lane.kart,
-                lane.team,
-                cut(lane.bands),
-                cut(lane.holds),
-                [mark for mark in lane.marks if mark.sequence in kept],
-            )
-            for lane in account.lanes
-            if lane.kart in shown
-        ]
-        for lane in lanes:
-            for band in lane.bands:
-                if band.acknowledged is not None and band.acknowledged > end:
-                    band.acknowledged = None
-        races = [
-            dataclasses.replace(
-                race,
-                incidents=[number for number in race.incidents if number in kept],
-                stops=[number for number in race.stops if number in kept],
-                refused=[number for number in race.refused if number in kept],
-            )
-            for race in account.races
-            if touches(race.began, race.garage)
-        ]
+
+        def in_part(numbers: list[int]) -> list[int]:
+            return [number for number in numbers if number in kept]
+
         return dataclasses.replace(
             account,
             events=events,
-            lanes=lanes,
+            lanes=[
+                dataclasses.replace(
+                    lane,
+                    bands=cut(lane.bands),
+                    holds=cut(lane.holds),
+                    marks=[mark for mark in lane.marks if mark.sequence in kept],
+                )
+                for lane in account.lanes
+                if concerns(lane.kart)
+            ],
             race_bands=cut(account.race_bands),
-            races=races,
+            races=[
+                dataclasses.replace(
+                    race,
+                    incidents=in_part(race.incidents),
+                    stops=in_part(race.stops),
+                    refused=in_part(race.refused),
+                )
+                for race in account.races
+                if touches(race.began, race.garage)
+            ],
             alerts=[
                 alert
                 for alert in account.alerts
-                if alert.kart in shown and touches(alert.raised, alert.ended)
+                if concerns(alert.kart) and touches(alert.raised, alert.ended)
             ],
             commands=[event for event in account.commands if event.sequence in kept],
             gaps=[gap for gap in account.gaps if touches(gap.start, gap.end)],
             clock_steps=[step for step in account.clock_steps if start <= step.at <= end],
-            outside=[number for number in account.outside if number in kept],
+            outside=in_part(account.outside),
         )

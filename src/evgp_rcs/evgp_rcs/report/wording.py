@@ -46,17 +46,6 @@ STATES = {
     NOT_KNOWN: 'not known',
 }
 
-SHORT = {
-    IN_GARAGE: 'GARAGE',
-    GRID_ACTIVE: 'GRID',
-    GREEN_GREEN: 'GREEN',
-    RED_FLAG: 'FLAG',
-    RED_RED: 'RED',
-    NOT_CONNECTED: 'no link',
-    NOT_KNOWN: '?',
-}
-"""The same where there is little room."""
-
 KINDS = {
     'COMMAND': "Officials' command",
     'RACE_STATE': 'State of the race',
