@@ -128,12 +128,6 @@ def test_a_misspelt_subcommand_is_no_file(capsys: Capture) -> None:
     assert 'report' in capsys.readouterr().err
 
 
-def test_it_is_a_module_too(good: pathlib.Path) -> None:
-    done = subprocess.run([*PROGRAM, str(good), '--list'], capture_output=True, text=True)
-    assert done.returncode == 0
-    assert len(done.stdout.splitlines()) == 2
-
-
 def test_whoever_reads_no_further_gets_no_trace_of_python(good: pathlib.Path) -> None:
     with subprocess.Popen(
         [*PROGRAM, str(good)], stdout=subprocess.PIPE, stderr=subprocess.PIPE

@@ -23,7 +23,7 @@ import random
 import re
 
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.encoding import written as as_json
 from evgp_rcs.inputs import CLOSED_BY_KART
 from evgp_rcs.race import Event, EventKind, Heat, Kart, Race, RaceMemory
@@ -44,10 +44,8 @@ from evgp_rcs.report.model import (
     read,
     RED_FLAG,
     RED_RED,
-    SENDS_RED,
     Silence,
     Stop,
-    STOPS,
     Why,
 )
 from evgp_rcs.report.wording import Clock
@@ -217,12 +215,6 @@ def test_every_change_of_state_has_the_command_that_caused_it(paper: PaperRace) 
     ]
     assert race.garage is not None
     assert race.results
-
-
-def test_a_stop_of_the_catalogue_is_a_stop_of_the_report() -> None:
-    stops = {kind.name for kind, entry in CATALOGUE.items() if entry.stop}
-    assert stops == STOPS
-    assert stops <= SENDS_RED
 
 
 def test_every_kind_of_event_has_a_name() -> None:
