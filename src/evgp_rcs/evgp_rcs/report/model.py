@@ -83,23 +83,14 @@ class Hold:
     command: str
 
 
-class Mark(NamedTuple):
-    """A moment on a kart's lane: the name of an ``EventKind``."""
-
-    at: float
-    kind: str
-    sequence: int
-
-
 @dataclass
 class Lane:
-    """One kart: what it was sent, when it was held, and what it said or lost."""
+    """One kart: what it was sent, and when it was held."""
 
     kart: int
     team: str
     bands: list[Band]
     holds: list[Hold] = field(default_factory=list)
-    marks: list[Mark] = field(default_factory=list)
 
     @property
     def sent(self) -> str:
@@ -307,10 +298,14 @@ class Account:
     clock_steps: list[ClockStep]
     races: list[Race] = field(default_factory=list)
     alerts: list[Alert] = field(default_factory=list)
-    commands: list[RecordedEvent] = field(default_factory=list)
     gaps: list[Gap] = field(default_factory=list)
     outside: list[int] = field(default_factory=list)
     ended: RecordedEvent | None = None
+
+    @property
+    def commands(self) -> list[RecordedEvent]:
+        """Return the events of officials' commands."""
+        return [event for event in self.events if event.kind == EventKind.COMMAND.name]
 
     def at(self, event: RecordedEvent) -> float:
         """Return when an event happened."""
@@ -451,8 +446,6 @@ class _Reading:
         if take is not None:
             take(self, event, at)
         elif lane is not None and event.kind in _TAKES_OF_A_KART:
-            if event.kind != EventKind.KART_STATE.name:
-                lane.marks.append(Mark(at, event.kind, event.sequence))
             _TAKES_OF_A_KART[event.kind](self, lane, event, at)
         if event.kind not in OF_THE_SERVER:
             self._see_holds(event, at)
@@ -508,9 +501,6 @@ class _Reading:
         if lane.sent in (RED_FLAG, RED_RED):
             self._incident(event)  # it had stopped, by its own word
 
-    def _marked(self, lane: Lane, event: RecordedEvent, at: float) -> None:
-        """Nothing but the mark."""
-
     def _see_holds(self, event: RecordedEvent, at: float) -> None:
         """Take note of how the event says that its kart is held, or every kart."""
         command = event.command if event.success and event.command in STOPS else ''
@@ -560,7 +550,6 @@ class _Reading:
         return self._command if event.command else None
 
     def _commanded(self, event: RecordedEvent, at: float) -> None:
-        self.account.commands.append(event)
         race = self._race
         if not event.success:
             if race is not None:
@@ -635,10 +624,6 @@ _TAKES_OF_A_KART: Mapping[str, Callable[[_Reading, Lane, RecordedEvent, float], 
     EventKind.KART_STATE.name: _Reading._kart_state,
     EventKind.ACKNOWLEDGED.name: _Reading._acknowledged,
     EventKind.WITHDRAWN.name: _Reading._withdrawn,
-    EventKind.REPORTED.name: _Reading._marked,
-    EventKind.MALFORMED.name: _Reading._marked,
-    EventKind.SLOW_LINK.name: _Reading._marked,
-    EventKind.REFUSED_CONNECTION.name: _Reading._marked,
     EventKind.CONNECTED.name: _Reading._connected,
     EventKind.DISCONNECTED.name: _Reading._disconnected,
 }
@@ -723,7 +708,6 @@ class Part:
                     lane,
                     bands=cut(lane.bands),
                     holds=cut(lane.holds),
-                    marks=[mark for mark in lane.marks if mark.sequence in kept],
                 )
                 for lane in account.lanes
                 if concerns(lane.kart)
@@ -744,7 +728,6 @@ class Part:
                 for alert in account.alerts
                 if concerns(alert.kart) and touches(alert.raised, alert.ended)
             ],
-            commands=[event for event in account.commands if event.sequence in kept],
             gaps=[gap for gap in account.gaps if touches(gap.start, gap.end)],
             clock_steps=[step for step in account.clock_steps if start <= step.at <= end],
             outside=in_part(account.outside),

@@ -39,6 +39,7 @@
 
   // ----- the timeline ------------------------------------------------------------------------
 
+  const UNMARKED = ['COMMAND', 'KART_STATE', 'ALERT_RAISED', 'ALERT_CLEARED'];
   const MARKS = {ACKNOWLEDGED: '✓', DISCONNECTED: '✗', WITHDRAWN: '↺'};
   const STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200,
     14400, 43200];
@@ -100,14 +101,14 @@
 
     // A command has its row up to the next one in it: those to the whole race have rows of their own.
     begin('commands', 'Commands');
-    for (const [toAll, rows, top] of [[1, 2, 0], [0, 3, 2]]) {
-      const commands = data.commands.filter((each) => each[5] === toAll);
-      commands.forEach(([at, name, accepted, official, sequence], n) => {
+    for (const [toAll, rows, top] of [[true, 2, 0], [false, 3, 2]]) {
+      const commands = data.events.filter((each) => each[8] && !each[3] === toAll);
+      commands.forEach(([, , at, , , accepted, sentence, official, name], n) => {
         const next = commands[n + rows];
         const text = (accepted ? '' : '✗ ') + name + (official ? ' · ' + cut(official, 24) : '');
-        put(accepted ? 'command' : 'command refused', text, at, next ? next[0] : end, top + n % rows,
+        put(accepted ? 'command' : 'command refused', text, at, next ? next[2] : end, top + n % rows,
           () => name + (accepted ? '' : ', refused') + '\n' + moment(at) + ', from ' +
-            (official || 'an unnamed official') + '\n' + sentence(sequence));
+            (official || 'an unnamed official') + '\n' + sentence);
       });
     }
     line.items.sort((a, b) => a.at - b.at);
@@ -124,8 +125,7 @@
     }
     if (unseen) make(line.track.previousSibling, 'more', unseen + ' more: see Alerts');
 
-    const race = {bands: data.race, holds: [], marks: []};
-    for (const lane of [race, ...lanes]) {
+    for (const lane of [{bands: data.race, holds: []}, ...lanes]) {
       const kart = lane.kart ? 'Kart ' + lane.kart : 'Race';
       const name = kart + (lane.team ? ' (' + lane.team + ')' : '');
       begin('lane', kart, lane.team);
@@ -134,10 +134,10 @@
         put('band ' + band[2], data.states[band[2]], band[0], band[1], 0, () => describe(band));
       }
       for (const [from, to] of lane.holds) put('hold', '', from, to, 0);
-      lane.marks.forEach(([at, kind, sequence], n) => {
-        const next = lane.marks[n + 1];
-        put('mark ' + kind, MARKS[kind], at, next ? next[0] : end, 0, () =>
-          name + ': ' + kindOf(kind) + '\n' + moment(at) + '\n' + sentence(sequence));
+      const marks = data.events.filter((each) => each[3] === lane.kart && !UNMARKED.includes(each[4]));
+      marks.forEach(([, , at, , kind, , sentence], n) => {
+        put('mark ' + kind, MARKS[kind], at, n + 1 < marks.length ? marks[n + 1][2] : end, 0, () =>
+          name + ': ' + kindOf(kind) + '\n' + moment(at) + '\n' + sentence);
       });
       line.items.sort((a, b) => a.at - b.at);
     }
@@ -300,9 +300,8 @@
   const kart = element('kart'), kind = element('kind'), words = element('find');
   let matching = data.events, opened = null, painted = '';
 
-  const labels = new Map(data.commands.map((command) => [command[4], command[1]]));
-  const sentenceOf = (event) => (labels.has(event[0]) ? labels.get(event[0]) + ': ' : '') +
-    event[6] + (event[7] ? ' [' + event[7] + ']' : '');
+  const sentenceOf = (event) => (event[8] ? event[8] + ': ' : '') + event[6] +
+    (event[7] ? ' [' + event[7] + ']' : '');
   const fits = (event, number, sort, text) => {
     if (number && event[3] !== number) return false;
     if (sort === '!' ? data.lesser.includes(event[4]) : sort === 'refused' ?

@@ -60,6 +60,9 @@ LESSER = frozenset(
 """The kinds of events that are left out first where there is no room for all."""
 
 
+COMMAND = EventKind.COMMAND.name
+
+
 def _hash(text: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
@@ -193,20 +196,8 @@ def _data(whole: Account, account: Account, part: Part, clock: Clock) -> Any:
                     (hold.start, hold.end, hold.command and wording.command(hold.command, 0))
                     for hold in lane.holds
                 ],
-                'marks': lane.marks,
             }
             for lane in account.lanes
-        ],
-        'commands': [
-            (
-                account.at(event),
-                wording.command(event.command, event.kart),
-                int(event.success),
-                wording.name(event.official),
-                event.sequence,
-                int(event.success and not event.kart),
-            )
-            for event in account.commands
         ],
         'alerts': [
             (
@@ -229,6 +220,7 @@ def _data(whole: Account, account: Account, part: Part, clock: Clock) -> Any:
                 int(event.success),
                 plain(event.text),
                 wording.name(event.official),
+                wording.command(event.command, event.kart) if event.kind == COMMAND else '',
             )
             for event in account.events
         ],
