@@ -25,11 +25,9 @@ import pathlib
 import sys
 from typing import Any
 
-from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.inputs import entries_of, feed, Input, InputsError, Shown
 from evgp_rcs.plain import plain
-from evgp_rcs.race import AlertKind, Event, EventKind, StampedEvent
+from evgp_rcs.race import StampedEvent
 from evgp_rcs.replay import Kept
 from evgp_rcs.runs import (
     add_run_arguments,
@@ -137,17 +135,7 @@ class _Bagged:
 
         happened = self._kept.happened
         for each in watched(happened, len(happened), 'Writing the bag'):
-            event = Event(
-                EventKind[each.kind],
-                each.text,
-                each.kart,
-                RaceState[each.state] if each.state else None,
-                CommandKind[each.command] if each.command else None,
-                each.success,
-                official=each.official,
-                alert=AlertKind[each.alert] if each.alert else None,
-            )
-            stamped = StampedEvent(each.sequence, each.wall_ns, each.monotonic, event)
+            stamped = StampedEvent(each.sequence, each.wall_ns, each.monotonic, each.event())
             yield f'/{NODE}/events', self._in_bag(each.monotonic), events_message([stamped])
 
     def _races(self) -> Iterator[Message]:

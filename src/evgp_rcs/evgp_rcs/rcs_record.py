@@ -43,7 +43,7 @@ WAYS: dict[str, tuple[ModuleType, str]] = {
 
 NOTES = """\
 A run is what happened between one start of race control and its end. A run that race control is
-still writing is read up to now. Each subcommand has options of its own: 'rcs_record report --help'.
+still writing is read up to now. Each subcommand has its own options: 'rcs_record report --help'.
 
 examples:
   rcs_record --list                             the runs in the record

@@ -43,13 +43,11 @@ import time
 from typing import Any, IO
 
 from evgp_protocol import clock
-from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.encoding import DAMAGED, read, reader, written
 from evgp_rcs.folder import rcs_folder
 from evgp_rcs.inputs import Block, joined, Setup
 from evgp_rcs.orderly_end import OrderlyEnd
-from evgp_rcs.race import AlertKind, EventKind, RaceMemory, StampedEvent
+from evgp_rcs.race import Event, EventKind, RaceMemory, StampedEvent
 
 SCHEMA_VERSION = 5
 
@@ -471,11 +469,21 @@ class RecordedEvent:
         """Return an event as it will be read from a record."""
         return RecordedEvent(*_row(stamped))
 
+    def event(self) -> Event:
+        """
+        Return it as the rules made it.
+
+        :raises KeyError: if there is no such kind, command, state, alert or hold.
+        """
+        event: Event = _event([getattr(self, name, False) for name in Event._fields])
+        return event
+
 
 _COLUMNS = tuple(field.name for field in dataclasses.fields(RecordedEvent))
 """The columns of an event, after the session."""
 
 _recorded = reader(RecordedEvent)
+_event = reader(Event)
 
 
 def open_read_only(path: pathlib.Path) -> sqlite3.Connection:
@@ -554,23 +562,14 @@ def events(
     for _, *row in rows:
         try:
             event: RecordedEvent = _recorded(row)
+            event.event()
+            # For what is missing at the end of a file, SQLite has zeros.
+            if any('\0' in value for value in row if isinstance(value, str)):
+                raise ValueError('a text was cut off')
+            if event.kart >= 2**32:
+                raise ValueError(f'there is no kart {event.kart}')
         except DAMAGED as error:
             raise sqlite3.DatabaseError(
                 f'event {row[0]!r} of run {session} is damaged: {error}'
             ) from error
-        # For what is missing at the end of a file, SQLite has zeros.
-        zeros = any('\0' in value for value in row if isinstance(value, str))
-        known = all(getattr(event, column) in names for column, names in _NAMES.items())
-        if zeros or not known or event.kart >= 2**32:
-            raise sqlite3.DatabaseError(f'event {event.sequence} of run {session} is damaged')
         yield event
-
-
-_NAMES: dict[str, set[str | None]] = {
-    'kind': {*EventKind.__members__},
-    'command': {None, *CommandKind.__members__},
-    'state': {None, *RaceState.__members__},
-    'alert': {None, *AlertKind.__members__},
-    'hold': {None, *RaceState.__members__},
-}
-"""What can stand in some columns of an event."""
