@@ -235,7 +235,6 @@ class _Parser:
         """Yield the karts of the list, each checked by itself and against those before it."""
         lines_of_numbers = self._lines_of_numbers
         owners: dict[str, tuple[str, int]] = {}
-        teams: dict[int, yaml.Node | None] = {}
         for position, node in enumerate(nodes, start=1):
             kart = f'kart entry {position}'
             known = self._number_in(node)
@@ -247,15 +246,12 @@ class _Parser:
                 self._every_number_known = False
             else:
                 if number in lines_of_numbers:
-                    own = _of_team(fields.get('team'), ' ({})')
-                    other = _of_team(teams.get(number), ' by {}')
                     self._note(
                         fields['number'],
-                        f'kart {number}{own}: number {number} is already taken{other} '
+                        f'kart {number}: number {number} is already taken '
                         f'(line {lines_of_numbers[number]}); give every kart its own number',
                     )
                 lines_of_numbers.setdefault(number, _line(fields['number']))
-                teams.setdefault(number, fields.get('team'))
                 kart = f'kart {number}'
             team = self._tried(self._team, fields.get('team'), kart)
             address = self._tried(self._address, fields.get('address'), kart)
@@ -494,13 +490,6 @@ def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
     if second_colon:
         return _FaultError(at + 1, 'has a second colon; put the text that has a colon in quotes')
     return _not_yaml(at + 1, error.problem or error.context)
-
-
-def _of_team(node: yaml.Node | None, form: str) -> str:
-    """Return the name of a team in a form of words; nothing if it has none that can be shown."""
-    if not isinstance(node, yaml.ScalarNode) or not node.value.strip():
-        return ''
-    return form.format(_shown(node))
 
 
 def _line(where: yaml.Node | yaml.Event) -> int:

@@ -76,8 +76,7 @@ def test_the_refusal_of_a_double_address_is_one_sentence_an_official_can_act_on(
 
 def test_the_refusal_of_a_double_number_names_both_lines() -> None:
     assert fault_of_two_karts_with('number: 2', 'number: 1') == (
-        'karts.yaml:6: kart 1 (Purdue): number 1 is already taken by Georgia Tech (line 2); '
-        'give every kart its own number'
+        'karts.yaml:6: kart 1: number 1 is already taken (line 2); give every kart its own number'
     )
 
 
