@@ -160,7 +160,7 @@ class Silence(enum.Enum):
     RECORD_ENDS = 'not acknowledged'
 
 
-class Told(NamedTuple):
+class StopAnswer(NamedTuple):
     """
     What a kart was sent at a stop, and when it acknowledged that.
 
@@ -188,9 +188,9 @@ class Stop(NamedTuple):
 
     sequence: int
     at: float
-    told: tuple[Told, ...]
+    told: tuple[StopAnswer, ...]
 
-    def slowest(self) -> Told | None:
+    def slowest(self) -> StopAnswer | None:
         """Return who took longest of those that it told something new, and acknowledged."""
         new = (each for each in self.told if each.since == self.at and each.acknowledged)
         return max(new, key=lambda each: each.acknowledged or 0.0, default=None)
@@ -206,7 +206,7 @@ class Change(NamedTuple):
 
 
 @dataclass
-class Race:
+class RaceAccount:
     """
     One race, from GRID_ACTIVE to IN_GARAGE.
 
@@ -296,7 +296,7 @@ class Account:
     lanes: list[Lane]
     race_bands: list[Band]
     clock_steps: list[ClockStep]
-    races: list[Race] = field(default_factory=list)
+    races: list[RaceAccount] = field(default_factory=list)
     alerts: list[Alert] = field(default_factory=list)
     gaps: list[Gap] = field(default_factory=list)
     outside: list[int] = field(default_factory=list)
@@ -312,7 +312,7 @@ class Account:
         assert self.first is not None
         return event.monotonic - self.first.monotonic
 
-    def results(self, race: Race) -> list[Result]:
+    def results(self, race: RaceAccount) -> list[Result]:
         """Return what became of each starter of a race: in the order of places, then the rest."""
         finished = enumerate(race.finished.items(), 1)
         rest = sorted(set(race.starters) - race.finished.keys())
@@ -321,12 +321,12 @@ class Account:
             *(Result(kart, out=self._out(race, kart)) for kart in rest),
         ]
 
-    def stops(self, race: Race) -> list[Stop]:
+    def stops(self, race: RaceAccount) -> list[Stop]:
         """Return the stops of a race, and what they told to whom; of the account of all karts."""
         events = {event.sequence: event for event in self.events}
         return [self._stop(race, events[number]) for number in race.stops if number in events]
 
-    def _stop(self, race: Race, event: RecordedEvent) -> Stop:
+    def _stop(self, race: RaceAccount, event: RecordedEvent) -> Stop:
         at = self.at(event)
         told = []
         for lane in self.lanes:
@@ -345,11 +345,11 @@ class Account:
             if sent and band.acknowledged is None:
                 silence = _SILENCE.get(then, Silence.TOLD_ELSE)
             told.append(
-                Told(lane.kart, band.what, band.start, band.acknowledged, band.end, silence)
+                StopAnswer(lane.kart, band.what, band.start, band.acknowledged, band.end, silence)
             )
         return Stop(event.sequence, at, tuple(told))
 
-    def _out(self, race: Race, kart: int) -> Out:
+    def _out(self, race: RaceAccount, kart: int) -> Out:
         known = race.out.get(kart)
         ends = race.stop.at if race.stop is not None else self.length
         began = race.green or 0.0
@@ -418,7 +418,7 @@ class _Reading:
         self._lanes = {lane.kart: lane for lane in lanes}
         self._holds: dict[int, Hold] = {}  # those that last
         self._standing: dict[tuple[int, str | None], Alert] = {}
-        self._race: Race | None = None
+        self._race: RaceAccount | None = None
         self._command: RecordedEvent | None = None  # the last that was accepted
         race_bands = [Band(0.0, length, NOT_KNOWN if missing else IN_GARAGE)]
         self.account = Account(events, first, length, lanes, race_bands, clock_steps(events))
@@ -518,7 +518,7 @@ class _Reading:
 
     # ----- the race -----------------------------------------------------------------------
 
-    def _race_of(self, event: RecordedEvent, at: float) -> Race | None:
+    def _race_of(self, event: RecordedEvent, at: float) -> RaceAccount | None:
         """Return the race that was under way; None: none was."""
         races = self.account.races
         if not event.race:
@@ -526,7 +526,7 @@ class _Reading:
         if not races or races[-1].number != event.race:
             taken_up = event.command != CommandKind.GRID_ACTIVE.name
             incomplete = taken_up and event.sequence != 1
-            races.append(Race(event.race, at, event.heat, taken_up, incomplete))
+            races.append(RaceAccount(event.race, at, event.heat, taken_up, incomplete))
         return races[-1]
 
     def _race_state(self, event: RecordedEvent, at: float) -> None:

@@ -53,7 +53,6 @@
     parent.append(made);
     return made;
   };
-  const seen = (text) => cut(text, 200);
   const sentence = (sequence) => bySequence.has(sequence) ? bySequence.get(sequence)[6] : '';
   const moment = (at) => timeOfDay(at, 3) + ' (' + elapsed(at) + ')';
 
@@ -120,7 +119,7 @@
       const row = free.findIndex((until) => until <= from);
       if (row < 0) { unseen++; continue; }
       free[row] = to;
-      put('alert', '! ' + seen(sentence(sequence)), from, to, row, () => 'Alert\n' +
+      put('alert', '! ' + cut(sentence(sequence), 200), from, to, row, () => 'Alert\n' +
         timeOfDay(from, 3) + ': ' + sentence(sequence) + '\nHow long it stood: ' + stood);
     }
     if (unseen) make(line.track.previousSibling, 'more', unseen + ' more: see Alerts');
@@ -209,7 +208,6 @@
         return figure;
       })));
   });
-  window.addEventListener('afterprint', () => element('pictures').replaceChildren());
 
   // ----- what is under the pointer -----------------------------------------------------------
 
