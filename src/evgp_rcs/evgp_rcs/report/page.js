@@ -40,7 +40,6 @@
   // ----- the timeline ------------------------------------------------------------------------
 
   const UNMARKED = ['COMMAND', 'KART_STATE', 'ALERT_RAISED', 'ALERT_CLEARED'];
-  const MARKS = {ACKNOWLEDGED: '✓', DISCONNECTED: '✗', WITHDRAWN: '↺'};
   const STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200,
     14400, 43200];
   const ALERT_ROWS = 3, SHEET = 20;  // most karts on a sheet of paper
@@ -70,8 +69,8 @@
         timeOfDay(ends, 3) + (command ? ', since ' + command : '')).join('');
   };
 
-  /** Return the element with the lines from `start` to `end`, and the items of each line. */
-  const timeline = (start, end, lanes) => {
+  /** Return the element with the lines from `start` to `end`, their items, and how to scale it. */
+  const timeline = (start, end, lanes, onPaper) => {
     const whole = document.createElement('div'), lines = [];
     whole.className = 'lines';
     const share = (at) => (Math.min(Math.max(at, start), end) - start) / (end - start) * 100;
@@ -89,6 +88,9 @@
       item.style.left = share(from) + '%';
       item.style.width = share(to) - share(from) + '%';
       item.style.setProperty('--row', row);
+      if (kind.startsWith('command') && share(from) > 90) {  // so that none of it is cut off
+        Object.assign(item.style, {left: 'auto', right: 100 - share(from) + '%', width: 'auto'});
+      }
       if (text) make(item, 'word', text);
       if (!describe) return;
       Object.assign(item, {at: from, describe});
@@ -135,7 +137,10 @@
       for (const [from, to] of lane.holds) put('hold', '', from, to, 0);
       const marks = data.events.filter((each) => each[3] === lane.kart && !UNMARKED.includes(each[4]));
       marks.forEach(([, , at, , kind, , sentence], n) => {
-        put('mark ' + kind, MARKS[kind], at, n + 1 < marks.length ? marks[n + 1][2] : end, 0, () =>
+        const next = n + 1 < marks.length ? marks[n + 1][2] : end;
+        // Paper cannot be zoomed: marks that would cover each other are left out there.
+        if (onPaper && kind !== 'DISCONNECTED' && share(next) - share(at) < 0.5) return;
+        put('mark ' + kind, '', at, next, 0, () =>
           name + ': ' + kindOf(kind) + '\n' + moment(at) + '\n' + sentence);
       });
       line.items.sort((a, b) => a.at - b.at);
@@ -202,7 +207,7 @@
     element('pictures').replaceChildren(...parts.flatMap(([name, start, end]) =>
       Array.from({length: Math.ceil(data.lanes.length / SHEET) || 1}, (_, n) => {
         const figure = document.createElement('figure');
-        const sheet = timeline(start, end, data.lanes.slice(n * SHEET, (n + 1) * SHEET));
+        const sheet = timeline(start, end, data.lanes.slice(n * SHEET, (n + 1) * SHEET), true);
         sheet.scale(start, end, 1200);
         figure.append(Object.assign(document.createElement('h3'), {textContent: name}), sheet.whole);
         return figure;
