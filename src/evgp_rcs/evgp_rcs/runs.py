@@ -282,28 +282,26 @@ def _cut_off(file: pathlib.Path, database: sqlite3.Connection) -> str:
     return 'it was cut off' if file.stat().st_size % page else ''
 
 
-def _code_of(error: sqlite3.Error) -> int:
-    return getattr(error, 'sqlite_errorcode', 0) & 0xFF  # without its details; 0: raised by us
+_NO_DATABASE = 'file is not a database'
+_WHY_UNREADABLE = {
+    _NO_DATABASE: 'is no record: it is not a database, or its beginning is damaged',
+    'database is locked': 'cannot be read now: another program has locked it. Try again when that '
+    'is done',
+    'unable to open database file': 'cannot be opened. If its folder cannot be written, copy the '
+    'file into one that can, with those beside it whose names begin alike',
+}
+"""By sentences of SQLite's, which before Python 3.11 are all that tells its errors apart."""
 
 
 def _is_damage(error: sqlite3.Error) -> bool:
     # What SQLite calls an operational error concerns the query or the moment, not the file.
     if isinstance(error, sqlite3.OperationalError):
-        return _code_of(error) == sqlite3.SQLITE_IOERR
-    return _code_of(error) != sqlite3.SQLITE_NOTADB
-
-
-_WHY_UNREADABLE = {
-    sqlite3.SQLITE_NOTADB: 'is no record: it is not a database, or its beginning is damaged',
-    sqlite3.SQLITE_BUSY: 'cannot be read now: another program has locked it. Try again when that '
-    'is done',
-    sqlite3.SQLITE_CANTOPEN: 'cannot be opened. If its folder cannot be written, copy the file '
-    'into one that can, with those beside it whose names begin alike',
-}
+        return str(error) == 'disk I/O error'
+    return str(error) != _NO_DATABASE
 
 
 def _why_unreadable(error: sqlite3.Error) -> str:
     otherwise = 'is no record of this race control'
     if _is_damage(error):
         otherwise = 'is damaged, and nothing of it can be read'
-    return _WHY_UNREADABLE.get(_code_of(error), f'{otherwise}: {error}')
+    return _WHY_UNREADABLE.get(str(error), f'{otherwise}: {error}')
