@@ -36,13 +36,15 @@ import contextlib
 import dataclasses
 import enum
 import fcntl
+import hashlib
 import math
 import pathlib
 import sqlite3
 import time
 from typing import Any, IO
 
-from evgp_protocol import clock
+from evgp_protocol import clock, states
+from evgp_rcs import catalogue, race
 from evgp_rcs.encoding import DAMAGED, read, reader, written
 from evgp_rcs.folder import rcs_folder
 from evgp_rcs.inputs import Block, joined, Setup
@@ -67,7 +69,7 @@ CREATE TABLE session ( -- one run of race control
     id INTEGER PRIMARY KEY,
     began_ns INTEGER NOT NULL, -- wall time, ns since the epoch
     ended_ns INTEGER, -- null after a crash
-    rules TEXT, -- their version (rules_version); null: not recorded
+    rules TEXT, -- their version: rules_version(); null: not recorded
     setup TEXT, -- with what the rules began: inputs.Setup, as encoding writes it
     memory TEXT -- what the next run must know: RaceMemory, likewise; null: nothing
 );
@@ -119,6 +121,21 @@ class Session:
     began_ns: int
     ended_ns: int | None
     events: int
+
+
+def rules_version() -> str:
+    """
+    Return which rules these are: with equal ones, a replay comes out equal.
+
+    16 hexadecimal digits of their sources; empty if these are not there.
+    """
+    try:
+        texts = [
+            pathlib.Path(str(each.__file__)).read_bytes() for each in (race, catalogue, states)
+        ]
+    except OSError:
+        return ''
+    return hashlib.sha256(b'\0'.join(texts)).hexdigest()[:16]
 
 
 def default_path() -> pathlib.Path:

@@ -37,9 +37,8 @@ from evgp_rcs import inputs
 from evgp_rcs.inputs import Entry, GapError, Input, InputsError, Setup
 from evgp_rcs.plain import plain
 from evgp_rcs.race import EventKind, Order, StampedEvent
-from evgp_rcs.record import RecordedEvent, Session
+from evgp_rcs.record import RecordedEvent, rules_version, Session
 from evgp_rcs.report.model import Account, clock_steps, OF_THE_SERVER, read
-from evgp_rcs.rules_version import rules_version
 from evgp_rcs.runs import (
     add_run_arguments,
     DONE,

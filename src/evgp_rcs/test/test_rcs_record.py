@@ -35,8 +35,7 @@ from evgp_rcs.encoding import written
 from evgp_rcs.inputs import Setup
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.rcs_record import WAYS
-from evgp_rcs.record import default_path, Record
-from evgp_rcs.rules_version import rules_version
+from evgp_rcs.record import default_path, Record, rules_version
 from evgp_rcs.runs import DONE, FAILED, PARTLY, UNREADABLE
 import pytest
 from recorded_races import PaperRace
