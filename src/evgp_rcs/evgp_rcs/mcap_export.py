@@ -73,7 +73,7 @@ def main(arguments: Sequence[str]) -> int:
     wanted = options().parse_args(arguments)
     try:
         # With the rest of ROS; and mcap has no rosdep key.
-        from evgp_rcs.bag import open_bag
+        from evgp_rcs.bag import write_bag
     except ModuleNotFoundError as error:
         if (error.name or '').split('.')[0] != 'mcap':
             raise
@@ -84,12 +84,8 @@ def main(arguments: Sequence[str]) -> int:
         return UNREADABLE
     with open_runs(wanted.file) as runs:
         bagged = _Bagged(Kept.read(runs, runs.choose(wanted.run)))
-    written = 0
     try:
-        with open_bag(wanted.out) as bag:
-            for message in bagged.messages():
-                bag.write(*message)
-                written += 1
+        written = write_bag(wanted.out, bagged.messages())
     except OSError as error:
         say(f'{wanted.out} cannot be written: {error.strerror}')
         return FAILED
