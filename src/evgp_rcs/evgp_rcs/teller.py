@@ -15,9 +15,9 @@
 """
 Publishes what the kart server tells, in a thread of its own.
 
-Events go out in order, all of them: the kart server limits those that karts cause by what they say.
-Of several copies of the race only the newest does, and that may overtake events: it waits for no
-more of them than `BATCH`, so that what officials see is the present race.
+Events go out in order, all of them: the kart server limits those that karts cause by what they
+say. Of several copies of the race only the newest does, and that may overtake events: it waits for
+no more of them than `BATCH`, so that what officials see is the present race.
 """
 
 from __future__ import annotations
