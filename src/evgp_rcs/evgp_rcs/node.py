@@ -29,6 +29,7 @@ one starts it, and neither outlives the other. Each thread here has its own work
 
 from __future__ import annotations
 
+import itertools
 import sys
 import threading
 from typing import Any
@@ -69,15 +70,18 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 
 ALIVE_EVERY = 0.2
 """Time between two signs of life to the kart server, in seconds; after 1 s without one it sends
-RED_RED to every kart. Also the time between two calls of race control to itself."""
+RED_RED to every kart."""
 
-MOST_UNHEARD = 10
+CALL_EVERY = 2
+"""Number of signs of life for each call of race control to itself."""
+
+MOST_UNHEARD = 4
 """Maximum number of these calls in a row that have not come in, or of looks in a row that find the
 same datagram unread; one more ends race control, after 2 s. They are counted, not timed: a process
 that was stopped called nobody."""
 
 GRAPH_LOOK = 10
-"""Number of these calls from one look at the graph to the next: it takes the kernel 1 ms."""
+"""Number of signs of life for each look at the graph, which takes the kernel up to 1 ms."""
 
 SERVICE_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """Of the services. With ROS's usual depth of 10, the eleventh of a burst of stops would push the
@@ -181,27 +185,31 @@ class RcsNode(StrictNode):
     def _ask(self) -> None:
         inbox = Inbox()
         trouble = ''
-        while not self._closing.is_set():
-            if self._calls % GRAPH_LOOK == 0:
+        rival = False
+        for sign in itertools.count():
+            if sign % GRAPH_LOOK == 0:
                 before, trouble = trouble, trouble_of_graph(self.context.get_domain_id())
                 if trouble != before:
                     self._teller.graph_trouble(trouble)
-            if max(self._calls - self._heard, inbox.unread()) > MOST_UNHEARD:
-                # No further sign of life either, should this not end it.
-                self._fail(
-                    'Race control no longer hears officials and sends RED_RED to every kart: use '
-                    'the MSR if a kart still moves',
-                    DeafError('what officials send does not come in through DDS'),
-                )
-                return
-            self._calls += 1
-            called = self._self_call.call_async(SignOfLife.Request(number=self._calls))
-            self._self_call.remove_pending_request(called)
+            if sign % CALL_EVERY == 0:
+                if max(self._calls - self._heard, inbox.unread()) > MOST_UNHEARD:
+                    # No further sign of life either, should this not end it.
+                    self._fail(
+                        'Race control no longer hears officials and sends RED_RED to every kart: '
+                        'use the MSR if a kart still moves',
+                        DeafError('what officials send does not come in through DDS'),
+                    )
+                    return
+                rival = look_for_rivals(self)
+                self._calls += 1
+                called = self._self_call.call_async(SignOfLife.Request(number=self._calls))
+                self._self_call.remove_pending_request(called)
             try:
-                self._server.alive(look_for_rivals(self))
+                self._server.alive(rival)
             except KartServerError:
                 pass  # its end is noticed, and told, by the thread that hears it
-            self._closing.wait(ALIVE_EVERY)
+            if self._closing.wait(ALIVE_EVERY):
+                return
 
     def _hear(self, request: Any, response: Any) -> Any:
         """Take a call of this process to itself, in the thread that takes the stops."""
