@@ -88,9 +88,11 @@ def snapshot_of(race: Race, now: float) -> Snapshot:
         race.state_cause,
         race.over,
         [
-            KartSnapshot(
-                *_OF_KART(kart),
-                [race.availability(kind, number, now)[:] for kind in _TO_ONE_KART],
+            KartSnapshot._make(
+                (
+                    *_OF_KART(kart),
+                    [race.availability(kind, number, now)[:] for kind in _TO_ONE_KART],
+                )
             )
             for number, kart in sorted(race.karts.items())
         ],
