@@ -38,10 +38,9 @@ from evgp_rcs_console.command_line import (
     STARTING,
     STATEMENTS,
 )
-from evgp_rcs_console.commands import effects, nobody_is_heard, Order
+from evgp_rcs_console.commands import effects, nobody_is_heard, Order, Standing
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.snapshot import Answer, Available, Event, Kart, Race, State
-from evgp_rcs_console.unanswered import Standing
 from evgp_rcs_console.view import danger, is_gone, ReasonTimes, show, silence, table
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError

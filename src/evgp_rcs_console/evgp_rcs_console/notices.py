@@ -178,7 +178,7 @@ def summary(notices: Sequence[Notice], places: int) -> str:
         karts = sorted({notice.alert.kart for notice in those if notice.alert.kart})
         if those:
             told.append(text.format(karts=texts.kart_numbers(karts) or texts.NO_SINGLE_KART))
-    return texts.ALERTS.format(told='; '.join(told))
+    return '; '.join(told)
 
 
 @dataclass(frozen=True)

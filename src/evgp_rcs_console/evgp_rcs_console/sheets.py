@@ -27,6 +27,7 @@ from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.official import MOST_OF_NAME
 from evgp_rcs_console import texts
 from evgp_rcs_console.freshness import SEEN
+from evgp_rcs_console.keys import key_help
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.style import LARGE, LEAST, look, SMALL, TEXT
 from evgp_rcs_console.view import Button, Cell, Tone
@@ -333,9 +334,10 @@ class KeyTable(Painted):
 
     def paint(self, pen: Pen) -> None:
         """Draw two columns of them."""
-        half = (len(texts.KEY_HELP) + 1) // 2
+        table = key_help()
+        half = (len(table) + 1) // 2
         high, wide = self.height() // half, self.width() // 2
-        for number, (key, meaning) in enumerate(texts.KEY_HELP):
+        for number, (key, meaning) in enumerate(table):
             left, top = wide * (number // half), high * (number % half)
             name = QtCore.QRect(left, top, wide * 2 // 5 - look.px(8), high)
             does = QtCore.QRect(left + wide * 2 // 5, top, wide * 3 // 5 - look.px(8), high)

@@ -58,7 +58,7 @@ NOT_RACING = 'not in the race'
 LINKED = '✓ linked'
 NOT_LINKED = '✗ NO LINK'
 MAY_MOVE = 'may be moving'
-MSR_STOPS_IT = 'only the MSR stops it: make it safe'
+MSR_STOPS_IT = 'only the MSR stops it: go and make it safe'
 HELD = 'held: {reason}'
 FLAG_IN = 'P{place}, flag in {seconds} s'
 SAYS = 'says {state}'
@@ -74,10 +74,10 @@ ANSWERS = {
 """What the screen says of a kart that has acknowledged what it is sent."""
 
 STEPS = {
-    CommandKind.GRID_ACTIVE: ('{karts}', 'when in the garage'),
+    CommandKind.GRID_ACTIVE: ('{karts}', 'when the race is in the garage'),
     CommandKind.GREEN_GREEN: ('{karts}', 'after GRID ACTIVE'),
     CommandKind.RED_FLAG: ('stops the race', ''),
-    CommandKind.RACE_OVER: ('stops and ends the race', 'when a race is on'),
+    CommandKind.RACE_OVER: ('stops and ends the race', 'during a race'),
     CommandKind.IN_GARAGE: ('{karts}', 'after RACE OVER or ALL KILL'),
     CommandKind.RECORD_MSR: ('also stops every kart', ''),
 }
@@ -92,11 +92,11 @@ WAITS_FOR = 'waiting for '
 WRONG_STATE = 'the race is in '
 """The first words of those reasons of race control that such a phrase replaces."""
 
-READY = '{ready} of {count} ready: not {numbers}'
-MISSING = 'not yet: {numbers}'
+READY = '{ready} of {count} ready: waiting for {numbers}'
+MISSING = 'waiting for {numbers}'
 NOBODY_RACES = 'no kart is in the race'
 RACE_CLOCK = 'GREEN for {age}'
-COMMANDED_BY = 'by {names}'
+COMMANDED_BY = 'officials: {names}'
 OVER = 'race over'
 ALL_LOST = '✗ ALL KARTS LOST'
 NONE_CONNECTED = '? NO KART CONNECTED'
@@ -112,19 +112,18 @@ OTHERWISE = {
 
 HUMANS_ALLOWED = '✓ HUMANS ALLOWED'
 HUMANS_BY_MSR = '✓ HUMANS ALLOWED BY THE MSR'
-HUMANS_BY_MSR_REASON = '{reason}, and it alone stops {karts}: leave it on'
+HUMANS_BY_MSR_REASON = '{reason}. Only the MSR stops {karts}: leave it on'
 HUMANS_NOT_ALLOWED = '✗ NO HUMANS ON TRACK'
 HUMANS_NOT_KNOWN = '? NO HUMANS: NOT KNOWN'
 HUMANS_UNKNOWN = '? NO KART CONNECTED'
 HUMANS_UNKNOWN_REASON = 'race control cannot tell what the karts do: check each one'
 TRACK_OPEN = '⚠ TRACK IS OPEN'
-TRACK_CLOSED = 'Track is not open'
+TRACK_CLOSED = 'Track is closed'
 
 ALERTS_UNKNOWN = 'Alerts: not known'
 NO_ALERT = '✓ No alerts'
 SEEN = 'SEEN'
 SEEN_ALL = 'ALL SEEN'
-ALERTS = '{told}'
 ALERTS_NEW = '{count} new'
 ALERTS_SEEN = '{count} seen, still there'
 ALERTS_ENDED = '{count} ended'
@@ -142,7 +141,7 @@ MARK_LOST = '✗'
 MARK_YES = '✓'
 MARK_WAIT = '…'
 SOUND_ON = '♪ ON'
-SOUND_OFF = '✗ OFF'
+SOUND_OFF = '♪ OFF'
 
 LOG = 'Events'
 EVERY_KART = 'all karts'
@@ -185,7 +184,7 @@ STOP_UNANSWERED = '{command}: sent {count} times in {age}, {why}. USE THE MSR.'
 NO_ANSWER = 'no answer'
 KEYS_OFF = 'KEYS OFF: click this window'
 KEYS_OFF_LARGE = 'KEYS OFF'
-KEYS_OFF_DETAIL = 'ALL KILL works by the mouse only. Click this window.'
+KEYS_OFF_DETAIL = 'ALL KILL works only with the mouse. Click this window.'
 BROUGHT_FORWARD = '{name} was not sent: the click only brought this window forward. Click again.'
 BATTERY = 'BATTERY {percent} %: plug it in'
 
@@ -227,8 +226,7 @@ RESULTS = 'Places'
 FIELD_KART = 'KART {number}'
 FIELD_BEGUN = '{number} …'
 FIELD_NO_KART = 'NO KART {number}'
-FIELD_EMPTY = ''
-FIELD_TYPE = 'Kart by number: type it'
+FIELD_TYPE = 'Type a kart number'
 FIELD_NOT_YET = 'no kart {number}: keep typing'
 FIELD_NOT_THERE = 'not in the roster'
 FIELD_REFUSAL = 'NO KART {number}'
@@ -253,25 +251,15 @@ NAME_PROMPT = 'Your name, for the record (Enter also sends {command}; Ctrl-C sen
 
 HELP_TITLE = 'Keys'
 HELP_CLOSE = 'CLOSE'
-KEY_HELP = (
-    ('Space bar, F12', 'ALL KILL, always'),
-    ('F2', 'GRID ACTIVE'),
-    ('F3', 'GREEN GREEN'),
-    ('F4', 'RED FLAG'),
-    ('F5', 'RACE OVER'),
-    ('F6', 'IN GARAGE'),
-    ('F7', 'open or close the track'),
+KILL_KEYS = 'Space bar, F12', 'ALL KILL, always'
+THAT_KART = '{commands}: that kart'
+OTHER_KEYS = (
     ('F8', 'day, night'),
-    ('F9', 'the MSR was used'),
     ('F10', 'mark the first alert as seen'),
     ('F11', 'sound on, off'),
     ('A letter', 'FINISH for the kart that shows it'),
     ('A number, arrows', 'choose a kart: see below ALL KILL'),
     ('Backspace, Esc', 'delete a digit, the whole number'),
-    ('Ctrl+R, Ctrl+F', 'RED RED, RED FLAG to that kart'),
-    ('Ctrl+G', 'release that kart to the garage'),
-    ('Ctrl+J', 'put that kart into the race, or take it out'),
-    ('Ctrl+H', 'put a heat into the race'),
     ('Ctrl+L', 'events of that kart only, or of all'),
     ('Tab, Enter', 'go to the next button, press it'),
     ('Y, N', 'answer a question'),
@@ -339,7 +327,9 @@ def condition(command: CommandKind, kart: Kart | None, race: Race, statement: st
         return 'teams may go onto the track'
     if command is CommandKind.KART_IN_GARAGE and kart is not None:
         return f'{kart_name(kart)} stands still and may go to its team'
-    return f'{CATALOGUE[command].label} is what I want'
+    if command is CommandKind.KART_UNDO_FINISH and kart is not None:
+        return f'{kart_name(kart)} has not finished'
+    return f'{CATALOGUE[command].label} is right'
 
 
 def in_doubt(race: Race) -> str:
