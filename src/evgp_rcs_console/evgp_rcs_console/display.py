@@ -238,6 +238,13 @@ class Areas(Area):
             self._arrange(BANNER + GAP if banner else MARGIN)
             self.fit()
 
+    def open(self, sheet: Sheet, focus: QtWidgets.QWidget) -> None:
+        """Show a sheet in place of the others, with the focus on a part of it."""
+        self.close_sheets()
+        sheet.show()
+        self.place_sheets()
+        focus.setFocus()
+
     def close_sheets(self) -> None:
         """Hide every sheet but the question, which only an answer ends."""
         for sheet in self._sheets:

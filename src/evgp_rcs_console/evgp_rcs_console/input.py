@@ -80,13 +80,10 @@ class Presses(QtCore.QObject):
         if not button.enabled:
             self._bottom.say(button.explanation, Tone.WAIT)
         elif button.command is CommandKind.SET_HEAT and not button.heat:
-            areas.close_sheets()
-            areas.heats.open_sheet()
-            areas.place_sheets()
+            areas.open(areas.heats, areas.heats.first)
         elif button.condition:
-            areas.close_sheets()
             areas.question.ask(button)
-            areas.place_sheets()
+            areas.open(areas.question, areas.question.no)
         else:
             self._send(button)
         self._chosen.clear()
@@ -137,9 +134,8 @@ class Presses(QtCore.QObject):
 
     def open_name(self) -> None:
         """Ask for the official's name."""
-        self._areas.close_sheets()
-        self._areas.your_name.open_sheet(self._signature.name)
-        self._areas.place_sheets()
+        self._areas.your_name.begin(self._signature.name)
+        self._areas.open(self._areas.your_name, self._areas.your_name.field)
 
     def sign(self, name: str) -> None:
         """Send commands in a name from now on."""
@@ -301,6 +297,16 @@ class Keyboard:
         self._alarm = presses.display.alarm
         self._bottom = presses.display.bottom
         self._repeats = Repeats()
+        self._acts: dict[Act, Callable[[], object]] = {
+            Act.HELP: presses.toggle_help,
+            Act.SEEN: self._areas.alerts.press_first,
+            Act.NIGHT: presses.night.emit,
+            Act.SOUND: self._alarm.toggle_sound,
+            Act.UP: lambda: self._chosen.choose_next(-1),
+            Act.DOWN: lambda: self._chosen.choose_next(1),
+            Act.LOG: presses.toggle_events,
+            Act.CANCEL: self._cancel,
+        }
 
     def take(self, event: QtGui.QKeyEvent) -> bool:
         """Return whether a key is used up: no widget gets it then."""
@@ -419,28 +425,18 @@ class Keyboard:
             self._presses.press(button)
 
     def _do(self, act: Act, at: float) -> None:
-        if act is Act.HELP:
-            self._presses.toggle_help()
-        elif act is Act.SEEN:
-            self._areas.alerts.press_first()
-        elif act is Act.NIGHT:
-            self._presses.night.emit()
-        elif act is Act.SOUND:
-            self._alarm.toggle_sound()
-        elif act is Act.UP:
-            self._chosen.choose_next(-1)
-        elif act is Act.DOWN:
-            self._chosen.choose_next(1)
-        elif act is Act.LOG:
-            self._presses.toggle_events()
-        elif act is Act.ERASE:
+        if act is Act.ERASE:
             self._chosen.erase(at)
         elif act is Act.PRESS:
             self._press_focused(at)
-        elif act is Act.CANCEL:
-            if self._chosen.digits:
-                self._chosen.clear()
-                return
+        else:
+            self._acts[act]()
+
+    def _cancel(self) -> None:
+        """Delete the number that is typed; if none is, close what is open."""
+        if self._chosen.digits:
+            self._chosen.clear()
+        else:
             self._areas.close_sheets()
             self._areas.setFocus()
 

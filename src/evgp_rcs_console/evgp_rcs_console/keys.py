@@ -170,7 +170,7 @@ def key_help() -> list[tuple[str, str]]:
         found.setdefault(key, []).append(CATALOGUE[command].label)
     for key, commands in _CHOSEN.items():
         labels = ', '.join(CATALOGUE[command].label for command in commands)
-        found[key] = [texts.THAT_KART.format(commands=labels)]
+        found[key] = [texts.CHOSEN_KART.format(commands=labels)]
     said = [(key, ', '.join(labels)) for key, labels in found.items()]
     return [texts.KILL_KEYS, *said, *texts.OTHER_KEYS]
 

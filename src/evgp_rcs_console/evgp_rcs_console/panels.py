@@ -20,7 +20,7 @@ import time
 
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import texts
-from evgp_rcs_console.notices import concerns, EventLog, Line
+from evgp_rcs_console.notices import concerns, EventLog
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.snapshot import Event
 from evgp_rcs_console.style import BLACK, FILLS, GAP, HUGE, LARGE, look, SMALL, TEXT, WHITE, YELLOW
@@ -353,7 +353,7 @@ class EventPanel(Card):
             if concerns(line, self._kart):
                 self._append(line)
 
-    def _append(self, line: Line) -> None:
+    def _append(self, line: Event) -> None:
         bar = self._view.verticalScrollBar()
         at_end = bar.value() == bar.maximum()
         cursor = QtGui.QTextCursor(self._view.document())
@@ -367,7 +367,7 @@ class EventPanel(Card):
         block.setTabPositions([QtGui.QTextOption.Tab(indent, QtGui.QTextOption.TabType.LeftTab)])
         cursor.setBlockFormat(block)
         ink = look.palette.ink if line.success else look.palette.bad
-        parts = ((f'{line.clock}\t', look.palette.faint, False), (line.said, ink, line.is_command))
+        parts = ((f'{line.clock}\t', look.palette.faint, False), (line.text, ink, line.is_command))
         for text, colour, bold in parts:
             style = QtGui.QTextCharFormat()
             style.setFont(font(look.px(SMALL), bold))

@@ -120,7 +120,7 @@ HUMANS_UNKNOWN_REASON = 'race control cannot tell what the karts do: check each 
 TRACK_OPEN = '⚠ TRACK IS OPEN'
 TRACK_CLOSED = 'Track is closed'
 
-ALERTS_UNKNOWN = 'Alerts: not known'
+ALERTS_UNKNOWN = '? not known'
 NO_ALERT = '✓ No alerts'
 SEEN = 'SEEN'
 SEEN_ALL = 'ALL SEEN'
@@ -252,16 +252,16 @@ NAME_PROMPT = 'Your name, for the record (Enter also sends {command}; Ctrl-C sen
 HELP_TITLE = 'Keys'
 HELP_CLOSE = 'CLOSE'
 KILL_KEYS = 'Space bar, F12', 'ALL KILL, always'
-THAT_KART = '{commands}: that kart'
+CHOSEN_KART = '{commands}: chosen kart'
 OTHER_KEYS = (
     ('F8', 'day, night'),
-    ('F10', 'mark the first alert as seen'),
+    ('F10', 'SEEN: first alert'),
     ('F11', 'sound on, off'),
-    ('A letter', 'FINISH for the kart that shows it'),
-    ('A number, arrows', 'choose a kart: see below ALL KILL'),
-    ('Backspace, Esc', 'delete a digit, the whole number'),
-    ('Ctrl+L', 'events of that kart only, or of all'),
-    ('Tab, Enter', 'go to the next button, press it'),
+    ('A letter', 'FINISH: its kart'),
+    ('Digits, arrows', 'choose a kart'),
+    ('Backspace, Esc', 'delete a digit, all digits'),
+    ('Ctrl+L', 'events: one kart, all'),
+    ('Tab, Enter', 'next button, press it'),
     ('Y, N', 'answer a question'),
 )
 
@@ -334,7 +334,7 @@ def condition(command: CommandKind, kart: Kart | None, race: Race, statement: st
 
 def in_doubt(race: Race) -> str:
     """Return the karts that may be moving but should not be; empty if there is none."""
-    return kart_numbers([kart.number for kart in race.karts if kart.in_doubt])
+    return kart_numbers([kart for kart in race.karts if kart.in_doubt])
 
 
 def against_humans(race: Race) -> str:
@@ -375,8 +375,9 @@ def warning(command: CommandKind, race: Race, nobody_heard: bool) -> str:
     return ''
 
 
-def kart_numbers(numbers: Sequence[int]) -> str:
+def kart_numbers(karts: Sequence[Kart | int]) -> str:
     """Return karts by their numbers, empty if there are none."""
+    numbers = [each.number if isinstance(each, Kart) else each for each in karts]
     name = 'kart' if len(numbers) == 1 else 'karts'
     return f'{name} {", ".join(map(str, numbers))}' if numbers else ''
 
@@ -405,7 +406,7 @@ def consequences(command: CommandKind, does: Effects, race: Race, kart: Kart | N
         said.append(f'Sends {STATES[does.state]} now to {kart_list(does.now)}.{end}')
     if does.later:
         gets = 'gets it when it connects' if len(does.later) == 1 else 'get it when they connect'
-        said.append(f'Not connected now, {gets}: {kart_list(does.later)}.')
+        said.append(f'Not connected now, {gets}: {kart_numbers(does.later)}.')
     if kart is not None:
         if entry.names_hold and kart.in_race and race.state is not State.IN_GARAGE:
             said.append('Takes it out of the race.')
@@ -415,11 +416,11 @@ def consequences(command: CommandKind, does: Effects, race: Race, kart: Kart | N
     if does.held:
         stays = 'Stays' if len(does.held) == 1 else 'Stay'
         few = does.held if len(does.held) <= FEW else ()
-        who = '; '.join(map(held, few)) or kart_list(does.held)
+        who = '; '.join(map(held, few)) or kart_numbers(does.held)
         said.append(f'{stays} held: {who}.')
     if does.rest and does.state is not State.UNKNOWN:
         stays = 'Stays as it is' if len(does.rest) == 1 else 'Stay as they are'
-        said.append(f'{stays}: {kart_list(does.rest)}.')
+        said.append(f'{stays}: {kart_numbers(does.rest)}.')
     if command is CommandKind.GRID_ACTIVE and any(each.place for each in race.karts):
         said.append('Clears the places of the last race.')
     return said
@@ -501,7 +502,7 @@ def step_does(does: str, karts: Sequence[int]) -> str:
 
 
 def _count(karts: Sequence[int]) -> str:
-    return f'{len(karts)} kart' if len(karts) == 1 else f'{len(karts)} karts'
+    return '1 kart' if len(karts) == 1 else f'{len(karts) or "no"} karts'
 
 
 def by_name(cause: str) -> str:

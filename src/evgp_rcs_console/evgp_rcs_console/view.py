@@ -591,7 +591,7 @@ def _track(race: Race) -> Cell:
 def _places(race: Race) -> str:
     """Return the places, the first one first."""
     finished = sorted((kart for kart in race.karts if kart.place), key=lambda kart: kart.place)
-    return ', '.join(f'{kart.place}. {texts.kart_name(kart)}' for kart in finished)
+    return ', '.join(f'{kart.place}. kart {kart.number}' for kart in finished)
 
 
 def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:

@@ -305,7 +305,7 @@ def test_the_places_are_told_from_the_first_on_whatever_the_state_of_the_race() 
 
     for state in State:
         screen = show(replace(RACE, karts=karts, state=state), 0.0, {})
-        assert screen.places == '1. kart 2 (Purdue), 2. kart 1 (Purdue)'
+        assert screen.places == '1. kart 2, 2. kart 1'
         assert screen.places in '\n'.join(table(screen, ()))
 
 
