@@ -67,9 +67,7 @@ class Hearing:
     def on_race(self, race: Race, at: float, two: bool) -> None:
         """Keep the newest snapshot."""
         with self.news:
-            self.race = race
-            self.heard_at = at
-            self.two = two
+            self.race, self.heard_at, self.two = race, at, two
             self.news.notify_all()
 
     def on_event(self, event: Event) -> None:
@@ -86,19 +84,13 @@ class Hearing:
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
         """Keep what race control said of a stop that it has not accepted."""
-        with self.news:
-            if stops:
-                self.standing = stops
+        if stops:
+            self.standing = stops
 
     def wait_for(self, found: Callable[[], object], until: float) -> bool:
         """Return whether something is true, once it is or the time is up."""
         with self.news:
-            while not found():
-                left = until - now()
-                if left <= 0:
-                    return False
-                self.news.wait(left)
-            return True
+            return bool(self.news.wait_for(found, max(0.0, until - now())))
 
 
 def attend(given: Sequence[str], wanted: argparse.Namespace, began: float, report: Report) -> None:

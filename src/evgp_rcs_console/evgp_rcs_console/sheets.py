@@ -144,7 +144,7 @@ class Question(Sheet):
         # It lies where they are, so that YES and NO never move.
         self._problem = Text('question_problem', TEXT + 2, True, wrap=True, fills=True)
         self._problem.setParent(self)
-        self.yes, self.no = Push('yes'), Push('no', texts.ASK_NO)
+        self.yes, self.no = Push('yes'), Push('no', texts.ASK_NO, 'N')
         self.no.clicked.connect(lambda: self.answered.emit(False))
         self.yes.clicked.connect(lambda: self.answered.emit(True))
         self.add(self._consequence, 0, self._warning, 0, self._statement, 0, self.no, 40)

@@ -33,14 +33,7 @@ TITLE = 'EVGP race control'
 
 BANNER = '=== {banner} ==='
 
-STATES = {
-    State.UNKNOWN: '',
-    State.IN_GARAGE: 'IN GARAGE',
-    State.GRID_ACTIVE: 'GRID ACTIVE',
-    State.GREEN_GREEN: 'GREEN GREEN',
-    State.RED_FLAG: 'RED FLAG',
-    State.RED_RED: 'RED RED',
-}
+STATES = {state: state.name.replace('_', ' ') for state in State} | {State.UNKNOWN: ''}
 
 SYMBOLS = {
     State.UNKNOWN: '?',
@@ -211,7 +204,7 @@ AGAIN_IN = '{reason} (again in {seconds} s)'
 ASK_TITLE = '{command}?'
 ASK_STATE = 'I state: {condition}.'
 ASK_YES = 'YES: {condition}'
-ASK_NO = 'NO   (N)'
+ASK_NO = 'NO'
 ASK_WARNING = 'Warning: {warning}.'
 ASK_CHANGED = 'What you are asked to confirm has changed. Press NO and begin again.'
 ASK_AGAIN = '{reason}. Press NO and begin again.'

@@ -417,13 +417,7 @@ def danger(race: Race, two: bool) -> Danger | None:
     return None
 
 
-STEP_STATES = {
-    CommandKind.GRID_ACTIVE: State.GRID_ACTIVE,
-    CommandKind.GREEN_GREEN: State.GREEN_GREEN,
-    CommandKind.RED_FLAG: State.RED_FLAG,
-    CommandKind.RACE_OVER: State.RED_RED,
-    CommandKind.IN_GARAGE: State.IN_GARAGE,
-}
+STEP_STATES = {kind: State[CATALOGUE[kind].result.race[0].name] for kind in RACE_COMMANDS}
 """The state of the race that each command to the race leads to."""
 
 PAST = (State.GRID_ACTIVE, State.GREEN_GREEN)

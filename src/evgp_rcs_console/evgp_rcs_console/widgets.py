@@ -393,7 +393,7 @@ class Push(QtWidgets.QPushButton):
         ink, ground, frame = self.colours()
         if ground:
             pen.box(self.rect(), ground, frame, 1.5)
-        margin = look.px(UNDER_TEXT)
+        margin = look.px(UNDER_TEXT if self.height() < look.px(36) else GAP + UNDER_TEXT)
         room = self.rect().adjusted(margin, look.px(2), -margin, -look.px(2))
         size = TEXT if self.height() > look.px(36) else SMALL
         if self.key and not self.barred:
