@@ -13,8 +13,10 @@
 # limitations under the License.
 
 """
-What the window shows: where each area is, what stood there a moment ago, what is heard, what time
-makes of it, and which kart is chosen.
+What the window shows, and where.
+
+Each area has its place; what stood there a moment ago is kept. What is heard, and what time makes
+of it, is shown in them, and the kart that is chosen.
 """
 
 from __future__ import annotations
@@ -238,7 +240,7 @@ class Areas(Area):
             self._arrange(BANNER + GAP if banner else MARGIN)
             self.fit()
 
-    def open(self, sheet: Sheet, focus: QtWidgets.QWidget) -> None:
+    def open_sheet(self, sheet: Sheet, focus: QtWidgets.QWidget) -> None:
         """Show a sheet in place of the others, with the focus on a part of it."""
         self.close_sheets()
         sheet.show()

@@ -80,10 +80,10 @@ class Presses(QtCore.QObject):
         if not button.enabled:
             self._bottom.say(button.explanation, Tone.WAIT)
         elif button.command is CommandKind.SET_HEAT and not button.heat:
-            areas.open(areas.heats, areas.heats.first)
+            areas.open_sheet(areas.heats, areas.heats.first)
         elif button.condition:
             areas.question.ask(button)
-            areas.open(areas.question, areas.question.no)
+            areas.open_sheet(areas.question, areas.question.no)
         else:
             self._send(button)
         self._chosen.clear()
@@ -135,7 +135,7 @@ class Presses(QtCore.QObject):
     def open_name(self) -> None:
         """Ask for the official's name."""
         self._areas.your_name.begin(self._signature.name)
-        self._areas.open(self._areas.your_name, self._areas.your_name.field)
+        self._areas.open_sheet(self._areas.your_name, self._areas.your_name.field)
 
     def sign(self, name: str) -> None:
         """Send commands in a name from now on."""
