@@ -40,6 +40,7 @@ from evgp_kart_bridge.link import (
 )
 from evgp_kart_bridge.motion import Motion, NEVER_MOVED
 from evgp_kart_bridge.watch import LEASE, LOG_AGAIN, race_state_qos
+from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.graph import where_reachable
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
@@ -54,7 +55,7 @@ from evgp_rcs_msgs.srv import Acknowledge
 from nav_msgs.msg import Odometry
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from std_msgs.msg import Bool
 from std_srvs.srv import SetBool
 
@@ -66,10 +67,16 @@ except ImportError:  # ROS 2 Humble has it there
 LINK_ANSWER_TIMEOUT = 1.0
 """How long a call of the team waits for the link before it says so, seconds."""
 
-TSR_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+TSR_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
 """Of ``~/tsr``: no stop may get lost. A publisher that does not promise that is a stop (§2.C)."""
 
 LATCHED_TSR_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
     depth=1,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
@@ -88,7 +95,12 @@ ODOMETRY_DUE = 2.0
 TEAM_TIMEOUT = 1.0
 """Time after which a bridge that has not looked around does not hear its team either, seconds."""
 
-ODOMETRY_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+ODOMETRY_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DurabilityPolicy.VOLATILE,
+)
 """Of ``~/odom``: only the newest counts, from whatever publisher."""
 
 MOST_FIRST_ORDER = 2**52
@@ -134,7 +146,7 @@ class KartBridge(StrictNode):
         qos = race_state_qos(lease)
         self._race_state = self.create_publisher(KartRaceState, '~/race_state', qos)
         self._stop = self.create_publisher(Bool, '~/stop', qos)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._told: Verdict | None = None
         self._logged: dict[str, float] = {}  # what is wrong, and when it was logged

@@ -42,6 +42,7 @@ from rclpy.guard_condition import GuardCondition
 from rclpy.node import Node
 from rclpy.qos import (
     DurabilityPolicy,
+    HistoryPolicy,
     LivelinessPolicy,
     QoSProfile,
     ReliabilityPolicy,
@@ -85,6 +86,7 @@ def race_state_qos(lease: float) -> QoSProfile:
     :param lease: in seconds; a subscriber's must not be shorter than the bridge's.
     """
     return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
         depth=1,
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,

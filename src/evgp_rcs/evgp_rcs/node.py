@@ -66,7 +66,7 @@ from evgp_rcs_msgs.srv import SignOfLife
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 ALIVE_EVERY = 0.2
 """Time between two signs of life to the kart server, in seconds; after 1 s without one it sends
@@ -83,7 +83,12 @@ that was stopped called nobody."""
 GRAPH_LOOK = 10
 """Number of signs of life for each look at the graph, which takes the kernel up to 1 ms."""
 
-SERVICE_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+SERVICE_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1000,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
 """Of the services. With ROS's usual depth of 10, the eleventh of a burst of stops would push the
 first out, unanswered. Not KEEP_ALL: a client that takes no answers must not hold up the others."""
 
@@ -229,7 +234,7 @@ class RcsNode(StrictNode):
         # takes the answers: that a call came in is all there is to know.
         name = self.resolve_service_name('~/sign_of_life')
         stops.create_service(SignOfLife, name, self._hear, qos_profile=SERVICE_QOS)
-        self._self_call = starts.create_client(SignOfLife, name, qos_profile=QoSProfile(depth=1))
+        self._self_call = starts.create_client(SignOfLife, name, qos_profile=SERVICE_QOS)
         for name, kinds in kinds_by_service().items():
             entry = CATALOGUE[kinds[0]]
             node = stops if entry.overtakes else starts if entry.needs_journal else self

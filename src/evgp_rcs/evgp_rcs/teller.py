@@ -29,6 +29,7 @@ import threading
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
+from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.process import wait_until_heard
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
@@ -45,9 +46,10 @@ from evgp_rcs.roster import Roster
 from evgp_rcs.snapshot import Snapshot
 from evgp_rcs_msgs import msg
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 RACE_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
     depth=1,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
@@ -55,6 +57,7 @@ RACE_QOS = QoSProfile(
 """Of ``~/race``: a late subscriber gets the present race at once."""
 
 EVENTS_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
     depth=200,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
@@ -90,7 +93,7 @@ class Teller:
         self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
         self._events = node.create_publisher(msg.RaceEvents, '~/events', EVENTS_QOS)
-        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         self._happened: queue.SimpleQueue[list[StampedEvent] | Snapshot | str | None]
         self._happened = queue.SimpleQueue()
         self._graph_alerts: list[msg.Alert] = []
