@@ -63,15 +63,6 @@ BOOKKEEPING = (
     CommandKind.KART_UNDO_FINISH,
 )
 
-NOT_SEEN = (
-    CommandKind.SET_HEAT,
-    CommandKind.OPEN_TRACK,
-    CommandKind.CLOSE_TRACK,
-    CommandKind.KART_FINISH,
-    CommandKind.KART_UNDO_FINISH,
-)
-"""Commands of which no kart is sent anything at once, or nobody here knows to which."""
-
 RELEASES = (CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE)
 EXPLAINS: dict[tuple[str, str], tuple[CommandKind, ...]] = {
     ('IN_GARAGE', 'GRID_ACTIVE'): (CommandKind.GRID_ACTIVE,),
@@ -198,7 +189,7 @@ class Judge:
     def __init__(self, in_race: Iterable[int], others: Iterable[int], now: float) -> None:
         """Begin with a race in the garage."""
         self._stops = {kind: _least_red(kind) for kind in CATALOGUE if CATALOGUE[kind].overtakes}
-        unknown = CATALOGUE.keys() - self._stops.keys() - _SEEN.keys() - set(NOT_SEEN)
+        unknown = CATALOGUE.keys() - self._stops.keys() - SEEN.keys()
         if unknown:
             raise LookupError(f'what do karts see of {", ".join(each.value for each in unknown)}?')
         self.violations: list[Violation] = []
@@ -456,8 +447,8 @@ class Judge:
             return
         if call.command in self._stops:
             self._stopped(at, call)
-        elif call.command not in NOT_SEEN:
-            _SEEN[call.command](self, at, call)
+        else:
+            SEEN[call.command](self, at, call)
         # A command that may have come before GRID_ACTIVE says nothing.
         if (
             call.command not in (*BOOKKEEPING, CommandKind.GRID_ACTIVE)
@@ -476,6 +467,9 @@ class Judge:
             for kart in self._karts.values():
                 if call.kart in (None, kart.number):
                     self._tighten(kart, at, call, state)
+
+    def _unseen(self, at: float, call: Call) -> None:
+        """No kart is sent anything at once, or nobody here knows which one."""
 
     def _accepted_grid_active(self, at: float, call: Call) -> None:
         self._grid = call
@@ -619,13 +613,18 @@ class Judge:
         self.violations.append(Violation(rule, at, text))
 
 
-_SEEN: dict[CommandKind, Callable[[Judge, float, Call], None]] = {
+SEEN: dict[CommandKind, Callable[[Judge, float, Call], None]] = {
     CommandKind.GRID_ACTIVE: Judge._accepted_grid_active,
     CommandKind.GREEN_GREEN: Judge._accepted_green_green,
     CommandKind.IN_GARAGE: Judge._accepted_in_garage,
     CommandKind.KART_IN_GARAGE: Judge._accepted_kart_in_garage,
     CommandKind.JOIN_RACE: Judge._accepted_membership,
     CommandKind.LEAVE_RACE: Judge._accepted_membership,
+    CommandKind.SET_HEAT: Judge._unseen,
+    CommandKind.OPEN_TRACK: Judge._unseen,
+    CommandKind.CLOSE_TRACK: Judge._unseen,
+    CommandKind.KART_FINISH: Judge._unseen,
+    CommandKind.KART_UNDO_FINISH: Judge._unseen,
 }
 """What is judged of each command that is accepted and stops nobody."""
 
