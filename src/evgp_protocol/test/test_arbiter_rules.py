@@ -631,19 +631,6 @@ def test_a_number_that_a_new_connection_uses_again_is_found() -> None:
         judge_numbers(module.Arbiter(module.Settings(), FIRST_ORDER), [RED, None, RED], 1)
 
 
-def test_an_acknowledgement_from_before_a_team_stop_does_not_count_after_it() -> None:
-    arbiter = Arbiter(Settings(), FIRST_ORDER)
-    arbiter.connected(0.0)
-    shown = arbiter.heard(GRID, 0.1).verdict.order
-    arbiter.team_stop(StopSource.TOPIC, True, 0.2)
-    present = arbiter.team_stop(StopSource.TOPIC, False, 0.3).verdict.order
-    late = arbiter.acknowledge(GRID, shown, 0.4).answer
-    assert late is not None
-    assert not late.accepted
-    assert arbiter.heard(GREEN, 0.5).verdict.state is RED
-    assert present != shown
-
-
 @pytest.mark.parametrize(('speed', 'named'), [(0.07, '0.07 m/s'), (math.nan, 'NaN')])
 def test_odometry_that_keeps_a_red_from_being_acknowledged_is_named(
     speed: float, named: str

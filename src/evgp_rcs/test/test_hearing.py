@@ -43,12 +43,12 @@ class OneKart:
         self._sent = 0
         self._serial = 0
 
-    def order(self, *states: RaceState, unread: int = 0, answered: bool = True) -> None:
+    def order(self, *states: RaceState, answered: bool = True) -> None:
         """Send it these orders."""
         for state in states:
             self._sent += len(encode(state))
             self._serial += 1
-            self.hearing.order(self._serial, state, self._sent, unread)
+            self.hearing.order(self._serial, state, self._sent, 0)
         if answered:
             self.answer()
 
@@ -76,30 +76,6 @@ def kart() -> OneKart:
     return kart
 
 
-def test_what_came_after_an_order_answers_it(kart: OneKart) -> None:
-    assert kart.say(RED + RED) == [1, 1]
-
-
-def test_what_was_not_commanded_answers_nothing(kart: OneKart) -> None:
-    assert kart.say(GREEN, RED, GARAGE) == [NO_ORDER, 1, NO_ORDER]
-
-
-def test_what_lay_unread_when_the_order_went_out_does_not_answer_it(kart: OneKart) -> None:
-    kart.order(GRID, unread=2 * len(encode(GRID)))
-    assert kart.say(GRID) == [NO_ORDER]
-    assert kart.say(GRID, GRID) == [NO_ORDER, 2]
-
-
-def test_what_was_read_and_not_decoded_when_the_order_went_out_does_not_answer_it(
-    kart: OneKart,
-) -> None:
-    word = encode(GRID)
-    kart.hearing.read(len(word))
-    kart.order(GRID)
-    assert [serial for _, serial in kart.hearing.decode(memoryview(word))] == [NO_ORDER]
-    assert kart.say(GRID) == [2]
-
-
 def test_what_was_there_while_the_karts_tcp_had_not_answered_the_order_does_not_answer_it(
     kart: OneKart,
 ) -> None:
@@ -111,47 +87,6 @@ def test_what_was_there_while_the_karts_tcp_had_not_answered_the_order_does_not_
     kart.answer()
     assert not kart.hearing.waits
     assert kart.say(GRID) == [2]
-
-
-def test_what_lay_unread_while_the_order_was_unanswered_does_not_answer_it(kart: OneKart) -> None:
-    kart.order(GRID, answered=False)
-    kart.hearing.look(0, len(encode(GRID)))
-    kart.answer()
-    assert kart.say(GRID, GRID) == [NO_ORDER, 2]
-
-
-@pytest.mark.parametrize('begun', range(1, len(encode(GRID))))
-def test_a_frame_that_began_before_the_order_does_not_answer_it(kart: OneKart, begun: int) -> None:
-    word = encode(GRID)
-    assert kart.say(word[:begun]) == []
-    kart.order(GRID)
-    assert kart.say(word[begun:], GRID) == [NO_ORDER, 2]
-
-
-def test_a_frame_that_was_cut_off_by_an_answer_does_not_spoil_it(kart: OneKart) -> None:
-    assert kart.say(b'$GRID') == []
-    kart.order(GRID)
-    assert kart.say(GRID) == [NO_ORDER, 2]  # what was cut off, and the answer
-
-
-def test_an_order_that_comes_of_what_was_said_is_answered_by_nothing_said_before(
-    kart: OneKart,
-) -> None:
-    """The owner may order in the midst of what was decoded in one go."""
-    word = encode(GRID)
-    kart.say(word + word[:3])
-    kart.order(GRID)
-    assert kart.say(word[3:]) == [NO_ORDER]
-
-
-def test_a_word_that_may_answer_an_earlier_order_answers_that_one(kart: OneKart) -> None:
-    kart.order(GARAGE, RaceState.RED_RED)
-    assert kart.say(RED, RED) == [1, 1]
-
-
-def test_a_kart_that_says_what_came_in_between_answers_the_later_order(kart: OneKart) -> None:
-    kart.order(GARAGE, RaceState.RED_RED)
-    assert kart.say(RED, GARAGE, RED) == [1, 2, 3]
 
 
 def test_a_slow_kart_acknowledges_no_second_grid_with_echoes_of_its_first() -> None:
@@ -182,26 +117,6 @@ def test_a_kart_that_is_silent_for_a_pause_has_read_what_its_tcp_had_answered(
     kart.beats(after)
     kart.order(RaceState.RED_RED)
     assert kart.say(RED) == [order]
-
-
-def test_a_kart_that_goes_on_speaking_makes_no_pause(kart: OneKart) -> None:
-    kart.order(GARAGE)
-    for _ in range(2 * kart.pause):
-        kart.say(RED)
-        kart.beats(1)
-    kart.order(RaceState.RED_RED)
-    assert kart.say(RED) == [1]
-
-
-def test_a_kart_that_says_garage_back_makes_no_pause(kart: OneKart) -> None:
-    """It says each change, and reads so late that it says nothing for long."""
-    kart.order(GARAGE)
-    assert kart.say(GARAGE) == [2]
-    kart.order(GRID, GARAGE, GRID)
-    kart.beats(2 * kart.pause)
-    assert kart.say(GRID) == [3]
-    kart.beats(2 * kart.pause)
-    assert kart.say(GARAGE, GRID) == [4, 5]
 
 
 @RATES
@@ -243,39 +158,6 @@ def test_a_flood_that_pauses_for_less_goes_on(beat_rate: float) -> None:
             kart.say(b' ' * FLOOD_BYTES)
         ends.append(kart.hearing.beat(beat / beat_rate))
     assert ends == [False] * round(FLOOD * beat_rate) + [True]
-
-
-@RATES
-def test_nothing_counts_during_a_flood_and_for_1_s_after_at_every_beat_rate(
-    beat_rate: float,
-) -> None:
-    kart = OneKart(beat_rate)
-    kart.order(RaceState.RED_RED)
-    for _ in range(3):
-        kart.say(b' ' * FLOOD_BYTES)
-        kart.hearing.beat(0.0)
-        assert kart.say(RED) == [NO_ORDER]
-    beats = 0
-    while kart.say(RED) == [NO_ORDER]:
-        kart.hearing.beat(0.0)
-        beats += 1
-    assert beats / beat_rate == DEAF
-
-
-def test_a_frame_that_ended_while_nothing_counted_does_not_count(kart: OneKart) -> None:
-    kart.say(b' ' * FLOOD_BYTES + RED[:4])
-    kart.beats(1)
-    assert kart.say(RED[4:]) == [NO_ORDER]
-
-
-def test_a_frame_that_began_while_nothing_counted_does_not_count(kart: OneKart) -> None:
-    kart.say(b' ' * FLOOD_BYTES)
-    kart.hearing.beat(0.0)
-    for _ in range(round(DEAF * 20.0) - 1):
-        kart.hearing.beat(0.0)
-    assert kart.say(RED[:4]) == []
-    kart.hearing.beat(0.0)
-    assert kart.say(RED[4:] + RED) == [NO_ORDER, 1]
 
 
 # ----- the wire: bytes under way in both directions, and a kart that reads when it likes ---------
