@@ -32,7 +32,7 @@ from types import ModuleType
 from typing import Any
 
 from evgp_protocol import arbiter as arbiter_module
-from evgp_protocol.arbiter import Arbiter, Names, Settings, StopSource, Verdict
+from evgp_protocol.arbiter import Arbiter, Settings, StopSource, Verdict
 from evgp_protocol.states import RaceState
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
@@ -559,34 +559,6 @@ def test_fault_is_found(name: str) -> None:
             explore(module, *world, limit)
         for limit, world in itertools.product((6_000, 60_000), EVERY.values()):
             explore(module, *world, limit)
-
-
-@pytest.mark.parametrize('commanded', [FLAG, RED])
-@pytest.mark.parametrize(
-    ('settings', 'speeds', 'accepted'),
-    [
-        (Settings(), [], True),
-        (Settings(odometry_required=True), [], False),
-        (Settings(auto_acknowledge_stop=True), [], False),
-        (Settings(), [6.0], False),
-        (Settings(), [0.0], False),
-        (Settings(odometry_required=True), [0.0], False),
-    ],
-    ids=['none is known', 'required', 'acknowledging', 'lost at speed', 'lost', 'required, lost'],
-)
-def test_no_red_is_acknowledged_without_odometry_where_there_must_be_some(
-    commanded: RaceState, settings: Settings, speeds: list[float], accepted: bool
-) -> None:
-    arbiter = Arbiter(settings, 1, Names(odometry='/odometry'))
-    arbiter.connected(0.0)
-    for speed in speeds:
-        arbiter.speed(speed, 0.0)
-    arbiter.heard(commanded, 0.25)
-    answer = arbiter.acknowledge(commanded, 1, 0.75).answer
-    assert answer is not None
-    assert answer.accepted == accepted
-    assert accepted or '/odometry' in answer.message
-    assert bool(arbiter.missing_odometry) != accepted
 
 
 def judge_numbers(arbiter: Arbiter, commands: list[RaceState | None], first: int) -> None:
