@@ -76,6 +76,30 @@ def kart() -> OneKart:
     return kart
 
 
+def test_what_was_read_and_not_decoded_when_the_order_went_out_does_not_answer_it(
+    kart: OneKart,
+) -> None:
+    word = encode(GRID)
+    kart.hearing.read(len(word))
+    kart.order(GRID)
+    assert [serial for _, serial in kart.hearing.decode(memoryview(word))] == [NO_ORDER]
+    assert kart.say(GRID) == [2]
+
+
+@pytest.mark.parametrize('begun', range(1, len(encode(GRID))))
+def test_a_frame_that_began_before_the_order_does_not_answer_it(kart: OneKart, begun: int) -> None:
+    word = encode(GRID)
+    assert kart.say(word[:begun]) == []
+    kart.order(GRID)
+    assert kart.say(word[begun:], GRID) == [NO_ORDER, 2]
+
+
+def test_a_frame_that_was_cut_off_by_an_answer_does_not_spoil_it(kart: OneKart) -> None:
+    assert kart.say(b'$GRID') == []
+    kart.order(GRID)
+    assert kart.say(GRID) == [NO_ORDER, 2]  # what was cut off, and the answer
+
+
 def test_what_was_there_while_the_karts_tcp_had_not_answered_the_order_does_not_answer_it(
     kart: OneKart,
 ) -> None:
@@ -119,6 +143,15 @@ def test_a_kart_that_is_silent_for_a_pause_has_read_what_its_tcp_had_answered(
     assert kart.say(RED) == [order]
 
 
+def test_a_kart_that_goes_on_speaking_makes_no_pause(kart: OneKart) -> None:
+    kart.order(GARAGE)
+    for _ in range(2 * kart.pause):
+        kart.say(RED)
+        kart.beats(1)
+    kart.order(RaceState.RED_RED)
+    assert kart.say(RED) == [1]
+
+
 @RATES
 def test_a_flood_may_last_for_2_s_at_every_beat_rate(beat_rate: float) -> None:
     kart = OneKart(beat_rate)
@@ -158,6 +191,39 @@ def test_a_flood_that_pauses_for_less_goes_on(beat_rate: float) -> None:
             kart.say(b' ' * FLOOD_BYTES)
         ends.append(kart.hearing.beat(beat / beat_rate))
     assert ends == [False] * round(FLOOD * beat_rate) + [True]
+
+
+@RATES
+def test_nothing_counts_during_a_flood_and_for_1_s_after_at_every_beat_rate(
+    beat_rate: float,
+) -> None:
+    kart = OneKart(beat_rate)
+    kart.order(RaceState.RED_RED)
+    for _ in range(3):
+        kart.say(b' ' * FLOOD_BYTES)
+        kart.hearing.beat(0.0)
+        assert kart.say(RED) == [NO_ORDER]
+    beats = 0
+    while kart.say(RED) == [NO_ORDER]:
+        kart.hearing.beat(0.0)
+        beats += 1
+    assert beats / beat_rate == DEAF
+
+
+def test_a_frame_that_ended_while_nothing_counted_does_not_count(kart: OneKart) -> None:
+    kart.say(b' ' * FLOOD_BYTES + RED[:4])
+    kart.beats(1)
+    assert kart.say(RED[4:]) == [NO_ORDER]
+
+
+def test_a_frame_that_began_while_nothing_counted_does_not_count(kart: OneKart) -> None:
+    kart.say(b' ' * FLOOD_BYTES)
+    kart.hearing.beat(0.0)
+    for _ in range(round(DEAF * 20.0) - 1):
+        kart.hearing.beat(0.0)
+    assert kart.say(RED[:4]) == []
+    kart.hearing.beat(0.0)
+    assert kart.say(RED[4:] + RED) == [NO_ORDER, 1]
 
 
 # ----- the wire: bytes under way in both directions, and a kart that reads when it likes ---------
