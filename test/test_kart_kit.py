@@ -30,7 +30,7 @@ from evgp_protocol.kart import Kart
 from evgp_protocol.states import RaceState
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.process import Program
-from evgp_testing.race_control import address_of
+from evgp_testing.race_control import address_of, RaceControl
 import pytest
 from rig.bare_race_control import BareRaceControl, BEAT
 
@@ -410,10 +410,17 @@ def lost(kart: Program, lose: Callable[[], object]) -> None:
     kart.wait_for_line('^obey RED_RED')
 
 
-def test_an_example_drives_a_race_of_the_real_race_control(
+def die(control: RaceControl) -> None:
+    """End without a RED_RED: that the connection ends is all there is."""
+    os.kill(control.kart_server_pid, signal.SIGKILL)
+
+
+@pytest.mark.parametrize('lose', [die, RaceControl.freeze], ids=['dies', 'hangs'])
+def test_an_example_drives_a_race_and_stops_when_the_real_race_control(
     start_example: Callable[[int], Program],
     start_race_control: StartRaceControl,
     join_official: JoinOfficial,
+    lose: Callable[[RaceControl], None],
 ) -> None:
     control = start_race_control(in_race=[1])
     official = join_official(control)
@@ -424,23 +431,9 @@ def test_an_example_drives_a_race_of_the_real_race_control(
         official.bring_to(state)  # returns when the kart has acknowledged it
         kart.wait_for_line(f'^obey {state.value}')
 
-    # Nobody says RED_RED: the connection is all that ends.
-    lost(kart, lambda: os.kill(control.kart_server_pid, signal.SIGKILL))
-
-
-def test_an_example_stops_when_the_real_race_control_hangs(
-    start_example: Callable[[int], Program],
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-) -> None:
-    control = start_race_control(in_race=[1])
-    official = join_official(control)
-    kart = start_example(control.port)
-    official.wait_for_connected(1)
-    official.bring_to(GREEN)
-
-    lost(kart, control.freeze)
-    control.thaw()
+    lost(kart, lambda: lose(control))
+    with contextlib.suppress(ProcessLookupError):  # it died
+        control.thaw()
 
 
 def test_an_example_drives_off_by_no_green_of_a_new_connection(

@@ -290,6 +290,7 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
         ),
     ],
     'KART_IN_GARAGE': [
+        ('IN_GARAGE', 1, 'kart 1 (Ohm) is in IN_GARAGE already'),
         ('GREEN_GREEN', 1, 'kart 1 (Ohm) is being sent GREEN_GREEN; stop it first with RED_RED'),
     ],
     'LEAVE_RACE': [
@@ -468,6 +469,16 @@ def test_officials_are_told_once_when_every_kart_has_acknowledged(officials: Off
         'IN_GARAGE may be sent when the track is safe for humans'
     ]
     assert EventKind.ALL_ACKNOWLEDGED not in kinds(officials.wait(1.0))
+
+
+@pytest.mark.parametrize('first', ['ALL_KILL', 'KART_RED_FLAG'])
+def test_all_kill_does_not_hide_that_an_official_held_a_kart_alone(
+    first: str, officials: Officials
+) -> None:
+    second = 'KART_RED_FLAG' if first == 'ALL_KILL' else 'ALL_KILL'
+    for kind in (first, second, second):
+        officials.does(kind, SPECTATOR if kind == 'KART_RED_FLAG' else None)
+    assert officials.race.karts[SPECTATOR].hold_reason == 'ALL_KILL; RED_FLAG by an official'
 
 
 # ----- acknowledgements -------------------------------------------------------------------
