@@ -511,6 +511,29 @@ def test_what_a_kart_can_cause_again_and_again_by_talking_is_marked(officials: O
         (EventKind.WITHDRAWN, True),
         (EventKind.REPORTED, True),
     ]
+    refusal = officials.is_refused('GREEN_GREEN')
+    assert 'kart 1 (Ohm): withdrew its acknowledgement of GRID_ACTIVE' in refusal
+
+
+def test_a_kart_whose_connection_is_replaced_counts_as_dropped(officials: Officials) -> None:
+    outcome = officials.to_green().connect(1)
+    assert kinds(outcome)[0] is EventKind.DISCONNECTED
+    assert [(order.kart, order.state) for order in outcome.orders] == [(1, RED_RED)]
+
+
+def test_a_kart_lost_in_motion_calls_for_the_msr_until_it_is_back_and_stands(
+    officials: Officials,
+) -> None:
+    officials.to_green().drop(2)
+    officials.connect(2)
+    assert officials.alerts() == {
+        AlertKind.LOST_IN_MOTION: (
+            'Use the MSR: kart 2 (Volta) lost its connection while it may have been moving; '
+            'it is back and has not stopped yet'
+        )
+    }
+    officials.acknowledge(2)
+    assert officials.alerts() == {}
 
 
 def test_a_kart_that_drops_again_and_again_does_not_renew_the_time_of_its_alarm(
