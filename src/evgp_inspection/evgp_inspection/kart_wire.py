@@ -244,6 +244,8 @@ class KartWire:
         while True:
             self._changed.clear()
             self._notice_delay(loop.time() - due)
+            for link in self._links:
+                link.look()
             if self._beats is not None:
                 links = list(self._links)
                 piece_due = loop.time()

@@ -37,6 +37,7 @@ FLAG_BRAKING = 6.0  # m/s²
 UNCOMMANDED = 0.3  # s: then the base brakes by itself
 DEAF = 1.2  # s
 RETRY = 0.1  # s
+LATE_ECHO = 0.3  # s; longer than what comes between two RED_RED of the inspection at the least
 
 FAULTS = {
     'drives in the garage': 'K-3A-01',
@@ -72,6 +73,7 @@ FAULTS = {
     'opens two connections': 'K-4A-02',
     'says malformed frames': 'K-4C-01',
     'needs a whole frame in each read': 'K-4C-02',
+    'echoes late, and needs a whole frame in each read': 'K-4C-02',
     'throws long reads away': 'K-4C-03',
     'forgets half a frame': 'K-4C-04',
     'takes 10 Hz for silence': 'K-4C-05',
@@ -99,6 +101,7 @@ class InspectedKart:
     :param take: gets its speed, m/s, 50 times a second.
     :param fault: one of `FAULTS`; empty: none.
     :param silence: time without a frame after which it stops, s.
+    :param says_garage: it says IN_GARAGE back, as docs/wire.md advises.
     """
 
     def __init__(
@@ -107,13 +110,16 @@ class InspectedKart:
         take: Callable[[float], None],
         fault: str = '',
         silence: float = 1.0,
+        says_garage: bool = True,
     ) -> None:
         self.speed = 0.0
+        self._says_garage = says_garage
         self.last_heard = b''
         self._port = port
         self._take = take
         self._is = {name: name == fault for name in FAULTS}
         assert not fault or fault in FAULTS
+        self._echoes_late = self._is['echoes late, and needs a whole frame in each read']
         self._silence = silence
         self._loop = asyncio.get_running_loop()
         self._link: socket.socket | None = None
@@ -306,8 +312,10 @@ class InspectedKart:
 
     def _take_in(self, data: bytes) -> bool:
         now = self._loop.time()
-        if self._is['needs a whole frame in each read'] or (
-            self._is['forgets half a frame'] and self._idle > 1
+        if (
+            self._is['needs a whole frame in each read']
+            or self._echoes_late
+            or (self._is['forgets half a frame'] and self._idle > 1)
         ):
             self._decoder = FrameDecoder()
         self._idle = 0
@@ -333,6 +341,8 @@ class InspectedKart:
         if self._is['takes 10 Hz for silence']:
             self._frame_times = [*self._frame_times[-40:], now]
         self._goes_on = False
+        if self._echoes_late and state in (IN_GARAGE, RED_RED):
+            self._loop.call_later(LATE_ECHO, self._echo, state, self._links)
         if self._silent_kept:
             self._silent_kept = False
             self._armed = False
@@ -345,6 +355,8 @@ class InspectedKart:
         self._ordered_at = now
         self._reached_at = None
         self._grid_said = False
+        if state is IN_GARAGE and self._says_garage and not self._echoes_late:
+            self._say(encode(state))
         stays = (
             (before is GRID_ACTIVE and state is GREEN_GREEN)
             or (self._is['RED_RED does not disarm it'] and RED_RED in (before, state))
@@ -362,6 +374,10 @@ class InspectedKart:
             self._say(encode(state))
         if self._is['says malformed frames'] and state is GRID_ACTIVE:
             self._say(b'$OK;')
+
+    def _echo(self, state: RaceState, link: int) -> None:
+        if link == self._links and self.speed == 0.0:
+            self._say(encode(state))
 
     def _say(self, data: bytes) -> None:
         if self._link is not None:
@@ -460,6 +476,7 @@ class InspectedKart:
             or (obeyed is GRID_ACTIVE and fault['is ready only once'] and self._grids > 1)
             or (obeyed is GREEN_GREEN and fault['never says that it drives'])
             or (obeyed is RED_FLAG and fault['never acknowledges RED_FLAG'])
+            or (obeyed is RED_RED and self._echoes_late)
             or (
                 obeyed is RED_RED
                 and fault['never acknowledges RED_RED after a drive']
