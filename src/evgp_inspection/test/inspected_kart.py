@@ -39,6 +39,8 @@ DEAF = 1.2  # s
 RETRY = 0.1  # s
 LATE_ECHO = 0.3  # s; longer than what comes between two RED_RED of the inspection at the least
 
+ECHOES_LATE = 'echoes late, and needs a whole frame in each read'
+
 FAULTS = {
     'drives in the garage': 'K-3A-01',
     'is never ready': 'K-3A-02',
@@ -73,7 +75,7 @@ FAULTS = {
     'opens two connections': 'K-4A-02',
     'says malformed frames': 'K-4C-01',
     'needs a whole frame in each read': 'K-4C-02',
-    'echoes late, and needs a whole frame in each read': 'K-4C-02',
+    ECHOES_LATE: 'K-4C-02',
     'throws long reads away': 'K-4C-03',
     'forgets half a frame': 'K-4C-04',
     'takes 10 Hz for silence': 'K-4C-05',
@@ -119,7 +121,6 @@ class InspectedKart:
         self._take = take
         self._is = {name: name == fault for name in FAULTS}
         assert not fault or fault in FAULTS
-        self._echoes_late = self._is['echoes late, and needs a whole frame in each read']
         self._silence = silence
         self._loop = asyncio.get_running_loop()
         self._link: socket.socket | None = None
@@ -129,7 +130,7 @@ class InspectedKart:
         self._before: RaceState | None = None
         self._ordered_at = self._heard_at = 0.0
         self._ticked_at = self._loop.time()
-        self._armed = self._grid_said = False
+        self._armed = False
         self._reached_at: float | None = None
         self._moving_since: float | None = None
         self._grids = 0
@@ -314,7 +315,7 @@ class InspectedKart:
         now = self._loop.time()
         if (
             self._is['needs a whole frame in each read']
-            or self._echoes_late
+            or self._is[ECHOES_LATE]
             or (self._is['forgets half a frame'] and self._idle > 1)
         ):
             self._decoder = FrameDecoder()
@@ -341,7 +342,7 @@ class InspectedKart:
         if self._is['takes 10 Hz for silence']:
             self._frame_times = [*self._frame_times[-40:], now]
         self._goes_on = False
-        if self._echoes_late and state in (IN_GARAGE, RED_RED):
+        if self._is[ECHOES_LATE] and state in (IN_GARAGE, RED_RED):
             self._loop.call_later(LATE_ECHO, self._echo, state, self._links)
         if self._silent_kept:
             self._silent_kept = False
@@ -354,8 +355,7 @@ class InspectedKart:
         self._orders += 1
         self._ordered_at = now
         self._reached_at = None
-        self._grid_said = False
-        if state is IN_GARAGE and self._says_garage and not self._echoes_late:
+        if state is IN_GARAGE and self._says_garage and not self._is[ECHOES_LATE]:
             self._say(encode(state))
         stays = (
             (before is GRID_ACTIVE and state is GREEN_GREEN)
@@ -470,21 +470,15 @@ class InspectedKart:
         self._say(encode(obeyed))
 
     def _keeps_quiet(self, obeyed: RaceState) -> bool:
-        fault = self._is
-        return (
-            (obeyed is GRID_ACTIVE and fault['is never ready'])
-            or (obeyed is GRID_ACTIVE and fault['is ready only once'] and self._grids > 1)
-            or (obeyed is GREEN_GREEN and fault['never says that it drives'])
-            or (obeyed is RED_FLAG and fault['never acknowledges RED_FLAG'])
-            or (obeyed is RED_RED and self._echoes_late)
-            or (
-                obeyed is RED_RED
-                and fault['never acknowledges RED_RED after a drive']
-                and self._drove
-            )
-            or (
-                obeyed is RED_RED
-                and fault['never acknowledges RED_RED after FIN']
-                and self._closed
-            )
+        keeps = {
+            'is never ready': (GRID_ACTIVE, True),
+            'is ready only once': (GRID_ACTIVE, self._grids > 1),
+            'never says that it drives': (GREEN_GREEN, True),
+            'never acknowledges RED_FLAG': (RED_FLAG, True),
+            'never acknowledges RED_RED after a drive': (RED_RED, self._drove),
+            'never acknowledges RED_RED after FIN': (RED_RED, self._closed),
+            ECHOES_LATE: (RED_RED, True),
+        }
+        return any(
+            self._is[fault] and obeyed is each and now for fault, (each, now) in keeps.items()
         )
