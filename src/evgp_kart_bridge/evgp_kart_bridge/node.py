@@ -68,7 +68,7 @@ LINK_ANSWER_TIMEOUT = 1.0
 """How long a call of the team waits for the link before it says so, seconds."""
 
 REMOTES = {StopSource.TSR: '~/tsr', StopSource.MSR: '~/msr'}
-"""The topics of the team's safety remote (§2.C) and of the MSR's contact (§2.B): true is a stop."""
+"""The topics of the team's safety remote (§2.C) and of the MSR's contact (§2.B). True: stop."""
 
 REMOTE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,

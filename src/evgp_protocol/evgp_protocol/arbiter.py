@@ -183,8 +183,8 @@ class Verdict:
     :ivar commanded: what race control commands on the present connection; None: nothing.
     :ivar order: the number of that command, another one after a team stop; 0 while there is none.
     :ivar connected: race control is being heard.
-    :ivar team_stop: a stop of the kart's own is on: the team's (§2.C), its MSR's contact (§2.B), or
-        a doubt about either.
+    :ivar team_stop: a stop of the kart's own is on: the team's (§2.C), the MSR's contact (§2.B),
+        or a doubt about either.
     :ivar acknowledged: what is commanded was acknowledged. A team stop takes it back from a
         GRID_ACTIVE, which must then be acknowledged again.
     :ivar reason: why `state` and `commanded` differ, a sentence; empty when they do not.
