@@ -296,6 +296,22 @@ def test_no_red_is_acknowledged_while_the_pose_moves_whatever_the_twist_says(
     race.official.wait_for_acks(RED_RED, 1)
 
 
+def test_green_green_is_not_acknowledged_before_odometry_shows_that_the_kart_drives(
+    start_race: StartRace,
+) -> None:
+    race = start_race()
+    race.green()
+    race.team.drive_at(0.0)
+    race.team.wait_until_polled(
+        lambda: 'odometry says 0.00 m/s' in race.team.acknowledge(GREEN_GREEN).message, 'a refusal'
+    )
+    race.team.drive_at(1.0)
+    race.team.wait_until_polled(
+        lambda: race.team.acknowledge(GREEN_GREEN).success, 'an acknowledgement'
+    )
+    race.official.wait_for_acks(GREEN_GREEN, 1)
+
+
 def test_a_kart_that_odometry_never_sees_move_in_green_green_is_told(
     start_race: StartRace,
 ) -> None:

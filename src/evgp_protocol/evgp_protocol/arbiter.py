@@ -127,7 +127,7 @@ class Settings:
     :ivar team_timeout: time without a sign that the bridge hears its team after which it is a team
         stop; 0: no sign is required.
     :ivar odometry_required: a red state is not acknowledged without odometry that shows a
-        standstill. This holds anyway once any odometry was heard, or with `auto_acknowledge_stop`.
+        standstill, nor GREEN_GREEN without odometry that shows a movement (§3.A). This holds anyway once any odometry was heard, or with `auto_acknowledge_stop`.
     :ivar auto_acknowledge_stop: acknowledge the red states when odometry shows a standstill.
     :ivar standstill_speed: maximum speed of a kart that stands still; from 0.
     :ivar standstill_time: time at standstill, without a gap, after which the kart has stopped;
@@ -531,7 +531,15 @@ class Arbiter:
             return f'the kart must obey {verdict.state.value}: {verdict.reason}'
         if state.is_red and self._odometry_expected:
             return self.missing_odometry or self._motion() or None
+        if state is RaceState.GREEN_GREEN and self._odometry_expected:
+            return self._standstill() or None
         return None
+
+    def _standstill(self) -> str:
+        """Return why nothing shows that the kart has begun to drive; empty: odometry does."""
+        if self.missing_odometry or self._speed > self._settings.standstill_speed:
+            return self.missing_odometry
+        return f'odometry says {self._speed:.2f} m/s: acknowledge GREEN_GREEN once the kart drives'
 
     def _motion(self) -> str:
         """Return why the last speed is no standstill; empty: it is one."""

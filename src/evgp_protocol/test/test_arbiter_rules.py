@@ -246,17 +246,16 @@ class Oracle:
             return False
         if number != self.history[begin].order:
             return False
-        if state in (GRID, GREEN):
-            return self.state is state
+        if state in (GRID, GREEN) and self.state is not state:
+            return False
         speeds = [item for item in self.history if item.kind == 'speed']
         by_odometry = self.settings.odometry_required or self.settings.auto_acknowledge_stop
-        if state not in (FLAG, RED) or not (by_odometry or speeds):
+        if state not in (GREEN, FLAG, RED) or not (by_odometry or speeds):
             return True
-        return (
-            bool(speeds)
-            and self.now - speeds[-1].at <= 0.5
-            and speeds[-1].value <= self.settings.standstill_speed
-        )
+        if not speeds or self.now - speeds[-1].at > 0.5:
+            return False
+        speed, limit = speeds[-1].value, self.settings.standstill_speed
+        return bool(speed > limit if state is GREEN else speed <= limit)
 
     @property
     def must_acknowledge_by_itself(self) -> bool:
@@ -518,6 +517,9 @@ refuses a red under a team stop:
 acknowledges a red while moving: [acknowledges by itself] _refusal: self._motion() or =>
 no number is slow enough for a red: [acknowledges by itself]
     _motion: self._speed <= => not self._speed >
+acknowledges green while it stands: [odometry required]
+    _standstill: self._speed > self._settings.standstill_speed => True
+no number drives: [odometry required] _standstill: self._speed > => not self._speed <=
 required odometry is not missed: [odometry required]
     __init__: odometry_required or settings.auto_acknowledge_stop => auto_acknowledge_stop
 odometry that acknowledges is not missed: [acknowledges by itself]
