@@ -49,6 +49,7 @@ from evgp_inspection.odometry import listen
 from evgp_inspection.rcs_clauses import RCS
 from evgp_inspection.recording import first
 from evgp_inspection.report import as_html, as_json, as_junit, Header, summary
+from evgp_inspection.survey_network import survey_network
 from evgp_inspection.verdicts import Clause, NOT_DONE, Result, select
 from evgp_protocol.frames import DEFAULT_PORT
 
@@ -61,12 +62,12 @@ Inspect: TypeAlias = Callable[
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run ``kart`` or ``rcs``."""
+    """Run ``kart``, ``rcs`` or ``survey``."""
     what, *rest = [*(sys.argv[1:] if arguments is None else arguments), '']
-    programs = {'kart': inspect_kart, 'rcs': inspect_rcs}
+    programs = {'kart': inspect_kart, 'rcs': inspect_rcs, 'survey': survey_network}
     if what in programs:
         return programs[what](rest[:-1])
-    print('Say what to inspect: kart or rcs. "kart --help" says more.', file=sys.stderr)
+    print('Say what to do: kart, rcs or survey. "kart --help" says more.', file=sys.stderr)
     return Exit.NOT_PASSED
 
 
