@@ -186,7 +186,8 @@ class LinkSurvey:
     @property
     def grade(self) -> Grade:
         """Return how good the link is, by its last `GRADE_WINDOW`; a lost one is poor."""
-        recent = self.seconds[-round(GRADE_WINDOW) :]
+        since = self.seconds[-1].at - GRADE_WINDOW if self.seconds else 0.0
+        recent = [each for each in self.seconds if each.at > since]
         if recent and not recent[-1].connected:
             return Grade.POOR
         return grade(max((each.worst for each in recent), default=None))

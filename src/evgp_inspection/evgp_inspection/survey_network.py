@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-`survey_network`: is the karts' network good enough on the whole track?
+`survey_network`: whether the karts' network is good enough on the whole track.
 
 It plays race control to karts that are driven, pushed or carried round the track. It sends
 IN_GARAGE and nothing else, as often as race control does and with race control's sockets, and
