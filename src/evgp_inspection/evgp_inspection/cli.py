@@ -264,15 +264,7 @@ def _parser(
         help='where HTML, JUnit XML and JSON go (%(default)s); empty: nowhere',
     )
     add('--version', action='version', version=VERSION)
-    group = parser.add_argument_group('limits, in seconds unless they say otherwise')
-    for field in dataclasses.fields(limits):
-        group.add_argument(
-            f'--{field.name.replace("_", "-")}',
-            type=float,
-            default=field.default,
-            metavar='X',
-            help=f'{field.metadata["meaning"]} (%(default)s)',
-        )
+    limits.add_to(parser)
     return parser
 
 
@@ -284,9 +276,8 @@ def _inspect(
     inspect: Inspect,
 ) -> int:
     """Do what the options say, from the word to the report; return the exit code."""
-    fields = dataclasses.fields(limits_type)
     try:
-        limits = limits_type(**{field.name: getattr(options, field.name) for field in fields})
+        limits = limits_type.taken_from(options)
         explained = select(clauses, options.explain) if options.explain else ()
         clauses = select(clauses, options.only)
     except ValueError as error:
