@@ -54,7 +54,7 @@ def survey(airs: list[str], seconds: float) -> list[str]:
             folder = pathlib.Path(parts.enter_context(tempfile.TemporaryDirectory()))
             command = [sys.executable, str(ROOT / 'src/evgp_inspection'), 'survey']
             with office.inside():
-                words = ['--seconds', f'{seconds + 5}', '--report', str(folder)]
+                words = ['--word', 'ready', '--seconds', f'{seconds + 5}', '--report', str(folder)]
                 program = parts.enter_context(Program(air, [*command, *words]))
             program.wait_for_line('on port')
             with kart.inside():

@@ -45,6 +45,8 @@ def test_somebody_at_a_terminal_marks_places_and_ends_the_survey(
         [*SURVEY, '--listen', '127.0.0.1', '--port', '0', '--report', str(tmp_path)]
     )
     parts.callback(terminal.close)
+    terminal.wait_for('NO STOP IS IN FORCE')
+    terminal.press('ready\n')
     port = terminal.wait_for(r'on port (\d+)')[1]
     parts.callback(Program('kart', [*KART, '127.0.0.1', port, '127.0.1.7']).kill)
     terminal.wait_for(r'127\.0\.1\.7 good: \d+ ms')
@@ -60,6 +62,24 @@ def test_somebody_at_a_terminal_marks_places_and_ends_the_survey(
     assert report['verdict'] in terminal.text.lower()
 
 
+def test_nothing_listens_before_somebody_has_said_that_no_stop_is_in_force(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    command = [*SURVEY, '--port', '0', '--report', str(tmp_path)]
+    for words in ([], ['--word', 'yes']):
+        # Nobody can type here: standard input is nothing.
+        survey = parts.enter_context(Program('survey_network', [*command, *words]))
+        assert survey.wait() == 2
+        assert 'on port' not in survey.output
+    terminal = Terminal(command)
+    parts.callback(terminal.close)
+    terminal.wait_for('NO STOP IS IN FORCE')
+    terminal.press('no\n')
+    assert terminal.process.wait(PATIENCE) == 2
+    assert 'on port' not in terminal.text
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.fixture
 def on_a_track(
     parts: contextlib.ExitStack, tmp_path: pathlib.Path
@@ -72,7 +92,9 @@ def on_a_track(
         office = track.machine('office', RACE_CONTROL)
         kart = track.machine('kart', kart_address(7))
         with office.inside():
-            survey = Program('survey_network', [*SURVEY, '--report', str(tmp_path), *words])
+            survey = Program(
+                'survey_network', [*SURVEY, '--word', 'ready', '--report', str(tmp_path), *words]
+            )
             parts.callback(survey.close)
         survey.wait_for_line('on port')
         with kart.inside():
@@ -117,6 +139,6 @@ def test_make_ends_with_the_exit_code_of_the_survey() -> None:
         subprocess.run(
             ['make', '-C', str(ROOT), 'survey', f'ARGS={words}'], capture_output=True, check=False
         ).returncode
-        for words in ('--version', '--silence -1', '--listen 192.0.2.1')
+        for words in ('--version', '--silence -1', '--word ready --listen 192.0.2.1')
     ]
     assert makes == [0, 2, 2]

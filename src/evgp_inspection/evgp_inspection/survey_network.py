@@ -38,8 +38,9 @@ import tty
 
 from evgp_inspection import VERSION
 from evgp_inspection.inspection import Exit
-from evgp_inspection.inspector import Printer
+from evgp_inspection.inspector import Printer, WORD
 from evgp_inspection.limits import SurveyLimits
+from evgp_inspection.recording import first
 from evgp_inspection.survey import LinkSurvey, Mark, Report
 from evgp_inspection.verdicts import Verdict
 from evgp_protocol.arbiter import Settings
@@ -60,6 +61,12 @@ LOOK_EVERY = 0.01
 
 LOST = Settings().frame_timeout
 """Age of an unanswered frame after which a connection is given up, in seconds."""
+
+FIRST = f"""\
+  1. Race control does not run, and NO STOP IS IN FORCE: each kart that connects is sent IN_GARAGE,
+     which gives it to its team, whatever stopped it before.
+  2. Whoever is on the track knows that teams may move their karts there.
+When all of this is so, type the word "{WORD}" and Enter."""
 
 EXAMPLE = 'PYTHONPATH=src/evgp_protocol python3 kit/python/example.py ADDRESS'
 """A kart for a laptop; ADDRESS is this computer's."""
@@ -227,13 +234,16 @@ class Terminal:
     """
     What happens, line by line; below it the figures of now, and what is being typed.
 
-    :param mark: is told the text of each line that is typed.
+    :param line: is told each line that is typed.
     :param stop: is called at Ctrl-D.
+    :param gone: is called where nobody can type, or not any more.
     """
 
-    def __init__(self, mark: Callable[[str], None], stop: Callable[[], None]) -> None:
+    def __init__(
+        self, line: Callable[[str], None], stop: Callable[[], None], gone: Callable[[], None]
+    ) -> None:
         self._printer = Printer()
-        self._mark, self._stop = mark, stop
+        self._line, self._stop, self._gone = line, stop, gone
         self._decode = codecs.getincrementaldecoder('utf-8')('replace').decode
         self._typed = self._now = ''
         self._live = sys.stdout.isatty()
@@ -259,11 +269,13 @@ class Terminal:
 
     @contextlib.contextmanager
     def reading(self) -> Iterator[None]:
-        """Read what is typed, without an echo; survey on where nobody can type."""
+        """Read what is typed, and show it below the rest."""
         loop = asyncio.get_running_loop()
         before = termios.tcgetattr(0) if os.isatty(0) else None
-        with contextlib.suppress(PermissionError):  # a file or nothing: nobody types
+        try:
             loop.add_reader(0, self._read)
+        except PermissionError:  # a file, or nothing
+            self._gone()
         try:
             if before is not None:
                 tty.setcbreak(0)
@@ -284,11 +296,12 @@ class Terminal:
             data = os.read(0, 1024)
         except OSError:
             data = b''
-        if not data:  # nobody types any more
+        if not data:
             asyncio.get_running_loop().remove_reader(0)
+            self._gone()
         for key in self._decode(data):
             if key in '\r\n':
-                self._mark(self._typed.strip())
+                self._line(self._typed.strip())
                 self._typed = ''
             elif key in '\b\x7f':
                 self._typed = self._typed[:-1]
@@ -329,6 +342,7 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
     add('--listen', metavar='ADDRESS', default='0.0.0.0', help='own IPv4 address (%(default)s)')
     add('--port', type=int, default=DEFAULT_PORT, help='where karts connect (%(default)s)')
     add('--kart-address', default='', help='the only IPv4 address that counts; default: each')
+    add('--word', default='', help=f'"{WORD}": what is asked at the beginning is so')
     add('--seconds', type=float, default=None, help='end after this time; default: at Ctrl-C')
     add(
         '--report',
@@ -348,23 +362,35 @@ def survey_network(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         print(f'The survey cannot start: {error}', file=sys.stderr)
         return Exit.NOT_PASSED
+    if report is None:
+        print(f'The survey has not begun: the word was not "{WORD}".', file=sys.stderr)
+        return Exit.NOT_PASSED
     print(report.text(), end='')
     if options.report:
         _write(pathlib.Path(options.report), report)
     return Exit.PASSED if report.verdict is Verdict.PASS else Exit.NOT_PASSED
 
 
-async def _survey(options: argparse.Namespace, limits: SurveyLimits) -> Report:
-    """Survey until a signal, Ctrl-D or the end of the time; return what was found."""
+async def _survey(options: argparse.Namespace, limits: SurveyLimits) -> Report | None:
+    """Survey until a signal, Ctrl-D or the end of the time; None: the word was not given."""
     stopping = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         loop.add_signal_handler(number, stopping.set)
-    if options.seconds is not None:
-        loop.call_later(options.seconds, stopping.set)
-    terminal = Terminal(lambda name: surveyor.mark(name), stopping.set)
-    surveyor = Surveyor(terminal.tell, options.kart_address)
-    began = datetime.datetime.now().astimezone()
+    word: asyncio.Future[str] = loop.create_future()
+    surveyor: Surveyor | None = None
+
+    def line(text: str) -> None:
+        if surveyor is not None:
+            surveyor.mark(text)
+        elif not word.done():
+            word.set_result(text)
+
+    def gone() -> None:
+        if not word.done():
+            word.set_result('')
+
+    terminal = Terminal(line, stopping.set, gone)
 
     def listening(port: int) -> None:
         terminal.tell(
@@ -374,13 +400,25 @@ async def _survey(options: argparse.Namespace, limits: SurveyLimits) -> Report:
         )
 
     try:
+        if options.word:
+            word.set_result(options.word)
         with terminal.reading():
+            if not word.done():
+                terminal.tell(FIRST)
+                terminal.show('>')
+                await first(word, stopping)
+            if not word.done() or word.result().lower() != WORD:
+                return None
+            if options.seconds is not None:
+                loop.call_later(options.seconds, stopping.set)
+            began = datetime.datetime.now().astimezone()
+            surveyor = surveying = Surveyor(terminal.tell, options.kart_address)
             await surveyor.survey(
                 options.listen,
                 options.port,
                 stopping,
                 listening,
-                lambda: terminal.show(figures_now(surveyor.karts)),
+                lambda: terminal.show(figures_now(surveying.karts)),
             )
     finally:
         terminal.close()
