@@ -30,6 +30,7 @@ import contextlib
 import datetime
 import os
 import pathlib
+import shutil
 import signal
 import socket
 import sys
@@ -62,7 +63,7 @@ LOOK_EVERY = 0.01
 LOST = Settings().frame_timeout
 """Age of an unanswered frame after which a connection is given up, in seconds."""
 
-FIRST = f"""\
+SURVEY_FIRST = f"""\
   1. Race control does not run, and NO STOP IS IN FORCE: each kart that connects is sent IN_GARAGE,
      which gives it to its team, whatever stopped it before.
   2. Whoever is on the track knows that teams may move their karts there.
@@ -263,9 +264,9 @@ class Terminal:
 
     def _show(self) -> None:
         if self._live and self._now:
-            width = os.get_terminal_size(sys.stdout.fileno()).columns - 1
-            text = f'{self._now}  {self._typed}'
-            self._printer.tell(f'\r\x1b[J{text[-width:] if self._typed else text[:width]}', end='')
+            width = shutil.get_terminal_size().columns - 1
+            typed = f'  {self._typed}'[-width:]
+            self._printer.tell(f'\r\x1b[J{self._now[: width - len(typed)]}{typed}', end='')
 
     @contextlib.contextmanager
     def reading(self) -> Iterator[None]:
@@ -301,8 +302,8 @@ class Terminal:
             self._gone()
         for key in self._decode(data):
             if key in '\r\n':
-                self._line(self._typed.strip())
-                self._typed = ''
+                typed, self._typed = self._typed, ''
+                self._line(typed.strip())
             elif key in '\b\x7f':
                 self._typed = self._typed[:-1]
             elif key == '\x04':
@@ -404,7 +405,7 @@ async def _survey(options: argparse.Namespace, limits: SurveyLimits) -> Report |
             word.set_result(options.word)
         with terminal.reading():
             if not word.done():
-                terminal.tell(FIRST)
+                terminal.tell(SURVEY_FIRST)
                 terminal.show('>')
                 await first(word, stopping)
             if not word.done() or word.result().lower() != WORD:
