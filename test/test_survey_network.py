@@ -71,12 +71,13 @@ def test_nothing_listens_before_somebody_has_said_that_no_stop_is_in_force(
         survey = parts.enter_context(Program('survey_network', [*command, *words]))
         assert survey.wait() == 2
         assert 'on port' not in survey.output
-    terminal = Terminal(command)
-    parts.callback(terminal.close)
-    terminal.wait_for('NO STOP IS IN FORCE')
-    terminal.press('no\n')
-    assert terminal.process.wait(PATIENCE) == 2
-    assert 'on port' not in terminal.text
+    for keys in ('no\n', '\x04'):
+        terminal = Terminal(command)
+        parts.callback(terminal.close)
+        terminal.wait_for('NO STOP IS IN FORCE')
+        terminal.press(keys)
+        assert terminal.process.wait(PATIENCE) == 2
+        assert 'on port' not in terminal.text
     assert not list(tmp_path.iterdir())
 
 
