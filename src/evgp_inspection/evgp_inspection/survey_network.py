@@ -48,7 +48,7 @@ from evgp_protocol.arbiter import Settings
 from evgp_protocol.clock import now as clock_now
 from evgp_protocol.clock import run
 from evgp_protocol.frames import DEFAULT_PORT, encode
-from evgp_protocol.link import Answers, make_prompt, read, unanswered, unsent
+from evgp_protocol.link import Answers, Grade, make_prompt, read, unanswered, unsent
 from evgp_protocol.states import RaceState
 
 FRAME = encode(RaceState.IN_GARAGE)
@@ -314,9 +314,11 @@ class Terminal:
 
 
 def figures_now(karts: Mapping[str, LinkSurvey]) -> str:
-    """Return the figures of now, of every kart."""
+    """Return the figures of now, of every kart; those with the worst grade come first."""
     found = []
-    for address, kart in karts.items():
+    grades = list(Grade)
+    order = sorted(karts.items(), key=lambda each: grades.index(each[1].grade), reverse=True)
+    for address, kart in order:
         second = kart.seconds[-1]
         if not second.connected:
             found.append(f'{address} NO LINK for {second.silence:.1f} s')

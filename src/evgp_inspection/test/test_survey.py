@@ -25,7 +25,7 @@ import json
 
 from evgp_inspection.limits import SurveyLimits
 from evgp_inspection.survey import LinkSurvey, Mark, Report
-from evgp_inspection.survey_network import FRAME, Surveyor
+from evgp_inspection.survey_network import figures_now, FRAME, Surveyor
 from evgp_inspection.verdicts import Verdict
 from evgp_protocol.clock import run
 from evgp_protocol.link import Grade
@@ -169,6 +169,15 @@ def test_a_link_is_as_good_as_its_last_seconds() -> None:
     kart.second(42.0)
     grades.append(kart.grade)
     assert grades == [Grade.GOOD, Grade.FAIR, Grade.GOOD, Grade.POOR]
+
+
+def test_the_worst_kart_is_where_the_line_is_not_cut_off() -> None:
+    away = driven()
+    away.lost('reset', 90.1)
+    away.second(91.0)
+    line = figures_now({'10.0.0.101': driven(), '10.0.0.102': away, '10.0.0.103': driven()})
+    found = [each.split()[0] for each in line.split(' | ')]
+    assert found == ['10.0.0.102', '10.0.0.101', '10.0.0.103']
 
 
 @given(st.lists(st.floats(0, 2), min_size=1, max_size=400))
