@@ -185,16 +185,6 @@ def test_the_rules_have_the_delays_of_the_places() -> None:
     assert delays == race_control.defaults['finish_delays']
 
 
-def test_every_test_that_the_safety_document_names_is_there() -> None:
-    tests = [*ROOT.glob('test/*.py'), *ROOT.glob('src/*/test/*.py')]
-    there = re.findall(r'def (\w+)\(', '\n'.join(map(pathlib.Path.read_text, tests)))
-    rows = ''.join(re.findall(r'^\|.*', text_of('docs/safety.md'), re.MULTILINE))
-    named = re.findall(r'\*([\w…]*_[\w…]*)\*', rows)
-    assert len(named) > 90
-    patterns = [rf'(test_)?{each.replace("…", ".*")}' for each in named]
-    assert [each for each in patterns if not any(re.fullmatch(each, name) for name in there)] == []
-
-
 def test_the_times_of_a_race_are_parameters_by_the_same_name_and_default() -> None:
     for name, default in dataclasses.asdict(RaceTimes()).items():
         if name in race_control.defaults:
