@@ -128,9 +128,9 @@ SILENCE_OF_RACE_CONTROL = bridge.defaults['frame_timeout']
 PORT = race_control.defaults['port']
 
 WRITTEN = [
-    ('README.md', r'TCP port (\d+)', PORT),
-    ('README.md', r'(\d+) times a second', RATE),
-    ('README.md', r'If nothing comes for ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
+    ('docs/teams.md', r'TCP port (\d+)', PORT),
+    ('docs/teams.md', r'(\d+) times a second', RATE),
+    ('docs/teams.md', r'(?i)nothing\s+comes\s+for ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
     ('docs/rules.md', r'(\d+) times a second', RATE),
     (
         'docs/rules.md',
