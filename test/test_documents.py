@@ -57,11 +57,10 @@ def test_every_test_that_a_document_cites_is_there(document: str) -> None:
     assert missing == []
 
 
-def rows_of(document: str, heading: str = '') -> Iterator[list[str]]:
+def rows_of(document: str, heading: str) -> Iterator[list[str]]:
     """Return the rows of the tables below a heading, without those of the tables' headings."""
-    text = text_of(document)
-    text = re.split(r'^##? ', text[text.index(heading) + len(heading) :], flags=re.MULTILINE)[0]
-    lines = text.splitlines()
+    _, _, below = text_of(document).partition(heading)
+    lines = re.split(r'^##? ', below, flags=re.MULTILINE)[0].splitlines()
     for above, line in itertools.pairwise(lines):
         if line.startswith('|') and not {*line} <= {*'|-: '} and above.startswith('|'):
             yield [cell.strip() for cell in line.strip('|').split(' | ')]
