@@ -45,7 +45,7 @@ ODOM :=
   inspect-kart inspect-rcs survey screenshots lines lint format clean
 
 help:
-	@echo 'make demo    set up and show a race: race control, karts and their stacks'
+	@echo 'make demo    set up and run two races by themselves, without a window; checks what happened'
 	@echo 'make rehearsal  train officials: simulated karts, incidents, score  (ARGS="--karts 6")'
 	@echo 'make test    set up and run every test but the long (ARGS="-k roster")'
 	@echo 'make test-long  set up and run the long tests       (ARGS="-k roster")'
