@@ -158,7 +158,7 @@ WRITTEN = [
     ('docs/network.md', r'A frame is sent every ([\d.]+) s', BEAT),
     ('docs/network.md', r'hears (?:none|nothing) for ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
     ('docs/network.md', r'not answered for ([\d.]+) s', race_control.defaults['send_timeout']),
-    ('docs/network.md', r'gives a kart up after the\s+same ([\d.]+) s', LOST),
+    ('docs/network.md', r'gives a kart up after\s+the\s+same ([\d.]+) s', LOST),
     ('docs/wire.md', r'take more than ([\d.]+) s again', SLOW_ANSWER),
     ('docs/rules.md', r'silent for (\d+) s in between', QUIET),
     ('docs/rules.md', r'answers after more than ([\d.]+) s', SLOW_ANSWER),
