@@ -127,7 +127,8 @@ class Settings:
     :ivar team_timeout: time without a sign that the bridge hears its team after which it is a team
         stop; 0: no sign is required.
     :ivar odometry_required: a red state is not acknowledged without odometry that shows a
-        standstill, nor GREEN_GREEN without odometry that shows a movement (§3.A). This holds anyway once any odometry was heard, or with `auto_acknowledge_stop`.
+        standstill, nor GREEN_GREEN without odometry that shows a movement (§3.A). This holds
+        anyway once any odometry was heard, or with `auto_acknowledge_stop`.
     :ivar auto_acknowledge_stop: acknowledge the red states when odometry shows a standstill.
     :ivar standstill_speed: maximum speed of a kart that stands still; from 0.
     :ivar standstill_time: time at standstill, without a gap, after which the kart has stopped;
