@@ -165,16 +165,17 @@ static inline uint32_t evgp_p_timeout(const evgp_kart *kart, int source)
                                       : 0U;
 }
 
+/* Return whether a source stops the kart: by its word, or because it must be heard and is not. */
+static inline int evgp_p_stops(const evgp_kart *kart, int source)
+{
+    return kart->engaged[source] ||
+           (evgp_p_timeout(kart, source) > 0 && !kart->source_heard[source]);
+}
+
 static inline int evgp_p_team_stop(const evgp_kart *kart)
 {
-    int source;
-    for (source = 0; source < EVGP_STOP_SOURCES; source++) {
-        if (kart->engaged[source] ||
-            (evgp_p_timeout(kart, source) > 0 && !kart->source_heard[source])) {
-            return 1;
-        }
-    }
-    return 0;
+    return evgp_p_stops(kart, EVGP_STOP_BUTTON) || evgp_p_stops(kart, EVGP_STOP_REMOTE) ||
+           evgp_p_stops(kart, EVGP_STOP_MSR);
 }
 
 static inline evgp_state evgp_p_obey(const evgp_kart *kart)
@@ -501,7 +502,8 @@ static inline const char *evgp_kart_reason(const evgp_kart *kart)
         return "race control has said nothing on this connection yet";
     }
     if (evgp_p_team_stop(kart)) {
-        return kart->engaged[EVGP_STOP_MSR] ? "the MSR's contact is open" : "team stop";
+        return evgp_p_stops(kart, EVGP_STOP_MSR) ? "the MSR's contact is open, or not read"
+                                                 : "team stop";
     }
     return "GREEN_GREEN needs a GRID_ACTIVE that is acknowledged before it, on this connection";
 }
