@@ -103,7 +103,7 @@ def statements(race: Race, screen: Screen, shown_danger: Danger | None) -> list[
     said += [row.note.text for row in screen.rows if texts.MAY_MOVE in row.note.text]
     said += [shown_danger.title] if shown_danger else []
     states = [screen.state.text, screen.since]
-    states += [row.sent.text for row in screen.rows if row.link.text == texts.LINKED]
+    states += [row.sent.text for row in screen.rows if row.connected]
     under_way = texts.STATES[State.GRID_ACTIVE], texts.STATES[State.GREEN_GREEN]
     return said + [text for text in states if any(state in text for state in under_way)]
 
@@ -132,7 +132,7 @@ def test_humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against
 def test_what_is_largest_is_true_of_a_kart_of_the_race(race: Race) -> None:
     screen = show(race, 0.0, {})
     concerned = [row for row in screen.rows if row.in_race] or screen.rows
-    sent = {row.sent.text for row in concerned if row.link.text == texts.LINKED}
+    sent = {row.sent.text for row in concerned if row.connected}
 
     shown = {f'{texts.SYMBOLS[each]} {texts.STATES[each]}': each for each in STATES}
     state = shown.get(screen.state.text)

@@ -26,6 +26,7 @@ import time
 from typing import Any
 
 from evgp_protocol import clock
+from evgp_protocol.link import Grade
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.commands import asks, Order
@@ -36,7 +37,17 @@ from evgp_rcs_console.input import FORWARD
 from evgp_rcs_console.keys import FORGOTTEN
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import Signature
-from evgp_rcs_console.snapshot import Alert, Answer, Available, Event, Heat, Race, State, Track
+from evgp_rcs_console.snapshot import (
+    Alert,
+    Answer,
+    Available,
+    Event,
+    Heat,
+    Link,
+    Race,
+    State,
+    Track,
+)
 from evgp_rcs_console.style import BANNER, BLACK, DAY, FILLS, NIGHT, WHITE, YELLOW
 from evgp_rcs_console.view import FINISH_KEYS
 from evgp_rcs_console.widgets import Painted, Push
@@ -53,6 +64,7 @@ SIZES = [(1280, 720), (1366, 768), (1920, 1080), (3840, 2160)]
 NAME = 'Hochschule für Technik und Wirtschaft 40'
 WHY = 'waiting for kart 17 (Technische Hochschule Ostwestfalen-Lippe): no GRID ACTIVE yet; '
 ASKING = [kind for kind in CommandKind if asks(kind)]
+LINKS = [Link(grade, grade is Grade.POOR, 0.9994, 0.1996) for grade in Grade]
 SENTENCES = ('status', 'strip', 'humans_reason', 'danger_detail', 'state_since', 'number_detail')
 """Texts of any length: where they do not fit they end with dots, and the bottom line has all."""
 
@@ -192,6 +204,7 @@ def race_of(
             connected=not reason or number % 2 > 0,
             may_be_moving=bool(reason),
             commands=commands,
+            link=LINKS[number % len(LINKS)],
         )
         for number in range(1, count + 1)
     )
