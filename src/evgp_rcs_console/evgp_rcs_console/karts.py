@@ -163,12 +163,12 @@ class KartRow(Painted):
     def _paint_cell(
         self, pen: Pen, room: QtCore.QRect, cell: Cell, below: str, ink: str = ''
     ) -> None:
-        """Draw a text in its tone, and a small one below it."""
-        upper, lower = _halves(room, bool(below))
+        """Draw a text in its tone, and a small one below it, or in its place."""
+        upper, lower = _halves(room, bool(cell.text and below))
         tone = Tone.FAINT if self._stale else cell.tone
         bold = tone in (Tone.GOOD, Tone.WAIT, Tone.BAD)
         pen.text(upper, cell.text, ink or look.text(tone), TEXT, bold)
-        pen.text(lower, below, ink or look.palette.faint, SMALL)
+        pen.text(lower if cell.text else room, below, ink or look.palette.faint, SMALL)
 
     def _paint_link(self, pen: Pen, room: QtCore.QRect, row: Row) -> None:
         """Draw how good its link is: bars, a word and a time; a poor one on a ground."""

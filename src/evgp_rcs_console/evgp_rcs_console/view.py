@@ -115,6 +115,7 @@ class Tone(enum.Enum):
     GREEN = 'green'
     FLAG = 'flag'
     RED = 'red'
+    BANNER = 'banner'
 
 
 STATE_TONES = {

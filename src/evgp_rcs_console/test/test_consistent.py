@@ -23,11 +23,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from evgp_protocol.link import Grade
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import Order
 from evgp_rcs_console.notices import AlertBook
-from evgp_rcs_console.snapshot import Alert, Kart, Race, RED, State, Track
+from evgp_rcs_console.snapshot import Alert, Kart, Link, Race, RED, State, Track
 from evgp_rcs_console.view import Danger, danger, Screen, show, silence, table, Tone
 from example_race import EVERYTHING, KART, RACE
 from hypothesis import given, settings
@@ -56,6 +57,7 @@ def karts(draw: st.DrawFn, number: int) -> Kart:
         may_be_moving=draw(st.booleans()),
         settles_in=draw(st.sampled_from((0.0, 2.5))),
         flag_in=draw(st.sampled_from((0.0, 2.5))),
+        link=Link(draw(st.sampled_from(Grade)), draw(st.booleans()), 0.6, 0.01),
     )
 
 
@@ -125,6 +127,16 @@ def test_humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against
             assert screen.humans.tone is Tone.BAD or not any(
                 alert.use_msr for alert in race.alerts
             )
+
+
+@many
+@given(races())
+def test_a_kart_without_a_link_has_neither_bars_nor_a_good_word_for_it(race: Race) -> None:
+    for kart, row in zip(race.karts, show(race, 0.0, {}).rows, strict=True):
+        assert row.connected is kart.connected
+        if not kart.connected:
+            assert (row.bars, row.link_time) == (0, '')
+            assert row.link.text == texts.NOT_LINKED
 
 
 @many

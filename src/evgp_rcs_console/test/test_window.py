@@ -34,6 +34,7 @@ from evgp_rcs_console.display import Inbox
 from evgp_rcs_console.freshness import AIM, InputClock, SETTLE
 from evgp_rcs_console.gui import low_battery
 from evgp_rcs_console.input import FORWARD
+from evgp_rcs_console.karts import columns
 from evgp_rcs_console.keys import FORGOTTEN
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import Signature
@@ -48,8 +49,8 @@ from evgp_rcs_console.snapshot import (
     State,
     Track,
 )
-from evgp_rcs_console.style import BANNER, BLACK, DAY, FILLS, NIGHT, WHITE, YELLOW
-from evgp_rcs_console.view import FINISH_KEYS
+from evgp_rcs_console.style import BLACK, DAY, FILLS, NIGHT, WHITE, YELLOW
+from evgp_rcs_console.view import BARS, FINISH_KEYS
 from evgp_rcs_console.widgets import Painted, Push
 from evgp_rcs_console.window import ConsoleWindow
 from example_race import EVERYTHING, KART, RACE
@@ -349,6 +350,21 @@ def test_up_to_sixteen_karts_need_no_scrolling_and_more_have_tiles(opened: Any) 
             assert last.visibleRegion().isEmpty() is tiles
 
 
+def test_a_link_is_told_by_the_number_of_its_bars(opened: Any) -> None:
+    console, race = opened(1920, 1080), race_of(4)
+    rows = race.karts
+    seen = []
+    for link in LINKS:
+        console.tell(replace(race, karts=tuple(replace(kart, link=link) for kart in rows)))
+        row, room = console.find('kart_1'), columns(console.find('kart_1').width(), 0)[4]
+        picture = row.grab().toImage()
+        line = row.height() // 2 + style.look.px(8)  # every bar begins below it
+        shades = [picture.pixelColor(room.left() + x, line).name().upper() for x in range(40)]
+        seen.append(sum(a != b == DAY.ink for a, b in itertools.pairwise(['', *shades])))
+
+    assert seen == [BARS[grade] for grade in Grade] == [0, 4, 2, 1]
+
+
 def contrast(one: str, other: str) -> float:
     """Return the contrast of two colours, from 1 to 21, as WCAG 2 defines it."""
 
@@ -371,7 +387,6 @@ def test_every_text_and_shape_stands_out_from_its_ground(palette: style.Palette)
         assert contrast(text, palette.raised) >= 4.5, text
     for text, ground in (
         *FILLS.values(),
-        BANNER,
         (YELLOW, BLACK),
         (WHITE, FILLS[style.Tone.RED][1]),
     ):
@@ -711,7 +726,11 @@ def test_the_banner_of_race_control_is_at_the_top(opened: Any) -> None:
     console.tell(race_of(1))
     assert not console.find('top_line').isVisible()
     console.tell(race_of(1, banner='REHEARSAL'))
-    assert console.find('top_line').whole == 'REHEARSAL'
+    top = console.find('top_line')
+    assert top.whole == 'REHEARSAL'
+    assert top.grab().toImage().pixelColor(12, top.height() // 2).name().upper() == (
+        FILLS[style.Tone.BANNER][1]
+    )
     assert console.find('top_line').y() < console.find('state_panel').y()
     assert 'REHEARSAL' in console.window.windowTitle()
 
@@ -828,6 +847,31 @@ def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_mor
         assert not console.find(f'question_{part}').isVisible()
     console.press('Y')
     assert not console.commands
+
+
+def test_a_link_that_was_poor_is_named_by_the_question_and_never_keeps_the_answer_back(
+    opened: Any,
+) -> None:
+    console, race = opened(), race_of(8, State.IN_GARAGE)
+    offered = Available(True, statement='the track is clear of humans', karts=(1, 2, 3))
+    race = replace(race, commands={**race.commands, CommandKind.GRID_ACTIVE: offered})
+    # Of karts 2, 3, 6 and 7 the link was poor; 6 and 7 are not started.
+    good = tuple(replace(kart, link=LINKS[1]) for kart in race.karts)
+    poor = tuple(replace(kart, link=LINKS[1 + 2 * (kart.number % 4 > 1)]) for kart in good)
+    console.tell(replace(race, karts=poor))
+    console.press('F2')
+    caution = console.find('question_caution')
+    assert 'karts 2, 3 was poor' in caution.whole
+    assert caution.isVisible()
+    yes = console.place('yes')
+
+    for karts in (good, poor, good):
+        console.tell(replace(race, karts=karts))
+        assert console.find('yes').isEnabled()
+        assert console.place('yes') == yes
+    console.press('Y')
+
+    assert console.commands == [(CommandKind.GRID_ACTIVE, 0)]
 
 
 def test_the_letters_that_answer_a_question_finish_no_kart(opened: Any) -> None:
