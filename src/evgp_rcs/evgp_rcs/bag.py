@@ -16,8 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-import contextlib
+from collections.abc import Iterable
 import pathlib
 import re
 from typing import Any
@@ -58,45 +57,32 @@ def _source(package: str, name: str) -> str:
     return pathlib.Path(share, 'msg', f'{name}.msg').read_text('utf-8')
 
 
-class Bag:
+def write_bag(path: pathlib.Path, messages: Iterable[tuple[str, int, Any]]) -> int:
     """
-    A bag that is being written.
+    Write messages to a new file, and return how many.
 
-    :param writer: writes the file.
-    """
-
-    def __init__(self, writer: Writer) -> None:
-        """Begin with no topic."""
-        self._writer = writer
-        self._channels: dict[str, int] = {}
-
-    def write(self, topic: str, wall_ns: int, message: Any) -> None:
-        """Write a message that was published on a topic at a wall time (ns since the epoch)."""
-        if topic not in self._channels:
-            kind = type(message)
-            package, name = _name(kind)
-            schema = self._writer.register_schema(
-                f'{package}/msg/{name}', 'ros2msg', definition(kind).encode()
-            )
-            self._channels[topic] = self._writer.register_channel(topic, 'cdr', schema)
-        data = serialize_message(message)
-        self._writer.add_message(self._channels[topic], wall_ns, data, wall_ns)
-
-
-@contextlib.contextmanager
-def open_bag(path: pathlib.Path) -> Iterator[Bag]:
-    """
-    Write a bag to a new file.
-
-    :raises FileExistsError: if there is one; it is left as it is.
+    :param messages: each with its topic, and the wall time at which it was published (ns since the
+        epoch).
+    :raises FileExistsError: if there is such a file; it is left as it is.
     :raises OSError: if it cannot be written.
     """
+    channels: dict[str, int] = {}
+    written = 0
     with path.open('xb') as stream:
         try:
             writer: Any = Writer(stream)
             writer.start(profile='ros2', library='evgp_rcs')
-            yield Bag(writer)
+            for topic, wall_ns, message in messages:
+                if topic not in channels:
+                    kind = type(message)
+                    name, source = '/msg/'.join(_name(kind)), definition(kind).encode()
+                    schema = writer.register_schema(name, 'ros2msg', source)
+                    channels[topic] = writer.register_channel(topic, 'cdr', schema)
+                data = serialize_message(message)
+                writer.add_message(channels[topic], wall_ns, data, wall_ns)
+                written += 1
             writer.finish()
         except BaseException:
             path.unlink()
             raise
+    return written

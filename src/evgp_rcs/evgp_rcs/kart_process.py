@@ -38,9 +38,8 @@ from evgp_rcs import priority
 from evgp_rcs.channel import Begin, Failed, Listening, LocalEnd, pack, Refused
 from evgp_rcs.inputs import Entrant, Recovered, Setup
 from evgp_rcs.kart_server import KartServer, KartServerError, RosHalfGoneError
-from evgp_rcs.record import RecordError
+from evgp_rcs.record import RecordError, rules_version
 from evgp_rcs.record_process import RecordProcess, wake_when_the_parent_dies
-from evgp_rcs.rules_version import rules_version
 
 FIRST_SIGN = 2.0
 """Additional time for the first sign of life of the ROS half, in seconds: it still starts."""

@@ -19,33 +19,21 @@ from __future__ import annotations
 import argparse
 import bisect
 from collections.abc import Iterator, Sequence
-import contextlib
 import heapq
 import math
 import pathlib
 import sys
 from typing import Any
 
-from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.inputs import (
-    entries_of,
-    Entry,
-    feed,
-    Input,
-    InputsError,
-    Setup,
-    Shown,
-)
+from evgp_rcs.inputs import entries_of, feed, Input, InputsError, Shown
 from evgp_rcs.plain import plain
-from evgp_rcs.race import AlertKind, Event, EventKind, StampedEvent
-from evgp_rcs.record import RecordedEvent
+from evgp_rcs.race import StampedEvent
 from evgp_rcs.replay import Kept
 from evgp_rcs.runs import (
     add_run_arguments,
     FAILED,
     open_runs,
-    Runs,
+    PARTLY,
     say,
     UNREADABLE,
     UnreadableError,
@@ -85,7 +73,7 @@ def main(arguments: Sequence[str]) -> int:
     wanted = options().parse_args(arguments)
     try:
         # With the rest of ROS; and mcap has no rosdep key.
-        from evgp_rcs.bag import open_bag
+        from evgp_rcs.bag import write_bag
     except ModuleNotFoundError as error:
         if (error.name or '').split('.')[0] != 'mcap':
             raise
@@ -95,124 +83,87 @@ def main(arguments: Sequence[str]) -> int:
         )
         return UNREADABLE
     with open_runs(wanted.file) as runs:
-        messages, lacks = _read(runs, wanted.run)
-    written = 0
+        bagged = _Bagged(Kept.read(runs, runs.choose(wanted.run)))
     try:
-        with open_bag(wanted.out) as bag:
-            for topic, wall_ns, message in messages:
-                bag.write(topic, wall_ns, message)
-                written += 1
+        written = write_bag(wanted.out, bagged.messages())
     except OSError as error:
         say(f'{wanted.out} cannot be written: {error.strerror}')
         return FAILED
     print(f'{plain(str(wanted.out))}: {written} messages')
-    if lacks:
-        print(plain(lacks))
-    return runs.code
+    if bagged.lacks:
+        print(plain(bagged.lacks))
+    return PARTLY if bagged.is_cut else runs.code
 
 
 Message = tuple[str, int, Any]
 """A topic, the time in the bag (ns since the epoch), and a message."""
 
 
-def _read(runs: Runs, number: int | None) -> tuple[Iterator[Message], str]:
-    """Return the messages of a run in order, and a sentence on what they lack; empty: nothing."""
-    kept = Kept.read(runs, runs.choose(number))
-    shifts = _shifts(kept.happened)
-    events = _events(kept.happened, shifts)
-    if kept.setup is None:
-        return events, f'The bag has events only: {kept.lacks}.'
-    both = events, _races(kept, kept.setup, shifts)
-    return heapq.merge(*both, key=lambda message: message[1]), _end_of_race(runs, kept, kept.setup)
-
-
-def _end_of_race(runs: Runs, kept: Kept, setup: Setup) -> str:
-    """Say where the race ends in the bag; empty: it goes to the end of the run."""
-    at = setup.now
-    try:
-        for entry in entries_of(kept.blocks):
-            if isinstance(entry, Input):
-                at = entry.at
-    except InputsError as error:
-        runs.damage = runs.damage or str(error)
-        after = f'{at - setup.now:.1f} s after the run began'
-        return f'The bag has events only from {after} on: {error}.'
-    return ''
-
-
-def _shifts(happened: Sequence[RecordedEvent]) -> list[int]:
+class _Bagged:
     """
-    Return for each event by how much its time in the bag is later than its wall time, in ns.
+    A run as messages.
 
-    A reader puts messages in the order of their times in the bag. Where the wall clock was set
-    back, those go on as time did; the messages themselves have the wall time.
+    A reader puts messages in the order of their times in the bag. So these go by the clock of the
+    rules, which nobody sets; the messages themselves have the wall time.
     """
-    shifts: list[int] = []
-    shift = 0
-    for place, event in enumerate(happened):
-        if place:
-            before = happened[place - 1]
-            if event.wall_ns < before.wall_ns:
-                passed = max(0, round((event.monotonic - before.monotonic) * NS))
-                shift += before.wall_ns + passed - event.wall_ns
-        shifts.append(shift)
-    return shifts
 
+    def __init__(self, kept: Kept) -> None:
+        self._kept = kept
+        self._clocks = [event.monotonic for event in kept.happened]
+        self.is_cut = False
+        self.lacks = '' if kept.setup is not None else f'The bag has events only: {kept.lacks}.'
 
-def _events(happened: Sequence[RecordedEvent], shifts: Sequence[int]) -> Iterator[Message]:
-    from evgp_rcs.messages import events_message
+    def messages(self) -> Iterator[Message]:
+        """Yield the messages in order; what they lack is known then."""
+        both = self._events(), self._races()
+        return heapq.merge(*both, key=lambda message: message[1])
 
-    both = list(zip(happened, shifts, strict=True))
-    for each, shift in watched(both, len(both), 'Writing the bag'):
-        event = Event(
-            EventKind[each.kind],
-            each.text,
-            each.kart,
-            RaceState[each.state] if each.state else None,
-            CommandKind[each.command] if each.command else None,
-            each.success,
-            official=each.official,
-            alert=AlertKind[each.alert] if each.alert else None,
-        )
-        stamped = StampedEvent(each.sequence, each.wall_ns, each.monotonic, event)
-        yield f'/{NODE}/events', each.wall_ns + shift, events_message([stamped])
+    def _in_bag(self, at: float) -> int:
+        return self._kept.happened[0].wall_ns + round((at - self._clocks[0]) * NS)
 
+    def _wall_ns(self, at: float) -> int:
+        """Return the wall time by the last event before: the clock may have been set meanwhile."""
+        place = max(0, bisect.bisect(self._clocks, at) - 1)
+        return self._kept.happened[place].wall_ns + round((at - self._clocks[place]) * NS)
 
-def _races(kept: Kept, setup: Setup, shifts: Sequence[int]) -> Iterator[Message]:
-    """Yield the race as often as it was published, and diagnostics."""
-    from evgp_rcs.messages import diagnostics_message, race_message
+    def _events(self) -> Iterator[Message]:
+        from evgp_rcs.messages import events_message
 
-    clocks = [event.monotonic for event in kept.happened]
-    told = -math.inf
-    for race in _shown(kept, setup):
-        # By the last event before: the wall clock may have been set in the meantime.
-        place = max(0, bisect.bisect(clocks, race.at) - 1)
-        wall_ns = kept.happened[place].wall_ns + round((race.at - clocks[place]) * NS)
-        in_bag = wall_ns + shifts[place]
-        yield f'/{NODE}/race', in_bag, race_message(race, wall_ns, {})
-        if race.at - told >= DIAGNOSTICS_EVERY:
-            told = race.at
-            yield '/diagnostics', in_bag, diagnostics_message(race, wall_ns, NODE, {})
+        happened = self._kept.happened
+        for each in watched(happened, len(happened), 'Writing the bag'):
+            stamped = StampedEvent(each.sequence, each.wall_ns, each.monotonic, each.event())
+            yield f'/{NODE}/events', self._in_bag(each.monotonic), events_message([stamped])
 
+    def _races(self) -> Iterator[Message]:
+        """Yield the race as often as it was published, and diagnostics."""
+        from evgp_rcs.messages import diagnostics_message, race_message
 
-def _shown(kept: Kept, setup: Setup) -> Iterator[Snapshot]:
-    """Yield every snapshot that the ROS half was sent."""
-    race = setup.race()
-    for entry in _entries(kept):
-        if isinstance(entry, Shown):
-            if kept.happened:
-                yield snapshot_of(race, entry.at)
-        elif isinstance(entry, Input):
-            try:
-                feed(entry, race)
-            except Exception as error:
-                raise UnreadableError(
-                    f'the rules do not take the inputs of run {kept.run.number} ({error!r}): the '
-                    'record is damaged or was changed. rcs_record replay says where'
-                ) from error
+        told = -math.inf
+        for race in self._shown():
+            in_bag, wall_ns = self._in_bag(race.at), self._wall_ns(race.at)
+            yield f'/{NODE}/race', in_bag, race_message(race, wall_ns, {})
+            if race.at - told >= DIAGNOSTICS_EVERY:
+                told = race.at
+                yield '/diagnostics', in_bag, diagnostics_message(race, wall_ns, NODE, {})
 
-
-def _entries(kept: Kept) -> Iterator[Entry]:
-    """Yield what went into the rules, up to the first gap or damage."""
-    with contextlib.suppress(InputsError):
-        yield from entries_of(kept.blocks)
+    def _shown(self) -> Iterator[Snapshot]:
+        """Yield every snapshot that the ROS half was sent, up to the first gap or damage."""
+        if self._kept.setup is None or not self._kept.happened:
+            return
+        race, at = self._kept.setup.race(), self._kept.setup.now
+        try:
+            for entry in entries_of(self._kept.blocks):
+                if isinstance(entry, Shown):
+                    yield snapshot_of(race, entry.at)
+                elif isinstance(entry, Input):
+                    at = entry.at
+                    feed(entry, race)
+        except InputsError as error:
+            after = f'{at - self._kept.setup.now:.1f} s after the run began'
+            self.is_cut = True
+            self.lacks = f'The bag has events only from {after} on: {error}.'
+        except Exception as error:
+            raise UnreadableError(
+                f'the rules do not take the inputs of run {self._kept.run.number} ({error!r}): '
+                'the record is damaged or was changed. rcs_record replay says where'
+            ) from error

@@ -26,10 +26,8 @@ import os
 import pathlib
 import sys
 from types import ModuleType
-from typing import NoReturn
 
 from evgp_rcs import mcap_export, replay, timeline
-from evgp_rcs.record import default_path
 from evgp_rcs.report import command as report
 from evgp_rcs.report import results
 from evgp_rcs.runs import say, UNREADABLE, UnreadableError
@@ -43,18 +41,9 @@ WAYS: dict[str, tuple[ModuleType, str]] = {
 }
 """What the first argument may be: the module whose ``main`` takes the rest, and what it does."""
 
-HELP = """\
-usage: rcs_record [show] [FILE] [--list] [--run NUMBER] [--kart NUMBER]
-       rcs_record {subcommands} ...
-
-Look at what race control recorded. FILE is the file that its parameter "record" names; without
-FILE that is {default}. A run is
-what happened between one start of race control and its end; without --run it is the newest one.
-A run that race control is still writing is read up to now.
-
-{lines}
-
-Each has options of its own: 'rcs_record report --help'.
+NOTES = """\
+A run is what happened between one start of race control and its end. A run that race control is
+still writing is read up to now. Each subcommand has its own options: 'rcs_record report --help'.
 
 examples:
   rcs_record --list                             the runs in the record
@@ -79,16 +68,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     Do with a record what the first argument says; without one, print the newest run.
 
-    :return: the exit code: see `HELP`.
+    :return: the exit code: see `NOTES`.
     """
     if '_ARGCOMPLETE' in os.environ:  # the shell asks what could come next
-        _complete()
+        import argcomplete
+
+        argcomplete.autocomplete(_options())
     given = list(sys.argv[1:] if arguments is None else arguments)
     if isinstance(sys.stdout, io.TextIOWrapper):
         # A terminal that knows few characters shows the others somehow.
         sys.stdout.reconfigure(errors='replace')
     if given and given[0] in ('-h', '--help'):
-        print(_help(), end='')
+        print(_options().format_help(), end='')
         return 0
     if given and (meant := _misspelt(given[0])):
         say(f'there is no subcommand and no file {given[0]}. Did you mean {meant}?')
@@ -109,25 +100,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
-def _complete() -> NoReturn:
-    """Answer the shell, and exit."""
-    import argcomplete
-
-    whole = argparse.ArgumentParser(parents=[timeline.options()], conflict_handler='resolve')
-    ways = whole.add_subparsers()
-    for way, (module, _) in WAYS.items():
-        ways.add_parser(way, parents=[module.options()], conflict_handler='resolve')
-    argcomplete.autocomplete(whole)
-    raise AssertionError('argcomplete exits')
-
-
-def _help() -> str:
-    lines = '\n'.join(f'  {way:8} {what}' for way, (_, what) in WAYS.items())
-    return HELP.format(
-        subcommands='{' + ','.join(way for way in WAYS if way != 'show') + '}',
-        default=default_path(),
-        lines=lines,
+def _options() -> argparse.ArgumentParser:
+    """Return what knows every option, for help and completion: argparse leaves out no `show`."""
+    options = argparse.ArgumentParser(
+        prog='rcs_record',
+        description='Look at what race control recorded.',
+        epilog=NOTES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        parents=[timeline.options()],
+        conflict_handler='resolve',
     )
+    ways = options.add_subparsers()
+    for way, (module, what) in WAYS.items():
+        ways.add_parser(way, help=what, parents=[module.options()], conflict_handler='resolve')
+    return options
 
 
 def _misspelt(word: str) -> str:

@@ -36,20 +36,20 @@ import contextlib
 import dataclasses
 import enum
 import fcntl
+import hashlib
 import math
 import pathlib
 import sqlite3
 import time
 from typing import Any, IO
 
-from evgp_protocol import clock
-from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CommandKind
+from evgp_protocol import clock, states
+from evgp_rcs import catalogue, race
 from evgp_rcs.encoding import DAMAGED, read, reader, written
 from evgp_rcs.folder import rcs_folder
 from evgp_rcs.inputs import Block, joined, Setup
 from evgp_rcs.orderly_end import OrderlyEnd
-from evgp_rcs.race import AlertKind, EventKind, RaceMemory, StampedEvent
+from evgp_rcs.race import Event, EventKind, RaceMemory, StampedEvent
 
 SCHEMA_VERSION = 5
 
@@ -69,7 +69,7 @@ CREATE TABLE session ( -- one run of race control
     id INTEGER PRIMARY KEY,
     began_ns INTEGER NOT NULL, -- wall time, ns since the epoch
     ended_ns INTEGER, -- null after a crash
-    rules TEXT, -- their version (rules_version); null: not recorded
+    rules TEXT, -- their version: rules_version(); null: not recorded
     setup TEXT, -- with what the rules began: inputs.Setup, as encoding writes it
     memory TEXT -- what the next run must know: RaceMemory, likewise; null: nothing
 );
@@ -121,6 +121,21 @@ class Session:
     began_ns: int
     ended_ns: int | None
     events: int
+
+
+def rules_version() -> str:
+    """
+    Return which rules these are: with equal ones, a replay comes out equal.
+
+    16 hexadecimal digits of their sources; empty if these are not there.
+    """
+    try:
+        texts = [
+            pathlib.Path(str(each.__file__)).read_bytes() for each in (race, catalogue, states)
+        ]
+    except OSError:
+        return ''
+    return hashlib.sha256(b'\0'.join(texts)).hexdigest()[:16]
 
 
 def default_path() -> pathlib.Path:
@@ -471,11 +486,21 @@ class RecordedEvent:
         """Return an event as it will be read from a record."""
         return RecordedEvent(*_row(stamped))
 
+    def event(self) -> Event:
+        """
+        Return it as the rules made it.
+
+        :raises KeyError: if there is no such kind, command, state, alert or hold.
+        """
+        event: Event = _event([getattr(self, name, False) for name in Event._fields])
+        return event
+
 
 _COLUMNS = tuple(field.name for field in dataclasses.fields(RecordedEvent))
 """The columns of an event, after the session."""
 
 _recorded = reader(RecordedEvent)
+_event = reader(Event)
 
 
 def open_read_only(path: pathlib.Path) -> sqlite3.Connection:
@@ -554,23 +579,14 @@ def events(
     for _, *row in rows:
         try:
             event: RecordedEvent = _recorded(row)
+            event.event()
+            # For what is missing at the end of a file, SQLite has zeros.
+            if any('\0' in value for value in row if isinstance(value, str)):
+                raise ValueError('a text was cut off')
+            if event.kart >= 2**32:
+                raise ValueError(f'there is no kart {event.kart}')
         except DAMAGED as error:
             raise sqlite3.DatabaseError(
                 f'event {row[0]!r} of run {session} is damaged: {error}'
             ) from error
-        # For what is missing at the end of a file, SQLite has zeros.
-        zeros = any('\0' in value for value in row if isinstance(value, str))
-        known = all(getattr(event, column) in names for column, names in _NAMES.items())
-        if zeros or not known or event.kart >= 2**32:
-            raise sqlite3.DatabaseError(f'event {event.sequence} of run {session} is damaged')
         yield event
-
-
-_NAMES: dict[str, set[str | None]] = {
-    'kind': {*EventKind.__members__},
-    'command': {None, *CommandKind.__members__},
-    'state': {None, *RaceState.__members__},
-    'alert': {None, *AlertKind.__members__},
-    'hold': {None, *RaceState.__members__},
-}
-"""What can stand in some columns of an event."""

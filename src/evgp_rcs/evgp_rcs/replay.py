@@ -26,19 +26,19 @@ the wall clock is told; whether somebody set the clock or changed the record, no
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+import contextlib
 import dataclasses
 from dataclasses import dataclass
 import itertools
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from evgp_rcs import inputs
 from evgp_rcs.inputs import Entry, GapError, Input, InputsError, Setup
 from evgp_rcs.plain import plain
 from evgp_rcs.race import EventKind, Order, StampedEvent
-from evgp_rcs.record import RecordedEvent, Session
+from evgp_rcs.record import RecordedEvent, rules_version, Session
 from evgp_rcs.report.model import Account, clock_steps, OF_THE_SERVER, read
-from evgp_rcs.rules_version import rules_version
 from evgp_rcs.runs import (
     add_run_arguments,
     DONE,
@@ -103,12 +103,8 @@ class Replayed:
         )
 
 
-class _DifferentError(Exception):
-    """A difference was found."""
-
-
-class _UnreadError(Exception):
-    """An event cannot be read, and so not compared."""
+class _EndError(Exception):
+    """The replay ends here: something differs, or an event cannot be read."""
 
 
 class Replay:
@@ -144,25 +140,19 @@ class Replay:
         self._events: _Made = []
         self._told = 0
         self._replayed = Replayed()
-        self._of_mark: Mapping[type[Any], Callable[[Any], None]] = {
-            inputs.Ordered: self._compare_orders,
-            inputs.Told: self._compare_events,
-            inputs.Shown: lambda mark: None,
-        }
 
     def run(self) -> Replayed:
         """Return what was compared, up to the first difference."""
-        try:
+        with contextlib.suppress(_EndError):
             for entry in self._entries():
-                compare = self._of_mark.get(type(entry))
-                if compare is not None:
-                    compare(entry)
-                else:
-                    self._feed(entry)  # type: ignore[arg-type]
+                if isinstance(entry, inputs.Ordered):
+                    self._compare_orders(entry)
+                elif isinstance(entry, inputs.Told):
+                    self._compare_events(entry)
+                elif not isinstance(entry, inputs.Shown):
+                    self._feed(entry)
             self._finish()
             self._compare_the_rest()
-        except (_DifferentError, _UnreadError):
-            pass
         return self._replayed
 
     def _entries(self) -> Iterator[Entry]:
@@ -210,7 +200,7 @@ class Replay:
             recorded = self._recorded.pop(sequence, None)
             if recorded is None and self._damaged:
                 self._stop_at(f'{name} cannot be read')
-                raise _UnreadError
+                raise _EndError
             if recorded is None:
                 self._differ(name, 'it is missing', _words(left))
                 return
@@ -262,7 +252,7 @@ class Replay:
             _cut(recorded),
             _cut(replayed),
         )
-        raise _DifferentError
+        raise _EndError
 
 
 _Made = list[tuple[RecordedEvent, bool]]

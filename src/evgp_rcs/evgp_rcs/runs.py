@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterable, Iterator
 import contextlib
 from dataclasses import dataclass
 import datetime
-import operator
+import functools
 import pathlib
 import sqlite3
 import sys
@@ -123,15 +123,12 @@ class Runs:
             rows = events(self.database, run.number, after, backwards)
             return watched(rows, run.events, 'Reading the events')
 
-        return self._readable(read, operator.attrgetter('sequence'))
+        return self._readable(read, lambda event: event.sequence)
 
     def inputs(self, run: Session) -> list[tuple[int, bytes]]:
         """Return what went into the rules, as far as it can be read."""
-
-        def read(after: int, backwards: bool) -> Iterator[tuple[int, bytes]]:
-            return inputs_of(self.database, run.number, after, backwards)
-
-        return self._readable(read, operator.itemgetter(0))
+        read = functools.partial(inputs_of, self.database, run.number)
+        return self._readable(read, lambda block: block[0])
 
     def setup(self, run: Session) -> tuple[str, str]:
         """Return the version of the rules of a run, and with what they began; empty: not there."""
@@ -151,14 +148,12 @@ class Runs:
         """Return rows up to where the record is damaged, and those behind it."""
         found: list[_Row] = []
         try:
-            for row in read(0, False):
-                found.append(row)
+            found.extend(read(0, False))
         except sqlite3.DatabaseError as error:
             self._note(error)
             behind: list[_Row] = []
             with contextlib.suppress(sqlite3.DatabaseError):
-                for row in read(number(found[-1]) if found else 0, True):
-                    behind.append(row)
+                behind.extend(read(number(found[-1]) if found else 0, True))
             found += reversed(behind)
         return found
 
@@ -288,30 +283,25 @@ def _cut_off(file: pathlib.Path, database: sqlite3.Connection) -> str:
 
 
 _NO_DATABASE = 'file is not a database'
-_IO_ERROR = 'disk I/O error'
-_LOCKED = ('database is locked', 'database table is locked', 'database schema is locked')
-_UNOPENED = 'unable to open database file'
-"""Sentences of SQLite's, which before Python 3.11 are all that tells its errors apart."""
+_WHY_UNREADABLE = {
+    _NO_DATABASE: 'is no record: it is not a database, or its beginning is damaged',
+    'database is locked': 'cannot be read now: another program has locked it. Try again when that '
+    'is done',
+    'unable to open database file': 'cannot be opened. If its folder cannot be written, copy the '
+    'file into one that can, with those beside it whose names begin alike',
+}
+"""By sentences of SQLite's, which before Python 3.11 are all that tells its errors apart."""
 
 
 def _is_damage(error: sqlite3.Error) -> bool:
     # What SQLite calls an operational error concerns the query or the moment, not the file.
     if isinstance(error, sqlite3.OperationalError):
-        return str(error) == _IO_ERROR
+        return str(error) == 'disk I/O error'
     return str(error) != _NO_DATABASE
 
 
 def _why_unreadable(error: sqlite3.Error) -> str:
-    said = str(error)
-    if said == _NO_DATABASE:
-        return 'is no record: it is not a database, or its beginning is damaged'
-    if said.startswith(_LOCKED):
-        return 'cannot be read now: another program has locked it. Try again when that is done'
-    if said == _UNOPENED:
-        return (
-            'cannot be opened. If its folder cannot be written, copy the file into one that can, '
-            'with those beside it whose names begin alike'
-        )
+    otherwise = 'is no record of this race control'
     if _is_damage(error):
-        return f'is damaged, and nothing of it can be read: {said}'
-    return f'is no record of this race control: {said}'
+        otherwise = 'is damaged, and nothing of it can be read'
+    return _WHY_UNREADABLE.get(str(error), f'{otherwise}: {error}')

@@ -35,8 +35,7 @@ from evgp_rcs.encoding import written
 from evgp_rcs.inputs import Setup
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.rcs_record import WAYS
-from evgp_rcs.record import default_path, Record
-from evgp_rcs.rules_version import rules_version
+from evgp_rcs.record import default_path, Record, rules_version
 from evgp_rcs.runs import DONE, FAILED, PARTLY, UNREADABLE
 import pytest
 from recorded_races import PaperRace
@@ -126,12 +125,6 @@ def test_the_word_show_may_be_left_out(good: pathlib.Path, capsys: Capture) -> N
 def test_a_misspelt_subcommand_is_no_file(capsys: Capture) -> None:
     assert rcs_record(['reprot', '-o', 'x.html']) == UNREADABLE
     assert 'report' in capsys.readouterr().err
-
-
-def test_it_is_a_module_too(good: pathlib.Path) -> None:
-    done = subprocess.run([*PROGRAM, str(good), '--list'], capture_output=True, text=True)
-    assert done.returncode == 0
-    assert len(done.stdout.splitlines()) == 2
 
 
 def test_whoever_reads_no_further_gets_no_trace_of_python(good: pathlib.Path) -> None:

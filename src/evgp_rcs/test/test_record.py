@@ -183,10 +183,6 @@ def test_of_a_run_that_remembered_nothing_nothing_is_known(begin: Begin, in_orde
     assert begin().left_behind is None
 
 
-def test_before_the_first_run_ever_nothing_is_known(begin: Begin) -> None:
-    assert begin().left_behind is None
-
-
 def test_a_run_finds_what_the_last_one_left_and_not_an_older_one(begin: Begin) -> None:
     first = begin()
     first.remember(RACING, 0.0)
@@ -195,12 +191,6 @@ def test_a_run_finds_what_the_last_one_left_and_not_an_older_one(begin: Begin) -
     second.remember(HOME, 0.0)
     second.end()
     assert begin().left_behind == final(HOME)
-
-
-def test_two_race_controls_cannot_have_one_record(begin: Begin, path: pathlib.Path) -> None:
-    begin()
-    with pytest.raises(RecordError, match='choose another file with the parameter record'):
-        Record(path)
 
 
 def no_text_file(path: pathlib.Path) -> None:
@@ -502,20 +492,6 @@ def test_a_run_whose_record_began_to_fail_is_not_taken_for_one_that_ended_in_ord
     again = Record(path)
     again.end()
     assert again.left_behind == HOME
-
-
-def test_a_run_whose_record_works_again_is_known_to_the_next(small_disk: pathlib.Path) -> None:
-    path = small_disk / 'record.sqlite3'
-    record = Record(path)
-    ballast = filled(small_disk)
-    record.put([event(n, f'event {n} ' + 100 * 'x') for n in range(1, 1000)])
-    assert not record.write()
-    ballast.unlink()
-    record.remember(RACING, 0.0)
-    crash(record)
-    again = Record(path)
-    again.end()
-    assert again.left_behind == RACING
 
 
 def test_a_record_that_is_a_pipe_keeps_nobody_waiting(begin: Begin, path: pathlib.Path) -> None:

@@ -41,9 +41,8 @@ from evgp_rcs.race import (
     StartPhase,
 )
 from evgp_rcs.rcs_record import main
-from evgp_rcs.record import Record, RecordedEvent
+from evgp_rcs.record import Record, RecordedEvent, rules_version
 from evgp_rcs.replay import Replay, Replayed
-from evgp_rcs.rules_version import rules_version
 import pytest
 from rig.faults import module_with
 

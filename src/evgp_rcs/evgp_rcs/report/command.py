@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 import dataclasses
 import datetime
 import hashlib
@@ -40,9 +40,6 @@ from evgp_rcs.runs import (
     say,
     UnreadableError,
 )
-
-CHUNK = 1 << 20
-"""Maximum part of a file that is read at a time, in bytes."""
 
 
 def options() -> argparse.ArgumentParser:
@@ -141,7 +138,7 @@ def _sums(runs: Runs, happened: Iterable[RecordedEvent]) -> list[tuple[str, str]
 def _sum_of(file: pathlib.Path) -> str:
     digest = hashlib.sha256()
     with file.open('rb') as opened:
-        while chunk := opened.read(CHUNK):
+        while chunk := opened.read(1 << 20):
             digest.update(chunk)
     return digest.hexdigest()
 
@@ -174,25 +171,15 @@ def seconds_of(text: str, clock: Clock) -> float:
     began = clock.moment(clock.began_ns)
     if re.fullmatch(r'\+\d+(\.\d+)?', text):
         return float(text[1:])
-    ways: tuple[Callable[[], datetime.datetime], ...] = (
-        lambda: datetime.datetime.combine(began.date(), _time_of(text), clock.zone),
-        lambda: datetime.datetime.fromisoformat(text),
-    )
-    for way in ways:
-        try:
-            moment = way()
-        except ValueError:
-            continue
-        if moment.tzinfo is None:
-            moment = moment.replace(tzinfo=clock.zone)
-        at = (moment - began).total_seconds()
-        # To the minute or second, the beginning itself may be meant.
-        return at + 86400.0 if way is ways[0] and at < -60.0 else max(0.0, at)
-    raise ValueError(f'{text} is no time; for example 14:05:30, 2026-05-30T14:05 or +90')
-
-
-def _time_of(text: str) -> datetime.time:
-    if not re.fullmatch(r'\d\d?:\d\d(:\d\d(\.\d{1,6})?)?', text):
-        raise ValueError(text)
-    hours, rest = text.split(':', 1)
-    return datetime.time.fromisoformat(f'{int(hours):02}:{rest}')
+    of_day = re.fullmatch(r'\d?\d:\d\d(:\d\d(\.\d{1,6})?)?', text)
+    hours = '0' * (text[1:2] == ':')
+    try:
+        moment = datetime.datetime.fromisoformat(
+            f'{began:%Y-%m-%d}T{hours}{text}' if of_day else text
+        )
+    except ValueError as error:
+        example = 'for example 14:05:30, 2026-05-30T14:05 or +90'
+        raise ValueError(f'{text} is no time; {example}') from error
+    at = (moment.replace(tzinfo=moment.tzinfo or clock.zone) - began).total_seconds()
+    # To the minute or second, the beginning itself may be meant.
+    return at + 86400.0 if of_day and at < -60.0 else max(0.0, at)

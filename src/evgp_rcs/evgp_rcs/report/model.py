@@ -83,23 +83,14 @@ class Hold:
     command: str
 
 
-class Mark(NamedTuple):
-    """A moment on a kart's lane: the name of an ``EventKind``."""
-
-    at: float
-    kind: str
-    sequence: int
-
-
 @dataclass
 class Lane:
-    """One kart: what it was sent, when it was held, and what it said or lost."""
+    """One kart: what it was sent, and when it was held."""
 
     kart: int
     team: str
     bands: list[Band]
     holds: list[Hold] = field(default_factory=list)
-    marks: list[Mark] = field(default_factory=list)
 
     @property
     def sent(self) -> str:
@@ -169,7 +160,7 @@ class Silence(enum.Enum):
     RECORD_ENDS = 'not acknowledged'
 
 
-class Told(NamedTuple):
+class StopAnswer(NamedTuple):
     """
     What a kart was sent at a stop, and when it acknowledged that.
 
@@ -197,9 +188,9 @@ class Stop(NamedTuple):
 
     sequence: int
     at: float
-    told: tuple[Told, ...]
+    told: tuple[StopAnswer, ...]
 
-    def slowest(self) -> Told | None:
+    def slowest(self) -> StopAnswer | None:
         """Return who took longest of those that it told something new, and acknowledged."""
         new = (each for each in self.told if each.since == self.at and each.acknowledged)
         return max(new, key=lambda each: each.acknowledged or 0.0, default=None)
@@ -215,7 +206,7 @@ class Change(NamedTuple):
 
 
 @dataclass
-class Race:
+class RaceAccount:
     """
     One race, from GRID_ACTIVE to IN_GARAGE.
 
@@ -305,19 +296,23 @@ class Account:
     lanes: list[Lane]
     race_bands: list[Band]
     clock_steps: list[ClockStep]
-    races: list[Race] = field(default_factory=list)
+    races: list[RaceAccount] = field(default_factory=list)
     alerts: list[Alert] = field(default_factory=list)
-    commands: list[RecordedEvent] = field(default_factory=list)
     gaps: list[Gap] = field(default_factory=list)
     outside: list[int] = field(default_factory=list)
     ended: RecordedEvent | None = None
+
+    @property
+    def commands(self) -> list[RecordedEvent]:
+        """Return the events of officials' commands."""
+        return [event for event in self.events if event.kind == EventKind.COMMAND.name]
 
     def at(self, event: RecordedEvent) -> float:
         """Return when an event happened."""
         assert self.first is not None
         return event.monotonic - self.first.monotonic
 
-    def results(self, race: Race) -> list[Result]:
+    def results(self, race: RaceAccount) -> list[Result]:
         """Return what became of each starter of a race: in the order of places, then the rest."""
         finished = enumerate(race.finished.items(), 1)
         rest = sorted(set(race.starters) - race.finished.keys())
@@ -326,12 +321,12 @@ class Account:
             *(Result(kart, out=self._out(race, kart)) for kart in rest),
         ]
 
-    def stops(self, race: Race) -> list[Stop]:
+    def stops(self, race: RaceAccount) -> list[Stop]:
         """Return the stops of a race, and what they told to whom; of the account of all karts."""
         events = {event.sequence: event for event in self.events}
         return [self._stop(race, events[number]) for number in race.stops if number in events]
 
-    def _stop(self, race: Race, event: RecordedEvent) -> Stop:
+    def _stop(self, race: RaceAccount, event: RecordedEvent) -> Stop:
         at = self.at(event)
         told = []
         for lane in self.lanes:
@@ -350,11 +345,11 @@ class Account:
             if sent and band.acknowledged is None:
                 silence = _SILENCE.get(then, Silence.TOLD_ELSE)
             told.append(
-                Told(lane.kart, band.what, band.start, band.acknowledged, band.end, silence)
+                StopAnswer(lane.kart, band.what, band.start, band.acknowledged, band.end, silence)
             )
         return Stop(event.sequence, at, tuple(told))
 
-    def _out(self, race: Race, kart: int) -> Out:
+    def _out(self, race: RaceAccount, kart: int) -> Out:
         known = race.out.get(kart)
         ends = race.stop.at if race.stop is not None else self.length
         began = race.green or 0.0
@@ -423,7 +418,7 @@ class _Reading:
         self._lanes = {lane.kart: lane for lane in lanes}
         self._holds: dict[int, Hold] = {}  # those that last
         self._standing: dict[tuple[int, str | None], Alert] = {}
-        self._race: Race | None = None
+        self._race: RaceAccount | None = None
         self._command: RecordedEvent | None = None  # the last that was accepted
         race_bands = [Band(0.0, length, NOT_KNOWN if missing else IN_GARAGE)]
         self.account = Account(events, first, length, lanes, race_bands, clock_steps(events))
@@ -451,8 +446,6 @@ class _Reading:
         if take is not None:
             take(self, event, at)
         elif lane is not None and event.kind in _TAKES_OF_A_KART:
-            if event.kind != EventKind.KART_STATE.name:
-                lane.marks.append(Mark(at, event.kind, event.sequence))
             _TAKES_OF_A_KART[event.kind](self, lane, event, at)
         if event.kind not in OF_THE_SERVER:
             self._see_holds(event, at)
@@ -508,9 +501,6 @@ class _Reading:
         if lane.sent in (RED_FLAG, RED_RED):
             self._incident(event)  # it had stopped, by its own word
 
-    def _marked(self, lane: Lane, event: RecordedEvent, at: float) -> None:
-        """Nothing but the mark."""
-
     def _see_holds(self, event: RecordedEvent, at: float) -> None:
         """Take note of how the event says that its kart is held, or every kart."""
         command = event.command if event.success and event.command in STOPS else ''
@@ -528,7 +518,7 @@ class _Reading:
 
     # ----- the race -----------------------------------------------------------------------
 
-    def _race_of(self, event: RecordedEvent, at: float) -> Race | None:
+    def _race_of(self, event: RecordedEvent, at: float) -> RaceAccount | None:
         """Return the race that was under way; None: none was."""
         races = self.account.races
         if not event.race:
@@ -536,7 +526,7 @@ class _Reading:
         if not races or races[-1].number != event.race:
             taken_up = event.command != CommandKind.GRID_ACTIVE.name
             incomplete = taken_up and event.sequence != 1
-            races.append(Race(event.race, at, event.heat, taken_up, incomplete))
+            races.append(RaceAccount(event.race, at, event.heat, taken_up, incomplete))
         return races[-1]
 
     def _race_state(self, event: RecordedEvent, at: float) -> None:
@@ -560,7 +550,6 @@ class _Reading:
         return self._command if event.command else None
 
     def _commanded(self, event: RecordedEvent, at: float) -> None:
-        self.account.commands.append(event)
         race = self._race
         if not event.success:
             if race is not None:
@@ -635,10 +624,6 @@ _TAKES_OF_A_KART: Mapping[str, Callable[[_Reading, Lane, RecordedEvent, float], 
     EventKind.KART_STATE.name: _Reading._kart_state,
     EventKind.ACKNOWLEDGED.name: _Reading._acknowledged,
     EventKind.WITHDRAWN.name: _Reading._withdrawn,
-    EventKind.REPORTED.name: _Reading._marked,
-    EventKind.MALFORMED.name: _Reading._marked,
-    EventKind.SLOW_LINK.name: _Reading._marked,
-    EventKind.REFUSED_CONNECTION.name: _Reading._marked,
     EventKind.CONNECTED.name: _Reading._connected,
     EventKind.DISCONNECTED.name: _Reading._disconnected,
 }
@@ -690,7 +675,9 @@ class Part:
         if self.whole:
             return account
         start, end = self.span(account)
-        shown = {self.kart, 0} if self.kart is not None else {0, *(n.kart for n in account.lanes)}
+
+        def concerns(kart: int) -> bool:
+            return self.kart is None or kart in (0, self.kart)
 
         def touches(begins: float | None, ends: float | None) -> bool:
             last = account.length if ends is None else ends
@@ -706,47 +693,42 @@ class Part:
         events = [
             event
             for event in account.events
-            if (self.kart is None or event.kart in shown) and start <= account.at(event) <= end
+            if concerns(event.kart) and start <= account.at(event) <= end
         ]
         kept = {event.sequence for event in events}
-        lanes = [
-            Lane(
-                lane.kart,
-                lane.team,
-                cut(lane.bands),
-                cut(lane.holds),
-                [mark for mark in lane.marks if mark.sequence in kept],
-            )
-            for lane in account.lanes
-            if lane.kart in shown
-        ]
-        for lane in lanes:
-            for band in lane.bands:
-                if band.acknowledged is not None and band.acknowledged > end:
-                    band.acknowledged = None
-        races = [
-            dataclasses.replace(
-                race,
-                incidents=[number for number in race.incidents if number in kept],
-                stops=[number for number in race.stops if number in kept],
-                refused=[number for number in race.refused if number in kept],
-            )
-            for race in account.races
-            if touches(race.began, race.garage)
-        ]
+
+        def in_part(numbers: list[int]) -> list[int]:
+            return [number for number in numbers if number in kept]
+
         return dataclasses.replace(
             account,
             events=events,
-            lanes=lanes,
+            lanes=[
+                dataclasses.replace(
+                    lane,
+                    bands=cut(lane.bands),
+                    holds=cut(lane.holds),
+                )
+                for lane in account.lanes
+                if concerns(lane.kart)
+            ],
             race_bands=cut(account.race_bands),
-            races=races,
+            races=[
+                dataclasses.replace(
+                    race,
+                    incidents=in_part(race.incidents),
+                    stops=in_part(race.stops),
+                    refused=in_part(race.refused),
+                )
+                for race in account.races
+                if touches(race.began, race.garage)
+            ],
             alerts=[
                 alert
                 for alert in account.alerts
-                if alert.kart in shown and touches(alert.raised, alert.ended)
+                if concerns(alert.kart) and touches(alert.raised, alert.ended)
             ],
-            commands=[event for event in account.commands if event.sequence in kept],
             gaps=[gap for gap in account.gaps if touches(gap.start, gap.end)],
             clock_steps=[step for step in account.clock_steps if start <= step.at <= end],
-            outside=[number for number in account.outside if number in kept],
+            outside=in_part(account.outside),
         )

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
+import dataclasses
 import hashlib
 from importlib import metadata
 from importlib.resources import files
@@ -57,6 +58,9 @@ LESSER = frozenset(
     )
 )
 """The kinds of events that are left out first where there is no room for all."""
+
+
+COMMAND = EventKind.COMMAND.name
 
 
 def _hash(text: str) -> str:
@@ -175,12 +179,10 @@ def _data(whole: Account, account: Account, part: Part, clock: Clock) -> Any:
         'end': end,
         'began': clock.wall_ns(0.0) // 1_000_000,
         'offset': clock.offset,
-        'isWhole': part.whole,
         'states': wording.STATES,
-        'short': wording.SHORT,
         'kinds': wording.KINDS,
         'lesser': sorted(LESSER),
-        'race': [(band.start, band.end, band.what) for band in account.race_bands],
+        'race': [dataclasses.astuple(band) for band in account.race_bands],
         'races': [
             (race.began, whole.length if race.garage is None else race.garage, race.number)
             for race in account.races
@@ -189,31 +191,13 @@ def _data(whole: Account, account: Account, part: Part, clock: Clock) -> Any:
             {
                 'kart': lane.kart,
                 'team': wording.name(lane.team),
-                'bands': [
-                    (each.start, each.end, each.what, each.acknowledged) for each in lane.bands
-                ],
+                'bands': [dataclasses.astuple(band) for band in lane.bands],
                 'holds': [
-                    (
-                        each.start,
-                        each.end,
-                        wording.command(each.command, 0) if each.command else '',
-                    )
-                    for each in lane.holds
+                    (hold.start, hold.end, hold.command and wording.command(hold.command, 0))
+                    for hold in lane.holds
                 ],
-                'marks': [(each.at, each.kind, each.sequence) for each in lane.marks],
             }
             for lane in account.lanes
-        ],
-        'commands': [
-            (
-                account.at(event),
-                wording.command(event.command, event.kart),
-                int(event.success),
-                wording.name(event.official),
-                event.sequence,
-                int(event.success and not event.kart),
-            )
-            for event in account.commands
         ],
         'alerts': [
             (
@@ -225,7 +209,7 @@ def _data(whole: Account, account: Account, part: Part, clock: Clock) -> Any:
             )
             for alert in account.alerts
         ],
-        'gaps': [(gap.start, gap.end, gap.missing) for gap in account.gaps],
+        'gaps': account.gaps,
         'events': [
             (
                 event.sequence,
@@ -236,6 +220,7 @@ def _data(whole: Account, account: Account, part: Part, clock: Clock) -> Any:
                 int(event.success),
                 plain(event.text),
                 wording.name(event.official),
+                wording.command(event.command, event.kart) if event.kind == COMMAND else '',
             )
             for event in account.events
         ],

@@ -27,7 +27,7 @@ import unicodedata
 from evgp_rcs.plain import plain
 from evgp_rcs.replay import Kept
 from evgp_rcs.report import wording
-from evgp_rcs.report.model import Account, Race, Result
+from evgp_rcs.report.model import Account, RaceAccount, Result
 from evgp_rcs.report.wording import Clock
 from evgp_rcs.runs import add_run_arguments, FAILED, open_runs, say
 
@@ -127,7 +127,9 @@ def _write(stream: TextIO, rows: Sequence[Sequence[str]]) -> None:
     table.writerows(rows)
 
 
-def _rows(account: Account, race: Race, clock: Clock, damaged: bool) -> Iterator[tuple[str, ...]]:
+def _rows(
+    account: Account, race: RaceAccount, clock: Clock, damaged: bool
+) -> Iterator[tuple[str, ...]]:
     teams = {lane.kart: lane.team for lane in account.lanes}
 
     def moment(at: float | None) -> str:
@@ -154,7 +156,7 @@ def _rows(account: Account, race: Race, clock: Clock, damaged: bool) -> Iterator
         )
 
 
-def _seconds(race: Race, result: Result) -> str:
+def _seconds(race: RaceAccount, result: Result) -> str:
     if race.green is None or result.finished is None:
         return ''
     return f'{wording.between(race.green, result.finished):.3f}'

@@ -32,7 +32,7 @@ from evgp_rcs.report.model import (
     RED_RED,
     Silence,
     Stop,
-    Told,
+    StopAnswer,
     Why,
 )
 
@@ -45,17 +45,6 @@ STATES = {
     NOT_CONNECTED: 'not connected',
     NOT_KNOWN: 'not known',
 }
-
-SHORT = {
-    IN_GARAGE: 'GARAGE',
-    GRID_ACTIVE: 'GRID',
-    GREEN_GREEN: 'GREEN',
-    RED_FLAG: 'FLAG',
-    RED_RED: 'RED',
-    NOT_CONNECTED: 'no link',
-    NOT_KNOWN: '?',
-}
-"""The same where there is little room."""
 
 KINDS = {
     'COMMAND': "Officials' command",
@@ -183,7 +172,7 @@ class Clock:
         return f'{moment:%A}, {moment.day} {moment:%B %Y}'
 
 
-def acknowledged(stop: Stop, told: Told, clock: Clock) -> tuple[str, str, str]:
+def acknowledged(stop: Stop, told: StopAnswer, clock: Clock) -> tuple[str, str, str]:
     """Return what a kart was sent at a stop, when it acknowledged that, and after how long."""
     if told.what == NOT_CONNECTED:
         return 'nothing: it was not connected', '', ''
