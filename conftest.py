@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import pytest
 
-pytest_plugins = ('evgp_testing.dice', 'rig.own_process')
+pytest_plugins = ('rig.seed', 'rig.own_process')
 
 
 @pytest.hookimpl(trylast=True)  # of what is left of them

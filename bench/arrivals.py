@@ -13,8 +13,6 @@ import struct
 import time
 from typing import Any
 
-from evgp_protocol.frames import encode
-from evgp_protocol.states import RaceState
 from evgp_testing.part import Part
 
 # Of Linux; Python has no names for them.
@@ -47,7 +45,7 @@ TIMES_BYTES = socket.CMSG_SPACE(3 * _TIMESPEC.size)
 
 class Arrivals(Part):
     """
-    The frames on the loopback since the last call of `last` or `worst_gap`, by the kernel's times.
+    The frames on the loopback since the last call of `worst_gap`, by the kernel's times.
 
     :param port: race control's, at 127.0.0.1.
     :raises PermissionError: for others than root, and in some containers.
@@ -83,20 +81,6 @@ class Arrivals(Part):
                     return
         raise TimeoutError(f'Linux took no time of a packet within {LONGEST_WAIT} s')
 
-    def last(self, state: RaceState, karts: int) -> float:
-        """
-        Return the time (monotonic, s) by which every kart's computer had the first frame of it.
-
-        :raises AssertionError: if there is no such frame for one of so many karts.
-        """
-        frame = encode(state)
-        first: dict[bytes, float] = {}
-        for kart, frames, at in self._heard():
-            if frame in frames:
-                first.setdefault(kart, at)
-        assert len(first) == karts, f'{state.value} came to {len(first)} of {karts} karts'
-        return max(first.values())
-
     def worst_gap(self, karts: int, going_on: bool = True) -> float:
         """
         Return the longest time between two frames to the same kart, s.
@@ -109,7 +93,7 @@ class Arrivals(Part):
         """
         now = time.monotonic()
         worst = 0.0
-        for kart, _, at in self._heard():
+        for kart, at in self._heard():
             latest = self._latest.get(kart, at)
             assert at > latest - SET, 'the wall clock was set back'
             worst = max(worst, at - latest)
@@ -118,8 +102,8 @@ class Arrivals(Part):
         assert heard == karts, f'frames came to {heard} of {karts} karts'
         return max(worst, now - min(self._latest.values())) if going_on else worst
 
-    def _heard(self) -> Iterator[tuple[bytes, bytes, float]]:
-        """Give each packet with frames since the last call: the kart's address, frames, time."""
+    def _heard(self) -> Iterator[tuple[bytes, float]]:
+        """Give each packet with frames since the last call: the kart's address, and the time."""
         # The kernel gives the wall time. Between two looks at a clock another process may run.
         wall = max(time.time() - time.monotonic() for _ in range(10))
         assert abs(wall - (self._wall or wall)) < SET, 'the wall clock was set'
@@ -131,9 +115,9 @@ class Arrivals(Part):
             if kind != (socket.PACKET_HOST, socket.IPPROTO_TCP) or sender != self._sender:
                 continue
             begin = header + (packet[header + 12] >> 4) * 4
-            if frames := packet[begin:]:
+            if packet[begin:]:
                 seconds, nanoseconds = _TIMESPEC.unpack_from(times)
-                yield packet[16:20], frames, seconds + nanoseconds / 1e9 - wall
+                yield packet[16:20], seconds + nanoseconds / 1e9 - wall
 
     def _packets(self) -> Iterator[tuple[bytes, list[tuple[int, int, bytes]], int, Any]]:
         """Give each packet since the last call, as ``recvmsg`` does."""

@@ -5,14 +5,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 import resource
 import selectors
 import sys
 import time
 
-from arrivals import Arrivals
 from evgp_protocol.states import RaceState
 from evgp_testing.race_control import address_of
 from evgp_testing.wire_kart import KartLink
@@ -22,11 +20,9 @@ def main() -> None:
     """
     Connect karts 1 to N to a port and obey the commands on stdin, one line of JSON each.
 
-    ``watch STATE`` answers, once all karts have seen the state, with two monotonic times (s): when
-    the last of them had read the first frame of it, and when that had come to its computer; null
-    unless ``arrivals`` was told before (the answer is ``ready``), and where the kernel does not
-    allow it. ``gaps SECONDS`` answers with the frames of each kart in that time and its longest
-    gap (s).
+    ``watch STATE`` answers, once all karts have seen the state, with the monotonic time (s) at
+    which the last of them had read the first frame of it. ``gaps SECONDS`` answers with the frames
+    of each kart in that time and its longest gap (s).
 
     The third argument says what karts say: ``mute`` nothing, ``acknowledge`` each change.
 
@@ -46,14 +42,12 @@ def main() -> None:
     unsaid: list[KartLink] = []
     wanted: RaceState | None = None
     gaps_since = gaps_until = 0.0
-    arrivals: Arrivals | None = None
 
     def answer(value: object) -> None:
         print(json.dumps(value), flush=True)
 
-    def answer_seen(state: RaceState) -> None:
-        read = max(each.changes[-1][0] for each in karts)
-        answer((read, arrivals.last(state, count) if arrivals else None))
+    def answer_seen() -> None:
+        answer(max(each.changes[-1][0] for each in karts))
 
     answer('ready')
     while True:
@@ -70,11 +64,7 @@ def main() -> None:
                     wanted = RaceState[words[1]]
                     waiting = {each for each in karts if each.state is not wanted}
                     if not waiting:
-                        answer_seen(wanted)
-                elif words[0] == 'arrivals':
-                    with contextlib.suppress(PermissionError):
-                        arrivals = Arrivals(port)
-                    answer('ready')
+                        answer_seen()
                 else:
                     gaps_since, gaps_until = now, now + float(words[1])
                     for each in karts:
@@ -90,7 +80,7 @@ def main() -> None:
                 if state is wanted and kart in waiting:
                     waiting.discard(kart)
                     if not waiting:
-                        answer_seen(state)
+                        answer_seen()
         if unsaid and not waiting:
             for each in unsaid:
                 assert each.state is not None

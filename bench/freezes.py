@@ -19,6 +19,7 @@ import contextlib
 import pathlib
 import random
 import signal
+import statistics
 import sys
 import tempfile
 import time
@@ -27,7 +28,6 @@ from arrivals import Arrivals
 from evgp_protocol.states import RaceState
 from evgp_testing.process import executable, Program
 from evgp_testing.wire_race import WireRace
-from kills import typical_and_worst
 
 KARTS = range(1, 6)
 
@@ -45,6 +45,11 @@ while True:
     official.call_all('kart/finish', [{'kart': 60000}] * 20)
 """
 """A client of services that never pauses: it asks for a finish of a kart that is not there."""
+
+
+def typical_and_worst(values: list[float]) -> str:
+    """Return median and worst, ms."""
+    return f'{statistics.median(values) * 1e3:.1f} / {max(values) * 1e3:.1f}'
 
 
 class Gaps:

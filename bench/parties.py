@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import socket
 import sys
@@ -14,7 +13,6 @@ from typing import Any
 
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
-from evgp_testing.race_control import address_of
 
 
 def tell(value: object) -> None:
@@ -40,58 +38,6 @@ def floor(count: int) -> None:
             tell(began)
 
 
-def rules(count: int) -> None:
-    """Run the kart server and the rules without ROS; give commands, and answer with when."""
-    from evgp_protocol import clock
-    from evgp_rcs.catalogue import CommandKind
-    from evgp_rcs.channel import ServerSettings
-    from evgp_rcs.kart_server import KartServer
-    from evgp_rcs.race import Answer, Command, Kart, Race, RaceTimes
-
-    class Nobody:
-        """Neither a ROS half nor a record."""
-
-        gone = ''
-        unsent = 1  # so that nothing is shown
-
-        def __getattr__(self, name: str) -> Any:
-            """Take what is sent or recorded, and hear nothing."""
-            return lambda *given: ''
-
-    nobody: Any = Nobody()
-    race = Race(
-        [Kart(number, f'Team {number}', True) for number in range(1, count + 1)],
-        RaceTimes(pause=0.0),
-    )
-    server = KartServer(
-        race,
-        {address_of(number): number for number in race.karts},
-        ServerSettings(host='127.0.0.1', port=0),
-        nobody,
-        nobody,
-    )
-
-    def give() -> None:
-        line = sys.stdin.readline()
-        if not line:
-            server.end()
-            return
-        kind = CommandKind[line.strip()]
-        seen = race.availability(kind, 0, clock.now()).karts
-        command = Command(kind, statement=True, karts=frozenset(seen))
-        began = time.monotonic()
-        answers: list[Answer] = []
-        server.submit(command, answers.append)
-        server.take_commands()
-        tell([began, answers[0].success])
-
-    async def serve() -> None:
-        asyncio.get_running_loop().add_reader(sys.stdin, give)
-        await server.serve(lambda address: tell(address[1]))
-
-    clock.run(serve())
-
-
 def service(domain: int) -> None:
     """Offer a bare ROS service."""
     import rclpy
@@ -110,4 +56,4 @@ def service(domain: int) -> None:
 
 
 if __name__ == '__main__':
-    {'floor': floor, 'rules': rules, 'service': service}[sys.argv[1]](int(sys.argv[2]))
+    {'floor': floor, 'service': service}[sys.argv[1]](int(sys.argv[2]))

@@ -137,14 +137,11 @@ def stop_latency(folder: pathlib.Path, counts: Sequence[int], times: int) -> Non
         (
             'karts',
             'floor',
-            'rules and fan-out',
-            '÷ floor',
             'bare service call',
             'whole path',
             '÷ (call + floor)',
             'call → answer',
             'as all acknowledge IN_GARAGE',
-            'at the computer of the last kart',
         ),
         (stop_latency_of(folder, count, times, call) for count in counts),
     )
@@ -155,21 +152,17 @@ def stop_latency_of(
 ) -> tuple[object, ...]:
     """Return the row of one number of karts."""
     bare = floor_latency(count, times)
-    server = rules_latency(count, times)
-    whole, _, answered = whole_latency(folder, count, times)
-    behind, came, _ = whole_latency(folder, count, times, at_rest=False)
+    whole, answered = whole_latency(folder, count, times)
+    behind, _ = whole_latency(folder, count, times, at_rest=False)
     median = statistics.median
     return (
         count,
         spread(bare),
-        spread(server),
-        f'{median(server) / median(bare):.2f}',
         spread(call),
         spread(whole),
         f'{median(whole) / (median(call) + median(bare)):.2f}',
         spread(answered),
         spread(behind),
-        spread(came) if came else '',
     )
 
 
@@ -182,39 +175,9 @@ def floor_latency(count: int, times: int) -> list[float]:
         assert crowd.hear() == 'ready'
         assert writer.hear() == 'ready'
         return [
-            timed(crowd, state, lambda state=state: (writer.tell(state.name), writer.hear())[1])[0]
+            timed(crowd, state, lambda state=state: (writer.tell(state.name), writer.hear())[1])
             for state in (IN_GARAGE, RED_RED) * times
         ][1::2]
-
-
-def rules_latency(count: int, times: int) -> list[float]:
-    """Return the times of the kart server with the rules, without ROS, s."""
-
-    def give(command: str) -> float:
-        server.tell(command)
-        began, success = server.hear()
-        assert success or command == 'IN_GARAGE'
-        return began
-
-    def go_home() -> None:
-        while True:
-            server.tell('IN_GARAGE')
-            if server.hear()[1]:
-                return
-            time.sleep(0.01)
-
-    with (
-        Party('parties.py', 'rules', count) as server,
-        Party('crowd.py', server.hear(), count, 'acknowledge') as crowd,
-    ):
-        assert crowd.hear() == 'ready'
-        result = []
-        for _ in range(times):
-            result.append(timed(crowd, RED_RED, lambda: give('ALL_KILL'))[0])
-            go_home()
-            crowd.tell('watch', IN_GARAGE.name)
-            crowd.hear()
-        return result
 
 
 def rest() -> None:
@@ -224,30 +187,23 @@ def rest() -> None:
 
 def timed(
     crowd: Party, state: RaceState, send: Callable[[], float], at_rest: bool = True
-) -> tuple[float, float | None]:
-    """
-    Return how long after it was sent the last kart saw a state, s.
-
-    Then how long after it was sent that had come to the kart's computer, if the crowd was told
-    ``arrivals``: the process of the karts may get no processor for a while.
-    """
+) -> float:
+    """Return how long after it was sent the last kart saw a state, s."""
     crowd.tell('watch', state.name)
     if at_rest:
         rest()
     else:
         time.sleep(0.01)  # the crowd has the line before the frames come
     began = send()
-    read, came = crowd.hear()
-    return read - began, came and came - began
+    read: float = crowd.hear()
+    return read - began
 
 
 def whole_latency(
     folder: pathlib.Path, count: int, times: int, at_rest: bool = True
-) -> tuple[list[float], list[float], list[float]]:
+) -> tuple[list[float], list[float]]:
     """
-    Return the times from a client's call to the last kart, to its computer, and to its answer, s.
-
-    Those to the computer are known to root only, and amid acknowledgements.
+    Return the times from a client's call to the last kart, and to its answer, s.
 
     :param at_rest: otherwise the stop comes while race control tells what all karts have just
         acknowledged.
@@ -261,16 +217,12 @@ def whole_latency(
         return began
 
     with racing(folder, count) as (_, official, crowd):
-        if not at_rest:
-            crowd.tell('arrivals')
-            assert crowd.hear() == 'ready'
         seen = []
         for _ in range(times + 1):
             seen.append(timed(crowd, RED_RED, kill, at_rest))
             bring_home(official, crowd, at_rest)
         # The first call of a client is DDS meeting.
-        reads, came = zip(*seen[1:], strict=True)
-        return [*reads], [each for each in came if each is not None], answered[1:]
+        return seen[1:], answered[1:]
 
 
 def bring_home(official: Official, crowd: Party, acknowledged: bool) -> None:

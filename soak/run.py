@@ -120,10 +120,6 @@ def _soak(stack: contextlib.ExitStack, options: argparse.Namespace, rng: random.
     print(f'commands               {officials.calls}, {officials.accepted} of them accepted')
     print(f'races planned, started {officials.races}, {officials.greens}')
     print(f'judged                 {_counts(judge.judged)}')
-    print(
-        f'seconds of good karts  {fleet.windows}, {fleet.slow_windows} of them below 10 frames/s,'
-        f' slowest {fleet.slowest:.1f}/s'
-    )
     print(f'memory of rcs_node     {memory_at_start:.1f} MiB, then {memory_at_end:.1f} MiB')
     if not trouble:
         print(f'replay                 {replayed}; no difference; {replay_took:.1f} s')

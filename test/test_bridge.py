@@ -20,7 +20,7 @@ from evgp_node.graph import INTERFACE
 from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.srv import Acknowledge
-from evgp_testing.domains import Domain
+from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import (
     ConnectKart,
     JoinOfficial,
@@ -31,7 +31,6 @@ from evgp_testing.fixtures import (
 from evgp_testing.kart import Bridge, ExampleStack, Team
 from evgp_testing.official import latched, Official
 from evgp_testing.part import PATIENCE
-from evgp_testing.ports import free_port
 from evgp_testing.process import Process
 from evgp_testing.race_control import address_of, RaceControl
 from nav_msgs.msg import Odometry

@@ -314,26 +314,6 @@ def test_without_the_record_of_a_race_the_next_race_control_stops_karts_and_asks
     meeting.home()
 
 
-def test_another_race_control_with_an_empty_record_stops_karts_that_race(
-    meeting: Event, tmp_path: pathlib.Path
-) -> None:
-    crashed_in_green(meeting)
-    meeting.harmed = True
-    meeting.folder = tmp_path / 'another computer'
-    meeting.folder.mkdir()
-    meeting.start(proven=False)
-    race = meeting.official.wait_for_race(lambda race: True, 'the race')
-    assert state_of(race.state) is RED_RED
-    assert race.track.open
-    for kart in meeting.karts.values():
-        assert [state for _, state in kart.changes] == [RED_RED]
-    meeting.official.wait_for_acks(RED_RED, *RACING, OUTSIDE)
-    meeting.official.wait_for_race(
-        lambda race: not any(kart.may_be_moving for kart in race.karts), 'every kart has stood'
-    )
-    meeting.home()
-
-
 @pytest.mark.parametrize('dies', [False, True], ids=['ended', 'killed'])
 def test_an_open_track_is_remembered_and_only_an_orderly_end_begins_in_the_garage(
     meeting: Event, dies: bool

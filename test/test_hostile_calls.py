@@ -128,25 +128,17 @@ class Strings(ctypes.Structure):
     )
 
 
-def ask_for(client: Any, name: bytes) -> None:
-    """Send a request of get_parameters (or the like) with a name that is no UTF-8."""
-    text = String(name, len(name), len(name) + 1)
-    request = Strings(ctypes.pointer(text), 1, 1)
+def text_of(data: bytes) -> String:
+    """Return a text that need be no UTF-8, as a client in C can send it."""
+    return String(data, len(data), len(data) + 1)
+
+
+def send(client: Any, request: ctypes.Structure) -> None:
+    """Send a request that Python cannot make."""
     number = ctypes.c_int64()
     with client.handle:
         code = ctypes.CDLL('librcl.so').rcl_send_request(
             ctypes.c_void_p(client.handle.pointer), ctypes.byref(request), ctypes.byref(number)
-        )
-    assert code == 0
-
-
-def stop_as(client: Any, official: bytes) -> None:
-    """Send a stop in a name that need be no UTF-8, as a client in C can."""
-    text = String(official, len(official), len(official) + 1)
-    number = ctypes.c_int64()
-    with client.handle:
-        code = ctypes.CDLL('librcl.so').rcl_send_request(
-            ctypes.c_void_p(client.handle.pointer), ctypes.byref(text), ctypes.byref(number)
         )
     assert code == 0
 
@@ -259,7 +251,7 @@ def test_a_name_that_is_no_text_and_random_messages_end_nothing(
     for service in ('get_parameters', 'describe_parameters', 'get_parameter_types'):
         client = hostile.client(f'/{name}/{service}', OF_RCLPY[service])
         for text in (b'\xff\xfe', b'\xc3(', b'a\0b', b'\xed\xa0\x80'):
-            ask_for(client, text)
+            send(client, Strings(ctypes.pointer(text_of(text)), 1, 1))
     if name == 'kart_bridge':
         for topic, kind, sizes in (('odom', Odometry, (0, 1, 4, 20, 800)), ('tsr', Bool, (0, 1))):
             publisher = hostile.node.create_publisher(kind, f'/{name}/{topic}', 10)
@@ -298,7 +290,7 @@ def test_a_stop_acts_whatever_its_official_is_called(
     kart.wait_for_state(RaceState.IN_GARAGE)
     client = join_hostile(control.domain).client('/rcs/all_kill', SERVICES['all_kill'])
 
-    stop_as(client, name)
+    send(client, text_of(name))  # all of the request
 
     kart.wait_for_state(RaceState.RED_RED)
     told = official.wait_for_event(

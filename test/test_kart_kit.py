@@ -30,7 +30,7 @@ from evgp_protocol.kart import Kart
 from evgp_protocol.states import RaceState
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.process import Program
-from evgp_testing.race_control import address_of
+from evgp_testing.race_control import address_of, RaceControl
 import pytest
 from rig.bare_race_control import BareRaceControl, BEAT
 
@@ -277,6 +277,13 @@ FAULTS = [
 ]
 
 
+def put_fault(folder: pathlib.Path, old: str, new: str) -> None:
+    """Write the header into a folder, with a fault."""
+    text = HEADER.read_text(encoding='utf-8')
+    assert text.count(old) == 1, f'{text.count(old)} times: {old}'
+    (folder / HEADER.name).write_text(text.replace(old, new), encoding='utf-8')
+
+
 @pytest.fixture(scope='module')
 def histories() -> list[History]:
     dice = random.Random(1)
@@ -287,9 +294,7 @@ def histories() -> list[History]:
 def test_a_fault_in_the_header_is_found(
     compile_kit: Compile, tmp_path: pathlib.Path, histories: list[History], old: str, new: str
 ) -> None:
-    text = HEADER.read_text(encoding='utf-8')
-    assert text.count(old) == 1, f'{text.count(old)} times: {old}'
-    (tmp_path / HEADER.name).write_text(text.replace(old, new), encoding='utf-8')
+    put_fault(tmp_path, old, new)
     driver = compile_kit('test/driver.c', *C99, '-w', kit=tmp_path)
 
     assert any(difference(driver, history) for history in histories)
@@ -312,11 +317,7 @@ def test_nothing_is_found_by_random_bytes(
 @pytest.mark.parametrize(
     ('old', 'new'),
     [
-        ('kart->commanded == EVGP_GREEN_GREEN && !kart->armed', '0'),
-        ('kart->commanded == EVGP_NONE || evgp_p_team_stop(kart)', 'kart->commanded == EVGP_NONE'),
-        ('>= kart->settings.frame_timeout_ms', '> kart->settings.frame_timeout_ms'),
-        ('        if (!to_race) {', '        if (!to_race && 0) {'),
-        ('    kart->slowing = 0;\n    kart->armed = 0;\n', '    kart->slowing = 0;\n'),
+        *(FAULTS[each] for each in (0, 7, 8, 9, 12)),
         ('EVGP_MAX_FRAME_BYTES - 1)', 'EVGP_MAX_FRAME_BYTES)'),
     ],
     ids=range(6),
@@ -324,11 +325,9 @@ def test_nothing_is_found_by_random_bytes(
 def test_a_fault_in_the_header_is_found_by_random_bytes(
     compile_kit: Compile, tmp_path: pathlib.Path, old: str, new: str
 ) -> None:
-    text = HEADER.read_text(encoding='utf-8')
-    assert text.count(old) == 1, f'{text.count(old)} times: {old}'
-    (tmp_path / HEADER.name).write_text(text.replace(old, new), encoding='utf-8')
+    put_fault(tmp_path, old, new)
     # Compiled in a sixth of the time, and it runs until it finds the fault only.
-    fuzzer = compile_kit('test/fuzz.c', *C99, *SANITIZED, '-O0', kit=tmp_path)
+    fuzzer = compile_kit('test/fuzz.c', *C99, *SANITIZED, '-O0', '-w', kit=tmp_path)
 
     assert subprocess.run([str(fuzzer), '50000'], capture_output=True).returncode != 0
 
@@ -411,10 +410,17 @@ def lost(kart: Program, lose: Callable[[], object]) -> None:
     kart.wait_for_line('^obey RED_RED')
 
 
-def test_an_example_drives_a_race_of_the_real_race_control(
+def die(control: RaceControl) -> None:
+    """End without a RED_RED: that the connection ends is all there is."""
+    os.kill(control.kart_server_pid, signal.SIGKILL)
+
+
+@pytest.mark.parametrize('lose', [die, RaceControl.freeze], ids=['dies', 'hangs'])
+def test_an_example_drives_a_race_and_stops_when_the_real_race_control(
     start_example: Callable[[int], Program],
     start_race_control: StartRaceControl,
     join_official: JoinOfficial,
+    lose: Callable[[RaceControl], None],
 ) -> None:
     control = start_race_control(in_race=[1])
     official = join_official(control)
@@ -425,23 +431,9 @@ def test_an_example_drives_a_race_of_the_real_race_control(
         official.bring_to(state)  # returns when the kart has acknowledged it
         kart.wait_for_line(f'^obey {state.value}')
 
-    # Nobody says RED_RED: the connection is all that ends.
-    lost(kart, lambda: os.kill(control.kart_server_pid, signal.SIGKILL))
-
-
-def test_an_example_stops_when_the_real_race_control_hangs(
-    start_example: Callable[[int], Program],
-    start_race_control: StartRaceControl,
-    join_official: JoinOfficial,
-) -> None:
-    control = start_race_control(in_race=[1])
-    official = join_official(control)
-    kart = start_example(control.port)
-    official.wait_for_connected(1)
-    official.bring_to(GREEN)
-
-    lost(kart, control.freeze)
-    control.thaw()
+    lost(kart, lambda: lose(control))
+    with contextlib.suppress(ProcessLookupError):  # it died
+        control.thaw()
 
 
 def test_an_example_drives_off_by_no_green_of_a_new_connection(

@@ -35,8 +35,8 @@ from evgp_rcs_console.snapshot import Available, State
 from evgp_rcs_console.snapshot import Kart as ShownKart
 from evgp_rcs_console.snapshot import Race as ShownRace
 from evgp_rcs_console.view import Button, show
-from evgp_testing.dice import dice_of
 import pytest
+from rig.seed import dice_of
 
 WALKS = 60
 STEPS = 40

@@ -26,11 +26,10 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.official import UNNAMED
 from evgp_rcs_console.client import Client, request_message
 from evgp_rcs_console.command_line import COMMANDS, STARTING, STATEMENTS
-from evgp_rcs_console.commands import Order
+from evgp_rcs_console.commands import Order, Standing
 from evgp_rcs_console.ctl import TIDY
 from evgp_rcs_console.ctl_ros import Hearing
 from evgp_rcs_console.texts import FLAG_IN, SETTLING
-from evgp_rcs_console.unanswered import Standing
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.official import Official, TRIES

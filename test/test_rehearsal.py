@@ -29,10 +29,9 @@ from evgp_rehearsal.page import Page
 from evgp_rehearsal.plan import Plan, read_plan
 from evgp_rehearsal.rehearse_kart import main as rehearse_kart
 from evgp_rehearsal.score import STEWARD
-from evgp_testing.domains import Domain
+from evgp_testing.domains import Domain, free_port
 from evgp_testing.kart import Bridge, ExampleStack
 from evgp_testing.part import PATIENCE
-from evgp_testing.ports import free_port
 from evgp_testing.process import executable
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest

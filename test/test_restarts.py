@@ -18,9 +18,8 @@ import time
 
 from evgp_node.restarting import Ends, FIRST_TRIES
 from evgp_protocol.states import RaceState
-from evgp_testing.domains import Domain
+from evgp_testing.domains import Domain, free_port
 from evgp_testing.part import PATIENCE
-from evgp_testing.ports import free_port
 from evgp_testing.process import freeze, Process, wait_until_ended
 from evgp_testing.race_control import address_of, end_in_good_order, settings, write_roster
 from evgp_testing.usage import family

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import pathlib
 import random
@@ -16,103 +17,62 @@ from types import ModuleType
 from typing import Any
 
 from evgp_rcs import race as rules
-from evgp_rcs.catalogue import CATALOGUE, kinds_by_service
+from evgp_rcs.catalogue import CATALOGUE, CommandKind, Result
+from evgp_testing import judge as judge_module
 from evgp_testing.judge import Call, Judge, STRICTNESS
 import pytest
-from rig.faults import Fault, module_with, source_with
+from rig.faults import faults_in, module_with, source_with
+from test_race_faults import FAULTS as SOWN
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 KARTS = range(1, 6)
 
-KINDS = {
-    name: kinds
-    for name, kinds in kinds_by_service().items()
-    if name not in ('set_heat', 'set_track_open')
-}
+KINDS = [
+    kind
+    for kind in CommandKind
+    if kind not in (CommandKind.SET_HEAT, CommandKind.OPEN_TRACK, CommandKind.CLOSE_TRACK)
+]
 """The commands that the simulation gives; it has no heats, and nobody on its track."""
 
 
+FOUND_BY = {
+    'what was said before the command is an acknowledgement': (
+        'not acknowledged, looser than a stop, held on the grid, not stated'
+    ),
+    'anything said under the present serial is an acknowledgement': (
+        'not acknowledged, looser than a stop, held on the grid, not stated'
+    ),
+    'an acknowledgement survives the connection': (
+        'not connected, looser than a stop, held on the grid, not stated'
+    ),
+    'a stop is announced as allowed, and refused': 'stop refused',
+    'ALL_KILL forgets the karts outside the race': 'looser than a stop',
+    'a kart that drops is held in RED_FLAG only': 'lost in the race',
+    'GREEN_GREEN while a kart is not connected': (
+        'not connected, not acknowledged, unexplained GREEN_GREEN'
+    ),
+    'GREEN_GREEN while a kart has not acknowledged': 'not acknowledged, not connected',
+    'GREEN_GREEN after another command than GRID_ACTIVE': 'GRID_ACTIVE not last',
+    'IN_GARAGE releases a kart that never acknowledged its red': (
+        'looser than a stop, held on the grid'
+    ),
+    'GRID_ACTIVE while a kart is held': 'held on the grid, not acknowledged',
+    'a kart released during a race goes on with the race': (
+        'impossible change, looser than a stop, unexplained GREEN_GREEN'
+    ),
+    'a later hold loosens an earlier one': 'looser than a stop, impossible change',
+}
+"""Faults that the oracle's search finds, and the rules one of which the judge must name."""
+
 FAULTS = {
-    'what was said before the command is an acknowledgement': Fault(
-        'counts = state is kart.sent and serial == kart.serial',
-        'counts = state is kart.sent',
-        ('not acknowledged', 'looser than a stop', 'held on the grid', 'not stated'),
-    ),
-    'anything said is an acknowledgement': Fault(
-        'counts = state is kart.sent and serial == kart.serial',
-        'counts = serial == kart.serial',
-        ('not acknowledged', 'looser than a stop', 'held on the grid', 'not stated'),
-    ),
-    'an acknowledgement survives the connection': Fault(
-        '        kart.connected = False\n        kart.acknowledged = False\n',
-        '        kart.connected = False\n',
-        ('not connected', 'looser than a stop', 'held on the grid', 'not stated'),
-    ),
-    'a stop is refused': Fault(
-        '        if refusal:\n            return refusal\n        statement',
-        '        if command.kind is CommandKind.RED_FLAG and self.state is RED_FLAG:\n'
-        "            refusal = 'the race has RED_FLAG already'\n"
-        '        if refusal:\n            return refusal\n        statement',
-        ('stop refused',),
-    ),
-    'ALL_KILL is for the race only': Fault(
-        'for each in self.karts.values():\n            self._hold(each, RED_RED, cause, now)',
-        'for each in self.racing():\n            self._hold(each, RED_RED, cause, now)',
-        ('looser than a stop',),
-    ),
-    'a kart lost in the race is not held': Fault(
-        '        if under_way and self.state is not GRID_ACTIVE:\n'
-        '            self._hold(kart, RED_RED, '
-        "f'lost its connection in {self.state.value}', now)\n        elif kart.may_be_moving:",
-        '        if False:',
-        ('lost in the race', 'held on the grid', 'unexplained GREEN_GREEN'),
-    ),
-    'GREEN_GREEN waits for connected karts only': Fault(
-        'if not (each.connected and each.acknowledged)',
-        'if each.connected and not each.acknowledged',
-        ('not connected', 'not acknowledged', 'unexplained GREEN_GREEN'),
-    ),
-    'GREEN_GREEN does not wait': Fault(
-        "        if missing:\n            return f'waiting for {_cut(missing)}'\n        doubtful",
-        '        doubtful',
-        ('not acknowledged', 'not connected'),
-    ),
-    'GREEN_GREEN also after another command': Fault(
-        '        if not self.grid_was_last:',
-        '        if False:',
-        ('GRID_ACTIVE not last',),
-    ),
-    'IN_GARAGE releases silent karts': Fault(
-        'or (each.stands and (each.in_race or not each.held_alone))',
-        'or True',
-        ('looser than a stop', 'held on the grid'),
-    ),
-    'GRID_ACTIVE with a held kart': Fault(
-        "        held = _held(racing)\n        if held:\n            return f'release",
-        "        held = ''\n        if held:\n            return f'release",
-        ('held on the grid', 'not acknowledged'),
-    ),
-    'GRID_ACTIVE from a race under way': Fault(
-        "        if self.state is not IN_GARAGE:\n            return f'the race is in "
-        '{self.state.value}; bring',
-        "        if self.state is GREEN_GREEN:\n            return f'the race is in "
-        '{self.state.value}; bring',
-        ('not from the garage', 'impossible change', 'looser than a stop'),
-    ),
-    'a kart is released to the race under way': Fault(
-        '        out = kart.in_race and self.state is not IN_GARAGE\n',
-        '        out = False\n',
-        ('impossible change', 'looser than a stop', 'unexplained GREEN_GREEN'),
-    ),
-    'a RED_RED becomes a RED_FLAG': Fault(
-        'if kart.hold is None or hold.strictness > kart.hold.strictness:',
-        'if True:',
-        ('looser than a stop', 'impossible change'),
-    ),
-    'a kart outside the race races': Fault(
-        '        own = self.state if kart.in_race else IN_GARAGE\n',
-        '        own = self.state\n',
-        ('outside the race',),
+    **{name: SOWN[name]._replace(breaks=tuple(by.split(', '))) for name, by in FOUND_BY.items()},
+    **faults_in(
+        """
+GRID_ACTIVE from a race under way: not from the garage, impossible change, looser than a stop
+    _no_grid_active: self.state is not IN_GARAGE => self.state is GREEN_GREEN
+a kart outside the race races: outside the race
+    _commanded: self.state if kart.in_race else IN_GARAGE => self.state
+"""
     ),
 }
 
@@ -171,7 +131,7 @@ class Simulation:
         elif what < 0.9:
             self.bring_on()
         else:
-            self.command(self.rng.choice(list(KINDS)), kart, self.rng.random() < 0.5)
+            self.command(self.rng.choice(KINDS), kart, self.rng.random() < 0.5)
         if self.on_the_way and self.rng.random() < 0.3:
             number, link, serial, state = self.on_the_way.pop(0)
             if self.links.get(number) == link:
@@ -183,33 +143,37 @@ class Simulation:
         if state == 'IN_GARAGE':
             for kart in list(self.race.racing()):
                 if kart.may_be_moving and kart.hold is None:
-                    self.command('kart/red_red', kart.number, False)
+                    self.command(CommandKind.KART_RED_RED, kart.number, False)
                 if kart.hold is not None and self.rng.random() < 0.7:
-                    self.command('kart/in_garage', kart.number, True)
+                    self.command(CommandKind.KART_IN_GARAGE, kart.number, True)
             if self.rng.random() < 0.2:
-                self.command('set_in_race', self.rng.choice(KARTS), True)
-            self.command('grid_active', None, True)
+                self.command(CommandKind.JOIN_RACE, self.rng.choice(KARTS), True)
+            self.command(CommandKind.GRID_ACTIVE, None, True)
         elif state == 'GRID_ACTIVE':
-            self.command('green_green', None, False)
+            self.command(CommandKind.GREEN_GREEN, None, False)
         elif state == 'GREEN_GREEN' and self.rng.random() < 0.5:
-            self.command(self.rng.choice(('red_flag', 'race_over', 'all_kill')), None, False)
+            self.command(
+                self.rng.choice(
+                    (CommandKind.RED_FLAG, CommandKind.RACE_OVER, CommandKind.ALL_KILL)
+                ),
+                None,
+                False,
+            )
         elif state == 'RED_FLAG':
-            self.command('race_over', None, False)
+            self.command(CommandKind.RACE_OVER, None, False)
         elif state == 'RED_RED':
-            self.command('in_garage', None, True)
+            self.command(CommandKind.IN_GARAGE, None, True)
             for kart in list(self.race.racing()):
                 # Who is lost, or stays silent, is made safe by hand.
                 silent = self.race.state.value == 'RED_RED' and not kart.acknowledged
                 if silent and self.rng.random() < 0.1:
-                    self.command('kart/in_garage', kart.number, True)
+                    self.command(CommandKind.KART_IN_GARAGE, kart.number, True)
 
-    def command(self, service: str, kart: int | None, statement: bool) -> None:
-        # Of two, the first is the one that a request with a true field asks for.
-        kind = KINDS[service][0 if statement else -1]
+    def command(self, kind: CommandKind, kart: int | None, statement: bool) -> None:
         entry = CATALOGUE[kind]
         kart = kart if entry.to_one_kart else None
         statement = statement or entry.call_is_statement
-        call = Call(service, kart, statement, statement, self.now)
+        call = Call(kind, kart, statement, self.now)
         self.judge.called(call)
         module = self.module
         hold = self.race.karts[kart].hold if kart else None
@@ -295,12 +259,12 @@ def test_race_control_breaks_no_rule_in_a_short_soak(seconds: int, dice: random.
 def test_a_race_control_with_a_fault_does_not_pass_the_soak(
     dice: random.Random, tmp_path: pathlib.Path
 ) -> None:
-    fault = FAULTS['GREEN_GREEN does not wait']
+    fault = FAULTS['GREEN_GREEN while a kart has not acknowledged']
     assert rules.__file__ is not None
     package = pathlib.Path(rules.__file__).parent
     changed = tmp_path / 'evgp_rcs'
     shutil.copytree(package, changed, ignore=shutil.ignore_patterns('__pycache__'))
-    faulty = source_with(rules, fault.old, fault.new)
+    faulty = source_with(rules, fault.old, fault.new, fault.where)
     (changed / 'race.py').write_text(faulty, encoding='utf-8')
 
     done = run_soak(
@@ -325,7 +289,8 @@ def test_the_judge_raises_no_false_alarm(seed: int) -> None:
 
 @pytest.mark.parametrize('name', FAULTS)
 def test_the_judge_finds_a_fault_in_the_rules(name: str) -> None:
-    module = module_with(rules, FAULTS[name].old, FAULTS[name].new)
+    fault = FAULTS[name]
+    module = module_with(rules, fault.old, fault.new, fault.where)
     for seed in range(30):
         simulation = Simulation(module, seed)
         simulation.run(1500)
@@ -333,7 +298,7 @@ def test_the_judge_finds_a_fault_in_the_rules(name: str) -> None:
             break
 
     assert simulation.judge.violations, 'it was not found'
-    assert simulation.judge.violations[0].rule in FAULTS[name].breaks
+    assert simulation.judge.violations[0].rule in fault.breaks
 
 
 def test_a_frame_to_somebody_who_is_not_in_the_roster_is_a_violation() -> None:
@@ -348,3 +313,20 @@ def test_a_frame_to_somebody_who_is_not_in_the_roster_is_a_violation() -> None:
 
 def test_the_judge_knows_every_state() -> None:
     assert set(STRICTNESS) == {state.value for state in rules.RaceState}
+
+
+@pytest.mark.parametrize(
+    'unknown', [CommandKind.GRID_ACTIVE, CommandKind.KART_FINISH, CommandKind.ALL_KILL]
+)
+def test_the_judge_does_not_begin_with_a_command_that_it_does_not_know(
+    unknown: CommandKind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if CATALOGUE[unknown].stop:
+        monkeypatch.setitem(
+            CATALOGUE, unknown, dataclasses.replace(CATALOGUE[unknown], result=Result())
+        )
+    else:
+        known = {kind: seen for kind, seen in judge_module.SEEN.items() if kind is not unknown}
+        monkeypatch.setattr(judge_module, 'SEEN', known)
+    with pytest.raises(LookupError, match=unknown.value):
+        Judge({1}, {2}, 0.0)

@@ -14,7 +14,7 @@ from evgp_protocol import clock
 from evgp_rcs.race import Event, EventKind, Kart, Race, StampedEvent
 from evgp_rcs.roster import Roster, RosterEntry
 from evgp_rcs.snapshot import Snapshot, snapshot_of
-from evgp_rcs.teller import MOST_UNTOLD, Teller
+from evgp_rcs.teller import Teller
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
@@ -60,37 +60,31 @@ def some_events(count: int) -> list[StampedEvent]:
     ]
 
 
-def alert(text: str) -> StampedEvent:
-    return StampedEvent(1, time.time_ns(), 0.0, Event(EventKind.ALERT_RAISED, text))
-
-
 def a_race() -> Snapshot:
     return snapshot_of(Race([Kart(7, 'Team', True)]), clock.now())
 
 
 def test_the_race_does_not_wait_for_all_the_events_before_it(telling: Telling) -> None:
-    telling.teller.events(some_events(MOST_UNTOLD))
+    telling.teller.events(some_events(5000))
     telling.teller.race(a_race())
     telling.teller.start()
     telling.official.wait_for_race(lambda race: race.karts[0].number == 7, 'the race')
-    assert len(telling.official.events) < MOST_UNTOLD
+    assert len(telling.official.events) < 5000
 
 
-def test_an_alert_is_told_however_much_karts_say_behind_it(telling: Telling) -> None:
-    telling.teller.events([alert('use the MSR'), *some_events(MOST_UNTOLD)])
+def test_a_race_that_is_at_rest_is_told_again_with_the_time(telling: Telling) -> None:
+    race = a_race()
     telling.teller.start()
-    told = telling.official.wait_for_event(lambda event: True, 'the alert')
-    assert told.text == 'use the MSR'
-
-
-def test_an_alert_is_told_however_often_karts_say_too_much(telling: Telling) -> None:
-    alerts = [alert(f'alert {number}') for number in range(1000)]
-    telling.teller.events([*alerts, *some_events(MOST_UNTOLD)])
-    telling.teller.start()
-    telling.official.wait_for_event(lambda event: True, 'the first alert')
-    # The other alerts still wait, and there is too much to tell once more.
-    telling.teller.events(some_events(MOST_UNTOLD))
-    telling.official.wait_for_event(lambda event: event.text == 'alert 999', 'the last alert')
+    telling.teller.race(race)
+    first = telling.official.wait_for_race(lambda race: True, 'the race')
+    telling.teller.race(race._replace(at=race.at + 1.0))
+    again = telling.official.wait_for_race(
+        lambda told: told.stamp != first.stamp, 'the race a second later'
+    )
+    assert again.karts == first.karts
+    assert again.stamp.sec - first.stamp.sec in (1, 2)
+    telling.teller.race(race._replace(at=race.at + 2.0, over=True))
+    telling.official.wait_for_race(lambda told: told.over, 'the change')
 
 
 def test_a_teller_that_cannot_go_on_says_so_and_its_last_words_are_heard(

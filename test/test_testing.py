@@ -50,7 +50,11 @@ def run_failing(folder: pathlib.Path, *arguments: str) -> str:
     done = subprocess.run(
         [sys.executable, '-m', 'pytest', '-p', 'no:cacheprovider', *arguments, 'test_failing.py'],
         cwd=folder,
-        env={**os.environ, 'PYTEST_ADDOPTS': ''},
+        env={
+            **os.environ,
+            'PYTEST_ADDOPTS': '-p rig.seed',
+            'PYTHONPATH': os.pathsep.join(sys.path),
+        },
         capture_output=True,
         text=True,
     )
@@ -123,7 +127,7 @@ def test_tests_of_other_modules_run_after_one_in_its_own_process(tmp_path: pathl
     done = subprocess.run(
         [sys.executable, '-m', 'pytest', '-rA', '-p', 'no:cacheprovider', str(tmp_path)],
         cwd=tmp_path,
-        env={**os.environ, 'PYTEST_ADDOPTS': '-p rig.own_process', 'PYTHONPATH': path},
+        env={**os.environ, 'PYTEST_ADDOPTS': '-p rig.seed -p rig.own_process', 'PYTHONPATH': path},
         capture_output=True,
         text=True,
     )

@@ -41,9 +41,6 @@ FAULTS = {
 }
 """What goes wrong, and how often."""
 
-WINDOW = 1.0
-"""Over how long the frames of a good kart are counted, s."""
-
 
 class _Link(KartLink):
     """One connection of a kart; ``deaf``: with a tiny buffer."""
@@ -57,8 +54,6 @@ class _Link(KartLink):
         self.reading = True
         self.ending: float | None = None
         self.mood = mood
-        self.counted_since = self.opened
-        self.counted = 0
 
 
 class Fleet:
@@ -86,9 +81,6 @@ class Fleet:
         self.disciplined = threading.Event()
         """While set, karts acknowledge what they are sent and hardly a fault comes."""
         self.faults: Counter[str] = Counter()
-        self.windows = 0
-        self.slow_windows = 0
-        self.slowest = float('inf')
         self.refused = 0
         self.failure: BaseException | None = None
         self._addresses = addresses
@@ -101,7 +93,6 @@ class Fleet:
         self._timers: list[tuple[float, int, Callable[[], None]]] = []
         self._order = itertools.count()
         self._looked_at = 0.0
-        self._lagged_at = 0.0
         self._stopping, self._stopper = socket.socketpair()
         self._thread = threading.Thread(target=self._run, name='karts', daemon=True)
 
@@ -144,8 +135,6 @@ class Fleet:
                 return True
             if key.data.reading:  # not paused by what was read before it
                 self._read(key.data)
-        if time.monotonic() - looks_at > WINDOW / 5:
-            self._lagged_at = time.monotonic()
         self._looked_at = looks_at
         while self._timers and self._timers[0][0] <= time.monotonic():
             heapq.heappop(self._timers)[2]()
@@ -202,21 +191,8 @@ class Fleet:
         if not heard:
             return
         link.empty_at = 0.0
-        self._count(link, len(heard), time.monotonic())
         for state, change in heard:
             self._answer(link, state, change)
-
-    def _count(self, link: _Link, frames: int, now: float) -> None:
-        """Count whole windows of a kart that read all the time, and was read all the time."""
-        link.counted += frames
-        if now - link.counted_since < WINDOW:
-            return
-        if self._lagged_at < link.counted_since:
-            rate = link.counted / (now - link.counted_since)
-            self.windows += 1
-            self.slow_windows += rate < 10.0
-            self.slowest = min(self.slowest, rate)
-        link.counted_since, link.counted = now, 0
 
     # ----- what is said -------------------------------------------------------------------
 
@@ -307,7 +283,6 @@ class Fleet:
         paused, self._looked_at = link.empty_at, min(self._looked_at, link.empty_at)
         self._read(link)
         self._looked_at = max(self._looked_at, paused)
-        link.counted_since, link.counted = time.monotonic(), 0
 
     def _deaf(self, link: _Link) -> None:
         """Have a tiny buffer and never read again; race control gives such a kart up."""

@@ -13,7 +13,7 @@ from typing import Any
 
 from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs_msgs import msg
-from evgp_testing.judge import Judge, STOPS
+from evgp_testing.judge import Judge
 from evgp_testing.official import Official, SERVICES
 from evgp_testing.part import Part
 
@@ -23,9 +23,7 @@ GREEN_GREEN = msg.RaceState.GREEN_GREEN
 RED_FLAG = msg.RaceState.RED_FLAG
 RED_RED = msg.RaceState.RED_RED
 
-KART_STOPS = tuple(
-    entry.service for entry in CATALOGUE.values() if entry.stop and entry.to_one_kart
-)
+STOPS = {entry.service: entry for entry in CATALOGUE.values() if entry.stop}
 
 
 class Officials(Part):
@@ -181,8 +179,8 @@ class Officials(Part):
             return False
         beside = None
         if service not in ('set_in_race', 'kart/in_garage') and self._rng.random() < 0.03:
-            stop = self._rng.choice(STOPS)
-            of_one = {'kart': self._rng.choice(self._numbers)} if stop in KART_STOPS else {}
+            stop = self._rng.choice([*STOPS])
+            of_one = {'kart': self._rng.choice(self._numbers)} if STOPS[stop].to_one_kart else {}
             beside = self._beside.submit(self._second.call, stop, **of_one)
         answers = [self._first.call(service, **request)]
         if beside is not None:

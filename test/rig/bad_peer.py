@@ -62,18 +62,6 @@ class Attack:
         """Send what the dice say."""
         self._pour(lambda: os.urandom(4096))
 
-    def endless_frame(self) -> None:
-        """Send frames of 1 MiB that do not end."""
-        self._pour(lambda: b'$' + b'A' * 2**20)
-
-    def nuls(self) -> None:
-        """Send nothing but NUL."""
-        self._pour(lambda: bytes(4096))
-
-    def nested(self) -> None:
-        """Begin frames inside frames."""
-        self._pour(lambda: b'$$RED_$GREEN_GREEN$' * 200)
-
     # ----- what it does not do ------------------------------------------------------------
 
     def slow_reader(self) -> None:

@@ -12,8 +12,8 @@ import time
 
 from evgp_protocol.frames import encode, FrameDecoder, StateFrame
 from evgp_protocol.states import RaceState
+from evgp_testing.domains import free_port
 from evgp_testing.part import Part, PATIENCE
-from evgp_testing.ports import free_port
 
 BEAT = 0.05
 """Between two frames, seconds."""

@@ -167,7 +167,6 @@ class Machine(Namespace):
         *,
         toward: float | None = None,
         back: float | None = None,
-        delay_back: float | None = None,
         rate: float = 0.0,
     ) -> float:
         """
@@ -177,18 +176,13 @@ class Machine(Namespace):
         :param delay: how late they come, in each direction, s.
         :param toward: the share that is lost toward this machine, if not the same.
         :param back: the share that is lost on the way from it, if not the same.
-        :param delay_back: how late they come on the way from it, if not the same, s.
         :param rate: how fast they go in each direction, bit/s; 0: at once.
         """
         return self._track.order(
             'air',
             name=self.name,
             toward=[loss if toward is None else toward, delay, rate],
-            back=[
-                loss if back is None else back,
-                delay if delay_back is None else delay_back,
-                rate,
-            ],
+            back=[loss if back is None else back, delay, rate],
         )
 
     def unplug(self) -> float:

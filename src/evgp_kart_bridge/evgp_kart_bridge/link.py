@@ -86,10 +86,10 @@ class LinkSettings:
     local_address: str = ''
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass
 class LinkStatus:
     """
-    What diagnostics tell of the link.
+    What diagnostics tell of the link, in its thread.
 
     :ivar connections: how many connections there were so far.
     :ivar failures: how many attempts to connect, and connections, have failed so far.
@@ -227,7 +227,7 @@ class Link:
         connection = self._connection
         if outcome.give_up is not None and connection is not None:
             self._connection = None
-            self._count_failure()
+            self._status.failures += 1
             connection.abort()
         elif outcome.send is not None and connection is not None:
             connection.send(outcome.send)
@@ -240,9 +240,6 @@ class Link:
                 self._timer.cancel()
             self._timer = loop.call_at(due, self._tick)
         return outcome
-
-    def _count_failure(self) -> None:
-        self._status = dataclasses.replace(self._status, failures=self._status.failures + 1)
 
     def _tick(self) -> None:
         self._timer = None
@@ -279,7 +276,7 @@ class Link:
             except (asyncio.TimeoutError, OSError) as error:
                 connection.abort()
                 reason = why_not_connected(settings, error)
-                self._count_failure()
+                self._status.failures += 1
                 self._take(lambda arbiter, now, why=reason: arbiter.disconnected(why, now))
             else:
                 await connection.lost
@@ -292,7 +289,7 @@ class Link:
     def opened(self, connection: _Connection) -> None:
         """Take note that a connection was made."""
         self._connection = connection
-        self._status = dataclasses.replace(self._status, connections=self._status.connections + 1)
+        self._status.connections += 1
         self._take(Arbiter.connected)
 
     def heard(self, connection: _Connection, event: StateFrame | MalformedFrame) -> None:
@@ -300,8 +297,7 @@ class Link:
         if connection is not self._connection:
             return
         if isinstance(event, StateFrame):
-            if not self._status.heard_anything:
-                self._status = dataclasses.replace(self._status, heard_anything=True)
+            self._status.heard_anything = True
             before = self._arbiter.verdict.order
             verdict = self._take(lambda arbiter, now: arbiter.heard(event.state, now)).verdict
             if verdict.commanded is RaceState.IN_GARAGE and verdict.order != before:
@@ -309,11 +305,8 @@ class Link:
                 # on is no answer to what was commanded before.
                 connection.send(RaceState.IN_GARAGE)
         else:
-            self._status = dataclasses.replace(
-                self._status,
-                malformed=self._status.malformed + 1,
-                last_malformed=f'{event.reason}: {event.raw!r}',
-            )
+            self._status.malformed += 1
+            self._status.last_malformed = f'{event.reason}: {event.raw!r}'
 
     def why_closed(self, connection: _Connection, error: Exception | None) -> str:
         """Return how a connection ended that race control has ended, and what to look at."""
@@ -334,7 +327,7 @@ class Link:
         """Take note that a connection was lost."""
         if connection is self._connection:
             self._connection = None
-            self._count_failure()
+            self._status.failures += 1
             self._take(lambda arbiter, now: arbiter.disconnected(reason, now))
 
 

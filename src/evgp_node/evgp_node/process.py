@@ -26,16 +26,15 @@ import struct
 import sys
 import time
 import traceback
-from typing import Protocol
 
 from evgp_node.graph import bind_graph, GraphError, NotNowError
 from evgp_node.output import unwaiting_output
+from evgp_node.parameters import StrictNode
 from evgp_node.restarting import ENDING, IN_THE_WAY, WRONG_SETTING
 from evgp_node.spinning import Spinning
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 
 SWITCH_INTERVAL = 0.0002
@@ -65,25 +64,9 @@ _SIGEV_THREAD = 2  # of signal.h
 OnFailure = Callable[[BaseException], None]
 
 
-class ClosableNode(Protocol):
-    """
-    A node with threads of its own.
-
-    :ivar beside: nodes of the same process that only serve, each in a thread of its own.
-    """
-
-    beside: tuple[Node, ...]
-
-    def close(self) -> None:
-        """End them and leave everything in its safe state; ROS still works meanwhile."""
-
-    def destroy_node(self) -> None:
-        """As `rclpy.node.Node` has it."""
-
-
 def run_node(
     name: str,
-    make_node: Callable[[OnFailure], ClosableNode],
+    make_node: Callable[[OnFailure], StrictNode],
     refusals: tuple[type[Exception], ...],
     args: list[str] | None = None,
     obstacles: tuple[type[Exception], ...] = (),
@@ -159,7 +142,7 @@ def _end_within(seconds: float, code: int) -> None:
 
 def _run(
     name: str,
-    make_node: Callable[[OnFailure], ClosableNode],
+    make_node: Callable[[OnFailure], StrictNode],
     refusals: tuple[type[Exception], ...],
     args: list[str] | None,
     obstacles: tuple[type[Exception], ...],

@@ -146,6 +146,8 @@ class _Server:
     """
     Answers the calls of a node that only serves, with one wait set for all its life.
 
+    If the node calls others too, nobody takes their answers.
+
     rclpy's executor makes a new one, a task and two coroutines for each callback, which is
     0.2 ms of a stop (docs/performance.md).
     """
@@ -156,7 +158,7 @@ class _Server:
         self._services = tuple(node.services)
         self._wake = GuardCondition(None, None, node.context)
         # Its waitables are those of /parameter_events, which every node publishes.
-        others = (*node.subscriptions, *node.timers, *node.clients, *node.guards)
+        others = (*node.subscriptions, *node.timers, *node.guards)
         assert not others, f'{node.get_name()} has more than services'
         self._waits = rclpy_implementation.WaitSet(
             0, 1, 0, 0, len(self._services), 0, node.context.handle

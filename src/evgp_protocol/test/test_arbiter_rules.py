@@ -32,7 +32,7 @@ from types import ModuleType
 from typing import Any
 
 from evgp_protocol import arbiter as arbiter_module
-from evgp_protocol.arbiter import Arbiter, Names, Settings, StopSource, Verdict
+from evgp_protocol.arbiter import Arbiter, Settings, StopSource, Verdict
 from evgp_protocol.states import RaceState
 from hypothesis import given
 from hypothesis import settings as hypothesis_settings
@@ -561,34 +561,6 @@ def test_fault_is_found(name: str) -> None:
             explore(module, *world, limit)
 
 
-@pytest.mark.parametrize('commanded', [FLAG, RED])
-@pytest.mark.parametrize(
-    ('settings', 'speeds', 'accepted'),
-    [
-        (Settings(), [], True),
-        (Settings(odometry_required=True), [], False),
-        (Settings(auto_acknowledge_stop=True), [], False),
-        (Settings(), [6.0], False),
-        (Settings(), [0.0], False),
-        (Settings(odometry_required=True), [0.0], False),
-    ],
-    ids=['none is known', 'required', 'acknowledging', 'lost at speed', 'lost', 'required, lost'],
-)
-def test_no_red_is_acknowledged_without_odometry_where_there_must_be_some(
-    commanded: RaceState, settings: Settings, speeds: list[float], accepted: bool
-) -> None:
-    arbiter = Arbiter(settings, 1, Names(odometry='/odometry'))
-    arbiter.connected(0.0)
-    for speed in speeds:
-        arbiter.speed(speed, 0.0)
-    arbiter.heard(commanded, 0.25)
-    answer = arbiter.acknowledge(commanded, 1, 0.75).answer
-    assert answer is not None
-    assert answer.accepted == accepted
-    assert accepted or '/odometry' in answer.message
-    assert bool(arbiter.missing_odometry) != accepted
-
-
 def judge_numbers(arbiter: Arbiter, commands: list[RaceState | None], first: int) -> None:
     """Give commands, and new connections (None); each must be numbered apart from all others."""
     arbiter.connected(0.0)
@@ -629,19 +601,6 @@ def test_a_number_that_a_new_connection_uses_again_is_found() -> None:
     module = module_with(arbiter_module, old, old + new)
     with pytest.raises(AssertionError):
         judge_numbers(module.Arbiter(module.Settings(), FIRST_ORDER), [RED, None, RED], 1)
-
-
-def test_an_acknowledgement_from_before_a_team_stop_does_not_count_after_it() -> None:
-    arbiter = Arbiter(Settings(), FIRST_ORDER)
-    arbiter.connected(0.0)
-    shown = arbiter.heard(GRID, 0.1).verdict.order
-    arbiter.team_stop(StopSource.TOPIC, True, 0.2)
-    present = arbiter.team_stop(StopSource.TOPIC, False, 0.3).verdict.order
-    late = arbiter.acknowledge(GRID, shown, 0.4).answer
-    assert late is not None
-    assert not late.accepted
-    assert arbiter.heard(GREEN, 0.5).verdict.state is RED
-    assert present != shown
 
 
 @pytest.mark.parametrize(('speed', 'named'), [(0.07, '0.07 m/s'), (math.nan, 'NaN')])

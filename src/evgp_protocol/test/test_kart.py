@@ -16,10 +16,9 @@
 
 from __future__ import annotations
 
-from evgp_protocol.arbiter import Settings, StopSource
+from evgp_protocol.arbiter import Settings
 from evgp_protocol.kart import Kart
 from evgp_protocol.states import RaceState
-import pytest
 
 
 def connected(settings: Settings | None = None) -> Kart:
@@ -79,26 +78,6 @@ def test_an_acknowledgement_is_sent_once_for_each_time_that_frames_come() -> Non
     kart.received(b'$RED_RED;$RED_RED;', 0.2)
     said += [kart.acknowledge(order, 0.2) for _ in range(3)]
     assert said == [b'$RED_RED;', b'', b''] * 2
-
-
-def test_an_order_that_is_over_is_not_acknowledged() -> None:
-    kart = connected()
-    kart.received(b'$RED_RED;', 0.1)
-    over = kart.verdict.order
-    kart.received(b'$IN_GARAGE;$RED_RED;', 0.2)
-    assert kart.acknowledge(over, 0.2) == b''
-    assert kart.acknowledge(kart.verdict.order, 0.2) == b'$RED_RED;'
-
-
-@pytest.mark.parametrize('source', [StopSource.SERVICE, StopSource.TOPIC])
-def test_the_release_of_a_team_stop_starts_no_kart(source: StopSource) -> None:
-    kart = connected()
-    race(kart)
-    kart.team_stop(True, 0.1, source)
-    assert kart.verdict.state is RaceState.RED_RED
-    kart.team_stop(False, 0.2, source)
-    kart.received(b'$GREEN_GREEN;', 0.3)
-    assert kart.verdict.state is RaceState.RED_RED
 
 
 def test_no_red_is_acknowledged_by_a_kart_that_measures_its_speed_and_moves() -> None:

@@ -39,6 +39,11 @@ from evgp_rcs.inputs import Block, Setup
 from evgp_rcs.race import Answer, Command, RaceMemory, RaceTimes, StampedEvent
 from evgp_rcs.roster import Roster
 
+ANSWER_TIMEOUT = 4.0
+"""Maximum time an official's call waits for its answer, in seconds; after it, no command but a
+stop takes effect. A kart server that works needs no more than `RaceTimes.journal_timeout`; one
+that hangs is killed before."""
+
 PAIR_BYTES = 65536
 """Maximum read from a pair at a time, in bytes."""
 
@@ -90,13 +95,6 @@ class Request(NamedTuple):
     number: int
     command: Command
     came: float
-
-
-@dataclass(frozen=True)
-class Withdraw:
-    """Do not judge a request any more: its official was told that there is no answer."""
-
-    number: int
 
 
 @dataclass(frozen=True)

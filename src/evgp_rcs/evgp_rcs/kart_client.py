@@ -34,9 +34,9 @@ import sys
 import threading
 from typing import Any
 
-from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.channel import (
     Alive,
+    ANSWER_TIMEOUT,
     Answered,
     Begin,
     End,
@@ -47,7 +47,6 @@ from evgp_rcs.channel import (
     Refused,
     Request,
     Unpacker,
-    Withdraw,
 )
 from evgp_rcs.kart_server import KartServerError
 from evgp_rcs.race import Answer, Command, StampedEvent
@@ -148,15 +147,15 @@ class KartServerClient:
                 f'record hang ({self._begin.record})?'
             ) from None
 
-    def command(self, command: Command, came: float, timeout: float) -> Answer | None:
+    def command(self, command: Command, came: float) -> Answer | None:
         """
         Hand over an official's command, and wait for its answer.
 
         A stop that has no answer goes on waiting to be judged; any other command does not.
 
         :param came: when it came, on the clock of the rules (s).
-        :param timeout: maximum time to wait, in seconds.
-        :return: the answer, which comes once every frame has been written; None: it has not come.
+        :return: the answer, which comes once every frame has been written; None: it has not come
+            within `ANSWER_TIMEOUT`.
         :raises KartServerError: if the kart server is gone: then only the MSR is left.
         """
         number = next(self._numbers)
@@ -166,12 +165,9 @@ class KartServerClient:
         if self._ended:
             self._refuse_the_rest()
         try:
-            answer = answers.get(timeout=timeout)
+            answer = answers.get(timeout=ANSWER_TIMEOUT)
         except queue.Empty:
-            if not CATALOGUE[command.kind].overtakes:
-                # What is not in force by now does not come into force later, unseen.
-                self._waiting.pop(number, None)
-                self._send(Withdraw(number))
+            self._waiting.pop(number, None)
             return None
         if answer is None:
             raise KartServerError('the kart server is gone: use the MSR')

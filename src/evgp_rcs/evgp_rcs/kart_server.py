@@ -44,6 +44,7 @@ from evgp_rcs import inputs
 from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.channel import (
     Alive,
+    ANSWER_TIMEOUT,
     Answered,
     End,
     Happened,
@@ -51,7 +52,6 @@ from evgp_rcs.channel import (
     pack,
     Request,
     ServerSettings,
-    Withdraw,
 )
 from evgp_rcs.hearing import Heard
 from evgp_rcs.kart_link import in_words, KartLink
@@ -121,13 +121,15 @@ class Waiting:
 
     :param answered: takes the answer, once every frame has been written.
     :param came: when it came (s).
-    :param withdrawn: nobody waits for its answer any more: it is not to be judged.
     """
 
     command: Command
     answered: Callable[[Answer], None]
     came: float
-    withdrawn: bool = False
+
+    def is_late(self, now: float) -> bool:
+        """Return whether it must not take effect any more: its official was told of no answer."""
+        return not CATALOGUE[self.command.kind].overtakes and now - self.came > ANSWER_TIMEOUT
 
 
 class _Allowance:
@@ -191,7 +193,6 @@ class KartServer:
         self._commands: deque[Waiting] = deque()
         # Whose answer is still to come: a start that waits for the record.
         self._starting: Waiting | None = None
-        self._requests: dict[int, Waiting] = {}
         self._sequence = itertools.count(1)
         self._gathered: list[StampedEvent] = []
         self._refusals = _Allowance(5)
@@ -264,7 +265,7 @@ class KartServer:
 
     def submit(
         self, command: Command, answered: Callable[[Answer], None], came: float | None = None
-    ) -> Waiting:
+    ) -> None:
         """
         Take an official's command; it is judged in ``take_commands``, stops before the rest.
 
@@ -273,7 +274,6 @@ class KartServer:
         """
         waiting = Waiting(command, answered, self.now() if came is None else came)
         (self._stops if CATALOGUE[command.kind].overtakes else self._commands).append(waiting)
-        return waiting
 
     def expect_ros_half(self, allowance: float) -> None:
         """Expect a sign of life of the ROS half; the first may take this much longer (s)."""
@@ -315,7 +315,7 @@ class KartServer:
     def _refuse_the_rest(self) -> None:
         starting, self._starting = self._starting, None
         for waiting in (*self._stops, *self._commands, starting):
-            if waiting is not None and not waiting.withdrawn:
+            if waiting is not None:
                 waiting.answered(_ENDING)
         self._stops.clear()
         self._commands.clear()
@@ -358,13 +358,13 @@ class KartServer:
             self._hear(message)
         if self._ros_half.gone:
             self.end(RosHalfGoneError(f'the ROS half is gone: {self._ros_half.gone}'))
-        if self._starting is not None and self._starting.withdrawn:
+        if self._starting is not None and self._starting.is_late(self.now()):
             self._withdraw_start()
         while self._stops or self._commands:
             now = self.now()
             self._notice_delay(now)
             waiting = (self._stops or self._commands).popleft()
-            if waiting.withdrawn:
+            if waiting.is_late(now):
                 continue
             if CATALOGUE[waiting.command.kind].loosens and self._is_ending():
                 waiting.answered(_ENDING)
@@ -379,16 +379,11 @@ class KartServer:
         self._ros_half_heard_at = self.now()
         if isinstance(message, Request):
             number = message.number
-
-            def answered(answer: Answer) -> None:
-                self._requests.pop(number, None)
-                self._ros_half.send(pack(Answered(number, answer)))
-
-            self._requests[number] = self.submit(message.command, answered, message.came)
-        elif isinstance(message, Withdraw):
-            waiting = self._requests.pop(message.number, None)
-            if waiting is not None:
-                waiting.withdrawn = True
+            self.submit(
+                message.command,
+                lambda answer: self._ros_half.send(pack(Answered(number, answer))),
+                message.came,
+            )
         elif isinstance(message, Alive):
             if message.rival != self._race.has_rival:
                 self._take(inputs.Rival(self.now(), message.rival))
@@ -442,7 +437,7 @@ class KartServer:
         of_start = outcome.answer is not None and waiting is None
         if of_start:
             waiting, self._starting = self._starting, None
-        if outcome.answer is not None and waiting is not None and not waiting.withdrawn:
+        if outcome.answer is not None and waiting is not None:
             waiting.answered(outcome.answer)
         self._tell_of_rules(outcome.events, given.at)
         if of_start:

@@ -29,6 +29,7 @@ one starts it, and neither outlives the other. Each thread here has its own work
 
 from __future__ import annotations
 
+import itertools
 import sys
 import threading
 from typing import Any
@@ -47,13 +48,13 @@ from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_rcs import priority
 from evgp_rcs.catalogue import CATALOGUE, CommandKind, kinds_by_service
+from evgp_rcs.channel import ANSWER_TIMEOUT
 from evgp_rcs.kart_client import KartServerClient
 from evgp_rcs.kart_server import KartServerError
 from evgp_rcs.official import heard
 from evgp_rcs.race import Answer, Command
 from evgp_rcs.rival import (
     claim_the_graph,
-    LOOK_AGAIN,
     look_for_rivals,
     refuse_rivals,
     RivalError,
@@ -67,18 +68,20 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-ANSWER_TIMEOUT = 4.0
-"""Maximum time an official's call waits for the kart server, in seconds. A kart server that works
-needs no more than `RaceTimes.journal_timeout`; one that hangs is killed before."""
-
 ALIVE_EVERY = 0.2
 """Time between two signs of life to the kart server, in seconds; after 1 s without one it sends
-RED_RED to every kart. Also the time between two calls of race control to itself."""
+RED_RED to every kart."""
 
-MOST_UNHEARD = 10
+CALL_EVERY = 2
+"""Number of signs of life for each call of race control to itself."""
+
+MOST_UNHEARD = 4
 """Maximum number of these calls in a row that have not come in, or of looks in a row that find the
 same datagram unread; one more ends race control, after 2 s. They are counted, not timed: a process
 that was stopped called nobody."""
+
+GRAPH_LOOK = 10
+"""Number of signs of life for each look at the graph, which takes the kernel up to 1 ms."""
 
 SERVICE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -186,31 +189,32 @@ class RcsNode(StrictNode):
 
     def _ask(self) -> None:
         inbox = Inbox()
-        looked_at = -LOOK_AGAIN
         trouble = ''
         rival = False
-        while not self._closing.is_set():
-            if clock.now() - looked_at >= LOOK_AGAIN:
-                looked_at = clock.now()
-                rival = look_for_rivals(self)
+        for sign in itertools.count():
+            if sign % GRAPH_LOOK == 0:
                 before, trouble = trouble, trouble_of_graph(self.context.get_domain_id())
                 if trouble != before:
                     self._teller.graph_trouble(trouble)
-            if max(self._calls - self._heard, inbox.unread()) > MOST_UNHEARD:
-                # No further sign of life either, should this not end it.
-                self._fail(
-                    'Race control no longer hears officials and sends RED_RED to every kart: use '
-                    'the MSR if a kart still moves',
-                    DeafError('what officials send does not come in through DDS'),
-                )
-                return
-            self._calls += 1
-            self._self_call.call_async(SignOfLife.Request(number=self._calls))
+            if sign % CALL_EVERY == 0:
+                if max(self._calls - self._heard, inbox.unread()) > MOST_UNHEARD:
+                    # No further sign of life either, should this not end it.
+                    self._fail(
+                        'Race control no longer hears officials and sends RED_RED to every kart: '
+                        'use the MSR if a kart still moves',
+                        DeafError('what officials send does not come in through DDS'),
+                    )
+                    return
+                rival = look_for_rivals(self)
+                self._calls += 1
+                called = self._self_call.call_async(SignOfLife.Request(number=self._calls))
+                self._self_call.remove_pending_request(called)
             try:
                 self._server.alive(rival)
             except KartServerError:
                 pass  # its end is noticed, and told, by the thread that hears it
-            self._closing.wait(ALIVE_EVERY)
+            if self._closing.wait(ALIVE_EVERY):
+                return
 
     def _hear(self, request: Any, response: Any) -> Any:
         """Take a call of this process to itself, in the thread that takes the stops."""
@@ -226,10 +230,11 @@ class RcsNode(StrictNode):
         stops, starts = self._node_beside('stops'), self._node_beside('starts')
         self.beside = (stops, starts)
         # From one node to another, through DDS's sockets and threads, as a stop comes in. A thread
-        # calls, as a timer would not do: some middlewares wait for one by the wall clock.
+        # calls, as a timer would not do: some middlewares wait for one by the wall clock. Nobody
+        # takes the answers: that a call came in is all there is to know.
         name = self.resolve_service_name('~/sign_of_life')
         stops.create_service(SignOfLife, name, self._hear, qos_profile=SERVICE_QOS)
-        self._self_call = self.create_client(SignOfLife, name, qos_profile=SERVICE_QOS)
+        self._self_call = starts.create_client(SignOfLife, name, qos_profile=SERVICE_QOS)
         for name, kinds in kinds_by_service().items():
             entry = CATALOGUE[kinds[0]]
             node = stops if entry.overtakes else starts if entry.needs_journal else self
@@ -264,7 +269,7 @@ class RcsNode(StrictNode):
 
     def _command(self, command: Command) -> Answer:
         try:
-            answer = self._server.command(command, clock.now(), ANSWER_TIMEOUT)
+            answer = self._server.command(command, clock.now())
             if answer is not None:
                 return answer
         except KartServerError as error:

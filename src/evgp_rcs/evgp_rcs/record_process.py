@@ -170,7 +170,7 @@ class RecordProcess:
             self._caught_up_at = now
         reason = self._error
         if self._end.gone:
-            reason = 'its process has ended. Restart race control when no kart is out'
+            reason = 'its process has ended. Restart race control when no kart is on the track'
         elif not reason and now - self._caught_up_at > SLOW:
             reason = f'nothing could be written for {now - self._caught_up_at:.0f} s'
         elif not reason and self._full:

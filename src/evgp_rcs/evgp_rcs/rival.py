@@ -27,9 +27,6 @@ import time
 from evgp_node.graph import LOOPBACK, reachable_at
 from rclpy.node import Node
 
-LOOK_AGAIN = 0.5
-"""Time between two looks for another race control while this one runs, in seconds."""
-
 FIRST_LOOK = 1.5
 """Time for which race control looks for another on other machines before it starts, in seconds."""
 

@@ -17,12 +17,42 @@
 from __future__ import annotations
 
 import pathlib
+from typing import Any
 
 from evgp_node.parameters import check_address, ParameterError, Parameters
 from evgp_rcs.channel import Begin, ServerSettings
 from evgp_rcs.race import RaceTimes
 from evgp_rcs.record import default_path
 from evgp_rcs.roster import load_roster
+
+_SECONDS = (0.1, 3600)
+
+OF_THE_KART_SERVER: tuple[tuple[Any, ...], ...] = (
+    ('port', 'The TCP port at which karts connect; 0: any.', (0, 65535)),
+    ('beat_rate', 'Frames per second to each kart, Hz (§4.C: at least 10).', (10, 100)),
+    (
+        'send_timeout',
+        'Time after which a kart that leaves bytes unanswered is lost, s.',
+        (0.2, 10),
+    ),
+)
+"""Parameters of the kart server: name, meaning and range; their defaults are `ServerSettings`."""
+
+OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
+    ('finish_stop', 'Time that a finished kart has to acknowledge its RED_FLAG, s.', _SECONDS),
+    ('auto_race_over', 'Once every kart has finished, the race goes over by itself.'),
+    ('ready_alert', 'Time until the alert that GRID_ACTIVE is not acknowledged, s.', _SECONDS),
+    ('green_alert', 'Time until the alert that GREEN_GREEN is not acknowledged, s.', _SECONDS),
+    ('flag_alert', 'Time until the alert that RED_FLAG is not acknowledged, s.', _SECONDS),
+    ('red_alert', 'Time until the alert that RED_RED is not acknowledged, s.', _SECONDS),
+    ('require_inspection', 'A kart without an inspection in the roster cannot race.'),
+    (
+        'pause',
+        'After a stop, commands that loosen or start anything are refused for this long, s.',
+        (0.5, 10),
+    ),
+)
+"""Parameters of the rules, likewise; their defaults are `RaceTimes`."""
 
 
 def read_settings(parameters: Parameters) -> Begin:
@@ -33,97 +63,40 @@ def read_settings(parameters: Parameters) -> Begin:
     :raises RosterError: if the roster is.
     """
     declare = parameters.declare
-    server, rules = ServerSettings(), RaceTimes()
-
-    def seconds(name: str, default: float, meaning: str) -> float:
-        return declare(name, default, f'{meaning}, s.', (0.1, 3600))
-
     path = declare('roster', '', 'The file that lists the karts, see config/karts.yaml.')
     record = declare(
         'record',
         '',
         'The file of the record (SQLite); empty: evgp_rcs/record.sqlite3 below ROS_HOME.',
     )
-    settings = ServerSettings(
-        host=declare(
-            'address', server.host, 'The IPv4 address at which karts connect; 0.0.0.0: every one.'
-        ),
-        port=declare(
-            'port', server.port, 'The TCP port at which karts connect; 0: any.', (0, 65535)
-        ),
-        beat_rate=declare(
-            'beat_rate',
-            server.beat_rate,
-            'Frames per second to each kart, Hz (§4.C: at least 10).',
-            (10, 100),
-        ),
-        send_timeout=declare(
-            'send_timeout',
-            server.send_timeout,
-            'Time after which a kart that leaves bytes unanswered is lost, s.',
-            (0.2, 10),
-        ),
+    address = declare(
+        'address',
+        ServerSettings.host,
+        'The IPv4 address at which karts connect; 0.0.0.0: every one.',
     )
-    times = RaceTimes(
-        finish_delays=tuple(
-            declare(
-                'finish_delays',
-                list(rules.finish_delays),
-                'From FINISH to RED_FLAG for place 1, 2, …; the last for all further, s, 0-60.',
-            )
-        ),
-        finish_stop=seconds(
-            'finish_stop',
-            rules.finish_stop,
-            'Time that a finished kart has to acknowledge its RED_FLAG',
-        ),
-        auto_race_over=declare(
-            'auto_race_over',
-            rules.auto_race_over,
-            'Once every kart has finished, the race goes over by itself.',
-        ),
-        ready_alert=seconds(
-            'ready_alert',
-            rules.ready_alert,
-            'Time until the alert that GRID_ACTIVE is not acknowledged',
-        ),
-        green_alert=seconds(
-            'green_alert',
-            rules.green_alert,
-            'Time until the alert that GREEN_GREEN is not acknowledged',
-        ),
-        flag_alert=seconds(
-            'flag_alert',
-            rules.flag_alert,
-            'Time until the alert that RED_FLAG is not acknowledged',
-        ),
-        red_alert=seconds(
-            'red_alert',
-            rules.red_alert,
-            'Time until the alert that RED_RED is not acknowledged',
-        ),
-        settle=declare(
-            'settle_time',
-            rules.settle,
-            'A kart that acknowledges a red must stand by it for this long before humans may rely '
-            'on it, s.',
-            (0.5, 60),
-        ),
-        require_inspection=declare(
-            'require_inspection',
-            rules.require_inspection,
-            'A kart without an inspection in the roster cannot race.',
-        ),
-        pause=declare(
-            'pause',
-            rules.pause,
-            'After a stop, commands that loosen or start anything are refused for this long, s.',
-            (0.5, 10),
-        ),
+    server: dict[str, Any] = {
+        name: declare(name, getattr(ServerSettings, name), *meaning_and_limits)
+        for name, *meaning_and_limits in OF_THE_KART_SERVER
+    }
+    delays = declare(
+        'finish_delays',
+        list(RaceTimes.finish_delays),
+        'From FINISH to RED_FLAG for place 1, 2, …; the last for all further, s, 0-60.',
     )
+    settle = declare(
+        'settle_time',
+        RaceTimes.settle,
+        'A kart that acknowledges a red must stand by it for this long before humans may rely on '
+        'it, s.',
+        (0.5, 60),
+    )
+    rules: dict[str, Any] = {
+        name: declare(name, getattr(RaceTimes, name), *meaning_and_limits)
+        for name, *meaning_and_limits in OF_THE_RULES
+    }
     parameters.refuse_unknown()
-    check_address('address', settings.host)
-    for delay in times.finish_delays:
+    check_address('address', address)
+    for delay in delays:
         if not 0.0 <= delay <= 60.0:
             raise ParameterError(
                 f'parameter finish_delays: {delay:g} is not possible. '
@@ -136,7 +109,7 @@ def read_settings(parameters: Parameters) -> Begin:
         )
     return Begin(
         roster=load_roster(pathlib.Path(path)),
-        times=times,
-        settings=settings,
+        times=RaceTimes(finish_delays=tuple(delays), settle=settle, **rules),
+        settings=ServerSettings(host=address, **server),
         record=pathlib.Path(record).expanduser() if record else default_path(),
     )

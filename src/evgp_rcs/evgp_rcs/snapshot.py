@@ -20,6 +20,7 @@ Pure.
 
 from __future__ import annotations
 
+from operator import attrgetter
 from typing import NamedTuple
 
 from evgp_protocol.states import RaceState
@@ -75,6 +76,9 @@ class Snapshot(NamedTuple):
     heats: tuple[Heat, ...]
 
 
+_OF_KART = attrgetter(*KartSnapshot._fields[:-1])
+
+
 def snapshot_of(race: Race, now: float) -> Snapshot:
     """Return what officials see of the race at this time, in seconds."""
     return Snapshot(
@@ -84,23 +88,11 @@ def snapshot_of(race: Race, now: float) -> Snapshot:
         race.state_cause,
         race.over,
         [
-            KartSnapshot(
-                kart.number,
-                kart.team,
-                kart.in_race,
-                kart.connected,
-                kart.sent,
-                kart.sent_since,
-                kart.acknowledged,
-                kart.reported,
-                kart.hold,
-                kart.hold_reason,
-                kart.may_be_moving,
-                kart.settles_at,
-                kart.place,
-                kart.finish_due,
-                kart.inspected,
-                [race.availability(kind, number, now)[:] for kind in _TO_ONE_KART],
+            KartSnapshot._make(
+                (
+                    *_OF_KART(kart),
+                    [race.availability(kind, number, now)[:] for kind in _TO_ONE_KART],
+                )
             )
             for number, kart in sorted(race.karts.items())
         ],

@@ -15,9 +15,9 @@
 """
 Publishes what the kart server tells, in a thread of its own.
 
-Events go out in order, all of them unless more than `MOST_UNTOLD` wait. Of several copies of the
-race only the newest does, and that may overtake events: it waits for no more of them than
-`BATCH`, so that what officials see is the present race.
+Events go out in order, all of them: the kart server limits those that karts cause by what they
+say. Of several copies of the race only the newest does, and that may overtake events: it waits for
+no more of them than `BATCH`, so that what officials see is the present race.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.process import wait_until_heard
+from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
 from evgp_rcs.messages import (
     diagnostics_message,
@@ -66,11 +67,8 @@ EVENTS_QOS = QoSProfile(
 BATCH = 100
 """Maximum number of events in one message; then a newer race is published."""
 
-MOST_UNTOLD = 5000
-"""Maximum backlog of events to publish; beyond it, `LESSER` events go to the record only."""
-
-LESSER = (EventKind.ACKNOWLEDGED, EventKind.KART_STATE, EventKind.REPORTED)
-"""What karts do by the hundred, and what ``~/race`` shows as well."""
+CLOCK_STEP_NS = 10_000_000
+"""Change of the wall clock from which on the times in the race are computed again, nanoseconds."""
 
 
 class Teller:
@@ -102,6 +100,8 @@ class Teller:
         self._thread = threading.Thread(target=self._run, name='teller', daemon=True)
         self._told_diagnostics = 0.0
         self._published = msg.Race()
+        self._shown: tuple[object, ...] = ()
+        self._clock_ns = 0
         self._sequence = 0
 
     def events(self, events: list[StampedEvent]) -> None:
@@ -165,29 +165,19 @@ class Teller:
                     self._take_graph_trouble(news)
                 else:
                     waiting += news
-            if len(waiting) > MOST_UNTOLD:
-                waiting = self._without_lesser(waiting)
             if waiting:
                 self._tell([waiting.popleft() for _ in range(min(BATCH, len(waiting)))])
             if newest is not None:
                 self._tell_race(newest)
 
     def _take_graph_trouble(self, text: str) -> None:
+        self._shown = ()
         self._graph_alerts = [graph_alert(text, time.time_ns())] if text else []
         log = self._node.get_logger()
         if text:
             log.warning(text)
         else:
             log.info('The ROS graph is in order again')
-
-    def _without_lesser(self, events: deque[StampedEvent]) -> deque[StampedEvent]:
-        """Return the events that are told when there are too many to tell them all."""
-        kept = [each for each in events if each.event.kind not in LESSER][-MOST_UNTOLD:]
-        self._node.get_logger().warning(
-            f'{len(events) - len(kept)} events came faster than they can be published; '
-            'only the record has them'
-        )
-        return deque(kept)
 
     def _tell(self, batch: list[StampedEvent]) -> None:
         self._events.publish(events_message(batch))
@@ -202,11 +192,15 @@ class Teller:
                 log.info(text)
 
     def _tell_race(self, race: Snapshot) -> None:
-        wall_ns = time.time_ns() - round((clock.now() - race.at) * 1e9)
-        message = race_message(race, wall_ns, self._addresses, self._banner)
-        message.alerts = [*message.alerts, *self._graph_alerts]
-        self._race.publish(message)
-        self._published = message
+        clock_ns = time.time_ns() - round(clock.now() * 1e9)
+        wall_ns = clock_ns + round(race.at * 1e9)
+        if race[1:] != self._shown or abs(clock_ns - self._clock_ns) >= CLOCK_STEP_NS:
+            message = race_message(race, wall_ns, self._addresses, self._banner)
+            message.alerts = [*message.alerts, *self._graph_alerts]
+            self._published, self._shown, self._clock_ns = message, race[1:], clock_ns
+        # At rest, nothing but this changes; to make the message takes longer than to publish it.
+        self._published.stamp = stamp_of(wall_ns)
+        self._race.publish(self._published)
         if race.at - self._told_diagnostics >= 1.0:
             self._told_diagnostics = race.at
             name = self._node.get_fully_qualified_name().lstrip('/')

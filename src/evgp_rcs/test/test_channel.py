@@ -20,7 +20,7 @@ import io
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.channel import Alive, pack, Request, Unpacker, Withdraw
+from evgp_rcs.channel import Alive, Listening, pack, Request, Unpacker
 from evgp_rcs.race import Command
 from hypothesis import given, strategies
 
@@ -43,7 +43,7 @@ requests = strategies.builds(
 
 
 @given(
-    strategies.lists(requests | strategies.sampled_from([Alive(True), Withdraw(7)])),
+    strategies.lists(requests | strategies.sampled_from([Alive(True), Listening(('', 7))])),
     strategies.integers(1, 100),
 )
 def test_what_is_packed_comes_out_however_it_is_cut(messages: list[object], size: int) -> None:

@@ -43,12 +43,12 @@ class OneKart:
         self._sent = 0
         self._serial = 0
 
-    def order(self, *states: RaceState, unread: int = 0, answered: bool = True) -> None:
+    def order(self, *states: RaceState, answered: bool = True) -> None:
         """Send it these orders."""
         for state in states:
             self._sent += len(encode(state))
             self._serial += 1
-            self.hearing.order(self._serial, state, self._sent, unread)
+            self.hearing.order(self._serial, state, self._sent, 0)
         if answered:
             self.answer()
 
@@ -76,20 +76,6 @@ def kart() -> OneKart:
     return kart
 
 
-def test_what_came_after_an_order_answers_it(kart: OneKart) -> None:
-    assert kart.say(RED + RED) == [1, 1]
-
-
-def test_what_was_not_commanded_answers_nothing(kart: OneKart) -> None:
-    assert kart.say(GREEN, RED, GARAGE) == [NO_ORDER, 1, NO_ORDER]
-
-
-def test_what_lay_unread_when_the_order_went_out_does_not_answer_it(kart: OneKart) -> None:
-    kart.order(GRID, unread=2 * len(encode(GRID)))
-    assert kart.say(GRID) == [NO_ORDER]
-    assert kart.say(GRID, GRID) == [NO_ORDER, 2]
-
-
 def test_what_was_read_and_not_decoded_when_the_order_went_out_does_not_answer_it(
     kart: OneKart,
 ) -> None:
@@ -98,26 +84,6 @@ def test_what_was_read_and_not_decoded_when_the_order_went_out_does_not_answer_i
     kart.order(GRID)
     assert [serial for _, serial in kart.hearing.decode(memoryview(word))] == [NO_ORDER]
     assert kart.say(GRID) == [2]
-
-
-def test_what_was_there_while_the_karts_tcp_had_not_answered_the_order_does_not_answer_it(
-    kart: OneKart,
-) -> None:
-    kart.order(GRID, answered=False)
-    assert kart.hearing.waits
-    kart.hearing.read(len(encode(GRID)))
-    kart.answer(lacking=1)
-    assert [serial for _, serial in kart.hearing.decode(memoryview(encode(GRID)))] == [NO_ORDER]
-    kart.answer()
-    assert not kart.hearing.waits
-    assert kart.say(GRID) == [2]
-
-
-def test_what_lay_unread_while_the_order_was_unanswered_does_not_answer_it(kart: OneKart) -> None:
-    kart.order(GRID, answered=False)
-    kart.hearing.look(0, len(encode(GRID)))
-    kart.answer()
-    assert kart.say(GRID, GRID) == [NO_ORDER, 2]
 
 
 @pytest.mark.parametrize('begun', range(1, len(encode(GRID))))
@@ -134,24 +100,17 @@ def test_a_frame_that_was_cut_off_by_an_answer_does_not_spoil_it(kart: OneKart) 
     assert kart.say(GRID) == [NO_ORDER, 2]  # what was cut off, and the answer
 
 
-def test_an_order_that_comes_of_what_was_said_is_answered_by_nothing_said_before(
+def test_what_was_there_while_the_karts_tcp_had_not_answered_the_order_does_not_answer_it(
     kart: OneKart,
 ) -> None:
-    """The owner may order in the midst of what was decoded in one go."""
-    word = encode(GRID)
-    kart.say(word + word[:3])
-    kart.order(GRID)
-    assert kart.say(word[3:]) == [NO_ORDER]
-
-
-def test_a_word_that_may_answer_an_earlier_order_answers_that_one(kart: OneKart) -> None:
-    kart.order(GARAGE, RaceState.RED_RED)
-    assert kart.say(RED, RED) == [1, 1]
-
-
-def test_a_kart_that_says_what_came_in_between_answers_the_later_order(kart: OneKart) -> None:
-    kart.order(GARAGE, RaceState.RED_RED)
-    assert kart.say(RED, GARAGE, RED) == [1, 2, 3]
+    kart.order(GRID, answered=False)
+    assert kart.hearing.waits
+    kart.hearing.read(len(encode(GRID)))
+    kart.answer(lacking=1)
+    assert [serial for _, serial in kart.hearing.decode(memoryview(encode(GRID)))] == [NO_ORDER]
+    kart.answer()
+    assert not kart.hearing.waits
+    assert kart.say(GRID) == [2]
 
 
 def test_a_slow_kart_acknowledges_no_second_grid_with_echoes_of_its_first() -> None:
@@ -191,17 +150,6 @@ def test_a_kart_that_goes_on_speaking_makes_no_pause(kart: OneKart) -> None:
         kart.beats(1)
     kart.order(RaceState.RED_RED)
     assert kart.say(RED) == [1]
-
-
-def test_a_kart_that_says_garage_back_makes_no_pause(kart: OneKart) -> None:
-    """It says each change, and reads so late that it says nothing for long."""
-    kart.order(GARAGE)
-    assert kart.say(GARAGE) == [2]
-    kart.order(GRID, GARAGE, GRID)
-    kart.beats(2 * kart.pause)
-    assert kart.say(GRID) == [3]
-    kart.beats(2 * kart.pause)
-    assert kart.say(GARAGE, GRID) == [4, 5]
 
 
 @RATES

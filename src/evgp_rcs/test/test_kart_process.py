@@ -30,9 +30,11 @@ from typing import Any
 from evgp_protocol import clock
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
+from evgp_rcs import kart_client
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.channel import (
     Alive,
+    ANSWER_TIMEOUT,
     Answered,
     Begin,
     End,
@@ -44,7 +46,6 @@ from evgp_rcs.channel import (
     Request,
     ServerSettings,
     Unpacker,
-    Withdraw,
 )
 from evgp_rcs.kart_client import KartServerClient
 from evgp_rcs.kart_server import KartServerError, ROS_HALF_SILENCE
@@ -58,7 +59,7 @@ from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
 import pytest
 from rig.replaying import replay_without_difference
 
-PATIENCE = 30.0
+TIMEOUT = 30.0
 
 ALL_KILL = Command(CommandKind.ALL_KILL)
 RED_RED = RaceState.RED_RED
@@ -81,7 +82,7 @@ class Half:
 
     def __init__(self) -> None:
         self.end, other = socket.socketpair()
-        self.end.settimeout(PATIENCE)
+        self.end.settimeout(TIMEOUT)
         with other:
             self.process = subprocess.Popen(
                 [sys.executable, '-m', 'evgp_rcs.kart_process', str(other.fileno())],
@@ -114,7 +115,7 @@ class Half:
 
     def close(self) -> None:
         self.end.close()
-        self.process.wait(PATIENCE)
+        self.process.wait(TIMEOUT)
 
 
 @pytest.fixture
@@ -153,7 +154,7 @@ def test_an_end_of_the_ros_half_means_red_red_to_every_kart(half: Half, connect:
     read_until(client, IN_GARAGE)
     half.end.close()
     assert read_to_end(client).endswith(encode(RED_RED))
-    assert half.process.wait(PATIENCE) == 1
+    assert half.process.wait(TIMEOUT) == 1
 
 
 def test_a_silence_of_the_ros_half_means_red_red_to_every_kart(
@@ -189,15 +190,19 @@ def test_a_ros_half_that_reads_nothing_holds_nobody_up_and_loses_no_event(
     assert snapshots < count / 10
 
 
-def test_a_withdrawn_command_that_came_with_its_withdrawal_is_not_judged(
+def test_a_command_that_is_too_late_is_not_judged_unless_it_stops_karts(
     half: Half, connect: Connect
 ) -> None:
     connect(1)
     close = Command(CommandKind.CLOSE_TRACK)
-    half.end.sendall(
-        pack(Request(1, close, clock.now())) + pack(Withdraw(1)) + pack(Request(2, close, 0.0))
-    )
-    assert half.wait_for(Answered).number == 2
+    long_ago = clock.now() - ANSWER_TIMEOUT
+    for number, command, came in (
+        (1, close, long_ago),
+        (2, close, clock.now()),
+        (3, ALL_KILL, long_ago),
+    ):
+        half.say(Request(number, command, came))
+    assert {half.wait_for(Answered).number, half.wait_for(Answered).number} == {2, 3}
 
 
 @pytest.mark.parametrize('in_order', [True, False])
@@ -206,7 +211,7 @@ def test_the_record_says_whether_the_end_was_in_order(
 ) -> None:
     connect(1)
     half.say(End(in_order))
-    half.process.wait(PATIENCE)
+    half.process.wait(TIMEOUT)
     with contextlib.closing(open_read_only(begin.record)) as database:
         *_, run = sessions(database)
     assert (run.ended_ns is not None) is in_order
@@ -222,7 +227,7 @@ def test_an_orderly_end_is_in_the_record_and_told_to_the_ros_half_in_order(
         if isinstance(message, Happened):
             told += [each.event.kind for each in message.events]
     assert told[-2:] == [EventKind.ENDED, EventKind.DISCONNECTED]
-    half.process.wait(PATIENCE)
+    half.process.wait(TIMEOUT)
     with contextlib.closing(open_read_only(begin.record)) as database:
         assert [each.kind for each in events(database, 2)] == [kind.value for kind in told]
 
@@ -235,7 +240,7 @@ def test_what_happened_is_on_the_disk_although_the_ros_half_died(
     half.say(Request(1, ALL_KILL, clock.now()))
     read_until(client, RED_RED)
     half.end.close()
-    half.process.wait(PATIENCE)
+    half.process.wait(TIMEOUT)
     with contextlib.closing(open_read_only(begin.record)) as database:
         assert 'ALL_KILL' in [event.command for event in events(database, 2)]
 
@@ -245,7 +250,7 @@ def test_a_port_in_use_is_refused_and_leaves_no_doubt_behind(half: Half, begin: 
         port = taken.getsockname()[1]
         half.say(Begin(begin.roster, begin.times, ServerSettings('127.0.0.1', port), begin.record))
         assert 'choose another address or port' in half.wait_for(Refused).text
-        assert half.process.wait(PATIENCE) == 2
+        assert half.process.wait(TIMEOUT) == 2
     again = Half()
     with contextlib.closing(again):
         again.say(begin)
@@ -259,7 +264,7 @@ def test_a_hold_of_the_last_moment_is_found_by_the_next_run(
     connect(1)
     held = Request(1, Command(CommandKind.KART_RED_RED, 2), clock.now())
     half.end.sendall(pack(held) + pack(End(True)))
-    assert half.process.wait(PATIENCE) == 0
+    assert half.process.wait(TIMEOUT) == 0
     with contextlib.closing(Half()) as again:
         again.say(begin)
         again.wait_for(Listening)
@@ -276,12 +281,12 @@ def test_what_a_kart_server_has_recorded_can_be_replayed_also_what_a_run_has_lef
     half.end.sendall(pack(held) + pack(Request(2, ALL_KILL, clock.now())))
     half.wait_for(Snapshot)
     half.say(End(in_order=False))
-    half.process.wait(PATIENCE)
+    half.process.wait(TIMEOUT)
     with contextlib.closing(Half()) as again:
         again.say(begin)
         again.wait_for(Listening)
         again.say(End(True))
-        again.process.wait(PATIENCE)
+        again.process.wait(TIMEOUT)
     _, second = replay_without_difference(begin.record)
     assert second.events > 0
 
@@ -302,7 +307,7 @@ def test_a_ros_half_that_never_gave_a_sign_of_life_is_not_waited_for_for_ever(
     client = connect(1)
     read_until(client, IN_GARAGE)
     assert read_to_end(client).endswith(encode(RED_RED))
-    assert half.process.wait(PATIENCE) == 1
+    assert half.process.wait(TIMEOUT) == 1
 
 
 # ----- the client of it, in the ROS half ---------------------------------------------------
@@ -318,16 +323,17 @@ def test_a_kart_server_that_is_killed_is_told_of_and_every_command_refused(begin
         kill.start()
         for _ in ('while it dies', 'afterwards'):
             with pytest.raises(KartServerError, match='use the MSR'):
-                client.command(ALL_KILL, clock.now(), PATIENCE)
+                client.command(ALL_KILL, clock.now())
         kill.join()
-        assert ended.get(timeout=PATIENCE)
+        assert ended.get(timeout=TIMEOUT)
     finally:
         client.stop(in_order=False)
 
 
 def test_a_kart_server_that_hangs_and_takes_nothing_is_given_up_and_no_thread_waits_for_it(
-    begin: Begin,
+    begin: Begin, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(kart_client, 'ANSWER_TIMEOUT', 0.0)
     ended = threading.Event()
     client = KartServerClient(
         begin, lambda events: None, lambda snapshot: None, lambda why: ended.set()
@@ -337,8 +343,8 @@ def test_a_kart_server_that_hangs_and_takes_nothing_is_given_up_and_no_thread_wa
         freeze(client._process.pid)
         with pytest.raises(KartServerError, match='use the MSR'):
             while True:  # until its end takes no more
-                client.command(ALL_KILL, clock.now(), 0.0)
-        assert ended.wait(PATIENCE)
+                client.command(ALL_KILL, clock.now())
+        assert ended.wait(TIMEOUT)
         client._process.send_signal(signal.SIGCONT)
     finally:
         client.stop(in_order=False)
@@ -352,8 +358,8 @@ def test_a_hearing_thread_that_fails_ends_race_control(begin: Begin) -> None:
 
     client = KartServerClient(begin, lambda events: None, broken, ended.put)
     client.start()
-    assert 'ZeroDivisionError' in ended.get(timeout=PATIENCE)
-    assert client._process.wait(PATIENCE) == 1  # and every kart was sent RED_RED
+    assert 'ZeroDivisionError' in ended.get(timeout=TIMEOUT)
+    assert client._process.wait(TIMEOUT) == 1  # and every kart was sent RED_RED
     client.stop(in_order=False)
 
 

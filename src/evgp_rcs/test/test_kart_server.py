@@ -60,7 +60,7 @@ from evgp_rcs.snapshot import Snapshot
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
 import pytest
 
-PATIENCE = 20.0
+TIMEOUT = 20.0
 NO_BEAT = 0.001  # Hz: no second frame comes by itself while a test runs
 
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -108,7 +108,7 @@ class Running:
         self._listening: concurrent.futures.Future[tuple[str, int]] = concurrent.futures.Future()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
-        self.address = self._listening.result(PATIENCE)
+        self.address = self._listening.result(TIMEOUT)
 
     def submit(
         self, command: Command, came: float | None = None
@@ -121,7 +121,7 @@ class Running:
         return answer
 
     def give(self, kind: CommandKind, kart: int | None = None, statement: bool = True) -> Answer:
-        return self.submit(self.command(kind, kart, statement)).result(PATIENCE)
+        return self.submit(self.command(kind, kart, statement)).result(TIMEOUT)
 
     def command(
         self, kind: CommandKind, kart: int | None = None, statement: bool = True
@@ -138,19 +138,19 @@ class Running:
                 self._loop.call_soon_threadsafe(self.server.end)
             except RuntimeError:
                 pass  # it ended by itself meanwhile
-        self._thread.join(PATIENCE)
+        self._thread.join(TIMEOUT)
 
     def wait_for(self, kind: EventKind, kart: int = 0, count: int = 1) -> list[Event]:
         def found() -> list[Event]:
             return [each for each in self.events if (each.kind, each.kart) == (kind, kart)]
 
         with self._news:
-            enough = self._news.wait_for(lambda: len(found()) >= count, PATIENCE)
+            enough = self._news.wait_for(lambda: len(found()) >= count, TIMEOUT)
             assert enough, f'no {kind.value} of {kart}: {[each.text for each in self.events]}'
             return found()
 
     def wait_for_failure(self) -> BaseException:
-        self._thread.join(PATIENCE)
+        self._thread.join(TIMEOUT)
         assert self.failure is not None
         return self.failure
 
@@ -201,7 +201,7 @@ class Running:
         with self._news:
             self._shown_at = 0.0
             assert self._news.wait_for(
-                lambda: self._shown_at > 0.0 and found(self.race, self._shown_at), PATIENCE
+                lambda: self._shown_at > 0.0 and found(self.race, self._shown_at), TIMEOUT
             )
             return self._shown_at
 
@@ -209,7 +209,7 @@ class Running:
         """Return once the race was shown so often again."""
         with self._news:
             wanted = self._shown + times
-            assert self._news.wait_for(lambda: self._shown >= wanted, PATIENCE)
+            assert self._news.wait_for(lambda: self._shown >= wanted, TIMEOUT)
 
     def remember(self, memory: RaceMemory, at: float) -> None:
         self.remembered.append(memory)
@@ -224,7 +224,7 @@ class Running:
     def wait_for_memory(self) -> tuple[RaceMemory, Callable[[bool], None]]:
         """Return what a start wants to have on the disk, and what says whether it is."""
         with self._news:
-            assert self._news.wait_for(lambda: bool(self.sure), PATIENCE)
+            assert self._news.wait_for(lambda: bool(self.sure), TIMEOUT)
             memory, done = self.sure[-1]
         return memory, lambda there: self._loop.call_soon_threadsafe(done, there)
 
@@ -345,7 +345,7 @@ def test_no_kart_is_left_out_that_connects_while_race_control_is_busy(
 
     def be_busy(event: Event) -> None:
         if event.kind is EventKind.CONNECTED:
-            all_there.wait(2 * PATIENCE)
+            all_there.wait(2 * TIMEOUT)
 
     running.on_event = be_busy
     try:
@@ -577,7 +577,7 @@ def stuck(run: Run, connect: Connect) -> tuple[Running, socket.socket, KartLink]
     client = connect(running, 3, receive_buffer=1024)
     running.wait_for(EventKind.CONNECTED, 3)
     link = running.server._links[3]
-    link._send_timeout = PATIENCE
+    link._send_timeout = TIMEOUT
     running.wait_until_shown(lambda race, at: link._unsent() > 0)
     return running, client, link
 
@@ -609,7 +609,7 @@ def test_a_stop_is_behind_one_frame_at_most_that_has_not_left(
 
 
 def test_a_release_right_behind_a_stop_does_not_undo_it(run: Run, connect: Connect) -> None:
-    running = run(pause=PATIENCE, settle=0.0)
+    running = run(pause=TIMEOUT, settle=0.0)
     clients = [connect(running, kart) for kart in (1, 2)]
     running.give(CommandKind.ALL_KILL)
     for kart, client in enumerate(clients, 1):
@@ -663,14 +663,14 @@ def test_a_stop_waits_for_no_beat_that_has_begun(
 
     monkeypatch.setattr(kart_server, 'KARTS_BETWEEN_LOOKS', 1)
     monkeypatch.setattr(KartLink, 'beat', beat_amid_which_a_stop_comes)
-    assert taken.wait(PATIENCE)
+    assert taken.wait(TIMEOUT)
     assert other.recv(4096).startswith(encode(RED_RED))
 
 
 def test_a_start_that_waited_while_race_control_was_held_up_is_refused(
     run: Run, connect: Connect
 ) -> None:
-    running = run(pause=PATIENCE)
+    running = run(pause=TIMEOUT)
     waiting = []
 
     def hold_up(event: Event) -> None:
@@ -681,7 +681,7 @@ def test_a_start_that_waited_while_race_control_was_held_up_is_refused(
     running.on_event = hold_up
     connect(running, 1)
     running.wait_for(EventKind.COMMAND)
-    answer = waiting[0].result(PATIENCE)
+    answer = waiting[0].result(TIMEOUT)
     assert not answer.success
     assert 'race control was held up for' in answer.message
 
@@ -689,7 +689,7 @@ def test_a_start_that_waited_while_race_control_was_held_up_is_refused(
 def test_a_start_that_waited_for_the_disk_while_race_control_was_held_up_is_refused(
     run: Run, connect: Connect
 ) -> None:
-    running, one, two = on_the_grid(run(journal_timeout=PATIENCE), connect)
+    running, one, two = on_the_grid(run(journal_timeout=TIMEOUT), connect)
     running.record_works_at_once = False
     starting = running.submit(running.command(CommandKind.GREEN_GREEN))
     _, done = running.wait_for_memory()
@@ -701,43 +701,25 @@ def test_a_start_that_waited_for_the_disk_while_race_control_was_held_up_is_refu
 
     running.on_event = hold_up
     running.give(CommandKind.CLOSE_TRACK)
-    assert not starting.result(PATIENCE).success
+    assert not starting.result(TIMEOUT).success
     running.give(CommandKind.ALL_KILL)
     for client in (one, two):
         assert encode(GREEN_GREEN) not in read_until(client, RED_RED)
 
 
-def test_a_start_that_is_withdrawn_while_it_waits_for_the_disk_does_not_go_out(
-    ready: Green,
+def test_a_start_that_waits_too_long_for_the_disk_does_not_go_out(
+    ready: Green, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     running, _, _ = ready
-    command = running.command(CommandKind.GREEN_GREEN)
-    answers: list[Answer] = []
-    given: list[Waiting] = []
-    running._given.put(lambda: given.append(running.server.submit(command, answers.append)))
-    running.give(CommandKind.CLOSE_TRACK)
+    starting = running.submit(running.command(CommandKind.GREEN_GREEN))
     _, done = running.wait_for_memory()
-    given[0].withdrawn = True
+    monkeypatch.setattr(kart_server, 'ANSWER_TIMEOUT', 0.0)
     done(True)
-    refused = running.wait_for(EventKind.COMMAND, count=3)[-1]
+    refused = running.wait_for(EventKind.COMMAND, count=2)[-1]
     assert (refused.command, refused.success) == (CommandKind.GREEN_GREEN, False)
-    assert answers == []
+    assert not starting.result(TIMEOUT).success
     running.race_was_shown(1)
     assert running.remembered[-1].state is GRID_ACTIVE
-
-
-def test_a_command_that_was_withdrawn_is_not_given(run: Run) -> None:
-    running = run()
-    command = running.command(CommandKind.GRID_ACTIVE)
-    answers: list[Answer] = []
-
-    def give_up() -> None:
-        running.server.submit(command, answers.append).withdrawn = True
-
-    running._given.put(give_up)
-    running.give(CommandKind.CLOSE_TRACK)
-    assert answers == []
-    assert running.race.state is IN_GARAGE
 
 
 def test_a_kart_that_never_reads_is_dropped_and_the_others_are_not(
@@ -796,7 +778,7 @@ def test_the_end_of_race_control_is_told_before_the_disconnections_that_it_cause
     client = connect(running, 1)
     read_until(client, IN_GARAGE)
     running._loop.call_soon_threadsafe(running.server.end, failure)
-    running._thread.join(PATIENCE)
+    running._thread.join(TIMEOUT)
     ended, gone = running.events[-2:]
     assert (ended.kind, ended.success) == (EventKind.ENDED, failure is None)
     assert ('lightning' in ended.text) == (failure is not None)
@@ -817,7 +799,7 @@ def test_a_command_that_waits_when_the_server_stops_is_answered_with_use_the_msr
         running.server.take_commands = lambda: None  # type: ignore[method-assign]
 
     running._loop.call_soon_threadsafe(stop)
-    running._thread.join(PATIENCE)
+    running._thread.join(TIMEOUT)
     assert [answer.success for answer in answers] == [False]
     assert 'use the MSR' in answers[0].message
 
@@ -837,7 +819,7 @@ def test_a_port_in_use_is_refused_with_what_to_do() -> None:
 @pytest.fixture
 def ready(run: Run, connect: Connect) -> Green:
     """Return a race whose karts are ready, and whose record may take as long as it needs."""
-    race = on_the_grid(run(journal_timeout=PATIENCE), connect)
+    race = on_the_grid(run(journal_timeout=TIMEOUT), connect)
     race[0].record_works_at_once = False
     return race
 
@@ -857,7 +839,7 @@ def test_a_start_goes_out_once_the_disk_knows_that_karts_may_move(ready: Green) 
     assert memory.karts[1].doubt is Doubt.MOVING
     assert running.race.state is GRID_ACTIVE
     done(True)
-    assert starting.result(PATIENCE).success
+    assert starting.result(TIMEOUT).success
     read_until(one, GREEN_GREEN)
 
 
@@ -881,7 +863,7 @@ def test_what_stops_is_not_behind_a_start_that_waits_for_the_disk_and_cancels_it
     _, done = running.wait_for_memory()
     assert running.give(kind, kart).success
     done(True)
-    assert not starting.result(PATIENCE).success
+    assert not starting.result(TIMEOUT).success
     running.give(CommandKind.ALL_KILL)
     for client in (one, two):
         assert encode(GREEN_GREEN) not in read_until(client, RED_RED)
@@ -896,7 +878,7 @@ def test_nothing_older_takes_the_place_of_what_a_start_has_written(ready: Green)
     running.race_was_shown(2)
     assert all(each is memory for each in running.remembered[before:])
     done(True)
-    assert starting.result(PATIENCE).success
+    assert starting.result(TIMEOUT).success
     running.race_was_shown(1)
     assert running.remembered[-1].state is GREEN_GREEN
 
@@ -909,7 +891,7 @@ def test_a_start_that_the_disk_does_not_take_is_refused_until_the_record_works(
     _, done = running.wait_for_memory()
     running.record_trouble = 'the disk is full'
     done(False)
-    assert not starting.result(PATIENCE).success
+    assert not starting.result(TIMEOUT).success
     assert not running.give(CommandKind.GREEN_GREEN, None, False).success
     assert running.race.state is GRID_ACTIVE
     running.record_trouble = ''
@@ -923,7 +905,7 @@ def test_a_start_does_not_wait_for_a_disk_that_hangs_for_ever(impatient: Green) 
     running, _, _ = impatient
     starting = running.submit(running.command(CommandKind.GREEN_GREEN, None, False))
     running.wait_for_memory()
-    assert not starting.result(PATIENCE).success
+    assert not starting.result(TIMEOUT).success
     assert running.race.state is GRID_ACTIVE
 
 

@@ -33,11 +33,11 @@ from evgp_protocol import clock
 from evgp_rcs_console import texts
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.notices import AlertBook, Notice, summary
-from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
+from evgp_rcs_console.qt import QtCore, QtWidgets, Signal
 from evgp_rcs_console.snapshot import Race, State
 from evgp_rcs_console.style import look, SMALL, TEXT
 from evgp_rcs_console.view import Cell, Tone
-from evgp_rcs_console.widgets import Card, Painted, Pen, place, Push, Text, TOP
+from evgp_rcs_console.widgets import Card, Painted, Pen, Push, Text, TOP
 
 PLACES = 3
 """Number of alerts that are shown at once; of the others, the number and the karts are shown."""
@@ -63,8 +63,7 @@ class AlertPlace(Painted):
         """Be empty."""
         super().__init__(f'alert_{number}')
         self._notice: Notice | None = None
-        self.seen = Push(f'seen_{number}')
-        self.seen.setParent(self)
+        self.seen = self.put(Push(f'seen_{number}'), -82, 4, -4, 26)
         self.seen.hide()
 
     @property
@@ -77,11 +76,6 @@ class AlertPlace(Painted):
     def _kart(self) -> str:
         kart = self._notice.alert.kart if self._notice else 0
         return texts.FIELD_KART.format(number=kart) if kart else ''
-
-    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Put SEEN where it belongs."""
-        wide, margin = look.px(78), look.px(4)
-        self.seen.setGeometry(self.width() - wide - margin, margin, wide, look.px(22))
 
     def show_notice(self, notice: Notice | None, key: str) -> None:
         """Show an alert, or none, and the key that presses its SEEN."""
@@ -138,16 +132,17 @@ class AlertsArea(Card):
         self._notices: list[Notice] = []
         self._aim: Aim[list[int]] = Aim()
         self._down = 0
-        self._summary = Text('standing', SMALL, True, wrap=True)
-        self._see_all = Push('seen_all', texts.SEEN_ALL)
-        self._mute = Push('mute')
+        self._summary = self.put(Text('standing', SMALL, True, wrap=True), 12, 2, -164, 28)
+        self._see_all = self.put(Push('seen_all', texts.SEEN_ALL), -162, 4, -86, 27)
+        self._mute = self.put(Push('mute'), -82, 4, -6, 27)
         for button, pressed in ((self._see_all, self._press_all), (self._mute, self.mute.emit)):
             button.quiet = True
             button.clicked.connect(pressed)
-        self._places = [AlertPlace(number) for number in range(PLACES)]
-        parts: tuple[QtWidgets.QWidget, ...] = (self._summary, self._see_all, self._mute)
-        for part in (*parts, *self._places):
-            part.setParent(self)
+        tops = [HEAD + number * EACH for number in range(PLACES)]
+        self._places = [
+            self.put(AlertPlace(number), 6, top, -6, top + EACH - 4)
+            for number, top in enumerate(tops)
+        ]
         for number, each in enumerate(self._places):
             each.seen.pressed.connect(lambda number=number: self._go_down(number))
             each.seen.clicked.connect(lambda _=False, number=number: self._let_go(number))
@@ -156,15 +151,6 @@ class AlertsArea(Card):
     def whole(self) -> str:
         """Return all alerts that are shown."""
         return '\n'.join(each.whole for each in self._places)
-
-    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Put everything in its place."""
-        width = self.width() / look.by
-        place(self._summary, 12, 2, width - 176, 26)
-        place(self._see_all, width - 162, 4, 76, 23)
-        place(self._mute, width - 82, 4, 76, 23)
-        for number, each in enumerate(self._places):
-            place(each, 6, HEAD + number * EACH, width - 12, EACH - 4)
 
     def show_sound(self, muted: bool) -> None:
         """Show whether the sound is off."""
@@ -275,11 +261,14 @@ class Alarm:
     def see(self, number: int) -> None:
         """Mark an alert as seen."""
         self._book.see(number)
-        self._area.show_notices(self._book.shown, own=True, known=self._known)
+        self._show_own()
 
     def see_all(self) -> None:
         """Mark every alert as seen."""
         self._book.see_all()
+        self._show_own()
+
+    def _show_own(self) -> None:
         self._area.show_notices(self._book.shown, own=True, known=self._known)
 
     def toggle_sound(self) -> None:

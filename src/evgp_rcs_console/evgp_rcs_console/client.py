@@ -28,13 +28,14 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Sequence
+from dataclasses import fields
 from functools import lru_cache
 import ipaddress
 import queue
 import re
 import threading
 import time
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from evgp_node.graph import bind_graph, EVERY, fence_graph, reachable_at
 from evgp_node.services import service_class
@@ -42,7 +43,7 @@ from evgp_node.spinning import Spinning
 from evgp_protocol.clock import duration, now
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import texts
-from evgp_rcs_console.commands import Order, request
+from evgp_rcs_console.commands import Order, PRESS_AGAIN, request, Standing, StandingStops
 from evgp_rcs_console.snapshot import (
     Alert,
     Answer,
@@ -55,7 +56,6 @@ from evgp_rcs_console.snapshot import (
     State,
     Track,
 )
-from evgp_rcs_console.unanswered import PRESS_AGAIN, Standing, StandingStops
 from evgp_rcs_msgs import msg
 import rclpy
 from rclpy.context import Context
@@ -72,6 +72,8 @@ _ALERTS = {
 }
 
 
+Said = TypeVar('Said', Race, Kart, Track, Alert, Event)
+
 _ONE_NAME = re.compile(
     '|'.join(rf'\b{each.name}\b' for each in (*State, *CommandKind) if '_' in each.name)
 )
@@ -86,48 +88,49 @@ def spoken(sentence: str) -> str:
 def read_race(race: msg.Race) -> Race:
     """Return the race of a message."""
     stamp = _seconds(race.stamp)
-    return Race(
-        state=_state(race.state),
+    return _read(
+        Race,
+        race,
         state_for=stamp - _seconds(race.state_since),
-        over=race.over,
-        karts=tuple(_kart(kart, stamp) for kart in race.karts),
-        commands=_availability(race.commands, stamp),
-        track=Track(
-            is_open=race.track.open,
-            allowed=race.track.allowed,
-            reason=spoken(race.track.reason),
-            msr_used=race.track.msr_used,
-        ),
-        alerts=tuple(
-            Alert(
-                kind=_ALERTS.get(alert.kind, 'UNKNOWN'),
-                kart=alert.kart,
-                use_msr=alert.use_msr,
-                text=spoken(alert.text),
-            )
-            for alert in race.alerts
-        ),
-        heats=tuple(Heat(heat.name, tuple(heat.karts)) for heat in race.heats),
-        banner=race.banner,
-        state_cause=spoken(race.state_cause),
         state_clock=_clock(race.state_since),
         at=stamp,
+        karts=tuple(_kart(kart, stamp) for kart in race.karts),
+        commands=_availability(race.commands, stamp),
+        track=_read(Track, race.track, is_open=race.track.open),
+        alerts=tuple(
+            _read(Alert, alert, kind=_ALERTS.get(alert.kind, 'UNKNOWN')) for alert in race.alerts
+        ),
+        heats=tuple(Heat(heat.name, tuple(heat.karts)) for heat in race.heats),
     )
 
 
 def read_event(event: msg.RaceEvent) -> Event:
     """Return the event of a message."""
-    return Event(
-        sequence=event.sequence,
+    return _read(
+        Event,
+        event,
         clock=_clock(event.stamp),
-        kart=event.kart,
-        success=event.success,
-        text=spoken(event.text),
         official=event.official,
         is_command=event.kind == msg.RaceEvent.COMMAND,
         race=_state(event.state) if event.kind == msg.RaceEvent.RACE_STATE else State.UNKNOWN,
         at=_seconds(event.stamp),
     )
+
+
+def _read(kind: type[Said], message: Any, /, **others: Any) -> Said:
+    """
+    Return a part of the race from a message: each field from the message's field of that name.
+
+    :param others: the fields that the message does not have so.
+    """
+    names = {field.name for field in fields(kind)} - set(others)
+    return kind(**{name: _plain(getattr(message, name)) for name in names}, **others)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, msg.RaceState):
+        return _state(value)
+    return spoken(value) if isinstance(value, str) else value
 
 
 def state_message(state: State) -> msg.RaceState:
@@ -136,20 +139,10 @@ def state_message(state: State) -> msg.RaceState:
 
 
 def _kart(kart: msg.KartStatus, stamp: float) -> Kart:
-    return Kart(
-        number=kart.number,
-        team=kart.team,
-        in_race=kart.in_race,
-        connected=kart.connected,
-        sent=_state(kart.sent),
+    return _read(
+        Kart,
+        kart,
         sent_for=stamp - _seconds(kart.sent_since),
-        acknowledged=kart.acknowledged,
-        reported=_state(kart.reported),
-        hold=_state(kart.hold),
-        hold_reason=spoken(kart.hold_reason),
-        may_be_moving=kart.may_be_moving,
-        place=kart.place,
-        inspected=kart.inspected,
         settles_in=max(0.0, _seconds(kart.settles_at) - stamp),
         flag_in=max(0.0, _seconds(kart.flag_at) - stamp),
         commands=_availability(kart.commands, stamp),

@@ -38,10 +38,9 @@ from evgp_rcs_console.command_line import (
     STARTING,
     STATEMENTS,
 )
-from evgp_rcs_console.commands import effects, nobody_is_heard, Order
+from evgp_rcs_console.commands import effects, nobody_is_heard, Order, Standing
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.snapshot import Answer, Available, Event, Kart, Race, State
-from evgp_rcs_console.unanswered import Standing
 from evgp_rcs_console.view import danger, is_gone, ReasonTimes, show, silence, table
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
@@ -68,9 +67,7 @@ class Hearing:
     def on_race(self, race: Race, at: float, two: bool) -> None:
         """Keep the newest snapshot."""
         with self.news:
-            self.race = race
-            self.heard_at = at
-            self.two = two
+            self.race, self.heard_at, self.two = race, at, two
             self.news.notify_all()
 
     def on_event(self, event: Event) -> None:
@@ -87,19 +84,13 @@ class Hearing:
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
         """Keep what race control said of a stop that it has not accepted."""
-        with self.news:
-            if stops:
-                self.standing = stops
+        if stops:
+            self.standing = stops
 
     def wait_for(self, found: Callable[[], object], until: float) -> bool:
         """Return whether something is true, once it is or the time is up."""
         with self.news:
-            while not found():
-                left = until - now()
-                if left <= 0:
-                    return False
-                self.news.wait(left)
-            return True
+            return bool(self.news.wait_for(found, max(0.0, until - now())))
 
 
 def attend(given: Sequence[str], wanted: argparse.Namespace, began: float, report: Report) -> None:

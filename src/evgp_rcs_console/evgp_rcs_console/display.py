@@ -12,26 +12,50 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""What the window shows: what is heard, what time makes of it, and which kart is chosen."""
+"""
+What the window shows, and where.
+
+Each area has its place; what stood there a moment ago is kept. What is heard, and what time makes
+of it, is shown in them, and the kart that is chosen.
+"""
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
+import contextlib
+from dataclasses import dataclass
 import time
 from typing import NamedTuple
 
 from evgp_protocol import clock
-from evgp_rcs_console import texts
-from evgp_rcs_console.alerts import Alarm
-from evgp_rcs_console.areas import Areas, SeenCommands
-from evgp_rcs_console.commands import Order, Outcome
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs_console import style, texts
+from evgp_rcs_console.alerts import Alarm, AlertsArea, EACH, HEAD, PLACES
+from evgp_rcs_console.commands import Order, Outcome, Standing, Unanswered
+from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.karts import KartList
 from evgp_rcs_console.keys import KartField
-from evgp_rcs_console.panels import NumberField
-from evgp_rcs_console.qt import QtCore, Signal
+from evgp_rcs_console.panels import (
+    ClockPanel,
+    DangerPanel,
+    EventPanel,
+    Foot,
+    KillBox,
+    NumberField,
+    StatePanel,
+    STEPS,
+    Steps,
+    Strip,
+    TOP,
+    TrackPanel,
+)
+from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
+from evgp_rcs_console.sheets import Heats, Help, Question, Sheet, YourName
 from evgp_rcs_console.snapshot import Answer, Event, Race
-from evgp_rcs_console.unanswered import Standing, Unanswered
+from evgp_rcs_console.style import GAP, look
 from evgp_rcs_console.view import (
+    Button,
     Cell,
     Danger,
     danger,
@@ -45,7 +69,208 @@ from evgp_rcs_console.view import (
     silence,
     Tone,
 )
-from evgp_rcs_console.widgets import CommandButton, Painted, Text
+from evgp_rcs_console.widgets import Area, Card, CENTER, CommandButton, Painted, Text
+
+MARGIN = 10
+SIDE = 272
+"""Width of the column with ALL KILL, alerts and events."""
+STATE, CLOCK = 316, 150
+"""Widths of the state of the race, and of the clock."""
+BANNER, STRIP, NUMBER, FOOT = 24, 28, 48, 32
+"""Heights of the line at the top, the strip, the field below ALL KILL, and the bottom line."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What an official had in front of them: the screen, and where each command's button was."""
+
+    screen: Screen
+    buttons: tuple[tuple[CommandButton, QtGui.QRegion, Button], ...]
+
+    def at(self, point: QtCore.QPoint) -> Button | None:
+        """Return the command at a point of the screen."""
+        return next((each for _, place, each in self.buttons if place.contains(point)), None)
+
+    def of(self, widget: QtWidgets.QWidget) -> Button | None:
+        """Return the command that a button had."""
+        return next((each for button, _, each in self.buttons if button is widget), None)
+
+
+class SeenCommands:
+    """
+    Keeps what the official has in front of them.
+
+    :param window: everything that the official sees is in it.
+    :ivar screen: what is shown now; None before anything is.
+    """
+
+    def __init__(self, window: QtWidgets.QWidget) -> None:
+        """Begin with nothing shown."""
+        self._window = window
+        self.screen: Screen | None = None
+        self._aim: Aim[Shown] = Aim()
+
+    def seen(self, at: float) -> Shown | None:
+        """Return what an official who pressed at a time (s) had seen; None: what is there now."""
+        return self._aim.seen(at)
+
+    def change_to(self, screen: Screen, now: float, moving: bool = False) -> None:
+        """
+        Take what is shown from now on; call it before any widget shows it.
+
+        :param moving: buttons are about to move, even if they are those of the same commands.
+        """
+        before, self.screen = self.screen, screen
+        if before is None:
+            return
+        if moving or (before.rows and _commands(before) != _commands(screen)):
+            self._aim.change(self._shown(before), now)
+
+    @contextlib.contextmanager
+    def scrolling(self, bar: QtWidgets.QScrollBar) -> Iterator[None]:
+        """Take that the window itself scrolls: other buttons come under the official's hand."""
+        before = self._shown(self.screen) if self.screen is not None else None
+        value = bar.value()
+        yield
+        if before is not None and bar.value() != value:
+            self._aim.change(before, clock.now())
+
+    def _shown(self, screen: Screen) -> Shown:
+        sheets = [each for each in self._window.findChildren(Sheet) if each.isVisible()]
+        buttons = []
+        for button in self._window.findChildren(CommandButton):
+            if button.button is not None and button.isVisible():
+                corner = button.mapToGlobal(QtCore.QPoint(0, 0))
+                seen = button.visibleRegion().translated(corner)
+                for sheet in sheets:
+                    if not sheet.isAncestorOf(button):
+                        above = sheet.rect().translated(sheet.mapToGlobal(QtCore.QPoint(0, 0)))
+                        seen = seen.subtracted(QtGui.QRegion(above))
+                buttons.append((button, seen, button.button))
+        return Shown(screen, tuple(buttons))
+
+
+def _commands(screen: Screen) -> list[tuple[CommandKind, int]]:
+    """Return which command each button of a screen gives, place by place."""
+    buttons = [button for row in screen.rows for button in row.buttons]
+    buttons += [screen.track_button] if screen.track_button else []
+    return [(button.command, button.kart) for button in buttons]
+
+
+class Areas(Area):
+    """Everything that the official sees, in its place."""
+
+    commanded = Signal(object, object)
+    """A button was pressed: its command when it went down, and when it was let go."""
+
+    def __init__(self) -> None:
+        """Put the areas in their places."""
+        super().__init__('window')
+        press = self.commanded.emit
+        self.seen = SeenCommands(self)
+        self._banner = Text('top_line', style.TEXT, True, CENTER, colour=lambda: style.BANNER[0])
+        self.state = StatePanel()
+        self.track = TrackPanel(press)
+        self.danger = DangerPanel()
+        self.clock = ClockPanel()
+        self.kill = KillBox()
+        self.steps = Steps(press)
+        self.strip = Strip(press)
+        self._ground = Card()
+        self.karts = KartList(press, self.seen.scrolling)
+        self.number_field = NumberField()
+        self.alerts = AlertsArea()
+        self.events = EventPanel()
+        self.foot = Foot()
+        self._banner.hide()
+        self._arrange(MARGIN)
+        self.question = Question(self)
+        self.help = Help(self)
+        self.heats = Heats(self, press)
+        self.your_name = YourName(self)
+        self._sheets: tuple[Sheet, ...] = (self.question, self.help, self.heats, self.your_name)
+        self._style: object = None
+
+    def _arrange(self, top: float) -> None:
+        """Put everything in its place, from a line on."""
+        side, left, last = -MARGIN - SIDE, -MARGIN - SIDE - GAP, -FOOT - 12
+        steps = top + TOP + GAP
+        strip = steps + STEPS + GAP
+        begin = strip + STRIP + GAP
+        alerts = strip + NUMBER + GAP
+        events = alerts + HEAD + PLACES * EACH + 2 + GAP
+        self.put(self.kill, side, top, -MARGIN, steps + STEPS)
+        self.put(self._banner, 0, 0, 0, BANNER)
+        self.put(self.state, MARGIN, top, MARGIN + STATE, top + TOP)
+        self.put(self.track, MARGIN + STATE + GAP, top, left - CLOCK - GAP, top + TOP)
+        self.put(self.danger, MARGIN, top, left - CLOCK - GAP, top + TOP)
+        self.put(self.clock, left - CLOCK, top, left, top + TOP)
+        self.put(self.steps, MARGIN, steps, left, steps + STEPS)
+        self.put(self.strip, MARGIN, strip, left, strip + STRIP)
+        self.put(self._ground, MARGIN, begin, left, last)
+        self.put(self.karts, MARGIN + 1, begin + 1, left - 1, last - 1)
+        self.put(self.number_field, side, strip, -MARGIN, strip + NUMBER)
+        self.put(self.alerts, side, alerts, -MARGIN, events - GAP)
+        self.put(self.events, side, events, -MARGIN, last)
+        self.put(self.foot, MARGIN, -FOOT - 6, -MARGIN, -6)
+
+    def fit(self) -> None:
+        """Take the size of the window, and the palette."""
+        look.by = style.scale(self.width(), self.height())
+        if self._style != (look.by, look.palette):
+            self._style = look.by, look.palette
+            self.setStyleSheet(style.sheet())
+            self.events.restyle()
+        self.lay_parts()
+        self.karts.fit()
+        for each in self.findChildren(QtWidgets.QWidget):
+            each.update()
+        self.place_sheets()
+
+    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
+        """Take the size of the window."""
+        self.fit()
+
+    def show_banner(self, banner: str) -> None:
+        """Say something in a line at the top and in the window's title; empty: nothing."""
+        if banner != self._banner.whole:
+            self._banner.show_text(banner)
+            self._banner.setVisible(bool(banner))
+            self.setWindowTitle(f'{banner}: {texts.TITLE}' if banner else texts.TITLE)
+            self._arrange(BANNER + GAP if banner else MARGIN)
+            self.fit()
+
+    def open_sheet(self, sheet: Sheet, focus: QtWidgets.QWidget) -> None:
+        """Show a sheet in place of the others, with the focus on a part of it."""
+        self.close_sheets()
+        sheet.show()
+        self.place_sheets()
+        focus.setFocus()
+
+    def close_sheets(self) -> None:
+        """Hide every sheet but the question, which only an answer ends."""
+        for sheet in self._sheets:
+            if sheet is not self.question:
+                sheet.close_sheet()
+
+    def place_sheets(self) -> None:
+        """Put the sheets that are open over the karts, clear of their stops."""
+        for sheet in self._sheets:
+            if not sheet.isHidden():
+                first, last = self.strip.geometry(), self.karts.geometry()
+                end = last.left() + self.karts.stops_begin - look.px(GAP)
+                room = QtCore.QRect(first.topLeft(), QtCore.QPoint(end, last.bottom()))
+                sheet.lay_out(room)
+
+    def on_sheet(self, widget: QtWidgets.QWidget | None) -> bool:
+        """Return whether a widget is part of a sheet, which lies over what was there before."""
+        return any(sheet.has(widget) for sheet in self._sheets)
+
+    def is_stop(self, widget: QtWidgets.QWidget | None) -> bool:
+        """Return whether a widget is the button of a stop."""
+        if isinstance(widget, CommandButton) and widget.button is not None:
+            return widget.button.is_stop
+        return widget is self.kill.button
 
 
 class Heard(NamedTuple):
@@ -95,93 +320,52 @@ class Inbox(QtCore.QObject):
         self.pressing.emit(stops)
 
 
-class ChosenKart:
+class ChosenKart(KartField):
     """
-    Keeps the field and the list showing the same kart.
+    The kart that a command by key acts on, shown below ALL KILL and marked in the list.
 
-    :param field: the field below ALL KILL.
-    :param karts: the list.
+    :param areas: the field and the list are in it.
     """
 
-    def __init__(self, field: NumberField, karts: KartList) -> None:
+    def __init__(self, areas: Areas) -> None:
         """Choose none."""
-        self._field = KartField()
-        self._shown_in = field
-        self._karts = karts
+        super().__init__()
+        self._areas = areas
         self._rows: tuple[Row, ...] = ()
         self._stale = False
         self._marked = 0
-
-    @property
-    def kart(self) -> int:
-        """Return the kart that a command acts on now; 0: none."""
-        return self._field.kart
-
-    @property
-    def digits(self) -> str:
-        """Return what is typed."""
-        return self._field.digits
+        self._scrolls = True
 
     def show(self, rows: tuple[Row, ...], stale: bool) -> None:
         """Show the karts that there are, and mark the chosen one."""
         self._rows, self._stale = rows, stale
-        self._field.show_roster({row.number: row.team for row in rows})
-        self._shown_in.show_cells(*self._field.cells())
+        self.show_roster({row.number: row.team for row in rows})
         self._mark()
-
-    def choose(self, number: int) -> None:
-        """Choose a kart, and scroll to it."""
-        self._field.choose(number)
-        self._follow()
 
     def choose_in_sight(self, number: int) -> None:
         """Choose a kart whose row was clicked: nothing moves under the official's hand."""
-        self._field.choose(number)
-        self._follow(scroll=False)
+        self._scrolls = False
+        self.choose(number)
+        self._scrolls = True
 
     def choose_next(self, step: int) -> None:
         """Choose the kart some rows below (negative: above) the chosen one, or the first."""
-        numbers = self._karts.numbers
+        numbers = self._areas.karts.numbers
         if numbers:
             place = numbers.index(self.kart) + step if self.kart else 0
             self.choose(numbers[max(0, min(place, len(numbers) - 1))])
 
-    def type_digit(self, digit: str, at: float) -> None:
-        """Take a digit that was typed at a time (s)."""
-        self._field.add(digit, at)
-        self._follow()
-
-    def erase(self, at: float) -> None:
-        """Delete the last digit."""
-        self._field.erase(at)
-        self._follow()
-
-    def clear(self) -> None:
-        """Clear what is typed; a kart that was chosen in the list stays."""
-        self._field.clear()
-        self._follow()
-
-    def expire(self, now: float) -> None:
-        """Clear what is too old at a time (s)."""
-        self._field.expire(now)
-        self._follow()
-
-    def take(self, command: str, at: float) -> tuple[int, str]:
-        """Return the kart for a command by key at a time (s), or 0 and why there is none."""
-        taken = self._field.take(command, at)
-        self._follow()
-        return taken
-
-    def _follow(self, scroll: bool = True) -> None:
-        self._shown_in.show_cells(*self._field.cells())
+    def changed(self) -> None:
+        """Show the field as it is now, and the kart that is chosen."""
+        self._areas.number_field.show_cells(*self.cells(), self._areas.isActiveWindow())
         if self.kart != self._marked:
             self._mark()
-            if scroll:
-                self._karts.bring_into_view(self._marked)
+            if self._scrolls:
+                self._areas.karts.bring_into_view(self._marked)
 
     def _mark(self) -> None:
         self._marked = self.kart
-        self._karts.show_rows(self._rows, self._marked, self._stale)
+        self._areas.karts.show_rows(self._rows, self._marked, self._stale)
 
 
 class BottomLine:
@@ -295,26 +479,17 @@ class Display(QtCore.QObject):
     Has every area show the newest snapshot of the race.
 
     :param looking: where race control is looked for, as a sentence says it.
+    :ivar unanswered: what this official sent and race control has not answered or accepted yet.
     """
 
-    def __init__(
-        self,
-        areas: Areas,
-        seen: SeenCommands,
-        chosen: ChosenKart,
-        alarm: Alarm,
-        bottom: BottomLine,
-        unanswered: Unanswered,
-        looking: str,
-    ) -> None:
+    def __init__(self, areas: Areas, looking: str) -> None:
         """Begin with no race heard."""
-        super().__init__(areas.window)  # of the Qt thread: what is heard is queued for it
-        self._areas = areas
-        self._seen = seen
-        self._chosen = chosen
-        self._alarm = alarm
-        self._bottom = bottom
-        self._unanswered = unanswered
+        super().__init__(areas)  # of the Qt thread: what is heard is queued for it
+        self.areas = areas
+        self.unanswered = Unanswered()
+        self.bottom = BottomLine(areas.foot.status, self.unanswered)
+        self.chosen = ChosenKart(areas)
+        self.alarm = Alarm(areas.alerts)
         self._looking = looking
         self._began = clock.now()
         self._race: Race | None = None
@@ -333,26 +508,26 @@ class Display(QtCore.QObject):
             return
         while waiting:
             self._race, self._heard_at, self._two = waiting.popleft()
-            self._alarm.take_race(self._race, self._two)
-            self._bottom.take_race(self._race, self._heard_at)
+            self.alarm.take_race(self._race, self._two)
+            self.bottom.take_race(self._race, self._heard_at)
         self.refresh()
 
     def take_event(self, event: Event) -> None:
         """Show an event."""
         self._times.take(event)
-        self._areas.events.add(event)
+        self.areas.events.add(event)
 
     def take_answer(self, order: Order, answer: Answer) -> None:
         """Show the answer to a command."""
-        self._unanswered.answered(order)
-        self._bottom.say_answer(order, answer)
+        self.unanswered.answered(order)
+        self.bottom.say_answer(order, answer)
         self.refresh()
 
     def take_pressing(self, stops: tuple[Standing, ...]) -> None:
         """Show the stops that race control has not accepted yet."""
-        self._unanswered.stops = stops
+        self.unanswered.stops = stops
         self._show_kill()
-        self._bottom.show()
+        self.bottom.show()
 
     # ----- what is shown ------------------------------------------------------------------
 
@@ -361,13 +536,13 @@ class Display(QtCore.QObject):
         danger_now = self._danger(now)
         title = danger_now.title if danger_now else ''
         old = now - self._shown_at >= AGES
-        if title or title != self._danger_title or self._unanswered or old:
+        if title or title != self._danger_title or self.unanswered or old:
             self.refresh()
-        self._areas.clock.look()
+        self.areas.clock.look()
         self._show_kill()
-        if self._unanswered.stops:
-            self._bottom.show()
-        self._alarm.look(now, alarming=danger_now is not None and self._race is not None)
+        if self.unanswered.stops:
+            self.bottom.show()
+        self.alarm.look(now, alarming=danger_now is not None and self._race is not None)
 
     def refresh(self) -> None:
         """Show the newest snapshot as it is now."""
@@ -377,15 +552,15 @@ class Display(QtCore.QObject):
         title = danger_now.title if danger_now else ''
         if title != self._danger_title:
             self._danger_title = title
-            self._alarm.sound_soon()
+            self.alarm.sound_soon()
         race = self._race or NOTHING
         reasons = self._reasons.update(race.commands, now)
-        ages = self._unanswered.ages(now)
+        ages = self.unanswered.ages(now)
         entered = self._times.entered
         screen = show(race, now - self._heard_at, ages, danger_now, reasons, entered)
         self._see(screen, now)
-        self._areas.show_banner(screen.banner)
-        areas, stale = self._areas, danger_now is not None and danger_now.stale
+        areas, stale = self.areas, danger_now is not None and danger_now.stale
+        areas.show_banner(screen.banner)
         areas.danger.setVisible(danger_now is not None)
         for area in (areas.state, areas.track):
             area.setVisible(danger_now is None)
@@ -396,29 +571,29 @@ class Display(QtCore.QObject):
         areas.clock.show_screen(screen, stale)
         areas.steps.show_screen(screen)
         areas.strip.show_screen(screen, areas.events.log.officials, stale)
-        self._areas.heats.show_heats(screen.heats)
-        self._chosen.show(screen.rows, stale)
-        self._areas.events.show_karts(screen.rows)
-        self._alarm.show(known=not stale)
-        asked = self._areas.question.button
-        if self._areas.question.isVisible() and asked is not None:
-            self._areas.question.update_button(screen.button(asked.command, asked.kart))
+        areas.heats.show_heats(screen.heats)
+        self.chosen.show(screen.rows, stale)
+        areas.events.show_karts(screen.rows)
+        self.alarm.show(known=not stale)
+        asked = areas.question.button
+        if areas.question.isVisible() and asked is not None:
+            areas.question.update_button(screen.button(asked.command, asked.kart))
         self._show_kill()
-        self._bottom.show()
+        self.bottom.show()
 
     def _see(self, screen: Screen, now: float) -> None:
         """Keep what the official saw until now; close the choice of heats if they have changed."""
-        before = self._seen.screen
+        before = self.areas.seen.screen
         heats_changed = (
-            self._areas.heats.isVisible()
+            self.areas.heats.isVisible()
             and before is not None
             and _heats(before) != _heats(screen)
         )
         # A click on its way to the sheet must not hit what is below it.
-        self._seen.change_to(screen, now, moving=heats_changed)
+        self.areas.seen.change_to(screen, now, moving=heats_changed)
         if heats_changed:
-            self._areas.heats.close_sheet()
-            self._bottom.say(texts.HEATS_CHANGED, Tone.BAD)
+            self.areas.heats.close_sheet()
+            self.bottom.say(texts.HEATS_CHANGED, Tone.BAD)
 
     def _danger(self, now: float) -> Danger | None:
         race = self._race or NOTHING
@@ -429,16 +604,16 @@ class Display(QtCore.QObject):
 
     def _show_kill(self) -> None:
         now = clock.now()
-        stop = self._unanswered.all_kill(now)
+        stop = self.unanswered.all_kill(now)
         if stop is not None:
             age = clock.duration(now - stop.since)
             hint = Cell(texts.KILL_UNANSWERED.format(count=stop.presses, age=age), Tone.BAD)
-        elif self._areas.window.isActiveWindow():
+        elif self.areas.isActiveWindow():
             hint = Cell(texts.KILL_HINT)
         else:
             hint = Cell(texts.KEYS_OFF, Tone.BAD)
-        self._areas.number_field.show_keys(self._areas.window.isActiveWindow())
-        self._areas.kill.show_hint(hint, pressing=stop is not None)
+        self.chosen.changed()
+        self.areas.kill.show_hint(hint, pressing=stop is not None)
 
 
 def _heats(screen: Screen) -> list[tuple[str, tuple[int, ...]]]:

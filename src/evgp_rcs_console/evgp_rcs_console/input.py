@@ -27,16 +27,13 @@ import time
 from evgp_protocol import clock
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import keys, texts
-from evgp_rcs_console.alerts import Alarm
-from evgp_rcs_console.areas import Areas, SeenCommands
 from evgp_rcs_console.commands import Order
-from evgp_rcs_console.display import BottomLine, ChosenKart, Display
+from evgp_rcs_console.display import Display
 from evgp_rcs_console.freshness import Beat, InputClock, Repeats, STALE
 from evgp_rcs_console.karts import chooses
 from evgp_rcs_console.keys import Act, Stroke
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.settings import Signature
-from evgp_rcs_console.unanswered import Unanswered
 from evgp_rcs_console.view import ANSWER_KEYS, Button, Screen, Tone
 from evgp_rcs_console.widgets import CommandButton
 
@@ -52,25 +49,15 @@ class Presses(QtCore.QObject):
     :param signature: in whose name.
     """
 
-    def __init__(
-        self,
-        give: Give,
-        signature: Signature,
-        areas: Areas,
-        chosen: ChosenKart,
-        bottom: BottomLine,
-        unanswered: Unanswered,
-        display: Display,
-    ) -> None:
+    def __init__(self, give: Give, signature: Signature, display: Display) -> None:
         """Wait for a press."""
-        super().__init__(areas.window)
+        super().__init__(display.areas)
         self._give = give
         self._signature = signature
-        self._areas = areas
-        self._chosen = chosen
-        self._bottom = bottom
-        self._unanswered = unanswered
-        self._display = display
+        self.display = display
+        self._areas = display.areas
+        self._bottom = display.bottom
+        self._chosen = display.chosen
 
     night = Signal()
     """The official wants the other palette."""
@@ -93,13 +80,10 @@ class Presses(QtCore.QObject):
         if not button.enabled:
             self._bottom.say(button.explanation, Tone.WAIT)
         elif button.command is CommandKind.SET_HEAT and not button.heat:
-            areas.close_sheets()
-            areas.heats.open_sheet()
-            areas.place_sheets()
+            areas.open_sheet(areas.heats, areas.heats.first)
         elif button.condition:
-            areas.close_sheets()
             areas.question.ask(button)
-            areas.place_sheets()
+            areas.open_sheet(areas.question, areas.question.no)
         else:
             self._send(button)
         self._chosen.clear()
@@ -109,7 +93,7 @@ class Presses(QtCore.QObject):
         asked = self._areas.question.button
         # Hidden first: a second press of the same key must find nothing to answer.
         self._areas.question.close_sheet()
-        self._areas.window.setFocus()
+        self._areas.setFocus()
         self._chosen.clear()
         if yes and asked is not None:
             self._send(asked)
@@ -150,15 +134,14 @@ class Presses(QtCore.QObject):
 
     def open_name(self) -> None:
         """Ask for the official's name."""
-        self._areas.close_sheets()
-        self._areas.your_name.open_sheet(self._signature.name)
-        self._areas.place_sheets()
+        self._areas.your_name.begin(self._signature.name)
+        self._areas.open_sheet(self._areas.your_name, self._areas.your_name.field)
 
     def sign(self, name: str) -> None:
         """Send commands in a name from now on."""
         self._signature.sign(name)
         self._areas.your_name.close_sheet()
-        self._areas.window.setFocus()
+        self._areas.setFocus()
         self._areas.foot.show_name(self._signature.name)
         self._bottom.say(texts.SIGNED.format(claim=self._signature.claim))
 
@@ -171,9 +154,9 @@ class Presses(QtCore.QObject):
         order = replace(button.order(), official=self._signature.claim)
         self._give(order)
         if not button.is_stop:  # the client says which stops are not accepted yet
-            self._unanswered.add(order)
+            self.display.unanswered.add(order)
         self._bottom.say_sent(order)
-        self._display.refresh()
+        self.display.refresh()
 
 
 class LateInput:
@@ -183,10 +166,10 @@ class LateInput:
     :param period: how often ``beat`` is called, in seconds.
     """
 
-    def __init__(self, period: float, chosen: ChosenKart, bottom: BottomLine) -> None:
+    def __init__(self, period: float, display: Display) -> None:
         """Begin in time."""
-        self._chosen = chosen
-        self._bottom = bottom
+        self._chosen = display.chosen
+        self._bottom = display.bottom
         self._clock = InputClock()
         self._beat = Beat(period, clock.now())
         self._dropped: list[str] = []
@@ -225,20 +208,12 @@ seconds."""
 class Mouse:
     """Takes the mouse."""
 
-    def __init__(
-        self,
-        areas: Areas,
-        seen: SeenCommands,
-        presses: Presses,
-        late: LateInput,
-        bottom: BottomLine,
-    ) -> None:
+    def __init__(self, presses: Presses, late: LateInput) -> None:
         """Wait for a click."""
-        self._bottom = bottom
         self._active_since: float | None = None
         self._brought_forward = False
-        self._areas = areas
-        self._seen = seen
+        self._areas = presses.display.areas
+        self._bottom = presses.display.bottom
         self._presses = presses
         self._late = late
 
@@ -255,7 +230,7 @@ class Mouse:
         since = self._active_since
         self._brought_forward = True
         if since is None:
-            self._areas.window.activateWindow()
+            self._areas.activateWindow()
         return since is None or clock.now() - since < FORWARD
 
     def take(self, event: QtGui.QMouseEvent) -> bool:
@@ -270,9 +245,8 @@ class Mouse:
         if not double and kind != QtCore.QEvent.Type.MouseButtonPress:
             return False
         point = event.globalPosition().toPoint()
-        window = self._areas.window
-        target = window.childAt(window.mapFromGlobal(point))
-        shown = self._seen.seen(clock.now() - age)
+        target = self._areas.childAt(self._areas.mapFromGlobal(point))
+        shown = self._areas.seen.seen(clock.now() - age)
         if (
             shown is not None
             and not self._areas.on_sheet(target)
@@ -296,7 +270,7 @@ class Mouse:
 
     def _let_go(self, age: float) -> None:
         """Have a button that was pressed in time, and released too late, do nothing."""
-        for button in self._areas.window.findChildren(QtWidgets.QAbstractButton):
+        for button in self._areas.findChildren(QtWidgets.QAbstractButton):
             if button.isDown() and not self._areas.is_stop(button):
                 button.setDown(False)
                 self._late.drop(_called(button), age)
@@ -314,25 +288,25 @@ def _called(widget: QtWidgets.QWidget | None) -> str:
 class Keyboard:
     """Takes the keyboard."""
 
-    def __init__(
-        self,
-        areas: Areas,
-        seen: SeenCommands,
-        presses: Presses,
-        late: LateInput,
-        chosen: ChosenKart,
-        alarm: Alarm,
-        bottom: BottomLine,
-    ) -> None:
+    def __init__(self, presses: Presses, late: LateInput) -> None:
         """Wait for a key."""
-        self._areas = areas
-        self._seen = seen
+        self._areas = presses.display.areas
         self._presses = presses
         self._late = late
-        self._chosen = chosen
-        self._alarm = alarm
-        self._bottom = bottom
+        self._chosen = presses.display.chosen
+        self._alarm = presses.display.alarm
+        self._bottom = presses.display.bottom
         self._repeats = Repeats()
+        self._acts: dict[Act, Callable[[], object]] = {
+            Act.HELP: presses.toggle_help,
+            Act.SEEN: self._areas.alerts.press_first,
+            Act.NIGHT: presses.night.emit,
+            Act.SOUND: self._alarm.toggle_sound,
+            Act.UP: lambda: self._chosen.choose_next(-1),
+            Act.DOWN: lambda: self._chosen.choose_next(1),
+            Act.LOG: presses.toggle_events,
+            Act.CANCEL: self._cancel,
+        }
 
     def take(self, event: QtGui.QKeyEvent) -> bool:
         """Return whether a key is used up: no widget gets it then."""
@@ -364,7 +338,7 @@ class Keyboard:
         if stroke.act is not None:
             self._do(stroke.act, at)
         elif stroke.digit:
-            self._chosen.type_digit(stroke.digit, at)
+            self._chosen.add(stroke.digit, at)
         elif stroke.to_chosen and twice and not self._chosen.kart and not self._chosen.digits:
             pass  # the same press once more: the first one has taken the kart
         elif stroke.stop or not twice:
@@ -414,7 +388,7 @@ class Keyboard:
         elif stroke is not None and stroke.act in (Act.PRESS, Act.ERASE):
             self._do(stroke.act, at)
         elif stroke is not None and stroke.digit:
-            self._chosen.type_digit(stroke.digit, at)
+            self._chosen.add(stroke.digit, at)
         elif stroke is not None and stroke.stop and not stroke.asks:
             self._press(stroke, at)  # a stop never waits for an answer
         elif stroke is not None:
@@ -424,7 +398,7 @@ class Keyboard:
 
     def _press(self, stroke: Stroke, at: float) -> None:
         """Press the button that a key is for."""
-        screen = self._seen.screen
+        screen = self._areas.seen.screen
         assert screen is not None
         kart = 0
         if stroke.finish is not None:
@@ -440,7 +414,7 @@ class Keyboard:
                     self._alarm.sound_now()
                 return
         button = _meant(screen, stroke, kart)
-        shown = self._seen.seen(at)
+        shown = self._areas.seen.seen(at)
         if button is not None and shown is not None and not button.is_instant:
             stood = kart if stroke.finish is None else _kart_at(shown.screen, stroke.finish)
             seen = _meant(shown.screen, stroke, stood)
@@ -451,37 +425,27 @@ class Keyboard:
             self._presses.press(button)
 
     def _do(self, act: Act, at: float) -> None:
-        if act is Act.HELP:
-            self._presses.toggle_help()
-        elif act is Act.SEEN:
-            self._areas.alerts.press_first()
-        elif act is Act.NIGHT:
-            self._presses.night.emit()
-        elif act is Act.SOUND:
-            self._alarm.toggle_sound()
-        elif act is Act.UP:
-            self._chosen.choose_next(-1)
-        elif act is Act.DOWN:
-            self._chosen.choose_next(1)
-        elif act is Act.LOG:
-            self._presses.toggle_events()
-        elif act is Act.ERASE:
+        if act is Act.ERASE:
             self._chosen.erase(at)
         elif act is Act.PRESS:
             self._press_focused(at)
-        elif act is Act.CANCEL:
-            if self._chosen.digits:
-                self._chosen.clear()
-                return
+        else:
+            self._acts[act]()
+
+    def _cancel(self) -> None:
+        """Delete the number that is typed; if none is, close what is open."""
+        if self._chosen.digits:
+            self._chosen.clear()
+        else:
             self._areas.close_sheets()
-            self._areas.window.setFocus()
+            self._areas.setFocus()
 
     def _press_focused(self, at: float) -> None:
         """Press the button that has the focus, if it is still the one that the official saw."""
         focused = QtWidgets.QApplication.focusWidget()
         if not isinstance(focused, QtWidgets.QAbstractButton):
             return
-        shown = self._seen.seen(at)
+        shown = self._areas.seen.seen(at)
         if (
             shown is None
             or not isinstance(focused, CommandButton)

@@ -119,14 +119,14 @@ class KartRow(Painted):
         strong = row.in_race and not self._stale
         self._paint_number(pen, number, row, strong)
         tone = Tone.FAINT if self._stale else row.note.tone
-        upper, lower = _halves(team, bool(row.note.text))
+        upper, lower = _halves(team, bool(row.note.text), row.use_msr)
         ink = colours.ink if strong else colours.faint
         pen.text(upper, row.team, ink, TEXT + 1, True, wrap=upper.height() > look.px(30))
         if urgent:
             pen.box(lower, FILLS[Tone.BAD][1], radius=3)
             lower = lower.adjusted(look.px(4), 0, -look.px(2), 0)
         note = FILLS[Tone.BAD][0] if urgent else look.text(tone)
-        pen.text(lower, row.note.text, note, SMALL, tone is Tone.BAD)
+        pen.text(lower, row.note.text, note, SMALL, tone is Tone.BAD, wrap=True)
         self._paint_sent(pen, sent, row)
         cell, below = COLUMNS[3].cell(row), COLUMNS[3].below(row)
         upper, lower = _halves(answer, bool(below.text))
@@ -134,7 +134,7 @@ class KartRow(Painted):
         bold = tone in (Tone.GOOD, Tone.WAIT, Tone.BAD)
         pen.text(upper, cell.text, look.text(tone), TEXT, bold)
         pen.text(lower, below.text, colours.faint, SMALL)
-        pen.text(place, row.place, colours.ink, LARGE - 2, True, CENTER)
+        pen.text(place, row.place, ink, LARGE - 2, True, CENTER)
 
     def _rooms(self) -> list[QtCore.QRect]:
         rooms = columns(self.width(), 0)[: len(COLUMNS)]
@@ -154,7 +154,7 @@ class KartRow(Painted):
         tone = row.sent.tone
         known = not self._stale and tone is not Tone.FAINT
         ink, fill = look.fill(tone) if known else (colours.faint, colours.raised)
-        pen.box(chip, fill)
+        pen.box(chip, fill, '' if known else colours.line)
         if row.waits and known:
             pen.stripes(chip)
         inside = chip.adjusted(look.px(GAP), 0, -look.px(GAP), 0)
@@ -176,13 +176,19 @@ def _centred(room: QtCore.QRect, height: int) -> QtCore.QRect:
     )
 
 
-def _halves(room: QtCore.QRect, both: bool) -> tuple[QtCore.QRect, QtCore.QRect]:
-    """Return the room of a text and of a small one below it; all for the first if it is alone."""
+def _halves(
+    room: QtCore.QRect, both: bool, long: bool = False
+) -> tuple[QtCore.QRect, QtCore.QRect]:
+    """
+    Return the room of a text and of a small one below it; all for the first if it is alone.
+
+    :param long: the small one gets as much room as there is.
+    """
     if not both:
         return room, QtCore.QRect()
-    margin = max(0, (room.height() - look.px(38)) // 2)
+    margin = max(0, (room.height() - look.px(56 if long else 38)) // 2)
     inner = room.adjusted(0, margin, 0, -margin)
-    high = inner.height() * 11 // 20
+    high = min(inner.height() * 11 // 20, look.px(21))
     return (
         QtCore.QRect(inner.left(), inner.top(), inner.width(), high),
         QtCore.QRect(inner.left(), inner.top() + high, inner.width(), inner.height() - high),

@@ -163,6 +163,18 @@ def meaning(key: str) -> Stroke | None:
     return None
 
 
+def key_help() -> list[tuple[str, str]]:
+    """Return every key, or several that belong together, with what it does."""
+    found: dict[str, list[str]] = {}
+    for command, key in KEYS.items():
+        found.setdefault(key, []).append(CATALOGUE[command].label)
+    for key, commands in _CHOSEN.items():
+        labels = ', '.join(CATALOGUE[command].label for command in commands)
+        found[key] = [texts.CHOSEN_KART.format(commands=labels)]
+    said = [(key, ', '.join(labels)) for key, labels in found.items()]
+    return [texts.KILL_KEYS, *said, *texts.OTHER_KEYS]
+
+
 class KartField:
     """
     The kart that a command by key acts on: the one in the window's field, or none.
@@ -184,6 +196,10 @@ class KartField:
     def show_roster(self, teams: Mapping[int, str]) -> None:
         """Take the karts of the roster, with their teams."""
         self._teams = teams
+        self.changed()
+
+    def changed(self) -> None:
+        """Take that the field may show something else: for whoever shows it."""
 
     @property
     def digits(self) -> str:
@@ -204,6 +220,7 @@ class KartField:
         self._typed_at = at
         self._chosen = 0
         self._refusal = ''
+        self.changed()
 
     def erase(self, at: float) -> None:
         """Delete the last digit."""
@@ -211,17 +228,18 @@ class KartField:
         self._digits = self._digits[:-1]
         self._typed_at = at
         self._refusal = ''
+        self.changed()
 
     def choose(self, kart: int) -> None:
         """Take a kart that was chosen in the list."""
-        self._digits = ''
         self._chosen = kart
-        self._refusal = ''
+        self.clear()
 
     def clear(self) -> None:
         """Clear what is typed; a kart that was chosen in the list stays."""
         self._digits = ''
         self._refusal = ''
+        self.changed()
 
     def expire(self, now: float) -> None:
         """Clear what is too old at a time (s)."""
@@ -229,6 +247,7 @@ class KartField:
             self._digits = ''
         if self._refusal and now - self._refused_at >= FORGOTTEN:
             self._refusal = ''
+        self.changed()
 
     def take(self, command: str, at: float) -> tuple[int, str]:
         """
@@ -253,6 +272,7 @@ class KartField:
         self._refusal = texts.FIELD_REFUSAL.format(number=self._digits or before or '?')
         self._refused_at = at
         self._digits = ''
+        self.changed()
         return 0, why
 
     def cells(self) -> tuple[Cell, Cell]:
@@ -263,7 +283,7 @@ class KartField:
         if number in self._teams:
             return Cell(texts.FIELD_KART.format(number=number)), Cell(self._teams[number])
         if not self._digits and not self._chosen:
-            return Cell(texts.FIELD_EMPTY, Tone.FAINT), Cell(texts.FIELD_TYPE, Tone.FAINT)
+            return Cell('', Tone.FAINT), Cell(texts.FIELD_TYPE, Tone.FAINT)
         begun = [each for each in self._teams if str(each).startswith(str(number))]
         if begun and number:
             title = Cell(texts.FIELD_BEGUN.format(number=number), Tone.WAIT)

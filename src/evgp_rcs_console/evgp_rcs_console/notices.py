@@ -178,51 +178,30 @@ def summary(notices: Sequence[Notice], places: int) -> str:
         karts = sorted({notice.alert.kart for notice in those if notice.alert.kart})
         if those:
             told.append(text.format(karts=texts.kart_numbers(karts) or texts.NO_SINGLE_KART))
-    return texts.ALERTS.format(told='; '.join(told))
-
-
-@dataclass(frozen=True)
-class Line:
-    """A line of the event log; `kart` is 0 if it concerns no single kart."""
-
-    clock: str
-    kart: int
-    success: bool
-    text: str
-    is_command: bool = False
-
-    def __str__(self) -> str:
-        """Return the line as it is shown."""
-        return f'{self.clock}  {self.said}'.lstrip()
-
-    @property
-    def said(self) -> str:
-        """Return the line without its time."""
-        return f'{"" if self.success else texts.REFUSED}{self.text}'
+    return '; '.join(told)
 
 
 class EventLog:
     """
-    The newest events, in order.
+    The newest events, in order, each with the text that is shown.
 
     :param most: maximum number of lines.
     """
 
     def __init__(self, most: int = 2000) -> None:
         """Begin with none."""
-        self._lines: deque[Line] = deque(maxlen=most)
+        self._lines: deque[Event] = deque(maxlen=most)
         self._last = 0
         self._claims: dict[str, set[str]] = {}
 
-    def add(self, event: Event) -> list[Line]:
+    def add(self, event: Event) -> list[Event]:
         """Take an event and return the lines it adds."""
         added = []
         if event.sequence <= self._last:
-            added.append(Line('', 0, True, texts.NEW_RUN))
+            added.append(Event(0, '', 0, True, texts.NEW_RUN))
         self._last = event.sequence
-        added.append(
-            Line(event.clock, event.kart, event.success, self._told(event), event.is_command)
-        )
+        refused = '' if event.success else texts.REFUSED
+        added.append(replace(event, text=f'{refused}{self._told(event)}'))
         self._lines.extend(added)
         return added
 
@@ -240,11 +219,11 @@ class EventLog:
         """Return who has commanded, in the order of their first command."""
         return [name for name in self._claims if name]
 
-    def lines(self, kart: int = 0) -> list[Line]:
+    def lines(self, kart: int = 0) -> list[Event]:
         """Return the lines that concern one kart (0: all lines), oldest first."""
         return [line for line in self._lines if concerns(line, kart)]
 
 
-def concerns(line: Line, kart: int) -> bool:
+def concerns(line: Event, kart: int) -> bool:
     """Return whether a line concerns a kart; lines without a kart concern every one."""
     return not kart or line.kart in (0, kart)

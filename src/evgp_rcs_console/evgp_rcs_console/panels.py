@@ -20,12 +20,13 @@ import time
 
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import texts
-from evgp_rcs_console.notices import concerns, EventLog, Line
+from evgp_rcs_console.notices import concerns, EventLog
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.snapshot import Event
 from evgp_rcs_console.style import BLACK, FILLS, GAP, HUGE, LARGE, look, SMALL, TEXT, WHITE, YELLOW
 from evgp_rcs_console.view import Cell, Danger, Row, Screen, Tone
 from evgp_rcs_console.widgets import (
+    Area,
     Card,
     CENTER,
     CommandButton,
@@ -54,10 +55,13 @@ class StatePanel(Painted):
         """Wait to be told."""
         super().__init__('state_panel')
         self._tone = Tone.PLAIN
-        self._title = Text('state', HUGE, True, colour=lambda: look.fill(self._tone)[0])
-        self._since = Text('state_since', TEXT, wrap=True, colour=lambda: look.fill(self._tone)[0])
-        for part in (self._title, self._since):
-            part.setParent(self)
+        title = Text('state', HUGE, True, colour=self._ink)
+        since = Text('state_since', TEXT, wrap=True, colour=self._ink)
+        self._title = self.put(title, 14, 4, -10, 46)
+        self._since = self.put(since, 14, 46, -10, -5)
+
+    def _ink(self) -> str:
+        return look.fill(self._tone)[0]
 
     def show_screen(self, screen: Screen, stale: bool) -> None:
         """Show the race as it is now."""
@@ -65,13 +69,6 @@ class StatePanel(Painted):
         self._title.show_cell(screen.state, stale)
         self._since.show_text(screen.since)
         self.show_it(self._tone)
-
-    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Share the room."""
-        inner = self.rect().adjusted(look.px(14), look.px(4), -look.px(10), -look.px(5))
-        high = look.px(42)
-        self._title.setGeometry(inner.left(), inner.top(), inner.width(), high)
-        self._since.setGeometry(inner.adjusted(0, high, 0, 0))
 
     def paint(self, pen: Pen) -> None:
         """Draw its ground."""
@@ -84,33 +81,19 @@ class TrackPanel(Painted):
     def __init__(self, pressed: Pressed) -> None:
         """Wait to be told."""
         super().__init__('track_panel')
-        self._humans = Text('humans', LARGE, True)
-        self._reason = Text('humans_reason', TEXT, wrap=True, colour=lambda: look.palette.ink)
-        self._track = Text('track', TEXT, True, CENTER, fills=True)
-        self.button = CommandButton(pressed)
-        for part in (self._humans, self._reason, self._track, self.button):
-            part.setParent(self)
+        self._humans = self.put(Text('humans', LARGE, True), 20, 7, -176, 35)
+        self._reason = self.put(Text('humans_reason', TEXT, wrap=True), 20, 35, -176, -7)
+        self._track = self.put(Text('track', TEXT, True, CENTER, fills=True), -168, 7, -12, 31)
+        self.button = self.put(CommandButton(pressed), -168, 37, -12, -7)
 
     def show_screen(self, screen: Screen, stale: bool) -> None:
         """Show the track as it is now."""
         self._humans.show_cell(screen.humans, stale)
-        self._reason.show_text(screen.humans_reason)
+        self._reason.show_text(screen.humans_reason[:1].upper() + screen.humans_reason[1:])
         self._track.show_cell(screen.track, stale)
         if screen.track_button is not None:
             self.button.show_button(screen.track_button)
         self.show_it(screen.humans.tone, stale)
-
-    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Share the room."""
-        right = look.px(156)
-        inner = self.rect().adjusted(look.px(20), look.px(7), -look.px(12), -look.px(7))
-        left = inner.width() - right - look.px(GAP)
-        high = look.px(28)
-        self._humans.setGeometry(inner.left(), inner.top(), left, high)
-        self._reason.setGeometry(inner.left(), inner.top() + high, left, inner.height() - high)
-        beside = inner.left() + left + look.px(GAP)
-        self._track.setGeometry(beside, inner.top(), right, look.px(24))
-        self.button.setGeometry(beside, inner.top() + look.px(30), right, look.px(34))
 
     def paint(self, pen: Pen) -> None:
         """Draw its ground, and an edge: green if humans are allowed, red if something is wrong."""
@@ -129,28 +112,20 @@ class ClockPanel(Painted):
     def __init__(self) -> None:
         """Show the time."""
         super().__init__('clock')
-        self._race = self._heat = ''
+        self._now = self.put(Text('', LARGE + 4, True, RIGHT), 0, 4, -4, 38)
+        self._race = self.put(Text('', TEXT, True, RIGHT), 0, 38, -4, 58)
+        self._heat = self.put(Text('', TEXT, False, RIGHT), 0, 58, -4, -3)
 
     def show_screen(self, screen: Screen, stale: bool) -> None:
         """Take the race as it is now; a race that is not heard has no clock."""
-        self._race, self._heat = screen.clock * (not stale), screen.heat
+        age = screen.clock * (not stale)
+        self._race.show_text(texts.RACE_CLOCK.format(age=age) if age else '')
+        self._heat.show_cell(Cell(screen.heat, Tone.FAINT))
         self.look()
 
     def look(self) -> None:
         """Show what time it is."""
-        self.show_it(time.strftime('%H:%M:%S'), self._race, self._heat)
-
-    def paint(self, pen: Pen) -> None:
-        """Draw it."""
-        high = self.height()
-        room = self.rect().adjusted(0, 0, -look.px(4), 0)
-        upper = room.adjusted(0, look.px(4), 0, -high + look.px(38))
-        pen.text(upper, time.strftime('%H:%M:%S'), look.palette.ink, LARGE + 4, True, RIGHT)
-        middle = room.adjusted(0, look.px(38), 0, -high + look.px(58))
-        race = texts.RACE_CLOCK.format(age=self._race) if self._race else ''
-        pen.text(middle, race, look.palette.ink, TEXT, True, RIGHT)
-        lower = room.adjusted(0, look.px(57), 0, -look.px(3))
-        pen.text(lower, self._heat, look.palette.faint, TEXT, False, RIGHT)
+        self._now.show_text(time.strftime('%H:%M:%S'))
 
 
 class KillButton(Push):
@@ -172,30 +147,21 @@ class KillButton(Push):
         self.drawn = pen.drawn
 
 
-class KillBox(QtWidgets.QWidget):
+class KillBox(Area):
     """ALL KILL, and in it its keys, or for how long it has had no answer."""
 
     def __init__(self) -> None:
         """Be ready."""
         super().__init__()
-        self.button = KillButton('all_kill', CATALOGUE[CommandKind.ALL_KILL].label)
-        self._hint = Text('kill_hint', TEXT, True, CENTER, True, colour=self._colour)
+        kill = KillButton('all_kill', CATALOGUE[CommandKind.ALL_KILL].label)
+        self.button = self.put(kill, 0, 0, 0, 0)
+        hint = Text('kill_hint', TEXT, True, CENTER, True, colour=self._colour)
+        self._hint = self.put(hint, 16, -56, -16, -12)
         # It lies over the button, which gets every click.
         self._hint.setAttribute(QtCore.Qt.WidgetAttribute.WA_TransparentForMouseEvents)
-        for part in (self.button, self._hint):
-            part.setParent(self)
 
     def _colour(self) -> str:
         return YELLOW if self._hint.cell.tone is Tone.BAD else WHITE
-
-    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Fill the box."""
-        self.button.setGeometry(self.rect())
-        beside, below = look.px(16), look.px(12)
-        high = look.px(44)
-        self._hint.setGeometry(
-            beside, self.height() - below - high, self.width() - 2 * beside, high
-        )
 
     def show_hint(self, hint: Cell, pressing: bool) -> None:
         """Show a text below ALL KILL, and whether ALL KILL has no answer yet."""
@@ -236,52 +202,40 @@ class Strip(Painted):
     def __init__(self, pressed: Pressed) -> None:
         """Wait to be told."""
         super().__init__('strip')
-        self._screen: Screen | None = None
-        self._officials = ''
-        self._has_heats = False
-        self.heat = CommandButton(pressed)
-        self.heat.setParent(self)
+        self._texts = ('', '', '')
+        self._stale = False
+        self.heat = self.put(CommandButton(pressed), -136, 0, 0, 0)
         self.heat.quiet = True
         self.heat.hide()
 
     def show_screen(self, screen: Screen, officials: list[str], stale: bool) -> None:
         """Show the race as it is now, and who has commanded it."""
-        self._screen = screen
-        self._officials = texts.COMMANDED_BY.format(names=', '.join(officials)) * bool(officials)
+        by = texts.COMMANDED_BY.format(names=', '.join(officials)) * bool(officials)
+        rest = ' · '.join(filter(None, (screen.missing, screen.places)))
+        self._texts = screen.tally or texts.NOBODY_RACES, rest, by
         self._stale = stale
         # There are heats or there are none, as long as the roster is the same.
         self.heat.setVisible(screen.heat_button is not None)
         if screen.heat_button is not None:
             self.heat.show_button(screen.heat_button)
-        self.setProperty('tone', 'stale' if stale else 'plain')
-        self.show_it(screen.tally, screen.missing, screen.places, self._officials, stale)
-
-    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Put the heats at the right."""
-        wide = look.px(136)
-        self.heat.setGeometry(self.width() - wide, 0, wide, self.height())
+        self.show_it(self._texts, stale)
 
     def paint(self, pen: Pen) -> None:
         """Draw it."""
-        screen = self._screen
-        if screen is None:
-            return
-        colours = look.palette
-        pen.box(self.rect(), colours.card, colours.line)
+        pen.box(self.rect(), look.palette.card, look.palette.line)
         room = self.rect().adjusted(look.px(12), 0, -look.px(12), 0)
-        if screen.heat_button is not None:
+        if not self.heat.isHidden():
             room.setRight(self.heat.geometry().left() - look.px(GAP))
-        tally = ' · '.join(filter(None, (screen.tally or texts.NOBODY_RACES,)))
-        after = ' · '.join(filter(None, (screen.missing, screen.places)))
-        strong = colours.faint if self._stale else colours.ink
-        wide = min(room.width() // 2, _advance(tally, True) + look.px(4))
-        pen.text(QtCore.QRect(room.left(), 0, wide, self.height()), tally, strong, TEXT, True)
-        officials = min(room.width() // 4, _advance(self._officials) + look.px(4))
-        last = QtCore.QRect(room.right() - officials, 0, officials, self.height())
-        pen.text(last, self._officials, colours.faint, TEXT, align=RIGHT)
-        rest = QtCore.QRect(room.left() + wide + look.px(14), 0, 0, self.height())
-        rest.setRight(last.left() - look.px(14))
-        pen.text(rest, after, strong, TEXT)
+        tally, rest, officials = self._texts
+        strong = look.palette.faint if self._stale else look.palette.ink
+        first, last = QtCore.QRect(room), QtCore.QRect(room)
+        first.setWidth(min(room.width() // 2, _advance(tally, True) + look.px(4)))
+        last.setLeft(room.right() - min(room.width() // 4, _advance(officials) + look.px(4)))
+        room.setLeft(first.right() + look.px(14))
+        room.setRight(last.left() - look.px(14))
+        pen.text(first, tally, strong, TEXT, True)
+        pen.text(room, rest, strong, TEXT)
+        pen.text(last, officials, look.palette.faint, TEXT, align=RIGHT)
 
 
 def _advance(text: str, bold: bool = False) -> int:
@@ -295,19 +249,13 @@ class DangerPanel(Painted):
         """Say nothing yet."""
         super().__init__('danger')
         white, yellow = (lambda: WHITE), (lambda: YELLOW)
-        self._title = Text('danger_title', LARGE + 2, True, colour=white)
-        self._detail = Text('danger_detail', TEXT, wrap=True, colour=white)
-        self._advice = Text('danger_advice', HUGE + 8, True, CENTER, True, colour=yellow)
-        for part in (self._title, self._detail, self._advice):
-            part.setParent(self)
-
-    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Share the room."""
-        inner = self.rect().adjusted(look.px(14), look.px(5), -look.px(10), -look.px(5))
-        left, high = inner.width() * 3 // 5, look.px(26)
-        self._title.setGeometry(inner.left(), inner.top(), left, high)
-        self._detail.setGeometry(inner.left(), inner.top() + high, left, inner.height() - high)
-        self._advice.setGeometry(inner.adjusted(left + look.px(12), 0, 0, 0))
+        self._title = self.put(
+            Text('danger_title', LARGE + 2, True, colour=white), 14, 5, -372, 31
+        )
+        detail = Text('danger_detail', TEXT, wrap=True, colour=white)
+        self._detail = self.put(detail, 14, 31, -372, -5)
+        advice = Text('danger_advice', HUGE + 8, True, CENTER, True, colour=yellow)
+        self._advice = self.put(advice, -360, 5, -10, -5)
 
     def show_danger(self, danger: Danger) -> None:
         """Say it."""
@@ -327,57 +275,37 @@ class NumberField(Painted):
         """Be empty."""
         super().__init__('number_field')
         self._off = False
-        self._title = Text('number', LARGE + 6, True, colour=self._colour)
-        self._detail = Text('number_detail', TEXT, wrap=True, colour=self._colour)
-        self._cells = Cell(''), Cell('')
-        for part in (self._title, self._detail):
-            part.setParent(self)
+        title = Text('number', LARGE + 6, True, colour=self._colour)
+        self._title = self.put(title, 12, 4, 150, -4)
+        self._detail = self.put(
+            Text('number_detail', wrap=True, colour=self._colour), 12, 4, -8, -4
+        )
 
     def _colour(self) -> str:
         if self._off:
             return YELLOW
-        tone = self._cells[0].tone
-        return WHITE if tone is Tone.BAD else look.text(tone)
+        return WHITE if self._title.cell.tone is Tone.BAD else look.text(self._title.cell.tone)
 
-    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Share the room."""
-        self._share()
-
-    def _share(self) -> None:
-        inner = self.rect().adjusted(look.px(12), look.px(4), -look.px(8), -look.px(4))
-        left = inner.width() * 11 // 20 if self._title.whole else 0
-        self._title.setGeometry(inner.left(), inner.top(), left, inner.height())
-        self._detail.setGeometry(inner.adjusted(left + look.px(4) * bool(left), 0, 0, 0))
-
-    def show_keys(self, work: bool) -> None:
-        """Take whether the keys work: this window is the active one."""
-        self._off = not work
-        self._show()
-
-    def show_cells(self, title: Cell, detail: Cell) -> None:
-        """Show a kart's number and team, or why there is none."""
-        self._cells = title, detail
-        self._show()
-
-    def _show(self) -> None:
-        title, detail = self._cells
+    def show_cells(self, title: Cell, detail: Cell, keys_work: bool) -> None:
+        """Show a kart's number and team, or why there is none; or that the keys do not work."""
+        self._off = not keys_work
         if self._off:
             title = Cell(texts.KEYS_OFF_LARGE, Tone.BAD)
             detail = Cell(texts.KEYS_OFF_DETAIL, Tone.BAD)
         self._title.show_cell(title)
         self._detail.show_cell(detail)
-        self.setProperty('tone', title.tone.value)
-        self._share()
+        edge = 150 if title.text else 12
+        self.put(self._title, 12, 4, edge, -4)
+        self.put(self._detail, edge + 4 * bool(title.text), 4, -8, -4)
         self.show_it(self._off, title, detail, look.palette)
 
     def paint(self, pen: Pen) -> None:
         """Draw its ground."""
-        tone = self._cells[0].tone
         if self._off:
             pen.box(self.rect(), '#000000', YELLOW, 4)
-        elif tone is Tone.BAD:
+        elif self._title.cell.tone is Tone.BAD:
             pen.box(self.rect(), FILLS[Tone.BAD][1])
-        elif self._cells[0].text:
+        elif self._title.cell.text:
             pen.box(self.rect(), look.palette.card, look.palette.chosen, 3)
         else:
             pen.box(self.rect(), look.palette.card, look.palette.line)
@@ -395,7 +323,7 @@ class EventPanel(Card):
         self.log = EventLog()
         self._kart = 0
         self._teams: dict[int, str] = {}
-        self._view = QtWidgets.QTextEdit()
+        self._view = self.put(QtWidgets.QTextEdit(), 8, 32, -2, -6)
         self._view.setObjectName('log')
         self._view.setReadOnly(True)
         self._view.setFrameShape(QtWidgets.QFrame.Shape.NoFrame)
@@ -406,27 +334,17 @@ class EventPanel(Card):
         # Lines are wrapped, as they are by default: a bar below them would hide the newest one.
         self._view.document().setMaximumBlockCount(EVENTS)
         # No list that opens: while one is open, it takes every key and click, also those of stops.
-        self._filter = Push('filter')
+        self._filter = self.put(Push('filter'), -156, 4, -6, 28)
         self._filter.quiet = True
         self._filter.clicked.connect(self.toggled)
-        self._title = Text('', SMALL, True, colour=lambda: look.palette.faint)
-        self._title.show_text(texts.LOG)
-        for part in (self._title, self._filter, self._view):
-            part.setParent(self)
+        title = Text('', SMALL, True, colour=lambda: look.palette.faint)
+        self.put(title, 12, 4, 92, 28).show_text(texts.LOG)
         self._show_one(0)
-
-    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Share the room."""
-        margin, high = look.px(GAP), look.px(24)
-        wide = look.px(150)
-        self._title.setGeometry(look.px(12), look.px(4), look.px(80), high)
-        self._filter.setGeometry(self.width() - wide - look.px(6), look.px(4), wide, high)
-        self._view.setGeometry(self.rect().adjusted(margin, high + look.px(8), -2, -look.px(6)))
-        self._view.document().setDocumentMargin(look.px(3))
 
     def restyle(self) -> None:
         """Take another size or palette."""
         self._view.setFont(font(look.px(SMALL)))
+        self._view.document().setDocumentMargin(look.px(3))
         self._show_one(self._kart)
 
     def add(self, event: Event) -> None:
@@ -435,7 +353,7 @@ class EventPanel(Card):
             if concerns(line, self._kart):
                 self._append(line)
 
-    def _append(self, line: Line) -> None:
+    def _append(self, line: Event) -> None:
         bar = self._view.verticalScrollBar()
         at_end = bar.value() == bar.maximum()
         cursor = QtGui.QTextCursor(self._view.document())
@@ -449,7 +367,7 @@ class EventPanel(Card):
         block.setTabPositions([QtGui.QTextOption.Tab(indent, QtGui.QTextOption.TabType.LeftTab)])
         cursor.setBlockFormat(block)
         ink = look.palette.ink if line.success else look.palette.bad
-        parts = ((f'{line.clock}\t', look.palette.faint, False), (line.said, ink, line.is_command))
+        parts = ((f'{line.clock}\t', look.palette.faint, False), (line.text, ink, line.is_command))
         for text, colour, bold in parts:
             style = QtGui.QTextCharFormat()
             style.setFont(font(look.px(SMALL), bold))
@@ -487,7 +405,7 @@ class EventPanel(Card):
         self._view.verticalScrollBar().setValue(self._view.verticalScrollBar().maximum())
 
 
-class Foot(QtWidgets.QWidget):
+class Foot(Area):
     """The bottom line, a low battery, and in whose name this window sends commands."""
 
     name_wanted = Signal()
@@ -496,32 +414,20 @@ class Foot(QtWidgets.QWidget):
     def __init__(self) -> None:
         """Begin with nothing."""
         super().__init__()
-        self.status = Text('status', TEXT + 1, True, LEFT, True, fills=True)
-        self._battery = Text('battery', TEXT, True, CENTER, fills=True)
+        status = Text('status', TEXT + 1, True, LEFT, True, fills=True)
+        self.status = self.put(status, 0, 0, -280, 0)
+        self._battery = self.put(Text('battery', TEXT, True, CENTER, fills=True), -530, 0, -280, 0)
         self._battery.hide()
-        self._official = Push('official')
+        self._official = self.put(Push('official'), -272, 0, 0, 0)
         self._official.quiet = True
         self._official.clicked.connect(self.name_wanted)
-        for part in (self.status, self._battery, self._official):
-            part.setParent(self)
-
-    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Share the room."""
-        name, battery = look.px(272), look.px(250)
-        self._official.setGeometry(self.width() - name, 0, name, self.height())
-        left = self.width() - name - look.px(GAP)
-        if not self._battery.isHidden():
-            left -= battery + look.px(GAP)
-        self.status.setGeometry(0, 0, left, self.height())
-        self._battery.setGeometry(left + look.px(GAP), 0, battery, self.height())
 
     def show_battery(self, percent: int | None) -> None:
         """Show that the battery is low, in percent; None: it is not."""
         if percent is not None:
             self._battery.show_cell(Cell(texts.BATTERY.format(percent=percent), Tone.BAD))
-        if self._battery.isHidden() is not (percent is None):
-            self._battery.setVisible(percent is not None)
-            self.resizeEvent(QtGui.QResizeEvent(self.size(), self.size()))
+        self._battery.setVisible(percent is not None)
+        self.put(self.status, 0, 0, -280 if percent is None else -538, 0)
 
     def show_name(self, name: str) -> None:
         """Show the official's name; empty: it is not known."""

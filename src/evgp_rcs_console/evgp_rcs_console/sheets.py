@@ -27,6 +27,7 @@ from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.official import MOST_OF_NAME
 from evgp_rcs_console import texts
 from evgp_rcs_console.freshness import SEEN
+from evgp_rcs_console.keys import key_help
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.style import LARGE, LEAST, look, SMALL, TEXT
 from evgp_rcs_console.view import Button, Cell, Tone
@@ -143,7 +144,7 @@ class Question(Sheet):
         # It lies where they are, so that YES and NO never move.
         self._problem = Text('question_problem', TEXT + 2, True, wrap=True, fills=True)
         self._problem.setParent(self)
-        self.yes, self.no = Push('yes'), Push('no', texts.ASK_NO)
+        self.yes, self.no = Push('yes'), Push('no', texts.ASK_NO, 'N')
         self.no.clicked.connect(lambda: self.answered.emit(False))
         self.yes.clicked.connect(lambda: self.answered.emit(True))
         self.add(self._consequence, 0, self._warning, 0, self._statement, 0, self.no, 40)
@@ -162,7 +163,7 @@ class Question(Sheet):
         self._problem.setGeometry(top.left(), top.top(), top.width(), min(high, look.px(90)))
 
     def ask(self, button: Button) -> None:
-        """Ask for the confirmation of a command; NO has the focus."""
+        """Take the command that is to be confirmed; it is shown after that."""
         self.button = button
         self.shown_at = clock.now()
         self._spoilt = False
@@ -176,9 +177,6 @@ class Question(Sheet):
         self._show_texts(button)
         self.yes.show_words(texts.ASK_YES.format(condition=condition), 'Y')
         self.update_button(button)
-        self.show()
-        self.raise_()
-        self.no.setFocus()
 
     def update_button(self, button: Button | None) -> None:
         """
@@ -251,11 +249,10 @@ class Heats(Sheet):
             if widget.isHidden() is not (number >= len(buttons)):
                 widget.setVisible(number < len(buttons))
 
-    def open_sheet(self) -> None:
-        """Show it; the first heat has the focus."""
-        self.show()
-        self.raise_()
-        self._heats[0].setFocus()
+    @property
+    def first(self) -> QtWidgets.QWidget:
+        """Return the button of the first heat."""
+        return self._heats[0]
 
     def _choose(self, down: Button, button: Button) -> None:
         self.close_sheet()
@@ -279,42 +276,36 @@ class YourName(Sheet):
         self._name = ''
         about = Text('', wrap=True)
         about.show_text(texts.NAME_ABOUT)
-        self._field = NameField('name', LARGE, True)
-        self._field.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
+        self.field = NameField('name', LARGE, True)
+        self.field.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
         keep = Push('keep_name', texts.NAME_KEEP, 'Enter')
         keep.clicked.connect(self.save)
         cancel = Push('close_name', texts.HEATS_CLOSE, 'Esc')
         cancel.clicked.connect(self.close_sheet)
-        self.add(about, 0, self._field, 44, keep, 36, cancel, 36)
-
-    def open_sheet(self, name: str) -> None:
-        """Show it with the name that there is."""
-        self._show_name(name)
-        self.show()
-        self.raise_()
-        self._field.setFocus()
+        self.add(about, 0, self.field, 44, keep, 36, cancel, 36)
 
     @property
     def is_typed_into(self) -> bool:
         """Return whether letters are part of the name now."""
-        return self.isVisible() and self._field.hasFocus()
+        return self.isVisible() and self.field.hasFocus()
 
     def type_letter(self, letter: str) -> None:
         """Take a letter; one too many is left out."""
         if len(self._name) < MOST_OF_NAME:
-            self._show_name(self._name + letter)
+            self.begin(self._name + letter)
 
     def erase(self) -> None:
         """Delete the last letter."""
-        self._show_name(self._name[:-1])
+        self.begin(self._name[:-1])
 
     def save(self) -> None:
         """Hand over the name."""
         self.signed.emit(self._name)
 
-    def _show_name(self, name: str) -> None:
+    def begin(self, name: str) -> None:
+        """Take the name that there is."""
         self._name = name
-        self._field.show_text(texts.NAME_CARET.format(name=name))
+        self.field.show_text(texts.NAME_CARET.format(name=name))
 
 
 class NameField(Text):
@@ -333,9 +324,10 @@ class KeyTable(Painted):
 
     def paint(self, pen: Pen) -> None:
         """Draw two columns of them."""
-        half = (len(texts.KEY_HELP) + 1) // 2
+        table = key_help()
+        half = (len(table) + 1) // 2
         high, wide = self.height() // half, self.width() // 2
-        for number, (key, meaning) in enumerate(texts.KEY_HELP):
+        for number, (key, meaning) in enumerate(table):
             left, top = wide * (number // half), high * (number % half)
             name = QtCore.QRect(left, top, wide * 2 // 5 - look.px(8), high)
             does = QtCore.QRect(left + wide * 2 // 5, top, wide * 3 // 5 - look.px(8), high)

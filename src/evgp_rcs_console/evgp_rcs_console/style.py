@@ -16,13 +16,12 @@
 How the window looks: one palette for the day and one for the night, one unit, three sizes of type.
 
 All sizes are those of a 1366 by 768 screen, in pixels; ``look.px`` makes them those of this one.
-No Qt: a test computes the contrasts from here.
+No Qt: a test computes contrasts from here.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-import functools
 
 from evgp_rcs_console.view import Tone
 
@@ -147,21 +146,6 @@ def scale(width: int, height: int) -> float:
     A little smaller is possible, too: a desktop's bars take their share of a small screen.
     """
     return max(0.8, min(width / 1366, height / 768))
-
-
-def contrast(one: str, other: str) -> float:
-    """Return the contrast of two colours, from 1 to 21, as WCAG 2 defines it."""
-    dark, light = sorted((_luminance(one), _luminance(other)))
-    return (light + 0.05) / (dark + 0.05)
-
-
-@functools.cache
-def _luminance(colour: str) -> float:
-    parts = [part / 255 for part in bytes.fromhex(colour[1:])]
-    linear = [
-        part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in parts
-    ]
-    return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
 def sheet() -> str:

@@ -33,14 +33,7 @@ TITLE = 'EVGP race control'
 
 BANNER = '=== {banner} ==='
 
-STATES = {
-    State.UNKNOWN: '',
-    State.IN_GARAGE: 'IN GARAGE',
-    State.GRID_ACTIVE: 'GRID ACTIVE',
-    State.GREEN_GREEN: 'GREEN GREEN',
-    State.RED_FLAG: 'RED FLAG',
-    State.RED_RED: 'RED RED',
-}
+STATES = {state: state.name.replace('_', ' ') for state in State} | {State.UNKNOWN: ''}
 
 SYMBOLS = {
     State.UNKNOWN: '?',
@@ -58,7 +51,7 @@ NOT_RACING = 'not in the race'
 LINKED = '✓ linked'
 NOT_LINKED = '✗ NO LINK'
 MAY_MOVE = 'may be moving'
-MSR_STOPS_IT = 'only the MSR stops it: make it safe'
+MSR_STOPS_IT = 'only the MSR stops it: go and make it safe'
 HELD = 'held: {reason}'
 FLAG_IN = 'P{place}, flag in {seconds} s'
 SAYS = 'says {state}'
@@ -74,10 +67,10 @@ ANSWERS = {
 """What the screen says of a kart that has acknowledged what it is sent."""
 
 STEPS = {
-    CommandKind.GRID_ACTIVE: ('{karts}', 'when in the garage'),
+    CommandKind.GRID_ACTIVE: ('{karts}', 'when the race is in the garage'),
     CommandKind.GREEN_GREEN: ('{karts}', 'after GRID ACTIVE'),
     CommandKind.RED_FLAG: ('stops the race', ''),
-    CommandKind.RACE_OVER: ('stops and ends the race', 'when a race is on'),
+    CommandKind.RACE_OVER: ('stops and ends the race', 'during a race'),
     CommandKind.IN_GARAGE: ('{karts}', 'after RACE OVER or ALL KILL'),
     CommandKind.RECORD_MSR: ('also stops every kart', ''),
 }
@@ -92,11 +85,11 @@ WAITS_FOR = 'waiting for '
 WRONG_STATE = 'the race is in '
 """The first words of those reasons of race control that such a phrase replaces."""
 
-READY = '{ready} of {count} ready: not {numbers}'
-MISSING = 'not yet: {numbers}'
+READY = '{ready} of {count} ready: waiting for {numbers}'
+MISSING = 'waiting for {numbers}'
 NOBODY_RACES = 'no kart is in the race'
 RACE_CLOCK = 'GREEN for {age}'
-COMMANDED_BY = 'by {names}'
+COMMANDED_BY = 'officials: {names}'
 OVER = 'race over'
 ALL_LOST = '✗ ALL KARTS LOST'
 NONE_CONNECTED = '? NO KART CONNECTED'
@@ -112,19 +105,18 @@ OTHERWISE = {
 
 HUMANS_ALLOWED = '✓ HUMANS ALLOWED'
 HUMANS_BY_MSR = '✓ HUMANS ALLOWED BY THE MSR'
-HUMANS_BY_MSR_REASON = '{reason}, and it alone stops {karts}: leave it on'
+HUMANS_BY_MSR_REASON = '{reason}. Only the MSR stops {karts}: leave it on'
 HUMANS_NOT_ALLOWED = '✗ NO HUMANS ON TRACK'
 HUMANS_NOT_KNOWN = '? NO HUMANS: NOT KNOWN'
 HUMANS_UNKNOWN = '? NO KART CONNECTED'
 HUMANS_UNKNOWN_REASON = 'race control cannot tell what the karts do: check each one'
 TRACK_OPEN = '⚠ TRACK IS OPEN'
-TRACK_CLOSED = 'Track is not open'
+TRACK_CLOSED = 'Track is closed'
 
-ALERTS_UNKNOWN = 'Alerts: not known'
+ALERTS_UNKNOWN = '? not known'
 NO_ALERT = '✓ No alerts'
 SEEN = 'SEEN'
 SEEN_ALL = 'ALL SEEN'
-ALERTS = '{told}'
 ALERTS_NEW = '{count} new'
 ALERTS_SEEN = '{count} seen, still there'
 ALERTS_ENDED = '{count} ended'
@@ -142,7 +134,7 @@ MARK_LOST = '✗'
 MARK_YES = '✓'
 MARK_WAIT = '…'
 SOUND_ON = '♪ ON'
-SOUND_OFF = '✗ OFF'
+SOUND_OFF = '♪ OFF'
 
 LOG = 'Events'
 EVERY_KART = 'all karts'
@@ -185,7 +177,7 @@ STOP_UNANSWERED = '{command}: sent {count} times in {age}, {why}. USE THE MSR.'
 NO_ANSWER = 'no answer'
 KEYS_OFF = 'KEYS OFF: click this window'
 KEYS_OFF_LARGE = 'KEYS OFF'
-KEYS_OFF_DETAIL = 'ALL KILL works by the mouse only. Click this window.'
+KEYS_OFF_DETAIL = 'ALL KILL works only with the mouse. Click this window.'
 BROUGHT_FORWARD = '{name} was not sent: the click only brought this window forward. Click again.'
 BATTERY = 'BATTERY {percent} %: plug it in'
 
@@ -212,7 +204,7 @@ AGAIN_IN = '{reason} (again in {seconds} s)'
 ASK_TITLE = '{command}?'
 ASK_STATE = 'I state: {condition}.'
 ASK_YES = 'YES: {condition}'
-ASK_NO = 'NO   (N)'
+ASK_NO = 'NO'
 ASK_WARNING = 'Warning: {warning}.'
 ASK_CHANGED = 'What you are asked to confirm has changed. Press NO and begin again.'
 ASK_AGAIN = '{reason}. Press NO and begin again.'
@@ -227,8 +219,7 @@ RESULTS = 'Places'
 FIELD_KART = 'KART {number}'
 FIELD_BEGUN = '{number} …'
 FIELD_NO_KART = 'NO KART {number}'
-FIELD_EMPTY = ''
-FIELD_TYPE = 'Kart by number: type it'
+FIELD_TYPE = 'Type a kart number'
 FIELD_NOT_YET = 'no kart {number}: keep typing'
 FIELD_NOT_THERE = 'not in the roster'
 FIELD_REFUSAL = 'NO KART {number}'
@@ -253,27 +244,17 @@ NAME_PROMPT = 'Your name, for the record (Enter also sends {command}; Ctrl-C sen
 
 HELP_TITLE = 'Keys'
 HELP_CLOSE = 'CLOSE'
-KEY_HELP = (
-    ('Space bar, F12', 'ALL KILL, always'),
-    ('F2', 'GRID ACTIVE'),
-    ('F3', 'GREEN GREEN'),
-    ('F4', 'RED FLAG'),
-    ('F5', 'RACE OVER'),
-    ('F6', 'IN GARAGE'),
-    ('F7', 'open or close the track'),
+KILL_KEYS = 'Space bar, F12', 'ALL KILL, always'
+CHOSEN_KART = '{commands}: chosen kart'
+OTHER_KEYS = (
     ('F8', 'day, night'),
-    ('F9', 'the MSR was used'),
-    ('F10', 'mark the first alert as seen'),
+    ('F10', 'SEEN: first alert'),
     ('F11', 'sound on, off'),
-    ('A letter', 'FINISH for the kart that shows it'),
-    ('A number, arrows', 'choose a kart: see below ALL KILL'),
-    ('Backspace, Esc', 'delete a digit, the whole number'),
-    ('Ctrl+R, Ctrl+F', 'RED RED, RED FLAG to that kart'),
-    ('Ctrl+G', 'release that kart to the garage'),
-    ('Ctrl+J', 'put that kart into the race, or take it out'),
-    ('Ctrl+H', 'put a heat into the race'),
-    ('Ctrl+L', 'events of that kart only, or of all'),
-    ('Tab, Enter', 'go to the next button, press it'),
+    ('A letter', 'FINISH: its kart'),
+    ('Digits, arrows', 'choose a kart'),
+    ('Backspace, Esc', 'delete a digit, all digits'),
+    ('Ctrl+L', 'events: one kart, all'),
+    ('Tab, Enter', 'next button, press it'),
     ('Y, N', 'answer a question'),
 )
 
@@ -339,12 +320,14 @@ def condition(command: CommandKind, kart: Kart | None, race: Race, statement: st
         return 'teams may go onto the track'
     if command is CommandKind.KART_IN_GARAGE and kart is not None:
         return f'{kart_name(kart)} stands still and may go to its team'
-    return f'{CATALOGUE[command].label} is what I want'
+    if command is CommandKind.KART_UNDO_FINISH and kart is not None:
+        return f'{kart_name(kart)} has not finished'
+    return f'{CATALOGUE[command].label} is right'
 
 
 def in_doubt(race: Race) -> str:
     """Return the karts that may be moving but should not be; empty if there is none."""
-    return kart_numbers([kart.number for kart in race.karts if kart.in_doubt])
+    return kart_numbers([kart for kart in race.karts if kart.in_doubt])
 
 
 def against_humans(race: Race) -> str:
@@ -385,8 +368,9 @@ def warning(command: CommandKind, race: Race, nobody_heard: bool) -> str:
     return ''
 
 
-def kart_numbers(numbers: Sequence[int]) -> str:
+def kart_numbers(karts: Sequence[Kart | int]) -> str:
     """Return karts by their numbers, empty if there are none."""
+    numbers = [each.number if isinstance(each, Kart) else each for each in karts]
     name = 'kart' if len(numbers) == 1 else 'karts'
     return f'{name} {", ".join(map(str, numbers))}' if numbers else ''
 
@@ -415,7 +399,7 @@ def consequences(command: CommandKind, does: Effects, race: Race, kart: Kart | N
         said.append(f'Sends {STATES[does.state]} now to {kart_list(does.now)}.{end}')
     if does.later:
         gets = 'gets it when it connects' if len(does.later) == 1 else 'get it when they connect'
-        said.append(f'Not connected now, {gets}: {kart_list(does.later)}.')
+        said.append(f'Not connected now, {gets}: {kart_numbers(does.later)}.')
     if kart is not None:
         if entry.names_hold and kart.in_race and race.state is not State.IN_GARAGE:
             said.append('Takes it out of the race.')
@@ -425,11 +409,11 @@ def consequences(command: CommandKind, does: Effects, race: Race, kart: Kart | N
     if does.held:
         stays = 'Stays' if len(does.held) == 1 else 'Stay'
         few = does.held if len(does.held) <= FEW else ()
-        who = '; '.join(map(held, few)) or kart_list(does.held)
+        who = '; '.join(map(held, few)) or kart_numbers(does.held)
         said.append(f'{stays} held: {who}.')
     if does.rest and does.state is not State.UNKNOWN:
         stays = 'Stays as it is' if len(does.rest) == 1 else 'Stay as they are'
-        said.append(f'{stays}: {kart_list(does.rest)}.')
+        said.append(f'{stays}: {kart_numbers(does.rest)}.')
     if command is CommandKind.GRID_ACTIVE and any(each.place for each in race.karts):
         said.append('Clears the places of the last race.')
     return said
@@ -511,7 +495,7 @@ def step_does(does: str, karts: Sequence[int]) -> str:
 
 
 def _count(karts: Sequence[int]) -> str:
-    return f'{len(karts)} kart' if len(karts) == 1 else f'{len(karts)} karts'
+    return '1 kart' if len(karts) == 1 else f'{len(karts) or "no"} karts'
 
 
 def by_name(cause: str) -> str:

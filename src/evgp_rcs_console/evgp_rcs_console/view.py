@@ -417,13 +417,7 @@ def danger(race: Race, two: bool) -> Danger | None:
     return None
 
 
-STEP_STATES = {
-    CommandKind.GRID_ACTIVE: State.GRID_ACTIVE,
-    CommandKind.GREEN_GREEN: State.GREEN_GREEN,
-    CommandKind.RED_FLAG: State.RED_FLAG,
-    CommandKind.RACE_OVER: State.RED_RED,
-    CommandKind.IN_GARAGE: State.IN_GARAGE,
-}
+STEP_STATES = {kind: State[CATALOGUE[kind].result.race[0].name] for kind in RACE_COMMANDS}
 """The state of the race that each command to the race leads to."""
 
 PAST = (State.GRID_ACTIVE, State.GREEN_GREEN)
@@ -591,7 +585,7 @@ def _track(race: Race) -> Cell:
 def _places(race: Race) -> str:
     """Return the places, the first one first."""
     finished = sorted((kart for kart in race.karts if kart.place), key=lambda kart: kart.place)
-    return ', '.join(f'{kart.place}. {texts.kart_name(kart)}' for kart in finished)
+    return ', '.join(f'{kart.place}. kart {kart.number}' for kart in finished)
 
 
 def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:

@@ -18,13 +18,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import functools
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console import texts
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.style import FAMILIES, GAP, LEAST, look, RADIUS, SMALL, TEXT
 from evgp_rcs_console.view import Button, Cell, STATE_TONES, STEP_STATES, Tone
+
+Part = TypeVar('Part', bound=QtWidgets.QWidget)
 
 Pressed = Callable[[Button, Button], None]
 """Takes the command that a button had when it went down, and the one it has when it is let go."""
@@ -179,7 +181,46 @@ class Pen:
         self.drawn.append(Drawn(text, shown, room, used))
 
 
-class Painted(QtWidgets.QWidget):
+class Area(QtWidgets.QWidget):
+    """A widget whose parts keep their distances from its edges."""
+
+    def __init__(self, name: str = '') -> None:
+        """Have no part."""
+        super().__init__()
+        self.setObjectName(name)
+        self._parts: dict[QtWidgets.QWidget, tuple[float, float, float, float]] = {}
+
+    def put(self, part: Part, left: float, top: float, right: float, bottom: float) -> Part:
+        """
+        Put a part somewhere, or somewhere else, and return it.
+
+        Each number is where an edge of it is, on a 1366 by 768 screen: in pixels from the left or
+        the top; if it is negative, or 0 for the last two, from the right or the bottom.
+        """
+        if part not in self._parts:
+            part.setParent(self)
+        self._parts[part] = left, top, right, bottom
+        self._lay(part)
+        return part
+
+    def _lay(self, part: QtWidgets.QWidget) -> None:
+        left, top, right, bottom = self._parts[part]
+        x = look.px(left) + self.width() * (left < 0)
+        y = look.px(top) + self.height() * (top < 0)
+        wide = look.px(right) + self.width() * (right <= 0) - x
+        part.setGeometry(x, y, wide, look.px(bottom) + self.height() * (bottom <= 0) - y)
+
+    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
+        """Put every part where it belongs."""
+        self.lay_parts()
+
+    def lay_parts(self) -> None:
+        """Put every part where it belongs."""
+        for part in self._parts:
+            self._lay(part)
+
+
+class Painted(Area):
     """
     A widget that draws itself.
 
@@ -188,9 +229,8 @@ class Painted(QtWidgets.QWidget):
 
     def __init__(self, name: str = '') -> None:
         """Be empty."""
-        super().__init__()
+        super().__init__(name)
         self.drawn: list[Drawn] = []
-        self.setObjectName(name)
         self._shown: object = None
 
     @property
@@ -353,7 +393,7 @@ class Push(QtWidgets.QPushButton):
         ink, ground, frame = self.colours()
         if ground:
             pen.box(self.rect(), ground, frame, 1.5)
-        margin = look.px(UNDER_TEXT)
+        margin = look.px(UNDER_TEXT if self.height() < look.px(36) else GAP + UNDER_TEXT)
         room = self.rect().adjusted(margin, look.px(2), -margin, -look.px(2))
         size = TEXT if self.height() > look.px(36) else SMALL
         if self.key and not self.barred:
@@ -441,7 +481,7 @@ class StepButton(CommandButton):
             pen.box(self.rect(), ground or look.palette.card, frame, 3)
         elif ground:
             pen.box(self.rect(), ground, frame, 2)
-        room = self.rect().adjusted(look.px(10), look.px(7), -look.px(10), -look.px(5))
+        room = self.rect().adjusted(look.px(10), look.px(6), -look.px(8), -look.px(3))
         high = look.px(21)
         upper = QtCore.QRect(room.left(), room.top(), room.width(), high)
         wide = look.px(22)
@@ -452,9 +492,3 @@ class StepButton(CommandButton):
         pen.text(key, self.key, look.palette.faint, SMALL, align=RIGHT)
         below = room.adjusted(0, high, 0, 0)
         pen.text(below, button.phrase, look.palette.faint, SMALL, align=TOP, wrap=True)
-
-
-def place(widget: QtWidgets.QWidget, x: float, y: float, width: float, height: float) -> None:
-    """Put a widget somewhere in its parent; the sizes are those of a 1366 by 768 screen."""
-    left, top = look.px(x), look.px(y)
-    widget.setGeometry(left, top, look.px(x + width) - left, look.px(y + height) - top)

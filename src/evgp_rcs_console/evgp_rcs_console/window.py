@@ -23,14 +23,11 @@ from __future__ import annotations
 
 from evgp_protocol import clock
 from evgp_rcs_console import texts
-from evgp_rcs_console.alerts import Alarm
-from evgp_rcs_console.areas import Areas, SeenCommands
-from evgp_rcs_console.display import BottomLine, ChosenKart, Display, Inbox
+from evgp_rcs_console.display import Areas, Display, Inbox
 from evgp_rcs_console.input import Give, Keyboard, LateInput, Mouse, Presses
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import is_night, keep_night, Signature
 from evgp_rcs_console.style import DAY, look, NIGHT
-from evgp_rcs_console.unanswered import Unanswered
 from evgp_rcs_console.view import Tone
 from evgp_rcs_console.widgets import CommandButton, Painted
 
@@ -38,7 +35,7 @@ LOOK = 100
 """Time between two looks at what time has changed, in milliseconds."""
 
 
-class ConsoleWindow(QtWidgets.QWidget):
+class ConsoleWindow(Areas):
     """
     The window of one official.
 
@@ -51,37 +48,30 @@ class ConsoleWindow(QtWidgets.QWidget):
     def __init__(self, inbox: Inbox, give: Give, signature: Signature, looking: str) -> None:
         """Show that race control is being looked for."""
         super().__init__()
-        self.setObjectName('window')
         self.setWindowTitle(texts.TITLE)
         self.setFocusPolicy(QtCore.Qt.FocusPolicy.StrongFocus)
         self._waiting = inbox.waiting
         look.palette = NIGHT if is_night() else DAY
-        seen = SeenCommands(self)
-        self._areas = areas = Areas(self, seen.scrolling)
-        unanswered = Unanswered()
-        self._bottom = bottom = BottomLine(areas.foot.status, unanswered)
-        chosen = ChosenKart(areas.number_field, areas.karts)
-        self._alarm = alarm = Alarm(areas.alerts)
-        display = Display(areas, seen, chosen, alarm, bottom, unanswered, looking)
-        self._display = display
-        presses = Presses(give, signature, areas, chosen, bottom, unanswered, display)
-        self._late = late = LateInput(LOOK / 1000, chosen, bottom)
-        self._mouse = Mouse(areas, seen, presses, late, bottom)
-        self._keyboard = Keyboard(areas, seen, presses, late, chosen, alarm, bottom)
+        self._display = display = Display(self, looking)
+        self._late = LateInput(LOOK / 1000, display)
+        presses = Presses(give, signature, display)
+        self._mouse = Mouse(presses, self._late)
+        self._keyboard = Keyboard(presses, self._late)
+        chosen, alarm, bottom = display.chosen, display.alarm, display.bottom
 
-        areas.pressed.connect(presses.let_go)
+        self.commanded.connect(presses.let_go)
         # On the press, not on the release: a hand that slips off has pressed it all the same.
-        areas.kill.button.pressed.connect(presses.kill)
-        areas.question.answered.connect(presses.answer)
-        areas.events.toggled.connect(presses.toggle_events)
-        areas.foot.name_wanted.connect(presses.open_name)
-        areas.your_name.signed.connect(presses.sign)
-        areas.karts.chosen.connect(chosen.choose_in_sight)
-        areas.karts.wanted.connect(chosen.choose)
-        areas.alerts.seen.connect(alarm.see)
-        areas.alerts.all_seen.connect(alarm.see_all)
-        areas.alerts.mute.connect(alarm.toggle_sound)
-        areas.alerts.changed.connect(lambda: bottom.say(texts.ALERTS_CHANGED, Tone.WAIT))
+        self.kill.button.pressed.connect(presses.kill)
+        self.question.answered.connect(presses.answer)
+        self.events.toggled.connect(presses.toggle_events)
+        self.foot.name_wanted.connect(presses.open_name)
+        self.your_name.signed.connect(presses.sign)
+        self.karts.chosen.connect(chosen.choose_in_sight)
+        self.karts.wanted.connect(chosen.choose)
+        self.alerts.seen.connect(alarm.see)
+        self.alerts.all_seen.connect(alarm.see_all)
+        self.alerts.mute.connect(alarm.toggle_sound)
+        self.alerts.changed.connect(lambda: bottom.say(texts.ALERTS_CHANGED, Tone.WAIT))
         # Queued in any case: the signals come from other threads.
         queued = QtCore.Qt.ConnectionType.QueuedConnection
         inbox.came.connect(self._take_races, queued)
@@ -95,8 +85,8 @@ class ConsoleWindow(QtWidgets.QWidget):
         assert application is not None
         application.installEventFilter(self)
         presses.night.connect(self._toggle_night)
-        areas.foot.show_name(signature.name)
-        areas.fit()
+        self.foot.show_name(signature.name)
+        self.fit()
         self.setFocus()
         self._look()
 
@@ -112,11 +102,11 @@ class ConsoleWindow(QtWidgets.QWidget):
     def _toggle_night(self) -> None:
         look.palette = DAY if look.palette is NIGHT else NIGHT
         keep_night(look.palette is NIGHT)
-        self._areas.fit()
+        self.fit()
 
     def show_battery(self, percent: int | None) -> None:
         """Show that the battery is low, in percent; None: it is not."""
-        self._areas.foot.show_battery(percent)
+        self.foot.show_battery(percent)
 
     def changeEvent(self, event: QtCore.QEvent) -> None:  # noqa: N802 - Qt's name
         """Take that this window has become the active one, or no longer is."""
@@ -142,18 +132,13 @@ class ConsoleWindow(QtWidgets.QWidget):
                 return self._mouse.take(event)
         if isinstance(watched, (CommandButton, Painted)):
             if kind in (QtCore.QEvent.Type.Enter, QtCore.QEvent.Type.FocusIn):
-                self._bottom.point_at(watched)
+                self._display.bottom.point_at(watched)
             elif kind in (QtCore.QEvent.Type.Leave, QtCore.QEvent.Type.FocusOut):
-                self._bottom.leave(watched)
+                self._display.bottom.leave(watched)
         return False
-
-    def resizeEvent(self, event: QtGui.QResizeEvent) -> None:  # noqa: N802 - Qt's name
-        """Take the size of the window."""
-        super().resizeEvent(event)
-        self._areas.fit()
 
     def closeEvent(self, event: QtGui.QCloseEvent) -> None:  # noqa: N802 - Qt's name
         """Tidy up."""
         self._timer.stop()
-        self._alarm.close()
+        self._display.alarm.close()
         super().closeEvent(event)

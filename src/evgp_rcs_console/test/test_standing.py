@@ -17,8 +17,7 @@
 from __future__ import annotations
 
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs_console.commands import Order
-from evgp_rcs_console.unanswered import PRESS_AGAIN, StandingStops
+from evgp_rcs_console.commands import Order, PRESS_AGAIN, StandingStops
 import pytest
 
 STOPS = [kind for kind, entry in CATALOGUE.items() if entry.stop]

@@ -17,8 +17,7 @@
 from __future__ import annotations
 
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs_console.commands import Order
-from evgp_rcs_console.unanswered import LATE, Standing, Unanswered
+from evgp_rcs_console.commands import LATE, Order, Standing, Unanswered
 
 
 def test_the_answer_to_an_older_press_leaves_the_newer_one_waiting() -> None:

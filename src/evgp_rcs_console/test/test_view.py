@@ -305,7 +305,7 @@ def test_the_places_are_told_from_the_first_on_whatever_the_state_of_the_race() 
 
     for state in State:
         screen = show(replace(RACE, karts=karts, state=state), 0.0, {})
-        assert screen.places == '1. kart 2 (Purdue), 2. kart 1 (Purdue)'
+        assert screen.places == '1. kart 2, 2. kart 1'
         assert screen.places in '\n'.join(table(screen, ()))
 
 
@@ -588,7 +588,7 @@ def test_each_command_to_the_race_says_what_was_what_is_and_what_it_waits_for() 
     said = phrases(race)
 
     assert said[CommandKind.GRID_ACTIVE] == 'since 14:31:04'
-    assert said[CommandKind.GREEN_GREEN] == '1 of 2 ready: not 8'
+    assert said[CommandKind.GREEN_GREEN] == '1 of 2 ready: waiting for 8'
     assert said[CommandKind.IN_GARAGE] == 'again in 3 s'
     times = RaceTimes()
     times.take(Event(1, '14:31:04', 0, True, '', race=State.GRID_ACTIVE, at=4.0))
@@ -613,7 +613,7 @@ def test_the_strip_tells_who_is_missing_and_the_row_that_the_msr_is_needed() -> 
     screen = show(replace(RACE, karts=(done, lost), alerts=(told,)), 0.0, {})
 
     assert screen.tally == '1 finished, 1 lost'
-    assert screen.missing == 'not yet: 8'
+    assert screen.missing == 'waiting for 8'
     assert screen.heat == '2 karts'
     assert [row.use_msr for row in screen.rows] == [False, True]
     assert screen.rows[1].note.text.startswith(texts.USE_MSR)

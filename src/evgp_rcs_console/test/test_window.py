@@ -34,10 +34,10 @@ from evgp_rcs_console.freshness import AIM, InputClock, SETTLE
 from evgp_rcs_console.gui import low_battery
 from evgp_rcs_console.input import FORWARD
 from evgp_rcs_console.keys import FORGOTTEN
-from evgp_rcs_console.qt import QtCore, QtWidgets
+from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import Signature
-from evgp_rcs_console.snapshot import Alert, Available, Event, Heat, Race, State, Track
-from evgp_rcs_console.style import BANNER, BLACK, contrast, DAY, FILLS, NIGHT, WHITE, YELLOW
+from evgp_rcs_console.snapshot import Alert, Answer, Available, Event, Heat, Race, State, Track
+from evgp_rcs_console.style import BANNER, BLACK, DAY, FILLS, NIGHT, WHITE, YELLOW
 from evgp_rcs_console.view import FINISH_KEYS
 from evgp_rcs_console.widgets import Painted, Push
 from evgp_rcs_console.window import ConsoleWindow
@@ -100,13 +100,15 @@ class Console:
         assert found is not None, name
         return found
 
-    def press(self, *keys: QtCore.Qt.Key) -> None:
-        """Press keys."""
-        for key in keys:
+    def press(self, *names: str) -> None:
+        """Press keys, by their names in Qt."""
+        for name in names:
+            key = QtGui.QKeySequence(name)[0]
             self.tell(self._race)
             for _ in range(5):  # on a busy machine the window may be held up, and says so
-                self.window._bottom.say('')
-                QtTest.QTest.keyClick(self.window.windowHandle(), key)
+                self.window._display.bottom.say('')
+                handle = self.window.windowHandle()
+                QtTest.QTest.keyClick(handle, key.key(), key.keyboardModifiers())
                 self.settle()
                 said = self.find('status').whole
                 if 'while the window hung' not in said and 'just changed' not in said:
@@ -116,12 +118,25 @@ class Console:
     def click(self, name: str) -> None:
         """Click a widget."""
         self.tell(self._race)
+        self.click_at(self.place(name))
+
+    def place(self, name: str) -> QtCore.QPoint:
+        """Return the middle of a widget, in the window."""
         widget = self.find(name)
-        point = widget.mapTo(self.window, widget.rect().center())
-        button = QtCore.Qt.MouseButton.LeftButton
-        none = QtCore.Qt.KeyboardModifier.NoModifier
-        QtTest.QTest.mouseClick(self.window.windowHandle(), button, none, point)
+        return widget.mapTo(self.window, widget.rect().center())
+
+    def click_at(self, point: QtCore.QPoint, act: str = 'mouseClick') -> None:
+        """Click at a point of the window, or do what else a mouse does."""
+        left, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
+        getattr(QtTest.QTest, act)(self.window.windowHandle(), left, none, point)
         self.settle()
+
+    @property
+    def commands(self) -> list[tuple[CommandKind, int]]:
+        """Return what was sent, and to which kart, and forget it."""
+        found = [(order.command, order.kart) for order in self.sent]
+        self.sent.clear()
+        return found
 
     def close(self) -> None:
         """Close it."""
@@ -263,11 +278,11 @@ def test_nothing_is_cut_overlaps_or_touches_its_frame(
             f'{name}: {each}' for each in (*misfits(console.window), *overlaps(console.window))
         ]
     console.tell(STATES['green'])
-    for key in (QtCore.Qt.Key.Key_F2, QtCore.Qt.Key.Key_F1):
+    for key in ('F2', 'F1'):
         console.press(key)
         console.settle(0.05)
         found += [f'{key}: {each}' for each in misfits(console.window)]
-        console.press(QtCore.Qt.Key.Key_Escape)
+        console.press('Esc')
     console.settle(1.2)
     found += [f'gone: {each}' for each in misfits(console.window)]
     font.setPointSizeF(before)
@@ -287,7 +302,7 @@ def test_no_question_covers_a_stop_of_any_kart(
     console.settle(0.4)
     asked = set()
     for key in ('F2', 'F3', 'F6', 'F7', 'F9'):
-        console.press(getattr(QtCore.Qt.Key, f'Key_{key}'))
+        console.press(key)
         asked.add(console.find('question').button.command)
         covered = []
         for kind in (CommandKind.KART_RED_RED, CommandKind.KART_RED_FLAG):
@@ -307,7 +322,7 @@ def test_no_question_covers_a_stop_of_any_kart(
         console.sent.clear()
         console.click(f'kart_red_flag_{1001 if count > 20 else 1}')
         assert [order.command for order in console.sent] == [CommandKind.KART_RED_FLAG]
-        console.press(QtCore.Qt.Key.Key_N)
+        console.press('N')
     assert asked | {CommandKind.KART_IN_GARAGE, CommandKind.KART_UNDO_FINISH} == set(ASKING)
 
 
@@ -319,6 +334,18 @@ def test_up_to_sixteen_karts_need_no_scrolling_and_more_have_tiles(opened: Any) 
             assert console.find('overview').isVisible() is tiles
             last = console.find(f'kart_{1000 + count if count > 20 else count}')
             assert last.visibleRegion().isEmpty() is tiles
+
+
+def contrast(one: str, other: str) -> float:
+    """Return the contrast of two colours, from 1 to 21, as WCAG 2 defines it."""
+
+    def luminance(colour: str) -> float:
+        parts = [part / 255 for part in bytes.fromhex(colour[1:])]
+        linear = [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in parts]
+        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
+
+    dark, light = sorted((luminance(one), luminance(other)))
+    return (light + 0.05) / (dark + 0.05)
 
 
 @pytest.mark.parametrize('palette', [DAY, NIGHT], ids=['day', 'night'])
@@ -394,17 +421,23 @@ def test_after_a_heat_is_chosen_by_enter_no_button_has_the_focus(opened: Any) ->
     console.click('set_heat')
     assert console.find('heat_1').hasFocus()
 
-    console.press(QtCore.Qt.Key.Key_Return)
+    console.press('Return')
 
     assert [order.command for order in console.sent] == [CommandKind.SET_HEAT]
     assert console.window.hasFocus()
-    console.press(QtCore.Qt.Key.Key_Return)
+    console.press('Return')
     assert len(console.sent) == 1
+    console.press('Ctrl+H', 'Esc')
+    assert not console.find('heats').isVisible()
+    console.window._display.take_answer(console.sent[0], Answer(True, 'so it is'))
+    console.click('set_heat')
+    console.click('heat_2')
+    assert [order.heat for order in console.sent] == ['Heat A', 'Final']
 
 
 def test_day_and_night_are_remembered(opened: Any, tmp_path: pathlib.Path) -> None:
     console = opened()
-    console.press(QtCore.Qt.Key.Key_F8)
+    console.press('F8')
     ends = time.monotonic() + 5
     while not (tmp_path / 'evgp_rcs' / 'night').exists() and time.monotonic() < ends:
         console.settle()
@@ -413,7 +446,7 @@ def test_day_and_night_are_remembered(opened: Any, tmp_path: pathlib.Path) -> No
     console = opened()
 
     assert style.look.palette is NIGHT
-    console.press(QtCore.Qt.Key.Key_F8)
+    console.press('F8')
     assert style.look.palette is DAY
 
 
@@ -513,8 +546,8 @@ def test_no_control_moves_whatever_is_shown(
         console.tell(race)
         compare(f'race {number}')
     console.tell(plain)
-    for key in ('F1', 'F2', 'N', 'F11', 'F4', '5', '8', '7', 'Escape', 'F10', 'F8', 'F8'):
-        console.press(getattr(QtCore.Qt.Key, f'Key_{key}'))
+    for key in ('F1', 'F2', 'N', 'F11', 'F4', '5', '8', '7', 'Esc', 'F10', 'F8', 'F8'):
+        console.press(key)
         compare(key)
     console.settle(1.1)
     compare('race control is gone')
@@ -534,13 +567,10 @@ def test_a_click_just_after_the_roster_changed_hits_no_other_kart(opened: Any, s
     while not in_time and time.monotonic() < ends:
         console, race = opened(), race_of(8)  # to one window Qt's second click looks old
         console.tell(race)
-        button = console.find('kart_red_red_8' if stop else 'kart_finish_8')
-        point = button.mapTo(console.window, button.rect().center())
+        point = console.place('kart_red_red_8' if stop else 'kart_finish_8')
         since = time.monotonic()
         console.tell(without(race, 3))
-        left, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
-        QtTest.QTest.mouseClick(console.window.windowHandle(), left, none, point)
-        console.settle()
+        console.click_at(point)
         in_time = time.monotonic() - since < AIM
 
     assert [order.kart for order in console.sent] == [8] * stop
@@ -553,14 +583,11 @@ def test_a_button_held_down_while_the_rows_move_goes_to_no_other_kart(
 ) -> None:
     console, race = opened(), race_of(8)
     console.tell(race)
-    button = console.find('kart_red_red_8' if stop else 'kart_finish_8')
-    point = button.mapTo(console.window, button.rect().center())
-    left, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
+    point = console.place('kart_red_red_8' if stop else 'kart_finish_8')
 
-    QtTest.QTest.mousePress(console.window.windowHandle(), left, none, point)
+    console.click_at(point, 'mousePress')
     console.tell(without(race, 3))
-    QtTest.QTest.mouseRelease(console.window.windowHandle(), left, none, point)
-    console.settle()
+    console.click_at(point, 'mouseRelease')
 
     assert [order.kart for order in console.sent] == [8] * stop
 
@@ -570,16 +597,16 @@ def test_a_stop_aimed_before_the_list_was_scrolled_goes_to_the_kart_that_stood_t
 ) -> None:
     console = opened()
     console.tell(race_of(30))
-    button = console.find('kart_red_red_1005')
-    point = button.mapTo(console.window, button.rect().center())
+    point = console.place('kart_red_red_1005')
 
-    console.press(*(getattr(QtCore.Qt.Key, f'Key_{digit}') for digit in '1025'))
-    left, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
-    QtTest.QTest.mouseClick(console.window.windowHandle(), left, none, point)
-    console.settle()
+    console.press(*'1025')
+    console.click_at(point)
 
     assert [order.kart for order in console.sent] == [1005]
     assert not console.find('kart_1025').visibleRegion().isEmpty()
+    console.settle(AIM)
+    console.click('kart_red_red_1025')
+    assert console.sent[-1].kart == 1025
 
 
 def test_a_click_in_a_row_that_is_cut_scrolls_nothing(opened: Any) -> None:
@@ -595,10 +622,7 @@ def test_a_click_in_a_row_that_is_cut_scrolls_nothing(opened: Any) -> None:
     )
     left, top, _, _ = before[f'kart_{cut}']
 
-    button, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
-    point = QtCore.QPoint(left + 20, top + 2)
-    QtTest.QTest.mouseClick(console.window.windowHandle(), button, none, point)
-    console.settle()
+    console.click_at(QtCore.QPoint(left + 20, top + 2))
 
     assert console.find('number').whole == f'KART {cut}'
     assert places(console)['kart_1001'] == before['kart_1001']
@@ -609,7 +633,7 @@ def test_join_by_key_is_not_sent_as_leave_when_another_official_was_faster(opene
     inside = race_of(8, State.IN_GARAGE)
     outside = replace(inside, karts=tuple(replace(kart, in_race=False) for kart in inside.karts))
     console.tell(outside)
-    console.press(QtCore.Qt.Key.Key_4)
+    console.press('4')
     console.tell(inside)
 
     control = QtCore.Qt.KeyboardModifier.ControlModifier
@@ -625,13 +649,10 @@ def test_the_sheet_of_heats_closes_when_the_heats_change(opened: Any) -> None:
     race = race_of(8, State.IN_GARAGE)
     console.tell(race)
     console.click('set_heat')
-    heat = console.find('heat_1')
-    point = heat.mapTo(console.window, heat.rect().center())
+    point = console.place('heat_1')
 
     console.tell(replace(race, heats=(Heat('Heat C', (3,)),)))
-    left, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
-    QtTest.QTest.mouseClick(console.window.windowHandle(), left, none, point)
-    console.settle()
+    console.click_at(point)
 
     assert not console.find('heats').isVisible()
     assert not console.sent
@@ -640,16 +661,13 @@ def test_the_sheet_of_heats_closes_when_the_heats_change(opened: Any) -> None:
 def test_a_number_that_is_not_in_the_roster_is_said_so_and_stops_no_kart(opened: Any) -> None:
     console = opened()
     console.tell(race_of(8))
-    control = QtCore.Qt.KeyboardModifier.ControlModifier
-
-    console.press(QtCore.Qt.Key.Key_7, QtCore.Qt.Key.Key_2)
+    console.press('7', '2')
     assert console.find('number').whole == 'NO KART 72'
-    QtTest.QTest.keyClick(console.window.windowHandle(), QtCore.Qt.Key.Key_R, control)
-    console.settle()
+    console.press('Ctrl+R')
 
     assert not console.sent
     assert 'RED RED WAS NOT SENT' in console.find('status').whole
-    console.press(QtCore.Qt.Key.Key_7, QtCore.Qt.Key.Key_2, QtCore.Qt.Key.Key_Backspace)
+    console.press('7', '2', 'Backspace')
     assert console.find('number').whole == 'KART 7'
     console.settle(FORGOTTEN + 0.2)  # nobody uses it: it is cleared in sight
     assert console.find('number').whole == ''
@@ -663,7 +681,7 @@ def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(open
     race = replace(race, karts=(kart,), alerts=(lost,), track=Track(True, True, 'the MSR', True))
     console.tell(race)
     assert 'ALLOWED BY THE MSR' in console.find('humans').whole
-    assert 'it alone stops kart 1' in console.find('humans_reason').whole
+    assert 'Only the MSR stops kart 1' in console.find('humans_reason').whole
     assert 'only the MSR stops it' in console.find('kart_1').whole
     assert 'USE THE MSR' not in console.find('banner').whole
 
@@ -716,3 +734,149 @@ def test_a_long_event_hides_no_other_one_and_a_command_is_bold(opened: Any) -> N
     assert cursor.charFormat().font().bold()
     display.take_event(Event(3, '14:31:26', 0, True, 'more', 'Anna (pc 2)', True))
     assert log.toPlainText().endswith('more · Anna (pc 2)')  # two windows of one name
+
+
+# ----- stops, names and questions -----------------------------------------------------------
+
+
+KILL = (CommandKind.ALL_KILL, 0)
+KILLS = ('Space', 'F12', 'Ctrl+Space', 'Shift+Space')
+
+
+def test_all_kill_by_key_whichever_widget_has_the_focus(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(2, State.IN_GARAGE))
+    found = set()
+    while console.window.focusWidget().objectName() not in found:
+        found.add(console.window.focusWidget().objectName())
+        for key in KILLS:
+            console.press(key)
+            assert console.commands == [KILL]
+        console.press('Tab')
+
+    assert {'filter', 'log', 'mute', 'kart_finish_1', 'official', 'all_kill'} <= found
+
+
+@pytest.mark.parametrize('question', ['F2', 'F3', 'F6', 'F7', 'F9', '1 Ctrl+G'])
+def test_a_stop_acts_while_a_question_is_open_and_what_changes_ends_the_question(
+    opened: Any, question: str
+) -> None:
+    console, race = opened(), race_of(2)
+    console.tell(race)
+    console.press(*question.split())
+    asked = console.find('question').button
+    for key in KILLS:
+        console.press(key)
+        assert console.commands == [KILL]
+    console.press('2', 'Ctrl+R', 'F4')
+    console.click('kart_red_flag_1')
+    console.click('all_kill')
+    stops = [(CommandKind.KART_RED_RED, 2), (CommandKind.RED_FLAG, 0)]
+    assert console.commands == [*stops, (CommandKind.KART_RED_FLAG, 1), KILL]
+
+    console.tell(race_of(2, State.RED_RED, WHY))
+    assert console.find('yes').isEnabled() is CATALOGUE[asked.command].stop
+    console.tell(race)  # who has looked away is asked again
+    assert console.find('yes').isEnabled() is CATALOGUE[asked.command].stop
+    console.press('A', 'N', 'N')
+    assert not console.find('question').isVisible()
+    assert not console.commands
+
+
+@pytest.mark.parametrize('change', ['another kart', 'no link', 'by hand', 'against it'])
+def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_more_once_it_changes(
+    opened: Any, change: str
+) -> None:
+    track = Track(False, True, 'every kart stands', False)
+    race = race_of(3, State.RED_RED, alerts=(alert(2),), track=track)
+    race = replace(race, commands=dict.fromkeys(EVERYTHING, Available(True, karts=(1, 2))))
+    console = opened()
+    console.tell(race)
+    console.press(*('1 Ctrl+G' if change == 'by hand' else 'F6').split())
+    assert 'to 2 karts: 1, 2' in console.find('question_consequence').whole or change == 'by hand'
+    warning = console.find('question_warning')
+    assert f'kart 2 ({NAME})' in warning.whole
+    assert warning.property('tone') == 'bad'
+
+    first, *rest = race.karts
+    three = dict.fromkeys(EVERYTHING, Available(True, karts=(1, 2, 3)))
+    stated = dict.fromkeys(EVERYTHING, Available(True, statement='it was made safe'))
+    other = {
+        'another kart': replace(race, commands=three),
+        'no link': replace(race, karts=(replace(first, connected=False), *rest)),
+        'by hand': replace(race, karts=(replace(first, commands=stated), *rest)),
+        'against it': replace(race, alerts=(alert(3),)),
+    }[change]
+    console.tell(other)
+
+    assert console.find('question_problem').whole == texts.ASK_CHANGED
+    assert not console.find('yes').isEnabled()
+    for part in ('consequence', 'warning', 'statement'):
+        assert not console.find(f'question_{part}').isVisible()
+    console.press('Y')
+    assert not console.commands
+
+
+def test_the_letters_that_answer_a_question_finish_no_kart(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(16))
+    console.press('F9', 'N', 'N', 'Y')
+    assert not console.commands
+    console.press('A')
+    assert console.commands == [(CommandKind.KART_FINISH, 1)]
+
+
+def test_a_name_is_letters_while_it_is_typed_and_every_other_key_does_what_it_does(
+    opened: Any,
+) -> None:
+    console = opened()
+    console.tell(race_of(2))
+    console.click('official')
+    console.press('A')
+    for keys, stop in (
+        *((key, KILL) for key in KILLS),
+        ('1 Ctrl+R', (CommandKind.KART_RED_RED, 1)),
+        ('F4', (CommandKind.RED_FLAG, 0)),
+    ):
+        console.press(*keys.split())
+        assert console.commands == [stop]
+    console.press('B')
+    assert console.find('name').whole.startswith('Annaab')
+    console.press('Esc')
+    assert not console.find('your_name').isVisible()
+
+    console.press('B')
+
+    assert console.commands == [(CommandKind.KART_FINISH, 2)]
+
+
+def test_every_command_by_key_ends_the_number_that_was_typed(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(9))
+
+    console.press('7', 'Ctrl+F', '2', 'Ctrl+R', 'Ctrl+R')
+
+    assert console.commands == [(CommandKind.KART_RED_FLAG, 7), (CommandKind.KART_RED_RED, 2)]
+
+
+def test_a_command_that_is_not_possible_says_why_when_pointed_at_focused_and_pressed(
+    opened: Any,
+) -> None:
+    console = opened(1920, 1080)
+    console.tell(race_of(2, State.GRID_ACTIVE, WHY))
+    green, status = console.find('green_green'), console.find('status')
+    why, handle = f'GREEN GREEN: {WHY}', console.window.windowHandle()
+    assert green.barred
+
+    for act in (
+        lambda: QtTest.QTest.mouseMove(handle, console.place('green_green')),
+        lambda: green.setFocus(),
+        lambda: console.click('green_green'),
+        lambda: console.press('F3'),
+    ):
+        console.window.setFocus()
+        console.window._display.bottom.say('')
+        act()
+        console.settle()
+        assert status.whole.startswith(why)
+    assert not console.sent

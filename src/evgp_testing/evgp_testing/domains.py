@@ -12,15 +12,84 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""ROS domains that nobody else on this machine uses at the same time."""
+"""
+ROS domains and TCP ports that nobody else on this machine uses at the same time.
+
+A bridge keeps looking for its race control at the same port, and all tests use the same kart
+addresses. If the system gave that port to another test, the bridge would connect to the wrong race
+control.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+import functools
+import itertools
+import pathlib
+import random
+import socket
+
 from evgp_testing.part import Part
-from evgp_testing.ports import take_one
 
 # Above 101 the ports of a domain reach into those the system gives out by itself.
 _DOMAINS = range(20, 60)
+
+_BLOCK = 100
+
+# Above the ports of the domains, below those the system gives out by itself.
+_BLOCKS = range(24000, 32000, _BLOCK)
+
+
+def take_one(what: str, numbers: Sequence[int]) -> tuple[int, socket.socket]:
+    """
+    Return a number that nobody has, and its lock, which is let go by closing it.
+
+    An abstract socket is the lock: the kernel lets it go with the process, however that ends. Like
+    a port, it belongs to one network namespace.
+
+    :param what: is numbered.
+    :raises RuntimeError: if every number is taken.
+    """
+    # Any, and not the first: in one that was let go just now, something may still be ending.
+    for number in random.SystemRandom().sample(numbers, len(numbers)):
+        lock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            lock.bind(f'\0evgp-{what}-{number}')
+        except OSError:
+            lock.close()
+            continue
+        return number, lock
+    raise RuntimeError(f'every {what} of {numbers} is in use')
+
+
+@functools.cache
+def _own_ports(namespace: int) -> Iterator[int]:
+    """
+    Return the ports that are this process's until it ends, each in its turn, without end.
+
+    :param namespace: the network namespace of this thread: there the lock is, and counts.
+    """
+    first, lock = take_one('ports', _BLOCKS)
+    lock.detach()  # closed by the kernel, when the process ends
+    return itertools.cycle(range(first, first + _BLOCK))
+
+
+def free_port() -> int:
+    """
+    Return a port that nobody listens at, and that no other process gets from here.
+
+    It comes again once this process has been given all the others of its own.
+
+    :raises RuntimeError: if every port is taken.
+    """
+    ports = _own_ports(pathlib.Path('/proc/thread-self/ns/net').stat().st_ino)
+    for number in itertools.islice(ports, _BLOCK):
+        try:
+            socket.create_server(('127.0.0.1', number)).close()
+        except OSError:
+            continue
+        return number
+    raise RuntimeError('somebody listens at every port of this process')
 
 
 class Domain(Part):

@@ -17,7 +17,7 @@ The judge of what was on the wire: by what karts are sent and say, and how calls
 
 Rules of what lives here:
 
-- Nothing of race control is used but the names of its commands, its rules least of all. What is
+- Nothing of race control is used but its catalogue of commands, its rules least of all. What is
   known are the frames that arrived, the frames that were said, when connections began and ended,
   and officials' calls.
 - No clock, socket or ROS: every input brings its time, s of one monotonic clock. Inputs may come
@@ -36,13 +36,13 @@ a floor only if it arrived after the one and was read before the other.
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 import heapq
 import itertools
 import threading
 
-from evgp_rcs.catalogue import CATALOGUE
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 
 # Loosest first.
 STRICTNESS: dict[str, int] = {
@@ -54,16 +54,22 @@ STRICTNESS: dict[str, int] = {
 }
 REDS = ('RED_FLAG', 'RED_RED')
 
-STOPS = tuple(entry.service for entry in CATALOGUE.values() if entry.stop)
-# Membership and the track are no commands to karts: they leave GRID_ACTIVE the last one (§4.B).
-BOOKKEEPING = ('set_in_race', 'set_track_open')
+MEMBERSHIP = (CommandKind.SET_HEAT, CommandKind.JOIN_RACE, CommandKind.LEAVE_RACE)
+# They are no commands to karts: they leave GRID_ACTIVE the last one (§4.B).
+BOOKKEEPING = (
+    *MEMBERSHIP,
+    CommandKind.OPEN_TRACK,
+    CommandKind.CLOSE_TRACK,
+    CommandKind.KART_UNDO_FINISH,
+)
 
-EXPLAINS: dict[tuple[str, str], tuple[str, ...]] = {
-    ('IN_GARAGE', 'GRID_ACTIVE'): ('grid_active',),
-    ('GRID_ACTIVE', 'GREEN_GREEN'): ('green_green',),
-    ('GRID_ACTIVE', 'IN_GARAGE'): ('in_garage',),
-    ('RED_FLAG', 'IN_GARAGE'): ('in_garage', 'kart/in_garage'),
-    ('RED_RED', 'IN_GARAGE'): ('in_garage', 'kart/in_garage'),
+RELEASES = (CommandKind.IN_GARAGE, CommandKind.KART_IN_GARAGE)
+EXPLAINS: dict[tuple[str, str], tuple[CommandKind, ...]] = {
+    ('IN_GARAGE', 'GRID_ACTIVE'): (CommandKind.GRID_ACTIVE,),
+    ('GRID_ACTIVE', 'GREEN_GREEN'): (CommandKind.GREEN_GREEN,),
+    ('GRID_ACTIVE', 'IN_GARAGE'): (CommandKind.IN_GARAGE,),
+    ('RED_FLAG', 'IN_GARAGE'): RELEASES,
+    ('RED_RED', 'IN_GARAGE'): RELEASES,
 }
 """What loosens, and the commands one of which must explain it; nothing else may loosen."""
 
@@ -95,14 +101,12 @@ class Call:
     An official's call.
 
     :param statement: what the official stated, where the command asks for it.
-    :param in_race: of ``set_in_race``: whether to join.
     :param ended: when it was answered, s; ``None`` while it is not.
     """
 
-    command: str
+    command: CommandKind
     kart: int | None
     statement: bool
-    in_race: bool
     began: float
     ended: float | None = None
     success: bool = False
@@ -110,7 +114,8 @@ class Call:
 
     def __str__(self) -> str:
         """Return what an official would call it."""
-        return self.command if self.kart is None else f'{self.command} {self.kart}'
+        name = self.command.value
+        return name if self.kart is None else f'{name} {self.kart}'
 
 
 @dataclass
@@ -178,10 +183,15 @@ class Judge:
     :param in_race: the karts that are in the race at first.
     :param others: the other karts of the roster.
     :param now: the time, s.
+    :raises LookupError: if the catalogue has a command of which nothing here says what it does.
     """
 
     def __init__(self, in_race: Iterable[int], others: Iterable[int], now: float) -> None:
         """Begin with a race in the garage."""
+        self._stops = {kind: _least_red(kind) for kind in CATALOGUE if CATALOGUE[kind].overtakes}
+        unknown = CATALOGUE.keys() - self._stops.keys() - SEEN.keys()
+        if unknown:
+            raise LookupError(f'what do karts see of {", ".join(each.value for each in unknown)}?')
         self.violations: list[Violation] = []
         self.judged: Counter[str] = Counter()
         self._karts = {number: _Kart(number, True, now) for number in in_race}
@@ -190,7 +200,7 @@ class Judge:
         self._inputs: list[tuple[float, int, str, tuple[object, ...]]] = []
         self._order = itertools.count()
         self._unanswered: list[Call] = []
-        self._accepted: dict[str, deque[Call]] = {}
+        self._accepted: dict[CommandKind, deque[Call]] = {}
         self._race_floor: _Floor | None = None
         self._under_way: float | None = None
         self._grid: Call | None = None
@@ -343,7 +353,8 @@ class Judge:
         ]
         if not explaining:
             rule = 'unexplained GREEN_GREEN' if state == 'GREEN_GREEN' else 'unexplained change'
-            self._violated(rule, at, f'{change}, and no {" or ".join(commands)} was accepted')
+            names = ' or '.join(command.value for command in commands)
+            self._violated(rule, at, f'{change}, and no {names} was accepted')
             return
         if state == 'GREEN_GREEN':
             if kart.red:
@@ -407,7 +418,7 @@ class Judge:
         if not call.success:
             return
         self._accepted.setdefault(call.command, deque(maxlen=500)).append(call)
-        if call.command == 'in_garage':
+        if call.command is CommandKind.IN_GARAGE:
             for kart in self._karts.values():
                 self._settle_loss(kart, at)
                 if kart.hold is not None:
@@ -416,51 +427,49 @@ class Judge:
                 kart.freed = at
             self._race_floor = None
             self._under_way = None
-        elif call.command == 'kart/in_garage':
+        elif call.command is CommandKind.KART_IN_GARAGE:
             kart = self._karts[self._number(call)]
             kart.hold = kart.suspended = None
             kart.red = False
             kart.freed = at
             if 'out of the race' in call.message:
                 kart.member = None
-        elif call.command == 'set_in_race':
-            self._karts[self._number(call)].member = None
+        elif call.command in MEMBERSHIP:
+            for kart in self._karts.values():
+                if call.kart in (None, kart.number):
+                    kart.member = None
 
     def _call_ended(self, at: float, call: Call) -> None:
         """From here on the call is certainly in force."""
-        if call.command in STOPS and not call.success:
+        if CATALOGUE[call.command].stop and not call.success:
             self._violated('stop refused', at, f'{call}: {call.message}')
         if not call.success:
             return
-        judge = getattr(self, f'_accepted_{call.command.replace("/", "_")}', None)
-        if judge is not None:
-            judge(at, call)
+        if call.command in self._stops:
+            self._stopped(at, call)
+        else:
+            SEEN[call.command](self, at, call)
         # A command that may have come before GRID_ACTIVE says nothing.
         if (
-            call.command not in (*BOOKKEEPING, 'grid_active')
+            call.command not in (*BOOKKEEPING, CommandKind.GRID_ACTIVE)
             and self._grid is not None
             and call.began > (self._grid.ended or 0.0)
         ):
             self._grid = None
 
-    def _accepted_all_kill(self, at: float, call: Call) -> None:
-        self._race_red(at, call, 'RED_RED')
-        for kart in self._karts.values():
-            self._tighten(kart, at, call, 'RED_RED')
+    def _stopped(self, at: float, call: Call) -> None:
+        """Take note of what the catalogue says of a stop: to whom, and at least which red."""
+        entry = CATALOGUE[call.command]
+        state = self._stops[call.command]
+        if not entry.to_one_kart:
+            self._race_red(at, call, state)
+        if entry.to_one_kart or (entry.stop and state == 'RED_RED'):
+            for kart in self._karts.values():
+                if call.kart in (None, kart.number):
+                    self._tighten(kart, at, call, state)
 
-    _accepted_record_msr = _accepted_all_kill
-
-    def _accepted_red_flag(self, at: float, call: Call) -> None:
-        self._race_red(at, call, 'RED_FLAG')
-
-    def _accepted_race_over(self, at: float, call: Call) -> None:
-        self._race_red(at, call, 'RED_RED')
-
-    def _accepted_kart_red_red(self, at: float, call: Call) -> None:
-        self._tighten(self._karts[self._number(call)], at, call, 'RED_RED')
-
-    def _accepted_kart_red_flag(self, at: float, call: Call) -> None:
-        self._tighten(self._karts[self._number(call)], at, call, 'RED_FLAG')
+    def _unseen(self, at: float, call: Call) -> None:
+        """No kart is sent anything at once, or nobody here knows which one."""
 
     def _accepted_grid_active(self, at: float, call: Call) -> None:
         self._grid = call
@@ -505,7 +514,7 @@ class Judge:
                     at,
                     f'{call}, and kart {kart.number} has not said GRID_ACTIVE since it was sent',
                 )
-        if not self._overlapped(call, ('in_garage',)):
+        if not self._overlapped(call, (CommandKind.IN_GARAGE,)):
             self._under_way = at
 
     def _accepted_in_garage(self, at: float, call: Call) -> None:
@@ -533,11 +542,11 @@ class Judge:
                 'not stated', at, f'{call}, neither acknowledged nor "made safe by hand"'
             )
 
-    def _accepted_set_in_race(self, at: float, call: Call) -> None:
+    def _accepted_membership(self, at: float, call: Call) -> None:
         kart = self._karts[self._number(call)]
-        kart.member = call.in_race
+        kart.member = call.command is CommandKind.JOIN_RACE
         kart.member_since = at
-        if call.in_race and self._under_way is not None and self._under_way < call.began:
+        if kart.member and self._under_way is not None and self._under_way < call.began:
             self._violated('not from the garage', at, f'{call} joins a race under way')
 
     # ----- what calls have in common ------------------------------------------------------
@@ -556,7 +565,7 @@ class Judge:
         )
 
     def _race_red(self, at: float, call: Call, state: str) -> None:
-        if self._overlapped(call, ('in_garage',)):
+        if self._overlapped(call, (CommandKind.IN_GARAGE,)):
             return
         if self._under_way is None:
             self._under_way = at
@@ -564,7 +573,7 @@ class Judge:
             self._race_floor = _Floor(state, at, str(call))
 
     def _tighten(self, kart: _Kart, at: float, call: Call, state: str) -> None:
-        if not self._overlapped(call, ('in_garage', 'kart/in_garage'), kart.number):
+        if not self._overlapped(call, RELEASES, kart.number):
             self._hold(kart, state, at, str(call))
 
     def _hold(self, kart: _Kart, state: str, at: float, cause: str) -> None:
@@ -579,7 +588,9 @@ class Judge:
         if lost is not None and lost + NOTICE < at and self._was_lost_under_way(kart, lost):
             self._hold(kart, 'RED_RED', lost + NOTICE, 'it was lost in a race under way')
 
-    def _overlapped(self, call: Call, commands: tuple[str, ...], kart: int | None = None) -> bool:
+    def _overlapped(
+        self, call: Call, commands: tuple[CommandKind, ...], kart: int | None = None
+    ) -> bool:
         """Return whether such a call may have come after this one, though it began before."""
         return any(
             (other.ended or 0.0) > call.began
@@ -600,3 +611,28 @@ class Judge:
 
     def _violated(self, rule: str, at: float, text: str) -> None:
         self.violations.append(Violation(rule, at, text))
+
+
+SEEN: dict[CommandKind, Callable[[Judge, float, Call], None]] = {
+    CommandKind.GRID_ACTIVE: Judge._accepted_grid_active,
+    CommandKind.GREEN_GREEN: Judge._accepted_green_green,
+    CommandKind.IN_GARAGE: Judge._accepted_in_garage,
+    CommandKind.KART_IN_GARAGE: Judge._accepted_kart_in_garage,
+    CommandKind.JOIN_RACE: Judge._accepted_membership,
+    CommandKind.LEAVE_RACE: Judge._accepted_membership,
+    CommandKind.SET_HEAT: Judge._unseen,
+    CommandKind.OPEN_TRACK: Judge._unseen,
+    CommandKind.CLOSE_TRACK: Judge._unseen,
+    CommandKind.KART_FINISH: Judge._unseen,
+    CommandKind.KART_UNDO_FINISH: Judge._unseen,
+}
+"""What is judged of each command that is accepted and stops nobody."""
+
+
+def _least_red(stop: CommandKind) -> str:
+    """Return the loosest red that is in force after a stop, by the catalogue."""
+    result = CATALOGUE[stop].result
+    after = [state.value for state in (*result.race, *result.hold) if state is not None]
+    if not after or not {*after} <= {*REDS}:
+        raise LookupError(f'the catalogue does not say which red {stop.value} brings')
+    return min(after, key=STRICTNESS.__getitem__)

@@ -147,7 +147,7 @@ class Official(RosSide):
         :raises AssertionError: if race control does not answer in time.
         :raises ValueError: if there is no such command; the text has those that there are.
         """
-        kind_of(service, request)
+        kind = kind_of(service, request)
         if service in SEES:
             self.wait_for_race(lambda race: True, 'a first look at the race')
         request = {
@@ -156,10 +156,9 @@ class Official(RosSide):
             **request,
         }
         call = Call(
-            service,
+            kind,
             request.get('kart'),
             statement=any(value is True for value in request.values()),
-            in_race=bool(request.get('in_race')),
             began=time.monotonic(),
         )
         if self._judge is not None:

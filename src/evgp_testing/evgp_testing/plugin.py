@@ -38,8 +38,6 @@ from evgp_testing.fixtures import (  # noqa: F401 - pytest finds fixtures by nam
 from evgp_testing.process import started
 import pytest
 
-pytest_plugins = ('evgp_testing.dice',)
-
 LAST_WORDS = 1.0
 """Time that the processes of a test that failed have to print why, s. A kart sees its connection
 end before race control, or what is left of it, has said so."""

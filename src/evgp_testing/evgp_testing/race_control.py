@@ -24,7 +24,7 @@ import signal
 from evgp_protocol.states import RaceState
 from evgp_rcs.race import RaceMemory
 from evgp_rcs.record import Record
-from evgp_testing.ports import free_port
+from evgp_testing.domains import free_port
 from evgp_testing.process import freeze, Process
 from evgp_testing.usage import family
 import yaml
