@@ -36,7 +36,7 @@ from evgp_rcs.inputs import CLOSED_BY_KART
 from evgp_rcs.link_quality import LinkMeter, LinkQuality
 
 TICK = 0.01
-"""Longest tick of a kernel's clock, in seconds: its times since something are up to one too long."""
+"""Longest tick of a kernel's clock, in seconds; what it says of a time is off by one at most."""
 
 FRAMES = {state: encode(state) for state in RaceState}
 

@@ -23,12 +23,16 @@ the kart's *kernel* that answers, whether or not the kart's program reads (§2.A
 from __future__ import annotations
 
 from collections import deque
+import math
 from typing import NamedTuple
 
 from evgp_protocol.link import Grade, grade, TcpInfo, WINDOW
 
 EVERY = 1.0
 """Time between two measurements of a link that gets no worse, in seconds."""
+
+POOR_LATELY = 60.0
+"""Time after a link was poor in which GRID_ACTIVE's question names its kart, in seconds."""
 
 _RANK = {each: rank for rank, each in enumerate(Grade)}
 
@@ -56,6 +60,9 @@ class LinkQuality(NamedTuple):
     unanswered: int
     answered_ago: float | None
     worst_gap: float
+
+
+NOT_MEASURED = LinkQuality(Grade.UNKNOWN, math.nan, None, None, 0, 0, 0, None, math.nan)
 
 
 class LinkMeter:

@@ -1016,7 +1016,7 @@ class Race:
         kart.acknowledged = False
         kart.settles_at = None
         kart.reported = None
-        kart.link = None
+        kart.link = kart.delivered_at = kart.acknowledged_at = None
         under_way = kart.in_race and self.state is not IN_GARAGE
         if (under_way or kart.doubt) and kart.lost_since is None:
             kart.lost_since = now
