@@ -367,7 +367,8 @@ class Record:
         ]
         with _transaction(self._database):
             places = ', '.join('?' * (1 + len(_COLUMNS)))
-            self._database.executemany(f'INSERT INTO event VALUES ({places})', rows)
+            insert = f'INSERT INTO event VALUES ({places})'  # noqa: S608 - our own names
+            self._database.executemany(insert, rows)
             self._database.executemany('INSERT INTO input VALUES (?, ?, ?)', blocks)
             if self._rules is not None:
                 rules, setup = self._rules
