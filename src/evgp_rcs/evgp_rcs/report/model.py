@@ -56,7 +56,6 @@ OF_THE_SERVER = frozenset(
     for kind in (
         EventKind.MALFORMED,
         EventKind.REFUSED_CONNECTION,
-        EventKind.SLOW_LINK,
         EventKind.ENDED,
     )
 )

@@ -50,7 +50,9 @@ LESSER = frozenset(
     kind.name
     for kind in (
         EventKind.KART_STATE,
+        EventKind.DELIVERED,
         EventKind.ACKNOWLEDGED,
+        EventKind.LINK_GRADE,
         EventKind.REPORTED,
         EventKind.CONNECTED,
         EventKind.MALFORMED,
