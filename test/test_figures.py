@@ -20,12 +20,14 @@ from typing import Any
 
 from evgp_kart_bridge.node import read_settings as read_bridge_settings
 from evgp_protocol.frames import MAX_FRAME_BYTES
+from evgp_protocol.link import Grade, GRADE_WINDOW, GRADES
 from evgp_rcs.hearing import DEAF, FLOOD, FLOOD_BYTES, QUIET
 from evgp_rcs.kart_client import KART_SERVER_SILENCE
 from evgp_rcs.kart_link import SLOW_ANSWER
 from evgp_rcs.kart_server import ROS_HALF_SILENCE
 from evgp_rcs.race import RaceTimes
 from evgp_rcs.settings import read_settings as read_race_control_settings
+from evgp_rcs_console.view import BEGINS_WITHIN
 import pytest
 import yaml
 
@@ -142,6 +144,11 @@ WRITTEN = [
         r'for (\d+) s after race control was held up',
         RaceTimes().pause_after_held_up,
     ),
+    ('docs/console.md', r'in the last (\d+) s, the kart', GRADE_WINDOW),
+    ('docs/console.md', r'everything in less than ([\d.]+) s', GRADES[Grade.FAIR]),
+    ('docs/console.md', r'it took ([\d.]+) s or more at least once', GRADES[Grade.FAIR]),
+    ('docs/console.md', r'it took ([\d.]+) s or more: a stop', GRADES[Grade.POOR]),
+    ('docs/console.md', r'begin to drive within (\d+) s of GREEN', BEGINS_WITHIN),
     ('docs/wire.md', r'\*\*port (\d+)\*\*', PORT),
     ('docs/wire.md', r"RACE_CONTROL = \('[\d.]+', (\d+)\)", PORT),
     ('docs/wire.md', r'\*\*(\d+) times a second\*\*', RATE),

@@ -450,8 +450,10 @@ def test_links_that_were_poor_are_named_to_whoever_starts_those_karts_and_refuse
 
 
 def test_once_the_race_is_green_for_30_s_it_is_said_that_each_kart_must_have_begun() -> None:
+    driving = replace(KART, sent=State.GREEN_GREEN, acknowledged=True)
+
     def reminder(green_for: float, age: float = 0.0, **changes: object) -> str:
-        kart = replace(KART, **{'sent': State.GREEN_GREEN, 'acknowledged': True, **changes})  # type: ignore[arg-type]
+        kart = replace(driving, **changes)  # type: ignore[arg-type]
         race = replace(RACE, state=State.GREEN_GREEN, state_for=green_for, karts=(kart,))
         screen = show(race, age, {})
         assert screen.reminder in '\n'.join(table(screen, ()))

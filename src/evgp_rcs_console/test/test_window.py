@@ -728,9 +728,8 @@ def test_the_banner_of_race_control_is_at_the_top(opened: Any) -> None:
     console.tell(race_of(1, banner='REHEARSAL'))
     top = console.find('top_line')
     assert top.whole == 'REHEARSAL'
-    assert top.grab().toImage().pixelColor(12, top.height() // 2).name().upper() == (
-        FILLS[style.Tone.BANNER][1]
-    )
+    ground = top.grab().toImage().pixelColor(12, top.height() // 2)
+    assert ground.name().upper() == FILLS[style.Tone.BANNER][1]
     assert console.find('top_line').y() < console.find('state_panel').y()
     assert 'REHEARSAL' in console.window.windowTitle()
 
