@@ -26,7 +26,7 @@ from collections import deque
 import math
 from typing import NamedTuple
 
-from evgp_protocol.link import Grade, grade, GRADE_WINDOW, TcpInfo
+from evgp_protocol.link import Grade, grade, GRADE_WINDOW, GRADES, TcpInfo
 
 EVERY = 1.0
 """Time between two measurements of a link that gets no worse, in seconds."""
@@ -34,7 +34,12 @@ EVERY = 1.0
 POOR_LATELY = 60.0
 """Time after a link was poor in which GRID_ACTIVE's question names its kart, in seconds."""
 
-_RANK = {each: rank for rank, each in enumerate(Grade)}
+_WORSE_FROM = {
+    Grade.GOOD: GRADES[Grade.FAIR],
+    Grade.FAIR: GRADES[Grade.POOR],
+    Grade.POOR: math.inf,
+}
+"""For each grade, the answer with which a link gets worse, in seconds."""
 
 
 class LinkQuality(NamedTuple):
@@ -74,7 +79,7 @@ class LinkMeter:
 
     def __init__(self, now: float) -> None:
         """Begin with a link of which nothing is known."""
-        self._grade = Grade.UNKNOWN
+        self._worse_from = _WORSE_FROM[Grade.GOOD]
         self._measured_at = now
         self._retransmitted = 0
         self._wrote_at = now
@@ -101,8 +106,7 @@ class LinkMeter:
         """
         if now - self._measured_at >= EVERY:
             return True
-        rank = _RANK[grade(self._worst(age, now))]
-        return rank > max(_RANK[self._grade], _RANK[Grade.GOOD])
+        return self._worst(age, now) >= self._worse_from
 
     def measure(
         self, age: float, unanswered: int, info: TcpInfo | None, now: float
@@ -127,7 +131,7 @@ class LinkMeter:
             None if info is None else round(info.since_answer, 4),
             round(max(self._worst_gap, now - self._wrote_at), 4),
         )
-        self._grade = quality.grade
+        self._worse_from = _WORSE_FROM[quality.grade]
         self._measured_at = now
         self._retransmitted = again
         self._worst_gap = 0.0
