@@ -147,6 +147,7 @@ WRITTEN = [
     ('docs/console.md', r'in the last (\d+) s, the kart', GRADE_WINDOW),
     ('docs/console.md', r'everything in less than ([\d.]+) s', GRADES[Grade.FAIR]),
     ('docs/console.md', r'it took ([\d.]+) s or more at least once', GRADES[Grade.FAIR]),
+    ('docs/console.md', r'only if it took ([\d.]+) s or more', GRADES[Grade.FAIR]),
     ('docs/console.md', r'it took ([\d.]+) s or more: a stop', GRADES[Grade.POOR]),
     ('docs/console.md', r'begin to drive within (\d+) s of GREEN', BEGINS_WITHIN),
     ('docs/wire.md', r'\*\*port (\d+)\*\*', PORT),

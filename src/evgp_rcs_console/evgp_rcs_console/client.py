@@ -41,7 +41,7 @@ from evgp_node.graph import bind_graph, EVERY, fence_graph, reachable_at
 from evgp_node.services import service_class
 from evgp_node.spinning import Spinning
 from evgp_protocol.clock import duration, now
-from evgp_protocol.link import Grade
+from evgp_protocol.link import Grade, GRADES
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import Order, PRESS_AGAIN, request, Standing, StandingStops
@@ -117,6 +117,7 @@ def read_event(event: msg.RaceEvent) -> Event:
         is_command=event.kind == msg.RaceEvent.COMMAND,
         race=_state(event.state) if event.kind == msg.RaceEvent.RACE_STATE else State.UNKNOWN,
         at=_seconds(event.stamp),
+        prompt=event.kind == msg.RaceEvent.DELIVERED and event.after < GRADES[Grade.FAIR],
     )
 
 

@@ -513,9 +513,10 @@ class Display(QtCore.QObject):
         self.refresh()
 
     def take_event(self, event: Event) -> None:
-        """Show an event."""
+        """Show an event; that an order arrived in time would only hide others."""
         self._times.take(event)
-        self.areas.events.add(event)
+        if not event.prompt:
+            self.areas.events.add(event)
 
     def take_answer(self, order: Order, answer: Answer) -> None:
         """Show the answer to a command."""

@@ -23,7 +23,16 @@ from evgp_rcs_console import texts
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.style import FILLS, GAP, LARGE, look, SMALL, TEXT
 from evgp_rcs_console.view import Cell, COLUMNS, MOST_BARS, Row, Tone
-from evgp_rcs_console.widgets import CENTER, CommandButton, LEFT, Painted, Pen, Pressed, RIGHT
+from evgp_rcs_console.widgets import (
+    CENTER,
+    CommandButton,
+    font,
+    LEFT,
+    Painted,
+    Pen,
+    Pressed,
+    RIGHT,
+)
 
 Scrolling = Callable[[QtWidgets.QScrollBar], AbstractContextManager[None]]
 """Is entered while the window itself scrolls, with the bar that moves."""
@@ -119,7 +128,9 @@ class KartRow(Painted):
         strong = row.in_race and not self._stale
         self._paint_number(pen, number, row, strong)
         tone = Tone.FAINT if self._stale else row.note.tone
-        upper, lower = _halves(team, bool(row.note.text), row.use_msr)
+        metrics = QtGui.QFontMetrics(font(look.px(SMALL), tone is Tone.BAD))
+        long = urgent or metrics.horizontalAdvance(row.note.text) > team.width()
+        upper, lower = _halves(team, bool(row.note.text), long)
         ink = colours.ink if strong else colours.faint
         pen.text(upper, row.team, ink, TEXT + 1, True, wrap=upper.height() > look.px(30))
         if urgent:

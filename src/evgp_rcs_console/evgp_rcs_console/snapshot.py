@@ -192,6 +192,7 @@ class Event:
     :param is_command: it is an official's command and its answer.
     :param race: the state that the race went to; UNKNOWN if it is about something else.
     :param at: when, by race control's wall clock, in seconds.
+    :param prompt: it is that an order has reached a kart's computer, as quickly as it should.
     """
 
     sequence: int
@@ -203,6 +204,7 @@ class Event:
     is_command: bool = False
     race: State = State.UNKNOWN
     at: float = 0.0
+    prompt: bool = False
 
     @property
     def told(self) -> str:

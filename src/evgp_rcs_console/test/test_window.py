@@ -765,6 +765,8 @@ def test_a_long_event_hides_no_other_one_and_a_command_is_bold(opened: Any) -> N
     assert cursor.charFormat().font().bold()
     display.take_event(Event(3, '14:31:26', 0, True, 'more', 'Anna (pc 2)', True))
     assert log.toPlainText().endswith('more · Anna (pc 2)')  # two windows of one name
+    display.take_event(Event(4, '14:31:27', 1, True, 'it has arrived', prompt=True))
+    assert 'arrived' not in log.toPlainText()
 
 
 # ----- stops, names and questions -----------------------------------------------------------
