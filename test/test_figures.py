@@ -20,9 +20,9 @@ from typing import Any
 
 from evgp_kart_bridge.node import read_settings as read_bridge_settings
 from evgp_protocol.frames import MAX_FRAME_BYTES
+from evgp_protocol.link import Grade, GRADES, WINDOW
 from evgp_rcs.hearing import DEAF, FLOOD, FLOOD_BYTES, QUIET
 from evgp_rcs.kart_client import KART_SERVER_SILENCE
-from evgp_rcs.kart_link import SLOW_ANSWER
 from evgp_rcs.kart_server import ROS_HALF_SILENCE
 from evgp_rcs.race import RaceTimes
 from evgp_rcs.settings import read_settings as read_race_control_settings
@@ -152,9 +152,10 @@ WRITTEN = [
     ('docs/wire.md', r'heard_at >= ([\d.]+):', SILENCE_OF_RACE_CONTROL),
     ('docs/wire.md', r'That is (\d+) missed frames', RATE * SILENCE_OF_RACE_CONTROL),
     ('docs/wire.md', r'silent for (\d+) s after its TCP', QUIET),
-    ('docs/wire.md', r'take more than ([\d.]+) s again', SLOW_ANSWER),
     ('docs/rules.md', r'silent for (\d+) s in between', QUIET),
-    ('docs/rules.md', r'answers after more than ([\d.]+) s', SLOW_ANSWER),
+    ('docs/rules.md', r'took ([\d.]+) s or longer to answer', GRADES[Grade.POOR]),
+    ('docs/rules.md', r'to answer in the last (\d+) s', WINDOW),
+    ('docs/decisions.md', r'begin at ([\d.]+) and', GRADES[Grade.FAIR]),
     ('docs/wire.md', r'reads about (\d+) bytes a beat', FLOOD_BYTES),
     ('docs/wire.md', r'during the flood and for (\d+) s after', DEAF),
     ('docs/wire.md', r'drops it after (\d+) s', FLOOD),

@@ -97,7 +97,13 @@ COLOURS = {
 }
 
 # Who was told what, and acknowledged it, is in the table; as they come, these are enough.
-_NOT_TOLD_LIVE = (msg.RaceEvent.KART_STATE, msg.RaceEvent.ACKNOWLEDGED, msg.RaceEvent.REPORTED)
+_NOT_TOLD_LIVE = (
+    msg.RaceEvent.KART_STATE,
+    msg.RaceEvent.DELIVERED,
+    msg.RaceEvent.ACKNOWLEDGED,
+    msg.RaceEvent.REPORTED,
+    msg.RaceEvent.LINK_GRADE,
+)
 
 
 class Show:
