@@ -26,7 +26,7 @@ from collections import deque
 import math
 from typing import NamedTuple
 
-from evgp_protocol.link import Grade, grade, GRADES, TcpInfo, WINDOW
+from evgp_protocol.link import Grade, grade, GRADE_WINDOW, GRADES, TcpInfo
 
 MEASURE_EVERY = 1.0
 """Time between two measurements of a link that gets no worse, in seconds."""
@@ -47,7 +47,7 @@ class LinkQuality(NamedTuple):
     One measurement of a link. What the kernel does not tell is None; a number of it is 0.
 
     :param worst_answer: the longest that a frame waited for the answer of the kart's kernel in the
-        last ``WINDOW``, or has been waiting, s; the grade goes by it.
+        last ``GRADE_WINDOW``, or has been waiting, s; the grade goes by it.
     :param round_trip: there and back, smoothed by the kernel, s; `variation`: of it, s.
     :param retransmitted: segments sent again, on this connection.
     :param retransmitted_lately: those of them since the measurement before this one.
@@ -138,6 +138,6 @@ class LinkMeter:
         return quality
 
     def _worst(self, age: float, now: float) -> float:
-        while self._longest and now - self._longest[0][0] > WINDOW:
+        while self._longest and now - self._longest[0][0] > GRADE_WINDOW:
             self._longest.popleft()
         return max(age, self._longest[0][1] if self._longest else 0.0)

@@ -16,14 +16,15 @@
 
 from __future__ import annotations
 
-from evgp_protocol.link import Grade, grade, GRADES, TcpInfo, WINDOW
+from evgp_protocol.link import Grade, grade, GRADE_WINDOW, GRADES, TcpInfo
 from evgp_rcs.link_quality import LinkMeter, LinkQuality, MEASURE_EVERY
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
 POOR, FAIR = GRADES[Grade.POOR], GRADES[Grade.FAIR]
-TIMES = st.one_of(st.sampled_from((0.0, 0.05, FAIR, POOR, MEASURE_EVERY, WINDOW)), st.floats(0.0, 30.0))
+SOME_TIMES = st.sampled_from((0.0, 0.05, FAIR, POOR, MEASURE_EVERY, GRADE_WINDOW))
+TIMES = st.one_of(SOME_TIMES, st.floats(0.0, 30.0))
 
 
 def info(retransmitted: int = 0) -> TcpInfo:
@@ -44,7 +45,7 @@ def test_the_grade_goes_by_the_worst_answer_of_the_window(
         meter.answered(took, now)
         all_answers.append((now, took))
         quality = meter.measure(age, 0, info(), now)
-        in_window = [each for at, each in all_answers if now - at <= WINDOW]
+        in_window = [each for at, each in all_answers if now - at <= GRADE_WINDOW]
         assert quality.worst_answer == round(max(age, *in_window), 4)
         assert quality.grade is grade(quality.worst_answer)
 
@@ -74,8 +75,8 @@ def test_a_poor_link_stays_poor_until_the_last_bad_answer_has_left_the_window() 
     meter = LinkMeter(0.0)
     meter.answered(POOR, 1.0)
     meter.answered(0.02, 1.1)
-    assert measured(meter, 1.0 + WINDOW) is Grade.POOR
-    assert measured(meter, 1.05 + WINDOW) is Grade.GOOD
+    assert measured(meter, 1.0 + GRADE_WINDOW) is Grade.POOR
+    assert measured(meter, 1.05 + GRADE_WINDOW) is Grade.GOOD
 
 
 def test_what_is_not_answered_yet_counts_too() -> None:
