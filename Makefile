@@ -5,7 +5,7 @@
 #
 #   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
 #   ARGS='...'          passed on by bench, bridge, console, ctl, demo, fuzz, inspect-kart, inspect-rcs,
-#                       record, rehearsal, soak, test and test-long
+#                       record, rehearsal, soak, survey, test and test-long
 #   WORKERS=8           number of tests that run at the same time; most of the time, most of them wait
 WORKERS := 8
 
@@ -42,10 +42,10 @@ HOST :=
 ODOM :=
 
 .PHONY: help setup demo rehearsal test test-long bench soak fuzz run roster record console ctl bridge \
-  inspect-kart inspect-rcs screenshots lines lint format clean
+  inspect-kart inspect-rcs survey screenshots lines lint format clean
 
 help:
-	@echo 'make demo    set up and show a race: race control, karts and their stacks'
+	@echo 'make demo    set up and run two races by themselves, without a window; checks what happened'
 	@echo 'make rehearsal  train officials: simulated karts, incidents, score  (ARGS="--karts 6")'
 	@echo 'make test    set up and run every test but the long (ARGS="-k roster")'
 	@echo 'make test-long  set up and run the long tests       (ARGS="-k roster")'
@@ -58,6 +58,7 @@ help:
 	@echo "make bridge  on a kart: start its bridge              (HOST=10.0.0.1 ODOM=/odom ARGS='-p ...')"
 	@echo "make inspect-kart  is this kart fit to race? Needs no set-up  (ARGS='--number 7')"
 	@echo "make inspect-rcs   is a race control fit to race?  (ARGS='--driver ros --word ready')"
+	@echo 'make survey  is the WLAN good on the whole track? Needs no set-up'
 	@echo "make console open the officials' window               (OFFICIAL=Anna OFFICIALS=10.1.0.6)"
 	@echo 'make ctl     the same in the terminal                (ARGS="watch" OFFICIALS=10.1.0.6)'
 	@echo 'make lines   count the lines of the product, of tests and tools, and of the documents'
@@ -129,6 +130,10 @@ bridge:
 # Needs nothing but Python: on the computer of whoever inspects karts, nothing may be set up.
 inspect-kart:
 	python3 src/evgp_inspection kart $(ARGS)
+
+# As little: on race control's computer, on the day before.
+survey:
+	python3 src/evgp_inspection survey $(ARGS)
 
 # In the workspace, since the commands may come from our services.
 inspect-rcs:

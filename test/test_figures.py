@@ -18,12 +18,13 @@ import pathlib
 import re
 from typing import Any
 
+from evgp_inspection.limits import SurveyLimits
+from evgp_inspection.survey_network import BEAT, LOST
 from evgp_kart_bridge.node import read_settings as read_bridge_settings
 from evgp_protocol.frames import MAX_FRAME_BYTES
 from evgp_protocol.link import Grade, GRADE_WINDOW, GRADES
 from evgp_rcs.hearing import DEAF, FLOOD, FLOOD_BYTES, QUIET
 from evgp_rcs.kart_client import KART_SERVER_SILENCE
-from evgp_rcs.kart_link import SLOW_ANSWER
 from evgp_rcs.kart_server import ROS_HALF_SILENCE
 from evgp_rcs.race import RaceTimes
 from evgp_rcs.settings import read_settings as read_race_control_settings
@@ -130,9 +131,9 @@ SILENCE_OF_RACE_CONTROL = bridge.defaults['frame_timeout']
 PORT = race_control.defaults['port']
 
 WRITTEN = [
-    ('README.md', r'TCP port (\d+)', PORT),
-    ('README.md', r'(\d+) times a second', RATE),
-    ('README.md', r'If nothing comes for ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
+    ('docs/teams.md', r'TCP port (\d+)', PORT),
+    ('docs/teams.md', r'(\d+) times a second', RATE),
+    ('docs/teams.md', r'(?i)nothing\s+comes\s+for ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
     ('docs/rules.md', r'(\d+) times a second', RATE),
     (
         'docs/rules.md',
@@ -160,9 +161,14 @@ WRITTEN = [
     ('docs/wire.md', r'heard_at >= ([\d.]+):', SILENCE_OF_RACE_CONTROL),
     ('docs/wire.md', r'That is (\d+) missed frames', RATE * SILENCE_OF_RACE_CONTROL),
     ('docs/wire.md', r'silent for (\d+) s after its TCP', QUIET),
-    ('docs/wire.md', r'take more than ([\d.]+) s again', SLOW_ANSWER),
+    ('docs/network.md', r'A frame is sent every ([\d.]+) s', BEAT),
+    ('docs/network.md', r'hears (?:none|nothing) for ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
+    ('docs/network.md', r'not answered for ([\d.]+) s', race_control.defaults['send_timeout']),
+    ('docs/network.md', r'gives a kart up after\s+the\s+same ([\d.]+) s', LOST),
     ('docs/rules.md', r'silent for (\d+) s in between', QUIET),
-    ('docs/rules.md', r'answers after more than ([\d.]+) s', SLOW_ANSWER),
+    ('docs/rules.md', r'took ([\d.]+) s or longer to answer', GRADES[Grade.POOR]),
+    ('docs/rules.md', r'to answer in the last (\d+) s', GRADE_WINDOW),
+    ('docs/decisions.md', r'\*poor\* begin at\s+([\d.]+) s', GRADES[Grade.FAIR]),
     ('docs/wire.md', r'reads about (\d+) bytes a beat', FLOOD_BYTES),
     ('docs/wire.md', r'during the flood and for (\d+) s after', DEAF),
     ('docs/wire.md', r'drops it after (\d+) s', FLOOD),
@@ -193,14 +199,29 @@ def test_the_rules_have_the_delays_of_the_places() -> None:
     assert delays == race_control.defaults['finish_delays']
 
 
-def test_every_test_that_the_safety_document_names_is_there() -> None:
-    tests = [*ROOT.glob('test/*.py'), *ROOT.glob('src/*/test/*.py')]
-    there = re.findall(r'def (\w+)\(', '\n'.join(map(pathlib.Path.read_text, tests)))
-    rows = ''.join(re.findall(r'^\|.*', text_of('docs/safety.md'), re.MULTILINE))
-    named = re.findall(r'\*([\w…]*_[\w…]*)\*', rows)
-    assert len(named) > 90
-    patterns = [rf'(test_)?{each.replace("…", ".*")}' for each in named]
-    assert [each for each in patterns if not any(re.fullmatch(each, name) for name in there)] == []
+def test_the_survey_plays_race_control_as_it_is() -> None:
+    assert pytest.approx(1 / RATE) == BEAT
+    assert race_control.defaults['send_timeout'] == LOST
+
+
+def test_the_network_document_has_the_limits_of_the_survey() -> None:
+    rows = re.findall(
+        r'^\| [^|]+ \| ([\d.]+)(?: s)? \| `--([\w-]+)` \|',
+        text_of('docs/network.md'),
+        re.MULTILINE,
+    )
+    limits = dataclasses.asdict(SurveyLimits())
+    assert {name.replace('-', '_'): float(limit) for limit, name in rows} == limits
+
+
+def test_the_network_document_has_the_words_for_a_link() -> None:
+    rows = dict(
+        re.findall(
+            r'^\| (good|fair|poor) \| (?:below|from) ([\d.]+) s', text_of('docs/network.md'), re.M
+        )
+    )
+    below, fair, poor = (float(rows[each]) for each in ('good', 'fair', 'poor'))
+    assert (below, fair, poor) == (GRADES[Grade.FAIR], GRADES[Grade.FAIR], GRADES[Grade.POOR])
 
 
 def test_the_times_of_a_race_are_parameters_by_the_same_name_and_default() -> None:

@@ -331,7 +331,7 @@ def test_a_second_official_sees_and_stops_the_race_from_another_machine_by_the_l
     roster.write_text('karts:\n- {number: 1, team: A, address: 10.77.0.101, in_race: true}\n')
     record = tmp_path / 'record.sqlite3'
     parameters.write_text(f'/**:\n  ros__parameters:\n    record: {record}\n')
-    # Its own addresses on each machine, as docs/console.md has it.
+    # Its own addresses on each machine, as docs/operations.md has it.
     files = f'ROSTER={roster}', f'PARAMS={parameters}'
     with networks.own.inside():
         control = make(domain, 'run', *files, f'OFFICIALS={OFFICIALS}', f'ADDRESS={KARTS}')

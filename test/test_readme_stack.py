@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""README's stack as it stands, on a kart that takes its time to stop."""
+"""The stack of docs/teams.md as it stands, on a kart that takes its time to stop."""
 
 from __future__ import annotations
 
@@ -143,9 +143,9 @@ def test_the_bridge_lets_no_stack_acknowledge_a_stop_while_odometry_shows_motion
     assert max((speed for kart in karts for _, speed in kart.rolling), default=0.0) < 1.0
 
 
-def test_readme_shows_the_stack_as_it_is() -> None:
-    readme = (ROOT / 'README.md').read_text(encoding='utf-8')
-    shown = re.findall(r'^```python\n(.*?)^```$', readme, re.MULTILINE | re.DOTALL)
+def test_the_document_shows_the_stack_as_it_is() -> None:
+    document = (ROOT / 'docs/teams.md').read_text(encoding='utf-8')
+    shown = re.findall(r'^```python\n(.*?)^```$', document, re.MULTILINE | re.DOTALL)
     program = pathlib.Path(shortest_stack.__file__).read_text(encoding='utf-8')
     licence, quotes, rest = program.partition('"""')
     assert quotes + rest in shown

@@ -187,9 +187,13 @@ def test_karts_with_the_real_bridge_race_beside_the_simulated_ones(
         assert said[1:4] == ['GRID_ACTIVE', 'GREEN_GREEN', 'RED_FLAG']
 
 
-def test_a_kart_of_another_machine_is_refused() -> None:
-    assert rehearse_kart(['--host', '10.0.0.1']) == 2
-    assert rehearse_kart(['--address', '192.168.1.101']) == 2
+@pytest.mark.parametrize(
+    'words', [('--host', '10.0.0.1'), ('--address', '192.168.1.101'), ('--host', 'localhost')]
+)
+def test_a_kart_of_another_machine_is_refused(words: tuple[str, str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        rehearse_kart(words)
+    assert ended.value.code == 2
 
 
 Connect = Callable[[str, int], contextlib.AbstractContextManager[object]]

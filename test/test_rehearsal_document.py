@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""docs/rehearsal.md says of the incidents what the code does."""
+"""docs/rehearsal.md, and docs/teams.md of one kart, say of the incidents what the code does."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ from evgp_rehearsal.incidents import INCIDENTS
 from evgp_rehearsal.rehearse_kart import INCIDENTS as OF_ONE_KART
 from evgp_rehearsal.sheet import HEADINGS, MISTAKES
 
-TEXT = (pathlib.Path(__file__).parents[1] / 'docs' / 'rehearsal.md').read_text(encoding='utf-8')
+DOCS = pathlib.Path(__file__).parents[1] / 'docs'
+TEXT = (DOCS / 'rehearsal.md').read_text(encoding='utf-8')
 
 
 def rows(heading: str) -> list[list[str]]:
@@ -32,14 +33,15 @@ def test_the_columns_of_the_score_sheet_are_explained() -> None:
 
 
 def test_the_incidents_for_one_kart_are_all_named() -> None:
-    _, _, own = TEXT.partition('\n## For teams: your own kart\n')
+    text = (DOCS / 'teams.md').read_text(encoding='utf-8')
+    _, _, own = text.partition('\n## A race for your one kart\n')
     listed = re.search(r'Incidents: (.*?)\. `--port`', own, re.DOTALL)
     assert listed is not None
     assert re.findall(r'`(\w+)`', listed[1]) == list(OF_ONE_KART)
 
 
 def test_what_a_good_official_does_is_in_the_rules_where_the_table_says() -> None:
-    rules = (pathlib.Path(__file__).parents[1] / 'docs' / 'rules.md').read_text(encoding='utf-8')
+    rules = (DOCS / 'rules.md').read_text(encoding='utf-8')
     headings = re.findall(r'^#+ (.*?)(?: \(§.*\))?$', rules, re.MULTILINE)
     for row in INCIDENTS.values():
         (places,) = re.findall(r'\(([^()]*)\)$', row.good)

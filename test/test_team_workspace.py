@@ -1,7 +1,7 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""A team's own packages beside the clone: built by colcon, and run, as docs/testing.md says."""
+"""A team's own packages beside the clone: built by colcon, and run, as docs/teams.md says."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ setup(
     'resource/team_stack': '',
     'team_stack/__init__.py': '',
 }
-"""Its node is README's, as it stands."""
+"""Its node is that of docs/teams.md, as it stands."""
 
 
 PATHS = {'PATH'}
@@ -102,6 +102,12 @@ def blocks(document: str, language: str) -> list[str]:
     """Return the code blocks of a document, in order."""
     text = (ROOT / document).read_text(encoding='utf-8')
     return re.findall(rf'^```{language}\n(.*?)^```$', text, re.MULTILINE | re.DOTALL)
+
+
+def block(language: str, containing: str) -> str:
+    """Return the one code block of docs/teams.md that has this in it."""
+    (found,) = [each for each in blocks('docs/teams.md', language) if containing in each]
+    return found
 
 
 def run(script: str, folder: pathlib.Path) -> str:
@@ -143,22 +149,22 @@ def test_a_workspace_with_messages_of_its_own_builds_beside_the_clone_and_passes
     write(workspace / 'src/team_msgs', MESSAGES)
     write(workspace / 'src/team_stack', STACK)
     (workspace / 'src/team_stack/team_stack/stack.py').write_text(
-        blocks('README.md', 'python')[0], encoding='utf-8'
+        block('python', 'class Stack'), encoding='utf-8'
     )
-    _, example = blocks('docs/testing.md', 'python')
+    example = block('python', 'def test_my_kart')
     assert "'evgp_kart_bridge', 'shortest_stack'" in example
     (workspace / 'test_my_stack.py').write_text(
         example.replace("'evgp_kart_bridge', 'shortest_stack'", "'team_stack', 'team_stack'"),
         encoding='utf-8',
     )
-    testing, building = blocks('docs/testing.md', 'sh')[:2]
     lap = 'python -c "import team_msgs.msg as its; print(its.Lap().state.RED_RED)"'
+    building, testing = block('sh', 'colcon build'), block('sh', 'pytest test_my_stack.py')
     said = run(f'{building}\n$EVGP/setup/in-workspace {lap}\n{testing}', workspace)
     assert '1 passed' in said
 
 
 @pytest.mark.timeout(300)
 def test_the_examples_pass_the_teams_with_the_stack_of_readme(tmp_path: pathlib.Path) -> None:
-    examples = blocks('docs/testing.md', 'python')
+    examples = [*blocks('docs/testing.md', 'python'), block('python', 'def test_my_kart')]
     (tmp_path / 'test_my_stack.py').write_text('\n\n'.join(examples), encoding='utf-8')
-    assert '2 passed' in run(blocks('docs/testing.md', 'sh')[0], tmp_path)
+    assert '2 passed' in run(block('sh', 'pytest test_my_stack.py'), tmp_path)

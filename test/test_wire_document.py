@@ -120,18 +120,6 @@ def test_the_client_of_the_document_drives_a_race_of_the_real_race_control(
             thread.join()
 
 
-def test_the_client_obeys_no_green_without_a_grid_that_it_acknowledged(heard: Heard) -> None:
-    heard.say_for_a_while(GREEN_GREEN)
-    heard.exchange(GRID_ACTIVE)
-    assert GREEN_GREEN not in heard.states
-    heard.exchange(GREEN_GREEN)
-    heard.exchange(RED_RED)
-    heard.states.clear()
-    heard.say_for_a_while(GREEN_GREEN)
-    heard.exchange(RED_RED)
-    assert GREEN_GREEN not in heard.states
-
-
 def test_a_grid_of_the_connection_before_starts_the_client_on_no_other(heard: Heard) -> None:
     heard.exchange(GRID_ACTIVE)
     heard.race.fall_silent()

@@ -15,13 +15,15 @@
 """
 Run the inspection from a clone, with nothing set up: ``python3 src/evgp_inspection kart``.
 
-Python puts this directory on its path, so the package is found; the protocol is its neighbour.
+Python puts this directory on its path, so the package is found. The protocol, and the rule which
+order a word answers, are its neighbours.
 """
 
 import pathlib
 import sys
 
-sys.path.append(str(pathlib.Path(__file__).resolve().parents[1] / 'evgp_protocol'))
+SRC = pathlib.Path(__file__).resolve().parents[1]
+sys.path += [str(SRC / 'evgp_protocol'), str(SRC / 'evgp_rcs')]
 
 if __name__ == '__main__':
     from evgp_inspection.cli import main

@@ -41,6 +41,7 @@ setup(
         'console_scripts': [
             'inspect_kart = evgp_inspection.cli:inspect_kart',
             'inspect_rcs = evgp_inspection.cli:inspect_rcs',
+            'survey_network = evgp_inspection.survey_network:survey_network',
         ],
     },
 )

@@ -49,6 +49,7 @@ from evgp_inspection.odometry import listen
 from evgp_inspection.rcs_clauses import RCS
 from evgp_inspection.recording import first
 from evgp_inspection.report import as_html, as_json, as_junit, Header, summary
+from evgp_inspection.survey_network import survey_network
 from evgp_inspection.verdicts import Clause, NOT_DONE, Result, select
 from evgp_protocol.frames import DEFAULT_PORT
 
@@ -61,12 +62,12 @@ Inspect: TypeAlias = Callable[
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run ``kart`` or ``rcs``."""
+    """Run ``kart``, ``rcs`` or ``survey``."""
     what, *rest = [*(sys.argv[1:] if arguments is None else arguments), '']
-    programs = {'kart': inspect_kart, 'rcs': inspect_rcs}
+    programs = {'kart': inspect_kart, 'rcs': inspect_rcs, 'survey': survey_network}
     if what in programs:
         return programs[what](rest[:-1])
-    print('Say what to inspect: kart or rcs. "kart --help" says more.', file=sys.stderr)
+    print('Say what to do: kart, rcs or survey. "kart --help" says more.', file=sys.stderr)
     return Exit.NOT_PASSED
 
 
@@ -263,15 +264,7 @@ def _parser(
         help='where HTML, JUnit XML and JSON go (%(default)s); empty: nowhere',
     )
     add('--version', action='version', version=VERSION)
-    group = parser.add_argument_group('limits, in seconds unless they say otherwise')
-    for field in dataclasses.fields(limits):
-        group.add_argument(
-            f'--{field.name.replace("_", "-")}',
-            type=float,
-            default=field.default,
-            metavar='X',
-            help=f'{field.metadata["meaning"]} (%(default)s)',
-        )
+    limits.add_to(parser)
     return parser
 
 
@@ -283,9 +276,8 @@ def _inspect(
     inspect: Inspect,
 ) -> int:
     """Do what the options say, from the word to the report; return the exit code."""
-    fields = dataclasses.fields(limits_type)
     try:
-        limits = limits_type(**{field.name: getattr(options, field.name) for field in fields})
+        limits = limits_type.taken_from(options)
         explained = select(clauses, options.explain) if options.explain else ()
         clauses = select(clauses, options.only)
     except ValueError as error:

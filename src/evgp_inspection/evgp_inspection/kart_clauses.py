@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from evgp_inspection import kart_judges as judge
 from evgp_inspection.kart_judges import GREEN_GREEN, GRID_ACTIVE, RED_FLAG, RED_RED
-from evgp_inspection.verdicts import Clause, DISCONNECTED, proposal, wire
+from evgp_inspection.verdicts import Clause, DISCONNECTED, proposal, says_frames, wire
 
 KILLING_STEPS = ('bridge', 'stack')
 DRIVING_STEPS = (
@@ -293,7 +293,7 @@ KART: tuple[Clause, ...] = (
         'character byte array of the State name and finished with an end character (a '
         'semi-colon: ;)',
         'All that the kart says is read, during the whole inspection.',
-        judge.says_frames,
+        says_frames,
     ),
     wire(
         'K-4C-02',

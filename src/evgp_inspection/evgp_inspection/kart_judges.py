@@ -38,7 +38,9 @@ from evgp_inspection.verdicts import (
     NOT_DONE,
     not_judged,
     passed,
+    SAID_NOTHING,
     Verdict,
+    worst,
 )
 from evgp_protocol.states import RaceState
 
@@ -65,7 +67,6 @@ WHEELS_STOP = 'Fail: the wheels still turn after red_red, or begin to slow down 
 LINK_STAYS = ' Fail also: it drops the connection.'
 
 NOT_DRIVEN = not_judged('The kart did not come to drive in this step.')
-SAID_NOTHING = not_judged('It said nothing at all.')
 UNSEEN = 'Nobody saw the wheels.'
 
 
@@ -101,12 +102,6 @@ def drove(trace: Trace, step: str, limits: Limits) -> bool:
     )
 
 
-def _worst(findings: list[Finding]) -> Finding:
-    """Return a failure if there is one, else what was not judged, else the slowest pass."""
-    rank = {Verdict.FAIL: 2, Verdict.NOT_JUDGED: 1, Verdict.PASS: 0}
-    return max(findings, key=lambda each: (rank[each.verdict], each.measured or 0.0))
-
-
 # ----- the kinds of judges --------------------------------------------------------------------
 
 
@@ -122,7 +117,7 @@ def _acknowledges_in(
     if sent is None:
         return NOT_DONE
     # A connection that is made meanwhile is sent the state, too.
-    due = (each for each in section.said if each.sent and each.sent.state is state)
+    due = (each for each in section.said if each.answers and each.answers.at >= sent.at)
     said = next((each for each in due if each.state is state), None)
     if said is not None:
         took = said.at - sent.at
@@ -155,7 +150,7 @@ def has_acknowledged(state: RaceState, phase: str) -> Needs:
 
     def holds(trace: Trace, limits: Limits) -> bool:
         section = trace.called(phase)
-        return section is not None and section.first_said(state) is not None
+        return section is not None and section.acknowledged(state) is not None
 
     return holds
 
@@ -174,7 +169,7 @@ def stands(*phases: str, needs: Needs = lambda trace, limits: True) -> Judge:
         sections = [section for name in phases if (section := trace.called(name)) is not None]
         if not sections or not needs(trace, limits):
             return NOT_DONE
-        return _worst([_stands_in(section, limits) for section in sections])
+        return worst([_stands_in(section, limits) for section in sections])
 
     return Judge(find, MOVES, phases, starred=True)
 
@@ -464,8 +459,8 @@ def drives(trace: Trace, limits: Limits, section: Section) -> Finding:
 @judge_of('again/glued', judged=f'{MOVES[:-1]}, and it has not said GRID_ACTIVE.', starred=True)
 def waits_for_its_own_word(trace: Trace, limits: Limits, section: Section) -> Finding:
     """Judge whether GRID_ACTIVE that the kart has not acknowledged does not arm it."""
-    said, green = section.first_said(GRID_ACTIVE), section.first_said(GREEN_GREEN)
-    if said is not None and (green is None or said.at <= green.at):
+    acknowledged, green = section.acknowledged(GRID_ACTIVE), section.first_said(GREEN_GREEN)
+    if acknowledged is not None and (green is None or acknowledged[1].at <= green.at):
         return passed('It acknowledged GRID_ACTIVE in between.', section)
     return _stands_in(section, limits)
 
@@ -530,7 +525,7 @@ def _stops_when_told(trace: Trace, limits: Limits) -> Finding:
         and not section.name.startswith('pieces/')
     ]
     findings = [_acknowledges_in(each, RED_RED, limits.red_red) for each in sections]
-    return _worst(findings) if findings else NOT_DONE
+    return worst(findings) if findings else NOT_DONE
 
 
 stops_when_told = Judge(
@@ -539,18 +534,6 @@ stops_when_told = Judge(
     ('first_stop/red', 'race/red', 'red/red'),
     'red_red',
 )
-
-
-@judge_of(judged='Fail: bytes that are no frame.')
-def says_frames(trace: Trace, limits: Limits) -> Finding:
-    """Judge whether everything that the kart says is a frame."""
-    frames = 0
-    for section in trace.sections:
-        for said in section.said:
-            frames += 1
-            if said.state is None:
-                return failed(f'It said {said}', section)
-    return passed(f'It said {frames} frames.') if frames else SAID_NOTHING
 
 
 @judge_of(judged='Fail: it says the state of an earlier order after slack.')

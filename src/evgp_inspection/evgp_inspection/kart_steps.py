@@ -53,6 +53,7 @@ from evgp_inspection.recording import EndedError, Recording
 from evgp_inspection.traces import Kind
 from evgp_protocol.frames import encode
 from evgp_protocol.states import RaceState
+from evgp_rcs.hearing import QUIET
 
 IN_GARAGE, GRID_ACTIVE = RaceState.IN_GARAGE, RaceState.GRID_ACTIVE
 GREEN_GREEN = RaceState.GREEN_GREEN
@@ -267,6 +268,19 @@ class KartSteps:
         self._phase(name)
         self._wire.order(IN_GARAGE)
         await self._watch(MOMENT)
+        await self._is_read()
+
+    async def _is_read(self) -> None:
+        """
+        Wait until a kart that stands has read what it is sent: it says so, or it is silent.
+
+        What it says after that cannot answer an order of before (docs/wire.md).
+        """
+        section = self._trace.now
+        await self._until(
+            lambda: self._trace.reached or started(section, self._limits),
+            QUIET + self._limits.red_red,
+        )
 
     async def _grid(self, step: str) -> bool:
         """Have the kart get ready; return whether it says that it is."""
@@ -371,6 +385,8 @@ class KartSteps:
         if not self._hindrance and await self._grid('again'):
             await self._stop('again/red')
             await self._must_stand('again/green', GREEN_GREEN)
+            if not started(self._trace.now, self._limits):
+                await self._garage('again/between')
         await self._stop('again/stopped')
         await self._garage('again/out')
         await self._must_stand(
@@ -382,6 +398,7 @@ class KartSteps:
         self._phase('backlog/fast')
         self._wire.order(IN_GARAGE, rate=FAST_RATE)
         await self._watch(self._limits.fast)
+        await self._is_read()
         self._phase('backlog/red')
         self._wire.order(RED_RED, lambda state: after(encode(IN_GARAGE) * BURST, state))
         if not await self._acknowledged(RED_RED, self._limits.red_red):
@@ -398,6 +415,7 @@ class KartSteps:
                 await self._must_stand('race/flag_green', GREEN_GREEN)
         await self._stop('race/red')
         await self._must_stand('race/after', IN_GARAGE)
+        await self._is_read()
 
     async def _red(self) -> None:
         if await self._drive('red'):

@@ -244,6 +244,8 @@ class KartWire:
         while True:
             self._changed.clear()
             self._notice_delay(loop.time() - due)
+            for link in self._links:
+                link.look()
             if self._beats is not None:
                 links = list(self._links)
                 piece_due = loop.time()
@@ -268,6 +270,10 @@ class KartWire:
 
     def _opened(self, link: Link) -> None:
         """Take a new connection, or refuse it if it is not the kart's."""
+        if self._server is None:  # it was made while race control went away
+            link.open = False
+            link.transport.abort()
+            return
         address = link.transport.get_extra_info('peername', ('?',))[0]
         if not self.kart_address:
             self.kart_address = address

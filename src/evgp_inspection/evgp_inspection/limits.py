@@ -12,12 +12,22 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The limits of an inspection. Each is a parameter; every report names those that were used."""
+"""
+The limits of an inspection, or of a survey.
+
+Each is a parameter; every report names those that were used.
+"""
 
 from __future__ import annotations
 
+import argparse
 import dataclasses
 import math
+from typing import TypeVar
+
+from evgp_protocol.link import Grade, GRADES
+
+AnyLimits = TypeVar('AnyLimits', bound='_Limits')
 
 
 def _limit(default: float, meaning: str) -> float:
@@ -41,6 +51,29 @@ class _Limits:
             least = 0.0 if field.name in ('warning', 'hold') else math.ulp(0.0)
             if not (math.isfinite(value) and value >= least):
                 raise ValueError(f'{field.name} must be a finite number above 0, not {value!r}')
+
+    @classmethod
+    def add_to(cls, parser: argparse.ArgumentParser) -> None:
+        """Have a command line take each limit."""
+        group = parser.add_argument_group('limits, in seconds unless they say otherwise')
+        for field in dataclasses.fields(cls):  # type: ignore[arg-type]
+            group.add_argument(
+                f'--{field.name.replace("_", "-")}',
+                type=float,
+                default=field.default,
+                metavar='X',
+                help=f'{field.metadata["meaning"]} (%(default)s)',
+            )
+
+    @classmethod
+    def taken_from(cls: type[AnyLimits], options: argparse.Namespace) -> AnyLimits:
+        """
+        Return the limits that a command line gave.
+
+        :raises ValueError: if one is not possible.
+        """
+        names = [field.name for field in dataclasses.fields(cls)]  # type: ignore[arg-type]
+        return cls(**{name: getattr(options, name) for name in names})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -84,3 +117,19 @@ class RcsLimits(_Limits):
     slack: float = _limit(1.0, 'delay allowed to the end of a connection')
     insist: float = _limit(15.0, 'maximum time to repeat a command that must be possible')
     answer: float = _limit(60.0, 'maximum time to wait for whoever gives the commands')
+
+
+@dataclasses.dataclass(frozen=True)
+class SurveyLimits(_Limits):
+    """The limits of `survey_network`. A lost connection is too many."""
+
+    round_trip: float = _limit(
+        GRADES[Grade.FAIR], 'maximum round trip of 99 of 100 frames: no more than one loss each'
+    )
+    silence: float = _limit(
+        GRADES[Grade.POOR], 'maximum time without an answer: half of that after which a kart stops'
+    )
+    retransmissions: float = _limit(
+        60.0, 'maximum number of retransmissions in any minute: a twentieth of the frames'
+    )
+    shortest: float = _limit(60.0, 'minimum time on the network, for a verdict')

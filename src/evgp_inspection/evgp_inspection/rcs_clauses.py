@@ -29,7 +29,7 @@ from evgp_inspection.rcs_judges import (
     RED_RED,
     TWO,
 )
-from evgp_inspection.verdicts import Clause, DISCONNECTED, proposal, wire
+from evgp_inspection.verdicts import Clause, DISCONNECTED, proposal, says_frames, wire
 from evgp_protocol.states import RaceState
 
 RCS_STEPS = (
@@ -337,7 +337,7 @@ RCS: tuple[Clause, ...] = (
         'character byte array of the State name and finished with an end character (a '
         'semi-colon: ;)',
         'All bytes are read, during the whole inspection.',
-        judge.sends_frames,
+        says_frames,
     ),
     proposal(
         'R-4D-01',

@@ -21,7 +21,7 @@ In this trace, what was SAID is race control's, and what was SENT is the karts'.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Set
+from collections.abc import Iterator, Set
 import itertools
 
 from evgp_inspection.limits import RcsLimits
@@ -36,6 +36,7 @@ from evgp_inspection.verdicts import (
     not_judged,
     passed,
     Verdict,
+    worst,
 )
 from evgp_protocol.states import RaceState
 
@@ -100,26 +101,6 @@ def _stayed(section: Section, limits: RcsLimits) -> Finding:
 # ----- the kinds of judges --------------------------------------------------------------------
 
 
-def _taken(trace: Trace, section: Section, state: RaceState, places: Iterable[int]) -> Finding:
-    """Return how long a command took to the last of these karts, without a limit."""
-    commands = section.of(Kind.COMMAND)
-    if not commands:
-        return NOT_DONE
-    came: list[float] = []
-    for place in places:
-        said = _first(trace, section, place, state, commands[0].at)
-        if said is None:
-            waited = section.ended - commands[0].at
-            name = kart(trace, place) or 'a kart'
-            return failed(f'No {state.value} to {name} in {waited:.1f} s.', section)
-        came.append(said.at)
-    # Repeated commands were refused; the last one before the first frame counts.
-    command = [each for each in commands if each.at <= min(came)][-1]
-    took = max(came) - (command.at if command.value else min(came))
-    what = 'the command' if command.value else 'the first kart'
-    return passed(f'{state.value} came {took:.3f} s after {what}.', section, measured=took)
-
-
 def reaches(
     phase: str, limit: str, state: RaceState, *places: int, not_to: int | None = None
 ) -> Judge:
@@ -139,14 +120,26 @@ def reaches(
             for _, other in said_to(trace, section, name):
                 if other is not GREEN_GREEN:
                     return failed(f'{other.value} was sent to {name}, too.', section)
-        finding = _taken(trace, section, state, places)
+        commands = section.of(Kind.COMMAND)
+        if not commands:
+            return NOT_DONE
         seconds: float = getattr(limits, limit)
-        if finding.measured is not None and finding.measured > seconds:
-            why = f'{state.value} took {finding.measured:.2f} s.'
-            return failed(why, section, measured=finding.measured)
-        if finding.verdict is Verdict.FAIL and section.ended - section.began < seconds - EARLY:
-            return not_judged('The wait was cut short.', section)
-        return finding
+        came: list[float] = []
+        for place in places:
+            said = _first(trace, section, place, state, commands[0].at)
+            if said is None:
+                if section.ended - section.began < seconds - EARLY:
+                    return not_judged('The wait was cut short.', section)
+                waited = section.ended - commands[0].at
+                name = kart(trace, place) or 'a kart'
+                return failed(f'No {state.value} to {name} in {waited:.1f} s.', section)
+            came.append(said.at)
+        # Repeated commands were refused; the last one before the first frame counts.
+        command = [each for each in commands if each.at <= min(came)][-1]
+        took = max(came) - (command.at if command.value else min(came))
+        what = 'the command' if command.value else 'the first kart'
+        told = failed if took > seconds else passed
+        return told(f'{state.value} came {took:.3f} s after {what}.', section, measured=took)
 
     return find
 
@@ -184,11 +177,8 @@ def unchanged(*phases: str) -> Judge:
 
     def find(trace: Trace, limits: RcsLimits) -> Finding:
         sections = [each for name in phases if (each := trace.called(name)) is not None]
-        findings = [one(trace, each, limits) for each in sections]
-        if len(findings) < len(phases):
-            findings.insert(0, NOT_DONE)
-        worst = (Verdict.FAIL, Verdict.NOT_JUDGED, Verdict.PASS)
-        return min(findings, key=lambda each: worst.index(each.verdict))
+        missing = [NOT_DONE] if len(sections) < len(phases) else []
+        return worst([*missing, *(one(trace, each, limits) for each in sections)])
 
     return Judge(find, 'Fail: a kart is sent another state than before.', phases)
 
@@ -397,17 +387,6 @@ def leaves_no_gap(trace: Trace, limits: RcsLimits) -> Finding:
         evidence = tuple(e for e in trace.events if at - 0.2 <= e.at <= at + gap + 0.2)
         return Finding(Verdict.FAIL, why, gap, evidence)
     return passed(why, measured=gap)
-
-
-@judge_of(judged='Fail: bytes that are no frame.')
-def sends_frames(trace: Trace, limits: RcsLimits) -> Finding:
-    """Judge whether everything that race control sends is a frame."""
-    for section in trace.sections:
-        for said in section.said:
-            if said.state is None:
-                return failed(f'It sent {said}.', section)
-    heard = any(section.said for section in trace.sections)
-    return passed('All bytes were frames.') if heard else NOT_DONE
 
 
 @judge_of(

@@ -52,12 +52,12 @@ class KartLink(Link):
         self.kart = kart
         self._decoder = FrameDecoder()
 
-    def data_received(self, data: bytes) -> None:
+    def take(self, data: bytes) -> None:
         """Take what race control sends."""
         for frame in self._decoder.feed(data):
             if isinstance(frame, StateFrame):
                 self.sent = frame.state
-        super().data_received(data)
+        super().take(data)
         if self.sent in self.kart.answers:
             self.write(encode(self.sent))
 

@@ -19,14 +19,20 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 import contextlib
+import fcntl
 import socket
 import struct
+import sys
+import termios
 from typing import Any
 
 from evgp_inspection.traces import Event, Kind, Trace
 
 RESET = struct.pack('ii', 1, 0)
 """The value of SO_LINGER with which a close resets the connection."""
+
+READ_SIZE = 65536
+"""Maximum number of bytes that are read at once."""
 
 
 class Recording:
@@ -45,10 +51,16 @@ class Recording:
         return self._loop.time() - self._began
 
     def note(
-        self, kind: Kind, link: int = 0, data: bytes = b'', text: str = '', value: float = 0.0
+        self,
+        kind: Kind,
+        link: int = 0,
+        data: bytes = b'',
+        text: str = '',
+        value: float = 0.0,
+        unread: int = 0,
     ) -> None:
         """Write an event of this moment."""
-        self.trace.add(Event(self.now, kind, link, data, text, value))
+        self.trace.add(Event(self.now, kind, link, data, text, value, unread))
         waiting, self._waiting = self._waiting, []
         for future in waiting:
             _wake(future)
@@ -76,7 +88,7 @@ def _wake(future: asyncio.Future[None]) -> None:
         future.set_result(None)
 
 
-class Link(asyncio.Protocol):
+class Link(asyncio.BufferedProtocol):
     """
     A connection; all that passes on it is written down.
 
@@ -93,12 +105,25 @@ class Link(asyncio.Protocol):
         self.open = self.mute = False
         self.recording = recording
         self._made = made
+        self._buffer = bytearray(READ_SIZE)
 
     def write(self, data: bytes) -> None:
         """Send, if the connection takes anything."""
         if self.open and not self.mute and not self.transport.is_closing():
-            self.recording.note(Kind.SENT, self.number, data)
+            unread = self._in_kernel(termios.FIONREAD)
+            self.recording.note(Kind.SENT, self.number, data, unread=unread)
             self.transport.write(data)
+
+    def look(self) -> None:
+        """Write down how many bytes the other end's TCP has not answered, where that matters."""
+        if self.open and self.recording.trace.waits(self.number):
+            # In this order: what had arrived before the answer was said before it.
+            unread = self._in_kernel(termios.FIONREAD)
+            kept = self.transport.get_write_buffer_size()
+            unanswered = kept + self._in_kernel(termios.TIOCOUTQ)
+            self.recording.note(
+                Kind.UNANSWERED, self.number, value=float(unanswered), unread=unread
+            )
 
     def end(self, reset: bool = False) -> None:
         """
@@ -123,6 +148,13 @@ class Link(asyncio.Protocol):
         """Set an option of its socket."""
         self.transport.get_extra_info('socket').setsockopt(socket.SOL_SOCKET, option, value)
 
+    def _in_kernel(self, which: int) -> int:
+        """Return how many bytes the kernel has: unread or unanswered (the constants)."""
+        if self.transport.is_closing():
+            return 0
+        found = fcntl.ioctl(self.transport.get_extra_info('socket').fileno(), which, bytes(4))
+        return int.from_bytes(found, sys.byteorder)
+
     # What asyncio calls.
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -132,7 +164,15 @@ class Link(asyncio.Protocol):
         self.open = True
         self._made(self)
 
-    def data_received(self, data: bytes) -> None:
+    def get_buffer(self, sizehint: int) -> bytearray:
+        self.look()  # before it reads
+        return self._buffer
+
+    def buffer_updated(self, nbytes: int) -> None:
+        self.take(bytes(self._buffer[:nbytes]))
+
+    def take(self, data: bytes) -> None:
+        """Take what was read."""
         if self.number:
             self.recording.note(Kind.SAID, self.number, data)
 

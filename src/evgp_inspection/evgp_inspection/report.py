@@ -21,6 +21,7 @@ import dataclasses
 import html
 import json
 import math
+import re
 from typing import Any
 from xml.etree import ElementTree
 
@@ -105,6 +106,7 @@ def as_json(header: Header, results: Sequence[Result]) -> str:
                     'bytes_hex': event.data.hex() or None,
                     'text': event.text or None,
                     'value': event.value if math.isfinite(event.value) else None,
+                    'bytes_unread': event.unread or None,
                 }
                 for event in result.finding.evidence
             ],
@@ -169,11 +171,7 @@ def as_junit(header: Header, results: Sequence[Result]) -> str:
 
 def _xml(text: str) -> str:
     """Return text without the characters that XML cannot hold."""
-    return ''.join(
-        char if char in '\t\n\r' or (ord(char) >= 32 and not 0xD800 <= ord(char) < 0xE000) else '�'
-        for char in text
-        if char not in '\ufffe\uffff'
-    )
+    return re.sub('[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]', '�', text)
 
 
 _STYLE = """\

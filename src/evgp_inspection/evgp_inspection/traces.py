@@ -21,15 +21,24 @@ the judges read nothing else, so a verdict can be reached again from a trace alo
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 import dataclasses
 import enum
 
 from evgp_protocol.frames import FrameDecoder, StateFrame
 from evgp_protocol.states import RaceState
+from evgp_rcs.hearing import Hearing, NO_ORDER
 
 STRANGER = 'stranger'
 """The name of whoever connects to race control from an address that is no kart."""
+
+BEAT = 0.05
+"""Length of a beat, by which a pause of what is inspected is counted, in seconds."""
+
+LONGEST_STEP = 0.1
+"""Maximum time between two events that counts towards a pause, in seconds: while the inspecting
+computer is held up, it reads nothing."""
 
 
 class Kind(enum.Enum):
@@ -46,6 +55,7 @@ class Kind(enum.Enum):
     HELD_UP = 'held up'  # the inspecting computer itself was late; `value` in s
     COMMAND = 'command'  # to race control; `text` names it, `value` 1: at this very moment
     ANSWERED = 'command answered'  # `value` 1 if it was accepted, else 0; `text` says why not
+    UNANSWERED = 'unanswered'  # `value`: bytes sent that the other end's TCP has not answered
     KILLED = 'killed'  # a part of the kart's program, by force; `text` names it
     SILENT = 'silent'  # from here on, the inspection sends no frame; `text` says what instead
 
@@ -60,6 +70,7 @@ class Event:
     :ivar data: the bytes, for SENT and SAID.
     :ivar text: see `Kind`.
     :ivar value: see `Kind`.
+    :ivar unread: number of bytes that had arrived and were not read yet, for SENT and UNANSWERED.
     """
 
     at: float
@@ -68,6 +79,7 @@ class Event:
     data: bytes = b''
     text: str = ''
     value: float = 0.0
+    unread: int = 0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -86,6 +98,8 @@ class Said:
 
     :ivar state: the state; None: the bytes are no frame.
     :ivar sent: what it was being sent on that connection when it was complete; None: nothing yet.
+    :ivar answers: what it acknowledges, by the rules of race control (`evgp_rcs.hearing`): not
+        always what is being sent, since it may have been said before that was read; None: nothing.
     :ivar reason: what is wrong with bytes that are no frame.
     """
 
@@ -93,6 +107,7 @@ class Said:
     link: int
     state: RaceState | None
     sent: SentState | None
+    answers: SentState | None = None
     reason: str = ''
 
     def __str__(self) -> str:
@@ -139,12 +154,21 @@ class Section:
     def acknowledged(self, state: RaceState) -> tuple[SentState, Said] | None:
         """Return when a state was sent first and when that was acknowledged, in this phase."""
         sent = self.first_sent(state)
-        pairs = ((sent, said) for said in self.said if sent and said.sent == sent)
-        return next(((sent, said) for sent, said in pairs if said.state is state), None)
+        return next(((sent, said) for said in self.said if sent and said.answers == sent), None)
 
     def answer(self, question: str) -> Event | None:
         """Return the inspector's answer to a question, if there is one."""
         return next((each for each in self.of(Kind.ANSWER) if each.text == question), None)
+
+
+class _Wire:
+    """One connection: what was sent on it, and which of that each word answers."""
+
+    def __init__(self) -> None:
+        self.hearing = Hearing(1 / BEAT)
+        self.sending = FrameDecoder()
+        self.bytes_sent = 0
+        self.orders: list[SentState] = []
 
 
 class Trace:
@@ -153,7 +177,8 @@ class Trace:
     def __init__(self) -> None:
         self.events: list[Event] = []
         self.sections: list[Section] = [Section('', 0.0)]
-        self._decoders: dict[tuple[Kind, int], FrameDecoder] = {}
+        self._wires: defaultdict[int, _Wire] = defaultdict(_Wire)
+        self._time = self._beats = 0.0
         self._sent: dict[int, SentState] = {}  # of the connections that are open
         self._acknowledged: set[SentState] = set()
 
@@ -180,8 +205,18 @@ class Trace:
             sent.state is state and sent in self._acknowledged for sent in self._sent.values()
         )
 
+    def waits(self, link: int) -> bool:
+        """Return whether it matters how many bytes of a connection are unanswered."""
+        return link in self._wires and self._wires[link].hearing.waits
+
+    @property
+    def reached(self) -> bool:
+        """Return whether the kart is known to have read what it is sent, on each connection."""
+        return all(self._wires[link].hearing.has_reached_last for link in self._sent)
+
     def add(self, event: Event) -> None:
         """Take the next event."""
+        self._let_pass(event.at)
         self.events.append(event)
         self.now.ended = max(self.now.ended, event.at)
         if event.kind is Kind.STEP:
@@ -190,25 +225,45 @@ class Trace:
         section.events.append(event)
         if event.kind in (Kind.CLOSED, Kind.ENDED):
             self._sent.pop(event.link, None)
-        if event.kind not in (Kind.SENT, Kind.SAID):
-            return
-        inspected = event.kind is Kind.SAID
-        decoder = self._decoders.setdefault(
-            (event.kind, event.link), FrameDecoder(ready_is_grid_active=inspected)
-        )
-        for frame in decoder.feed(event.data):
+        if event.kind is Kind.SENT:
+            self._take_sent(event, self._wires[event.link])
+        elif event.kind is Kind.SAID:
+            self._take_said(event, self._wires[event.link])
+        elif event.kind is Kind.UNANSWERED:
+            wire = self._wires[event.link]
+            wire.hearing.look(wire.bytes_sent - int(event.value), event.unread)
+
+    def _take_sent(self, event: Event, wire: _Wire) -> None:
+        wire.bytes_sent += len(event.data)
+        for frame in wire.sending.feed(event.data):
             sent = self._sent.get(event.link)
-            if not isinstance(frame, StateFrame):
-                if inspected:
-                    wrong = f'{frame.reason}: {printable(frame.raw)}'
-                    section.said.append(Said(event.at, event.link, None, sent, wrong))
-            elif inspected:
-                section.said.append(Said(event.at, event.link, frame.state, sent))
-                if sent is not None and sent.state is frame.state:
-                    self._acknowledged.add(sent)
-            elif sent is None or sent.state is not frame.state:
-                self._sent[event.link] = SentState(event.at, event.link, frame.state)
-                section.sent.append(self._sent[event.link])
+            if isinstance(frame, StateFrame) and (sent is None or sent.state is not frame.state):
+                sent = self._sent[event.link] = SentState(event.at, event.link, frame.state)
+                self.now.sent.append(sent)
+                wire.orders.append(sent)
+                wire.hearing.order(len(wire.orders), sent.state, wire.bytes_sent, event.unread)
+
+    def _take_said(self, event: Event, wire: _Wire) -> None:
+        wire.hearing.read(len(event.data))
+        for frame, serial in wire.hearing.decode(memoryview(event.data)):
+            sent = self._sent.get(event.link)
+            answers = None if serial == NO_ORDER else wire.orders[serial - 1]
+            state, reason = None, ''
+            if isinstance(frame, StateFrame):
+                state = frame.state
+            else:
+                reason = f'{frame.reason}: {printable(frame.raw)}'
+            self.now.said.append(Said(event.at, event.link, state, sent, answers, reason))
+            if answers is not None:
+                self._acknowledged.add(answers)
+
+    def _let_pass(self, now: float) -> None:
+        last = self.events[-1].at if self.events else now
+        self._time += min(now - last, LONGEST_STEP)
+        while self._beats + BEAT <= self._time:
+            self._beats += BEAT
+            for wire in self._wires.values():
+                wire.hearing.beat(now)
 
 
 def printable(data: bytes, most: int = 80) -> str:
@@ -279,6 +334,7 @@ _DESCRIBED = {
     Kind.HELD_UP: 'the inspecting computer was held up for {0.value:.2f} s',
     Kind.COMMAND: 'command {0.text}',
     Kind.ANSWERED: 'accepted: {1} {0.text}',
+    Kind.UNANSWERED: 'connection {0.link}: TCP has not answered {0.value:.0f} bytes',
     Kind.KILLED: 'the {0.text} of the kart was killed',
     Kind.SILENT: 'no frame from here on: {0.text}',
 }

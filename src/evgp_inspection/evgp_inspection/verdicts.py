@@ -79,6 +79,12 @@ def _evidence(sections: Iterable[Section]) -> tuple[Event, ...]:
     return tuple(event for section in sections for event in section.events)
 
 
+def worst(findings: Sequence[Finding]) -> Finding:
+    """Return a failure if there is one, else what was not judged, else the slowest pass."""
+    rank = (Verdict.PASS, Verdict.NOT_JUDGED, Verdict.FAIL)
+    return max(findings, key=lambda each: (rank.index(each.verdict), each.measured or 0.0))
+
+
 NOT_DONE = Finding(Verdict.NOT_JUDGED, 'The inspection did not come to this.')
 
 
@@ -119,6 +125,21 @@ def judge_of(
         return Judge(in_phases, judged, phases, limit, starred)
 
     return made
+
+
+SAID_NOTHING = not_judged('It said nothing at all.')
+
+
+@judge_of(judged='Fail: bytes that are no frame.')
+def says_frames(trace: Trace, limits: Any) -> Finding:
+    """Judge whether everything that is said is a frame."""
+    frames = 0
+    for section in trace.sections:
+        for said in section.said:
+            frames += 1
+            if said.state is None:
+                return failed(f'It said {said}', section)
+    return passed(f'It said {frames} frames.') if frames else SAID_NOTHING
 
 
 @dataclasses.dataclass(frozen=True)

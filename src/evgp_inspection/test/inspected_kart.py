@@ -37,6 +37,9 @@ FLAG_BRAKING = 6.0  # m/s²
 UNCOMMANDED = 0.3  # s: then the base brakes by itself
 DEAF = 1.2  # s
 RETRY = 0.1  # s
+LATE_ECHO = 0.3  # s; longer than what comes between two RED_RED of the inspection at the least
+
+ECHOES_LATE = 'echoes late, and needs a whole frame in each read'
 
 FAULTS = {
     'drives in the garage': 'K-3A-01',
@@ -72,6 +75,7 @@ FAULTS = {
     'opens two connections': 'K-4A-02',
     'says malformed frames': 'K-4C-01',
     'needs a whole frame in each read': 'K-4C-02',
+    ECHOES_LATE: 'K-4C-02',
     'throws long reads away': 'K-4C-03',
     'forgets half a frame': 'K-4C-04',
     'takes 10 Hz for silence': 'K-4C-05',
@@ -99,6 +103,7 @@ class InspectedKart:
     :param take: gets its speed, m/s, 50 times a second.
     :param fault: one of `FAULTS`; empty: none.
     :param silence: time without a frame after which it stops, s.
+    :param says_garage: it says IN_GARAGE back, as docs/wire.md advises.
     """
 
     def __init__(
@@ -107,8 +112,10 @@ class InspectedKart:
         take: Callable[[float], None],
         fault: str = '',
         silence: float = 1.0,
+        says_garage: bool = True,
     ) -> None:
         self.speed = 0.0
+        self._says_garage = says_garage
         self.last_heard = b''
         self._port = port
         self._take = take
@@ -123,7 +130,7 @@ class InspectedKart:
         self._before: RaceState | None = None
         self._ordered_at = self._heard_at = 0.0
         self._ticked_at = self._loop.time()
-        self._armed = self._grid_said = False
+        self._armed = False
         self._reached_at: float | None = None
         self._moving_since: float | None = None
         self._grids = 0
@@ -306,8 +313,10 @@ class InspectedKart:
 
     def _take_in(self, data: bytes) -> bool:
         now = self._loop.time()
-        if self._is['needs a whole frame in each read'] or (
-            self._is['forgets half a frame'] and self._idle > 1
+        if (
+            self._is['needs a whole frame in each read']
+            or self._is[ECHOES_LATE]
+            or (self._is['forgets half a frame'] and self._idle > 1)
         ):
             self._decoder = FrameDecoder()
         self._idle = 0
@@ -333,6 +342,8 @@ class InspectedKart:
         if self._is['takes 10 Hz for silence']:
             self._frame_times = [*self._frame_times[-40:], now]
         self._goes_on = False
+        if self._is[ECHOES_LATE] and state in (IN_GARAGE, RED_RED):
+            self._loop.call_later(LATE_ECHO, self._echo, state, self._links)
         if self._silent_kept:
             self._silent_kept = False
             self._armed = False
@@ -344,7 +355,8 @@ class InspectedKart:
         self._orders += 1
         self._ordered_at = now
         self._reached_at = None
-        self._grid_said = False
+        if state is IN_GARAGE and self._says_garage and not self._is[ECHOES_LATE]:
+            self._say(encode(state))
         stays = (
             (before is GRID_ACTIVE and state is GREEN_GREEN)
             or (self._is['RED_RED does not disarm it'] and RED_RED in (before, state))
@@ -362,6 +374,10 @@ class InspectedKart:
             self._say(encode(state))
         if self._is['says malformed frames'] and state is GRID_ACTIVE:
             self._say(b'$OK;')
+
+    def _echo(self, state: RaceState, link: int) -> None:
+        if link == self._links and self.speed == 0.0:
+            self._say(encode(state))
 
     def _say(self, data: bytes) -> None:
         if self._link is not None:
@@ -454,20 +470,15 @@ class InspectedKart:
         self._say(encode(obeyed))
 
     def _keeps_quiet(self, obeyed: RaceState) -> bool:
-        fault = self._is
-        return (
-            (obeyed is GRID_ACTIVE and fault['is never ready'])
-            or (obeyed is GRID_ACTIVE and fault['is ready only once'] and self._grids > 1)
-            or (obeyed is GREEN_GREEN and fault['never says that it drives'])
-            or (obeyed is RED_FLAG and fault['never acknowledges RED_FLAG'])
-            or (
-                obeyed is RED_RED
-                and fault['never acknowledges RED_RED after a drive']
-                and self._drove
-            )
-            or (
-                obeyed is RED_RED
-                and fault['never acknowledges RED_RED after FIN']
-                and self._closed
-            )
+        keeps = {
+            'is never ready': (GRID_ACTIVE, True),
+            'is ready only once': (GRID_ACTIVE, self._grids > 1),
+            'never says that it drives': (GREEN_GREEN, True),
+            'never acknowledges RED_FLAG': (RED_FLAG, True),
+            'never acknowledges RED_RED after a drive': (RED_RED, self._drove),
+            'never acknowledges RED_RED after FIN': (RED_RED, self._closed),
+            ECHOES_LATE: (RED_RED, True),
+        }
+        return any(
+            self._is[fault] and obeyed is each and now for fault, (each, now) in keeps.items()
         )

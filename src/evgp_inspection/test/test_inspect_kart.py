@@ -122,7 +122,8 @@ class OneInspection:
 
     def _start_kart(self, port: int) -> None:
         self._port = port
-        self.kart = InspectedKart(port, self._take, self._fault, SHORT.silence)
+        # The one that nobody sees says no more than a kart has to.
+        self.kart = InspectedKart(port, self._take, self._fault, SHORT.silence, self._seen)
         self._running = asyncio.create_task(self.kart.run())
 
     def _take(self, speed: float) -> None:

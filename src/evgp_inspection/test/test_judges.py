@@ -120,6 +120,51 @@ def test_a_stop_that_is_acknowledged_fails_while_the_wheels_turn_and_only_then(
     assert (result.verdict is Verdict.FAIL) == too_early
 
 
+def told(*sent: tuple[float, RaceState], read: bool) -> list[Event]:
+    """Return the trace of a kart that is sent these states, and of whether its TCP has them."""
+    events = [
+        Event(0.0, Kind.OPENED, 1, text='kart'),
+        Event(0.0, Kind.SENT, 1, encode(RED_RED)),
+        Event(0.1, Kind.UNANSWERED, 1),
+        Event(0.2, Kind.SAID, 1, encode(RED_RED)),
+    ]
+    for at, state in sent:
+        frame = encode(state)
+        events.append(Event(at, Kind.STEP, text='pieces/bytes'))
+        events.append(Event(at, Kind.SENT, 1, frame))
+        outstanding = 0.0 if read else float(len(frame))
+        events.append(Event(at + 0.1, Kind.UNANSWERED, 1, value=outstanding))
+    return events
+
+
+IN_GARAGE = RaceState.IN_GARAGE
+
+
+def test_a_word_that_can_answer_an_earlier_order_counts_for_that_one() -> None:
+    events = told((1.0, IN_GARAGE), (2.0, RED_RED), read=True)
+    late = Event(2.2, Kind.SAID, 1, encode(RED_RED))
+    assert not Trace.of([*events, late]).acknowledged(RED_RED)
+    said = Event(2.15, Kind.SAID, 1, encode(IN_GARAGE))
+    assert Trace.of([*events, said, late]).acknowledged(RED_RED)
+
+
+def test_a_pause_shows_that_a_kart_has_read_what_its_tcp_had_but_a_hold_up_is_none() -> None:
+    before = told((1.0, IN_GARAGE), read=True)
+    order = [Event(5.0, Kind.SENT, 1, encode(RED_RED)), Event(5.1, Kind.UNANSWERED, 1)]
+    word = Event(5.2, Kind.SAID, 1, encode(RED_RED))
+    assert not Trace.of([*before, *order, word]).acknowledged(RED_RED)
+    frames = [Event(1.2 + 0.05 * n, Kind.SENT, 1, encode(IN_GARAGE)) for n in range(70)]
+    assert Trace.of([*before, *frames, *order, word]).acknowledged(RED_RED)
+
+
+def test_a_word_that_was_under_way_before_the_kart_had_the_order_does_not_count() -> None:
+    red = Event(0.0, Kind.SENT, 1, encode(RED_RED))
+    word = Event(0.3, Kind.SAID, 1, encode(RED_RED))
+    for unanswered, counts in ((0, True), (9, False)):
+        look = Event(0.2, Kind.UNANSWERED, 1, value=unanswered, unread=len(word.data))
+        assert Trace.of([red, look, word]).acknowledged(RED_RED) is counts
+
+
 def test_a_computer_that_was_held_up_fails_nobody() -> None:
     trace = stop(0.001, 5.0, 1.0)
     events = [*trace.events, Event(7.0, Kind.HELD_UP, value=0.9)]

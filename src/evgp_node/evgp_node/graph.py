@@ -240,7 +240,7 @@ def _follow(named: str, news: socket.socket) -> None:
 
 
 def _fence(named: str) -> None:
-    """Have each UDP socket hear loopback and the interface with this address, if there is one."""
+    """Let each UDP socket hear loopback and the interface with this address, if there is one."""
     indices = [socket.if_nametoindex('lo')]
     with contextlib.suppress(KeyError, OSError):  # it was unplugged
         indices.append(socket.if_nametoindex(_interfaces()[named]))
@@ -539,7 +539,7 @@ def _oldest_arrival(each: socket.socket) -> bytes:
 
 
 def _renew_multicast(each: socket.socket, bound: str, named: str) -> None:
-    """Have a socket send and hear multicast at the interface that has this address now."""
+    """Let a socket send and hear multicast at the interface that has this address now."""
     if _sends_multicast_at(each) == named:
         # The kernel keeps the number of the interface, not the address.
         each.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(named))
@@ -562,7 +562,7 @@ def _is_open(address: str) -> bool:
 
 
 def _attach_filter(to: socket.socket, indices: list[int]) -> None:
-    """Have a socket hear the interfaces with these numbers only."""
+    """Let a socket hear the interfaces with these numbers only."""
     count = len(indices)
     program = [
         _LOAD_INTERFACE,

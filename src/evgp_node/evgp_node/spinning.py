@@ -181,7 +181,7 @@ class _Server:
             raise ExternalShutdownException
 
     def wake(self) -> None:
-        """Have ``run_next`` return, once."""
+        """Make ``run_next`` return, once."""
         with contextlib.suppress(InvalidHandle):  # it was shut down before its context was
             self._wake.trigger()
 

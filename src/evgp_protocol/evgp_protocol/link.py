@@ -60,7 +60,7 @@ class Grade(enum.Enum):
 
 
 GRADES = {Grade.GOOD: 0.0, Grade.FAIR: 0.2, Grade.POOR: 0.5}
-"""For each grade, the worst round trip of the last `GRADE_WINDOW` from which on it applies, in seconds.
+"""For each grade, the worst round trip of the last `GRADE_WINDOW` from which on it applies, s.
 
 A frame is sent every 0.05 s. Where one is lost, the next shows it, and it is there within 0.2 s:
 a good link loses single frames at most. A poor one was halfway to the 1 s after which the kart
@@ -71,8 +71,8 @@ def grade(worst: float | None) -> Grade:
     """
     Return how good a link is.
 
-    :param worst: the longest round trip of the last `GRADE_WINDOW`, s; also of what is not answered yet,
-        up to now. None: nothing was sent.
+    :param worst: the longest round trip of the last `GRADE_WINDOW`, s; also of what is not
+        answered yet, up to now. None: nothing was sent.
     """
     found = Grade.UNKNOWN
     if worst is not None:

@@ -143,6 +143,11 @@ class Hearing:
         """Return whether the kart's TCP was not seen yet to have answered all orders."""
         return bool(self._orders) and self._orders[-1].answered_in is None
 
+    @property
+    def has_reached_last(self) -> bool:
+        """Return whether no word that comes now can answer an order before the last one."""
+        return len(self._orders) <= 1
+
     def order(self, serial: int, state: RaceState, end: int, unread: int) -> None:
         """
         Take note that an order goes out now: what has arrived by now is no answer to it.

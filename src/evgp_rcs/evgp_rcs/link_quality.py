@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 from evgp_protocol.link import Grade, grade, GRADE_WINDOW, GRADES, TcpInfo
 
-EVERY = 1.0
+MEASURE_EVERY = 1.0
 """Time between two measurements of a link that gets no worse, in seconds."""
 
 POOR_LATELY = 60.0
@@ -104,7 +104,7 @@ class LinkMeter:
 
         :param age: of the oldest frame that is not answered, s; 0: all are.
         """
-        if now - self._measured_at >= EVERY:
+        if now - self._measured_at >= MEASURE_EVERY:
             return True
         return self._worst(age, now) >= self._worse_from
 

@@ -17,15 +17,14 @@
 from __future__ import annotations
 
 from evgp_protocol.link import Grade, grade, GRADE_WINDOW, GRADES, TcpInfo
-from evgp_rcs.link_quality import EVERY, LinkMeter, LinkQuality
+from evgp_rcs.link_quality import LinkMeter, LinkQuality, MEASURE_EVERY
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
 POOR, FAIR = GRADES[Grade.POOR], GRADES[Grade.FAIR]
-TIMES = st.one_of(
-    st.sampled_from((0.0, 0.05, FAIR, POOR, EVERY, GRADE_WINDOW)), st.floats(0.0, 30.0)
-)
+SOME_TIMES = st.sampled_from((0.0, 0.05, FAIR, POOR, MEASURE_EVERY, GRADE_WINDOW))
+TIMES = st.one_of(SOME_TIMES, st.floats(0.0, 30.0))
 
 
 def info(retransmitted: int = 0) -> TcpInfo:
@@ -63,8 +62,8 @@ def test_a_link_that_gets_worse_is_measured_at_once_and_every_other_each_second(
         due = meter.is_due(age, now)
         quality = meter.measure(age, 0, info(), now) if due else None
         if quality is None:
-            assert now - at < EVERY
-        elif now - at < EVERY:
+            assert now - at < MEASURE_EVERY
+        elif now - at < MEASURE_EVERY:
             assert quality.grade not in (Grade.UNKNOWN, Grade.GOOD)
             assert ranks.index(quality.grade) > ranks.index(known)
         if quality is not None:
@@ -92,7 +91,7 @@ def test_the_first_second_of_a_link_is_not_called_good() -> None:
     meter = LinkMeter(0.0)
     meter.answered(0.01, 0.05)
     assert not meter.is_due(0.0, 0.9)
-    assert meter.is_due(0.0, EVERY)
+    assert meter.is_due(0.0, MEASURE_EVERY)
 
 
 @given(st.lists(st.integers(0, 2**32 - 1), min_size=1, max_size=10).map(sorted))

@@ -33,7 +33,6 @@ import sys
 import tempfile
 import time
 
-from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
@@ -51,7 +50,6 @@ from evgp_testing.process import started
 from evgp_testing.usage import family
 from evgp_testing.wire_kart import WireKart
 from rich.console import Console
-from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
@@ -87,17 +85,6 @@ LAST = 8
 
 WIDTH = 100
 """Maximum width of what is printed."""
-
-COLOURS = {
-    'IN_GARAGE': 'cyan',
-    'GRID_ACTIVE': 'blue',
-    'GREEN_GREEN': 'green',
-    'RED_FLAG': 'yellow',
-    'RED_RED': 'red',
-}
-
-# Who was told what, and acknowledged it, is in the table; as they come, these are enough.
-_NOT_TOLD_LIVE = (msg.RaceEvent.KART_STATE, msg.RaceEvent.ACKNOWLEDGED, msg.RaceEvent.REPORTED)
 
 
 class Show:
@@ -172,54 +159,23 @@ class Show:
         rehearsal.give(Act(CommandKind.ALL_KILL), 'demo')
         assert not self.official.call('green_green').success, 'GREEN_GREEN is accepted after it'
         self._wait_for(RaceState.RED_RED, PLAN.numbers)
-        took = (max(self._changes(kart)[-1][0] for kart in PLAN.numbers) - called) * 1000
+        sides = [side for kart in PLAN.numbers if (side := self._side(kart)) is not None]
+        took = (max(side.changes[-1][0] for side in sides) - called) * 1000
         text = f'ALL_KILL: from the call to the last kart that saw RED_RED {took:.0f} ms'
         self.found.append(Finding(True, text))
         self._to_garage(PLAN.numbers)
 
     def play(self, title: str, drive: Callable[[], None]) -> bool:
-        """Show a race, on a terminal with a table, and return whether it went to its end."""
+        """Show a race, and return whether it went to its end."""
         self.console.rule(f'{BANNER}: {title}', style='bold')
-        live: contextlib.AbstractContextManager[object] = contextlib.nullcontext()
-        if self.console.is_terminal:
-            live = Live(get_renderable=self.table, console=self.console, transient=True)
-        with live:
-            try:
-                drive()
-            except AssertionError as error:
-                # What was awaited in vain; behind the first semicolon stands what came instead.
-                why = f'{title.split(",")[0]} went no further: {str(error).split(";")[0]}'
-                self.found.append(Finding(False, why))
-                return False
+        try:
+            drive()
+        except AssertionError as error:
+            # What was awaited in vain; behind the first semicolon stands what came instead.
+            why = f'{title.split(",")[0]} went no further: {str(error).split(";")[0]}'
+            self.found.append(Finding(False, why))
+            return False
         return True
-
-    def table(self) -> Table:
-        """Return what race control tells each kart, and what each sees."""
-        table = Table(title_justify='left', caption_justify='left')
-        for heading in ('Kart', 'Kind', 'Told', 'Acknowledged', 'Sees', 'Race'):
-            # As wide as the longest state, so that the table keeps its shape.
-            table.add_column(heading, min_width=11 if heading in ('Told', 'Sees') else None)
-        race = self.official.race
-        for kart in race.karts if race is not None else ():
-            told = _name(state_of(kart.sent))
-            word = 'yes' if kart.acknowledged else '' if told == 'IN_GARAGE' else 'not yet'
-            if not kart.connected:
-                word = 'not there'
-            changes = self._changes(kart.number)
-            table.add_row(
-                str(kart.number),
-                'ROS, bridge + stack' if kart.number in BRIDGED else 'TCP',
-                Text(told, COLOURS.get(told, '')),
-                Text(word, 'bold red' if word == 'not there' else ''),
-                Text(changes[-1][1] if changes else ''),
-                f'place {kart.place}' if kart.place else 'in it' if kart.in_race else '',
-            )
-        if race is not None:
-            table.caption = (
-                f'The race is in {_name(state_of(race.state))}{", over" if race.over else ""}; '
-                f'the track is {"open" if race.track.open else "closed"} to humans'
-            )
-        return table
 
     def judge(self, around: Sequence[Finding]) -> list[Finding]:
         """Print what was found, and what is missing, and return it."""
@@ -235,10 +191,6 @@ class Show:
         self.console.rule('findings', style='bold')
         self.console.print(grid)
         return found
-
-    def _changes(self, kart: int) -> list[tuple[float, str]]:
-        side = self._side(kart)
-        return [] if side is None else [(at, _name(state)) for at, state in list(side.changes)]
 
     def _side(self, kart: int) -> Team | WireKart | None:
         return self.teams.get(kart) or self.rehearsal.links.get(kart)
@@ -259,17 +211,15 @@ class Show:
     def _to_garage(self, stopped: Sequence[int]) -> None:
         """Wait until these karts have stopped, and send everybody to the garage."""
         self._wait_for(RaceState.RED_RED, stopped)
-        self.console.print(self.table())
         self.rehearsal.mend()
         self.official.command('in_garage', track_safe=True)
         self._wait_for(RaceState.IN_GARAGE, PLAN.numbers)
 
     def tell(self, event: msg.RaceEvent) -> None:
         """Print an event."""
-        if event.kind not in _NOT_TOLD_LIVE:
-            at = event.monotonic.sec + event.monotonic.nanosec * 1e-9 - self._began
-            bad = event.kind == msg.RaceEvent.ALERT_RAISED or not event.success
-            self.console.print(Text(f'{at:7.3f}  {event.text}', 'bold red' if bad else ''))
+        at = event.monotonic.sec + event.monotonic.nanosec * 1e-9 - self._began
+        bad = event.kind == msg.RaceEvent.ALERT_RAISED or not event.success
+        self.console.print(Text(f'{at:7.3f}  {event.text}', 'bold red' if bad else ''))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -335,7 +285,6 @@ def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Find
                 ):
                     if not show.play(title, drive):
                         break
-            console.print(show.table())
             pids = family(os.getpid())[1:]
         if record is not None:
             shutil.copy(folder / 'record.sqlite3', record)
@@ -383,10 +332,6 @@ def judge_end(codes: Mapping[str, int], left: Sequence[int]) -> Finding:
     if wrong:
         return Finding(False, f'not every process ended well: {"; ".join(wrong)}')
     return Finding(True, f'all {len(codes)} processes ended in good order; none is left')
-
-
-def _name(state: RaceState | None) -> str:
-    return state.value if state is not None else 'UNKNOWN'
 
 
 if __name__ == '__main__':

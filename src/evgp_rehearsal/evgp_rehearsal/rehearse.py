@@ -49,7 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     Rehearse.
 
-    :return: 0; 1 if an automatic official did not pass every incident; 2 if the plan is wrong.
+    :return: 0; 1 if an automatic official did not pass every incident. Where the plan or a setting
+        is wrong, the program exits with 2.
     """
     parser = argparse.ArgumentParser(prog='rehearse', description='Rehearse a race.')
     parser.add_argument('--plan', type=pathlib.Path, help='a YAML file, like the one shipped')
@@ -70,11 +71,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         plan = load_plan(given.plan, given.seed, given.karts)
     except (PlanError, OSError) as error:
-        print(f'rehearse: {error}', file=sys.stderr)
-        return 2
+        parser.error(str(error))
     if not 0 <= given.bridged < plan.karts:
-        print('rehearse: --bridged must leave one kart to be simulated', file=sys.stderr)
-        return 2
+        parser.error('--bridged must leave one kart to be simulated')
     signal.signal(signal.SIGINT, signal.default_int_handler)
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     with tempfile.TemporaryDirectory() as folder:

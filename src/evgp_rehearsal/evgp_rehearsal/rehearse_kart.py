@@ -182,32 +182,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     Play a race.
 
-    :return: 0; 1 if the kart did anything badly; 2 if a setting is wrong; 130 after Ctrl-C, which
-        gives the findings so far.
+    :return: 0; 1 if the kart did anything badly; 130 after Ctrl-C, which gives the findings so
+        far. Where a setting is wrong, the program exits with 2.
     """
     parser = argparse.ArgumentParser(
         prog='rehearse_kart',
         description='Play a whole race with one incident to your kart, and say how it did.',
     )
-    parser.add_argument('--host', default='127.0.0.1', help='where your kart connects; loopback')
+    parser.add_argument(
+        '--host', type=_loopback, default='127.0.0.1', help='where your kart connects; loopback'
+    )
     parser.add_argument('--port', type=int, default=12017, help='at which port (%(default)s)')
     parser.add_argument('--kart', type=int, default=1, help='its number (%(default)s)')
     parser.add_argument(
-        '--address', default='127.0.0.1', help="your kart's own address (%(default)s)"
+        '--address',
+        type=_loopback,
+        default='127.0.0.1',
+        help="your kart's own address (%(default)s)",
     )
     parser.add_argument('--incident', choices=INCIDENTS, default='none')
     parser.add_argument(
         '--wait', type=float, default=60.0, help='how long your kart is awaited, s (%(default)s)'
     )
     given = parser.parse_args(arguments)
-    for address in (given.host, given.address):
-        if not _is_loopback(address):
-            print(
-                f'rehearse_kart: {address} is not on this machine. A rehearsal reaches loopback '
-                'addresses only (127.0.0.1), so that no kart drives by it',
-                file=sys.stderr,
-            )
-            return 2
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['EVGP_GRAPH_INTERFACE'] = ''
     print(f'REHEARSAL of kart {given.kart}: {given.incident}', flush=True)
@@ -293,11 +290,13 @@ def _race(trial: Trial, name: str, wait: float) -> None:
         official.bring_to(RaceState.IN_GARAGE)
 
 
-def _is_loopback(address: str) -> bool:
-    try:
-        return ipaddress.IPv4Address(address).is_loopback
-    except ValueError:
-        return False
+def _loopback(address: str) -> str:
+    if ipaddress.IPv4Address(address).is_loopback:
+        return address
+    raise argparse.ArgumentTypeError(
+        f'{address} is not on this machine. A rehearsal reaches loopback addresses only '
+        '(127.0.0.1), so that no kart drives by it'
+    )
 
 
 if __name__ == '__main__':

@@ -1,0 +1,348 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What a survey of the network found: figures, worst places, verdict, text, JSON. Pure.
+
+Each kart has a `LinkSurvey`, which is told what happens with the time, in seconds. Every figure is
+about the kart's kernel, which answers for the kart's program.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import dataclasses
+import datetime
+import json
+import math
+
+from evgp_inspection import VERSION
+from evgp_inspection.limits import SurveyLimits
+from evgp_inspection.verdicts import Verdict
+from evgp_protocol.clock import duration
+from evgp_protocol.link import Grade, grade, GRADE_WINDOW
+
+WORST_PLACES = 5
+"""Maximum number of worst places in a report."""
+
+APART = 10.0
+"""Minimum time between two worst places, in seconds: what is nearer is the same place."""
+
+MINUTE = 60.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Mark:
+    """A place with a name; all that follows is after it."""
+
+    at: float
+    name: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Second:
+    """
+    What one second of a kart's link was like.
+
+    :ivar at: its end, in s since the survey began.
+    :ivar round_trip: of the newest frame that was answered, s; None: none was answered.
+    :ivar worst: the longest round trip in this second, or the age of what was not answered, s.
+    :ivar silence: the longest time without an answer that lasted into this second, s.
+    :ivar retransmitted: segments that were sent again in it.
+    :ivar connected: there was a connection at its end.
+    """
+
+    at: float
+    round_trip: float | None
+    worst: float
+    silence: float
+    retransmitted: int
+    connected: bool
+
+
+@dataclasses.dataclass(frozen=True)
+class Figure:
+    """
+    One line of the verdict on a kart.
+
+    :ivar value: what was measured, in `unit`; None: nothing.
+    :ivar limit: the greatest that passes, or the least, in `unit`.
+    :ivar at_least: the limit is the least that passes.
+    """
+
+    name: str
+    value: float | None
+    limit: float
+    unit: str
+    verdict: Verdict
+    at_least: bool = False
+
+    def line(self) -> str:
+        """Return it for people."""
+        value = 'nothing' if self.value is None else f'{self.value:.3g} {self.unit}'.rstrip()
+        most = 'at least' if self.at_least else 'at most'
+        limit = f'{most} {self.limit:.3g} {self.unit}'.rstrip()
+        return f'{self.verdict.value:11} {self.name:32} {value:>12}   {limit}'
+
+
+class LinkSurvey:
+    """
+    The link of one kart, from its first connection on.
+
+    :ivar seconds: each second of it.
+    :ivar losses: when connections were lost, and how.
+    """
+
+    def __init__(self) -> None:
+        """Begin before the first connection."""
+        self.seconds: list[Second] = []
+        self.losses: list[tuple[float, str]] = []
+        self._connected = False
+        self._time_connected = 0.0
+        self._trips: list[float] = []
+        self._since: float | None = None  # the kart answered last
+        self._longest = 0.0
+        self._counted_to = 0.0
+        self._round_trip: float | None = None
+        self._worst = 0.0
+        self._silence = 0.0
+        self._retransmitted = 0
+
+    def opened(self, now: float) -> None:
+        """Take note of a new connection; a silence before it goes on."""
+        self._pass_time(now)
+        self._connected = True
+        if self._since is None:
+            self._since = now
+
+    def lost(self, why: str, now: float, never_answered: Sequence[float] = ()) -> None:
+        """
+        Take note that the connection has ended.
+
+        :param never_answered: the ages of frames that were not answered until now, s: their round
+            trips would have been at least as long.
+        """
+        self._pass_time(now)
+        self._connected = False
+        self.losses.append((now, why))
+        self._trips += never_answered
+        self._worst = max(self._worst, 0.0, *never_answered)
+
+    def answered(self, trips: Sequence[float], now: float) -> None:
+        """Take the round trips of frames that were answered by now, s; the last is the newest."""
+        if trips:
+            self._silent(now)
+            self._since = now
+            self._trips += trips
+            self._round_trip = trips[-1]
+            self._worst = max(self._worst, *trips)
+
+    def retransmitted(self, segments: int) -> None:
+        """Take note that so many more segments were sent again."""
+        self._retransmitted += segments
+
+    def second(self, now: float, age: float = 0.0) -> Second:
+        """
+        End a second.
+
+        :param age: of the oldest frame that is not answered, s.
+        """
+        self._silent(now)
+        self._pass_time(now)
+        found = Second(
+            at=now,
+            round_trip=self._round_trip,
+            worst=max(self._worst, age),
+            silence=self._silence,
+            retransmitted=self._retransmitted,
+            connected=self._connected,
+        )
+        self.seconds.append(found)
+        self._round_trip, self._worst, self._silence, self._retransmitted = None, 0.0, 0.0, 0
+        return found
+
+    def _pass_time(self, now: float) -> None:
+        if self._connected:
+            self._time_connected += now - self._counted_to
+        self._counted_to = now
+
+    def _silent(self, now: float) -> None:
+        """Take note of how long the kart has not answered up to now."""
+        if self._since is not None:
+            self._silence = max(self._silence, now - self._since)
+            self._longest = max(self._longest, self._silence)
+
+    @property
+    def grade(self) -> Grade:
+        """Return how good the link is, by its last `GRADE_WINDOW`; a lost one is poor."""
+        since = self.seconds[-1].at - GRADE_WINDOW if self.seconds else 0.0
+        recent = [each for each in self.seconds if each.at > since]
+        if recent and not recent[-1].connected:
+            return Grade.POOR
+        return grade(max((each.worst for each in recent), default=None))
+
+    @property
+    def worst(self) -> float:
+        """Return the longest round trip so far, s."""
+        return max((each.worst for each in self.seconds), default=0.0)
+
+    @property
+    def percentile(self) -> float | None:
+        """Return the 99th percentile of the round trips, s; None: there was none."""
+        trips = sorted(self._trips)
+        return trips[math.ceil(0.99 * len(trips)) - 1] if trips else None
+
+    @property
+    def worst_minute(self) -> int:
+        """Return how many segments were sent again in the worst minute."""
+        worst = total = first = 0
+        for each in self.seconds:
+            total += each.retransmitted
+            while self.seconds[first].at <= each.at - MINUTE:
+                total -= self.seconds[first].retransmitted
+                first += 1
+            worst = max(worst, total)
+        return worst
+
+    def figures(self, limits: SurveyLimits, held_up: float = 0.0) -> list[Figure]:
+        """
+        Return what counts, each held against its limit.
+
+        :param held_up: for how long at most the surveying computer itself was late, s. A time
+            that this can explain is not judged.
+        """
+
+        def at_most(name: str, value: float | None, limit: float, unit: str = '') -> Figure:
+            if value is None:
+                verdict = Verdict.NOT_JUDGED
+            elif value <= limit:
+                verdict = Verdict.PASS
+            elif unit == 's' and value - held_up <= limit:
+                verdict = Verdict.NOT_JUDGED
+            else:
+                verdict = Verdict.FAIL
+            return Figure(name, value, limit, unit, verdict)
+
+        on = self._time_connected
+        enough = Verdict.PASS if on >= limits.shortest else Verdict.NOT_JUDGED
+        return [
+            at_most('round trip, 99th percentile', self.percentile, limits.round_trip, 's'),
+            at_most('longest silence', self._longest, limits.silence, 's'),
+            at_most('retransmissions, worst minute', self.worst_minute, limits.retransmissions),
+            at_most('lost connections', len(self.losses), 0),
+            Figure('time on the network', on, limits.shortest, 's', enough, at_least=True),
+        ]
+
+    def worst_places(self) -> list[Second]:
+        """Return the worst seconds, worst first, none near another."""
+        places: list[Second] = []
+        for each in sorted(self.seconds, key=badness, reverse=True):
+            if all(abs(each.at - other.at) >= APART for other in places):
+                places.append(each)
+                if len(places) == WORST_PLACES:
+                    break
+        return places
+
+
+def badness(second: Second) -> float:
+    """Return how bad a second was, s: its longest round trip or silence."""
+    return max(second.worst, second.silence)
+
+
+@dataclasses.dataclass(frozen=True)
+class Report:
+    """
+    A whole survey.
+
+    :ivar began: date and time of the beginning.
+    :ivar seconds: how long it took, s.
+    :ivar karts: the surveys, by IPv4 address.
+    :ivar held_up: for how long at most the surveying computer itself was late, s.
+    """
+
+    began: datetime.datetime
+    seconds: float
+    karts: Mapping[str, LinkSurvey]
+    marks: Sequence[Mark]
+    held_up: float
+    limits: SurveyLimits
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return the verdict: a failure counts before what was not judged."""
+        found = {
+            figure.verdict
+            for kart in self.karts.values()
+            for figure in kart.figures(self.limits, self.held_up)
+        } or {Verdict.NOT_JUDGED}
+        return next(
+            each for each in (Verdict.FAIL, Verdict.NOT_JUDGED, Verdict.PASS) if each in found
+        )
+
+    def place(self, at: float) -> str:
+        """Return when and after which mark something was, for people."""
+        before = [mark for mark in self.marks if mark.at <= at]
+        where = f', {at - before[-1].at:.0f} s after "{before[-1].name}"' if before else ''
+        return f'at {self.began + datetime.timedelta(seconds=at):%H:%M:%S}{where}'
+
+    def text(self) -> str:
+        """Return the report for people."""
+        lines = [
+            f'Survey of the network, {self.began:%Y-%m-%d %H:%M:%S}, {duration(self.seconds, 0)}',
+            '',
+        ]
+        for address, kart in self.karts.items():
+            lines += [f'Kart {address}']
+            lines += [f'  {each.line()}' for each in kart.figures(self.limits, self.held_up)]
+            lines += ['  Worst places:']
+            for each in kart.worst_places():
+                lost = '' if each.connected else ', not connected'
+                lines += [f'    {badness(each):7.3f} s  {self.place(each.at)}{lost}']
+            lines += [f'  Lost {self.place(at)}: {why}' for at, why in kart.losses]
+            lines += ['']
+        if not self.karts:
+            lines += ['No kart connected.', '']
+        if self.held_up > self.limits.round_trip / 2:
+            lines += [
+                f'This computer itself was late by up to {self.held_up:.2f} s. What that can '
+                'explain is not judged: survey again, with no other program running.',
+                '',
+            ]
+        return '\n'.join([*lines, self.verdict.value.upper(), ''])
+
+    def as_json(self) -> str:
+        """Return the report as JSON, with every second."""
+        karts = {
+            address: {
+                'figures': [
+                    {**dataclasses.asdict(each), 'verdict': each.verdict.value}
+                    for each in kart.figures(self.limits, self.held_up)
+                ],
+                'worst_places': [dataclasses.asdict(each) for each in kart.worst_places()],
+                'losses': [{'at': at, 'why': why} for at, why in kart.losses],
+                'seconds': [dataclasses.asdict(each) for each in kart.seconds],
+            }
+            for address, kart in self.karts.items()
+        }
+        whole = {
+            'version': VERSION,
+            'verdict': self.verdict.value,
+            'began': self.began.isoformat(timespec='seconds'),
+            'seconds': self.seconds,
+            'held_up': self.held_up,
+            'limits': dataclasses.asdict(self.limits),
+            'marks': [dataclasses.asdict(each) for each in self.marks],
+            'karts': karts,
+        }
+        return json.dumps(whole, indent=1, ensure_ascii=False, allow_nan=False)

@@ -1,0 +1,448 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+`survey_network`: whether the karts' network is good enough on the whole track.
+
+It plays race control to karts that are driven, pushed or carried round the track. It sends
+IN_GARAGE and nothing else, as often as race control does and with race control's sockets, and
+watches when each kart's TCP answers. It needs no ROS.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import codecs
+from collections.abc import Callable, Iterator, Mapping, Sequence
+import contextlib
+import datetime
+import os
+import pathlib
+import shutil
+import signal
+import socket
+import sys
+import termios
+import tty
+
+from evgp_inspection import VERSION
+from evgp_inspection.inspection import Exit
+from evgp_inspection.inspector import Printer, WORD
+from evgp_inspection.limits import SurveyLimits
+from evgp_inspection.recording import first
+from evgp_inspection.survey import LinkSurvey, Mark, Report
+from evgp_inspection.verdicts import Verdict
+from evgp_protocol.arbiter import Settings
+from evgp_protocol.clock import now as clock_now
+from evgp_protocol.clock import run
+from evgp_protocol.frames import DEFAULT_PORT, encode
+from evgp_protocol.link import Answers, Grade, make_prompt, read, unanswered, unsent
+from evgp_protocol.states import RaceState
+
+FRAME = encode(RaceState.IN_GARAGE)
+"""All that is ever sent."""
+
+BEAT = 0.05
+"""Time between two frames, in seconds."""
+
+LOOK_EVERY = 0.01
+"""Time between two looks at what was answered, in seconds: so exact are the round trips."""
+
+LOST = Settings().frame_timeout
+"""Age of an unanswered frame after which a connection is given up, in seconds."""
+
+SURVEY_FIRST = f"""\
+  1. Race control does not run, and NO STOP IS IN FORCE: each kart that connects is sent IN_GARAGE,
+     which gives it to its team, whatever stopped it before.
+  2. Whoever is on the track knows that teams may move their karts there.
+When all of this is so, type the word "{WORD}" and Enter."""
+
+EXAMPLE = 'PYTHONPATH=src/evgp_protocol python3 kit/python/example.py ADDRESS'
+"""A kart for a laptop; ADDRESS is this computer's."""
+
+
+class Link(asyncio.Protocol):
+    """One connection of a kart; what the kart says on it is not used."""
+
+    transport: asyncio.Transport
+    socket: socket.socket
+    address = ''
+
+    def __init__(self, surveyor: Surveyor) -> None:
+        self.answers = Answers()
+        self.resent = 0
+        self.why = 'the kart closed the connection'
+        self._surveyor = surveyor
+
+    def send(self, now: float) -> None:
+        """Send the frame, unless an earlier one has not left yet."""
+        waits = self.transport.get_write_buffer_size() + unsent(self.socket)
+        if not waits and self.answers.may_beat(now):
+            self.answers.wrote(len(FRAME), now)
+            self.transport.write(FRAME)
+
+    def look(self, now: float) -> list[float]:
+        """Return the round trips of what was answered since the last look, s."""
+        waits = self.transport.get_write_buffer_size() + unanswered(self.socket)
+        return self.answers.look(waits, now)
+
+    def newly_resent(self) -> int:
+        """Return how many segments were sent again since the last time."""
+        info = read(self.socket)
+        before, self.resent = self.resent, self.resent if info is None else info.retransmitted
+        return self.resent - before
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Hand it over."""
+        assert isinstance(transport, asyncio.Transport)
+        self.transport = transport
+        self.socket = transport.get_extra_info('socket')
+        make_prompt(self.socket)
+        self._surveyor.opened(self, transport.get_extra_info('peername')[0])
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Tell of it."""
+        self._surveyor.lost(self, self.why if exc is None else str(exc))
+
+
+class Surveyor:
+    """
+    Sends IN_GARAGE to every kart that connects, and measures.
+
+    :param tell: is told what happens, a sentence.
+    :param kart_address: the only IPv4 address that counts; empty: each.
+    :ivar karts: what was found, by address.
+    :ivar held_up: for how long at most this computer itself was late, s.
+    """
+
+    def __init__(self, tell: Callable[[str], None], kart_address: str = '') -> None:
+        self.karts: dict[str, LinkSurvey] = {}
+        self.marks: list[Mark] = []
+        self.held_up = 0.0
+        self._tell = tell
+        self._kart_address = kart_address
+        self._links: dict[str, Link] = {}
+        self._began = clock_now()
+
+    @property
+    def now(self) -> float:
+        """Return the time since the beginning, s."""
+        return clock_now() - self._began
+
+    def mark(self, name: str) -> None:
+        """Name the place where the kart is now."""
+        self.marks.append(Mark(self.now, name or f'mark {len(self.marks) + 1}'))
+        self._tell(f'Marked: {self.marks[-1].name}')
+
+    async def survey(
+        self,
+        host: str,
+        port: int,
+        stopping: asyncio.Event,
+        listening: Callable[[int], None],
+        second: Callable[[], None],
+    ) -> None:
+        """
+        Survey until told to stop.
+
+        :param listening: is called with the port once karts can connect.
+        :param second: is called at the end of each second.
+        :raises OSError: if this computer cannot listen there.
+        """
+        loop = asyncio.get_running_loop()
+        server = await loop.create_server(lambda: Link(self), host, port, family=socket.AF_INET)
+        try:
+            listening(server.sockets[0].getsockname()[1])
+            beat_due = second_due = due = self.now
+            while not stopping.is_set():
+                now = self.now
+                self.held_up = max(self.held_up, now - due)
+                self._look(now)
+                if now >= beat_due:
+                    beat_due = max(beat_due + BEAT, now)
+                    for link in self._links.values():
+                        link.send(now)
+                if now >= second_due:
+                    second_due = max(second_due + 1.0, now)
+                    self._end_second(now)
+                    second()
+                due = self.now + LOOK_EVERY
+                await asyncio.sleep(LOOK_EVERY)
+            self._look(self.now)
+            self._end_second(self.now)
+        finally:
+            server.close()
+            links, self._links = self._links, {}
+            for link in links.values():
+                link.transport.abort()
+
+    def _look(self, now: float) -> None:
+        for address, link in list(self._links.items()):
+            self.karts[address].answered(link.look(now), now)
+            if link.answers.age(now) >= LOST:
+                self._give_up(link, f'it did not answer for {LOST:g} s')
+
+    def _end_second(self, now: float) -> None:
+        for address, kart in self.karts.items():
+            link = self._links.get(address)
+            if link is not None:
+                kart.retransmitted(link.newly_resent())
+            kart.second(now, 0.0 if link is None else link.answers.age(now))
+
+    def opened(self, link: Link, address: str) -> None:
+        """Take a new connection in the place of an earlier one, or refuse it."""
+        if self._kart_address not in ('', address):
+            self._tell(f'A connection from {address} is refused: it is not the kart.')
+            link.transport.abort()
+            return
+        now = self.now
+        if address in self._links:
+            self._give_up(self._links[address], 'a new connection took its place')
+        link.address = address
+        self._links[address] = link
+        self.karts.setdefault(address, LinkSurvey()).opened(now)
+        self._tell(f'{address} is connected.')
+        link.send(now)
+
+    def _give_up(self, link: Link, why: str) -> None:
+        self.lost(link, why)
+        link.transport.abort()
+
+    def lost(self, link: Link, why: str) -> None:
+        """Take note that a connection has ended, once."""
+        if self._links.get(link.address) is not link:
+            return
+        del self._links[link.address]
+        now, kart = self.now, self.karts[link.address]
+        kart.retransmitted(link.newly_resent())
+        kart.lost(why, now, link.answers.look(0, now))
+        self._tell(f'LOST {link.address}: {why}.')
+
+
+class Terminal:
+    """
+    What happens, line by line; below it the figures of now, and what is being typed.
+
+    :param line: is told each line that is typed.
+    :param stop: is called at Ctrl-D.
+    :param gone: is called where nobody can type, or not any more.
+    """
+
+    def __init__(
+        self, line: Callable[[str], None], stop: Callable[[], None], gone: Callable[[], None]
+    ) -> None:
+        self._printer = Printer()
+        self._line, self._stop, self._gone = line, stop, gone
+        self._decode = codecs.getincrementaldecoder('utf-8')('replace').decode
+        self._typed = self._now = ''
+        self._live = sys.stdout.isatty()
+
+    def tell(self, line: str) -> None:
+        """Print a line that stays."""
+        self._printer.tell(f'\r\x1b[J{line}' if self._live else line)
+        self._show()
+
+    def show(self, now: str) -> None:
+        """Print the figures of now, in the place of the earlier ones where that is possible."""
+        self._now = now
+        if self._live:
+            self._show()
+        else:
+            self._printer.tell(now)
+
+    def _show(self) -> None:
+        if self._live and self._now:
+            width = shutil.get_terminal_size().columns - 1
+            typed = f'  {self._typed}'[-width:]
+            self._printer.tell(f'\r\x1b[J{self._now[: width - len(typed)]}{typed}', end='')
+
+    @contextlib.contextmanager
+    def reading(self) -> Iterator[None]:
+        """Read what is typed, and show it below the rest."""
+        loop = asyncio.get_running_loop()
+        before = termios.tcgetattr(0) if os.isatty(0) else None
+        try:
+            loop.add_reader(0, self._read)
+        except PermissionError:  # a file, or nothing
+            self._gone()
+        try:
+            if before is not None:
+                tty.setcbreak(0)
+            yield
+        finally:
+            loop.remove_reader(0)
+            if before is not None:
+                termios.tcsetattr(0, termios.TCSADRAIN, before)
+            self._now = ''
+            self.tell('')
+
+    def close(self) -> None:
+        """Print what is left."""
+        self._printer.close()
+
+    def _read(self) -> None:
+        try:
+            data = os.read(0, 1024)
+        except OSError:
+            data = b''
+        if not data:
+            asyncio.get_running_loop().remove_reader(0)
+            self._gone()
+        for key in self._decode(data):
+            if key in '\r\n':
+                typed, self._typed = self._typed, ''
+                self._line(typed.strip())
+            elif key in '\b\x7f':
+                self._typed = self._typed[:-1]
+            elif key == '\x04':
+                self._stop()
+            elif key.isprintable():
+                self._typed += key
+        self._show()
+
+
+def figures_now(karts: Mapping[str, LinkSurvey]) -> str:
+    """Return the figures of now, of every kart; those with the worst grade come first."""
+    found = []
+    grades = list(Grade)
+    order = sorted(karts.items(), key=lambda each: grades.index(each[1].grade), reverse=True)
+    for address, kart in order:
+        second = kart.seconds[-1]
+        if not second.connected:
+            found.append(f'{address} NO LINK for {second.silence:.1f} s')
+            continue
+        trip = '-' if second.round_trip is None else f'{second.round_trip * 1000:.0f}'
+        found.append(
+            f'{address} {kart.grade.value}: {trip} ms, '
+            f'worst {second.worst * 1000:.0f} (ever {kart.worst * 1000:.0f}) ms, '
+            f'silence {second.silence:.2f} s, {second.retransmitted} resent'
+        )
+    return ' | '.join(found) or 'No kart is connected yet.'
+
+
+def survey_network(arguments: Sequence[str] | None = None) -> int:
+    """Survey the network; return the exit code."""
+    parser = argparse.ArgumentParser(
+        prog='survey_network',
+        description='Play race control, in IN_GARAGE only, to karts that are driven, pushed or '
+        "carried round the track, and measure each one's link. Race control must not run.",
+        epilog='Exit codes: 0 passed; 2 not: a limit was broken, or not enough was seen, or wrong '
+        'usage. A kart for a laptop: ' + EXAMPLE,
+    )
+    add = parser.add_argument
+    add('--listen', metavar='ADDRESS', default='0.0.0.0', help='own IPv4 address (%(default)s)')
+    add('--port', type=int, default=DEFAULT_PORT, help='where karts connect (%(default)s)')
+    add('--kart-address', default='', help='the only IPv4 address that counts; default: each')
+    add('--word', default='', help=f'"{WORD}": what is asked at the beginning is so')
+    add('--seconds', type=float, default=None, help='end after this time; default: at Ctrl-C')
+    add(
+        '--report',
+        metavar='FOLDER',
+        default='surveys',
+        help='where text and JSON go (%(default)s); empty: nowhere',
+    )
+    add('--version', action='version', version=VERSION)
+    SurveyLimits.add_to(parser)
+    options = parser.parse_args(arguments)
+    try:
+        limits = SurveyLimits.taken_from(options)
+    except ValueError as error:
+        parser.error(str(error))
+    try:
+        report = run(_survey(options, limits))
+    except OSError as error:
+        print(f'The survey cannot start: {error}', file=sys.stderr)
+        return Exit.NOT_PASSED
+    if report is None:
+        print(f'The survey has not begun: the word was not "{WORD}".', file=sys.stderr)
+        return Exit.NOT_PASSED
+    print(report.text(), end='')
+    if options.report:
+        _write(pathlib.Path(options.report), report)
+    return Exit.PASSED if report.verdict is Verdict.PASS else Exit.NOT_PASSED
+
+
+async def _survey(options: argparse.Namespace, limits: SurveyLimits) -> Report | None:
+    """Survey until a signal, Ctrl-D or the end of the time; None: the word was not given."""
+    stopping = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        loop.add_signal_handler(number, stopping.set)
+    word: asyncio.Future[str] = loop.create_future()
+    surveyor: Surveyor | None = None
+
+    def line(text: str) -> None:
+        if surveyor is not None:
+            surveyor.mark(text)
+        elif not word.done():
+            word.set_result(text)
+
+    def gone() -> None:
+        if not word.done():
+            word.set_result('')
+
+    terminal = Terminal(line, stopping.set, gone)
+
+    def listening(port: int) -> None:
+        terminal.tell(
+            f'Waiting for karts on port {port}. A laptop becomes a kart by: {EXAMPLE} {port}\n'
+            'Type the name of a place and press Enter there. Ctrl-C ends the survey: before you '
+            'switch the kart off.'
+        )
+
+    try:
+        if options.word:
+            word.set_result(options.word)
+        with terminal.reading():
+            if not word.done():
+                terminal.tell(SURVEY_FIRST)
+                terminal.show('>')
+                await first(word, stopping)
+            if not word.done() or word.result().lower() != WORD:
+                return None
+            if options.seconds is not None:
+                loop.call_later(options.seconds, stopping.set)
+            began = datetime.datetime.now().astimezone()
+            surveyor = surveying = Surveyor(terminal.tell, options.kart_address)
+            await surveyor.survey(
+                options.listen,
+                options.port,
+                stopping,
+                listening,
+                lambda: terminal.show(figures_now(surveying.karts)),
+            )
+    finally:
+        terminal.close()
+    return Report(
+        began=began,
+        seconds=surveyor.now,
+        karts=surveyor.karts,
+        marks=surveyor.marks,
+        held_up=surveyor.held_up,
+        limits=limits,
+    )
+
+
+def _write(folder: pathlib.Path, report: Report) -> None:
+    """Write the two files of the report."""
+    stem = f'survey-{report.began:%Y%m%d-%H%M%S}'
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for ending, text in (('txt', report.text()), ('json', report.as_json())):
+            path = folder / f'{stem}.{ending}'
+            path.write_text(text, encoding='utf-8')
+            print(f'written: {path}')
+    except OSError as error:
+        print(f'The report cannot be written: {error}', file=sys.stderr)

@@ -1,0 +1,306 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a survey of the network makes of what it saw, and what it sends on real sockets."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+import contextlib
+import datetime
+import itertools
+import json
+
+from evgp_inspection.limits import SurveyLimits
+from evgp_inspection.survey import LinkSurvey, Mark, Report
+from evgp_inspection.survey_network import figures_now, FRAME, Surveyor
+from evgp_inspection.verdicts import Verdict
+from evgp_protocol.clock import run
+from evgp_protocol.link import Grade
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+LIMITS = SurveyLimits()
+BEGAN = datetime.datetime(2026, 5, 1, 12, 0, tzinfo=datetime.timezone.utc)
+PATIENCE = 30
+
+
+def driven(seconds: int = 90, trip: float = 0.02, gap: Iterable[int] = ()) -> LinkSurvey:
+    """Return a kart that answered 20 times in each second, but not in those of the gap."""
+    kart = LinkSurvey()
+    kart.opened(0.0)
+    for second in range(seconds):
+        for beat in range(1, 21) if second not in gap else ():
+            kart.answered([trip], second + beat / 20)
+        kart.second(second + 1.0)
+    return kart
+
+
+def report_on(kart: LinkSurvey | None, marks: Iterable[Mark] = (), held_up: float = 0.0) -> Report:
+    karts = {} if kart is None else {'10.0.0.107': kart}
+    return Report(BEGAN, 90.0, karts, list(marks), held_up, LIMITS)
+
+
+def failed(kart: LinkSurvey, held_up: float = 0.0) -> list[str]:
+    return [
+        each.name for each in kart.figures(LIMITS, held_up) if each.verdict is not Verdict.PASS
+    ]
+
+
+def test_a_good_network_passes() -> None:
+    report = report_on(driven())
+    assert report.verdict is Verdict.PASS
+    assert report.text().endswith('PASS\n')
+
+
+def late(kart: LinkSurvey) -> None:
+    kart.answered([LIMITS.round_trip * 1.1] * 20, 90.1)
+
+
+def silent(kart: LinkSurvey) -> None:
+    kart.second(90.0 + LIMITS.silence * 1.1)
+
+
+def resent(kart: LinkSurvey) -> None:
+    kart.retransmitted(int(LIMITS.retransmissions) + 1)
+    kart.second(90.1)
+
+
+def lost(kart: LinkSurvey) -> None:
+    kart.lost('reset', 90.1)
+
+
+@pytest.mark.parametrize(
+    ('fault', 'figure'),
+    [
+        (late, 'round trip, 99th percentile'),
+        (silent, 'longest silence'),
+        (resent, 'retransmissions, worst minute'),
+        (lost, 'lost connections'),
+    ],
+)
+def test_each_limit_fails_a_network_alone(
+    fault: Callable[[LinkSurvey], None], figure: str
+) -> None:
+    kart = driven()
+    fault(kart)
+    assert failed(kart) == [figure]
+    assert report_on(kart).verdict is Verdict.FAIL
+
+
+def test_what_is_only_a_glance_is_not_judged() -> None:
+    assert report_on(driven(59)).verdict is Verdict.NOT_JUDGED
+    assert report_on(None).verdict is Verdict.NOT_JUDGED
+    never_answered = LinkSurvey()
+    never_answered.opened(0.0)
+    assert report_on(never_answered).verdict is Verdict.NOT_JUDGED
+
+
+def test_time_without_a_connection_is_not_time_on_the_network() -> None:
+    kart = driven(50)
+    kart.lost('reset', 50.0)
+    kart.second(100.0)
+    kart.opened(105.0)
+    kart.second(110.0)
+    on = kart.figures(LIMITS)[-1]
+    assert (on.value, on.verdict) == (55.0, Verdict.NOT_JUDGED)
+
+
+def test_a_silence_goes_on_until_the_kart_answers_on_its_next_connection() -> None:
+    kart = driven()
+    kart.lost('reset', 90.2)
+    kart.opened(92.0)
+    kart.answered([0.01], 92.5)
+    assert kart.second(93.0).silence == pytest.approx(2.5)
+
+
+def test_a_frame_that_was_never_answered_counts_with_its_age() -> None:
+    kart = driven()
+    kart.lost('reset', 91.0, [0.9] * 100)
+    assert 'round trip, 99th percentile' in failed(kart)
+    assert kart.second(91.0).worst == 0.9
+
+
+def test_what_this_computer_can_have_caused_is_not_judged() -> None:
+    kart = driven(gap=[30])
+    assert report_on(kart).verdict is Verdict.FAIL
+    assert report_on(kart, held_up=0.6).verdict is Verdict.NOT_JUDGED
+    assert report_on(kart, held_up=0.1).verdict is Verdict.FAIL
+    late(kart)
+    assert report_on(kart, held_up=0.6).verdict is Verdict.NOT_JUDGED
+    lost(kart)
+    assert report_on(kart, held_up=0.6).verdict is Verdict.FAIL
+
+
+def test_the_worst_places_are_apart_and_after_their_marks() -> None:
+    kart = driven(gap=[30, 31, 60])
+    report = report_on(kart, [Mark(10.0, 'pits'), Mark(25.0, 'turn 3'), Mark(80.0, 'home')])
+    first, second, *_ = kart.worst_places()
+    assert [first.at, second.at] == [33.0, 62.0]
+    assert [first.silence, second.silence] == pytest.approx([2.05, 1.05])
+    assert report.place(first.at) == 'at 12:00:33, 8 s after "turn 3"'
+    assert report.place(5.0) == 'at 12:00:05'
+
+
+def test_a_link_is_as_good_as_its_last_seconds() -> None:
+    kart = driven(30)
+    grades = [kart.grade]
+    kart.answered([0.3], 30.1)
+    kart.second(31.0)
+    grades.append(kart.grade)
+    for second in range(31, 41):
+        kart.answered([0.02], second + 0.5)
+        kart.second(second + 1.0)
+    grades.append(kart.grade)
+    kart.lost('reset', 41.1)
+    kart.second(42.0)
+    grades.append(kart.grade)
+    assert grades == [Grade.GOOD, Grade.FAIR, Grade.GOOD, Grade.POOR]
+
+
+def test_the_worst_kart_is_where_the_line_is_not_cut_off() -> None:
+    away = driven()
+    away.lost('reset', 90.1)
+    away.second(91.0)
+    line = figures_now({'10.0.0.101': driven(), '10.0.0.102': away, '10.0.0.103': driven()})
+    found = [each.split()[0] for each in line.split(' | ')]
+    assert found == ['10.0.0.102', '10.0.0.101', '10.0.0.103']
+
+
+@given(st.lists(st.floats(0, 2), min_size=1, max_size=400))
+def test_no_more_than_one_of_a_hundred_is_above_the_percentile(trips: list[float]) -> None:
+    kart = LinkSurvey()
+    kart.opened(0.0)
+    kart.answered(trips, 1.0)
+    assert kart.percentile in trips
+    assert sum(each > kart.percentile for each in trips) <= len(trips) / 100
+    assert sum(each >= kart.percentile for each in trips) > len(trips) / 100
+
+
+@given(st.lists(st.integers(0, 9), max_size=150))
+def test_the_worst_minute_is_the_worst_of_all_minutes(resent: list[int]) -> None:
+    kart = LinkSurvey()
+    kart.opened(0.0)
+    for second, segments in enumerate(resent):
+        kart.retransmitted(segments)
+        kart.second(second + 1.0)
+    minutes = [sum(itertools.islice(resent, at, at + 60)) for at in range(len(resent))]
+    assert kart.worst_minute == max(minutes, default=0)
+
+
+def test_the_json_has_every_second_and_no_number_that_json_has_not() -> None:
+    kart = driven()
+    lost(kart)
+    report = json.loads(report_on(kart, [Mark(1.0, 'ümlaut')]).as_json())
+    assert report['verdict'] == 'fail'
+    assert [each['at'] for each in report['karts']['10.0.0.107']['seconds']] == [
+        second + 1.0 for second in range(90)
+    ]
+    assert report['marks'] == [{'at': 1.0, 'name': 'ümlaut'}]
+
+
+# ----- on real sockets ----------------------------------------------------------------------
+
+
+def surveyed(
+    visit: Callable[[Surveyor, int], Awaitable[None]], kart_address: str = ''
+) -> tuple[Surveyor, list[str]]:
+    """Survey while karts visit, and return what was found and told."""
+    told: list[str] = []
+
+    async def survey() -> Surveyor:
+        surveyor = Surveyor(told.append, kart_address)
+        stopping = asyncio.Event()
+        port: asyncio.Future[int] = asyncio.get_running_loop().create_future()
+        running = asyncio.ensure_future(
+            surveyor.survey('127.0.0.1', 0, stopping, port.set_result, lambda: None)
+        )
+        try:
+            await asyncio.wait_for(visit(surveyor, await port), PATIENCE)
+        finally:
+            stopping.set()
+            await running
+        return surveyor
+
+    return run(survey()), told
+
+
+@contextlib.asynccontextmanager
+async def connection(
+    port: int, address: str = '127.0.0.1'
+) -> AsyncIterator[tuple[asyncio.StreamReader, asyncio.StreamWriter]]:
+    reader, writer = await asyncio.open_connection('127.0.0.1', port, local_addr=(address, 0))
+    try:
+        yield reader, writer
+    finally:
+        writer.close()
+
+
+async def read_until_the_end(reader: asyncio.StreamReader) -> bytes:
+    data = b''
+    with contextlib.suppress(ConnectionError):
+        while more := await reader.read(1000):
+            data += more
+    return data
+
+
+def test_nothing_but_in_garage_is_ever_sent() -> None:
+    heard = bytearray()
+
+    async def visit(surveyor: Surveyor, port: int) -> None:
+        # Whatever a kart says: GREEN_GREEN, rubbish, half a frame.
+        for says in (b'$GREEN_GREEN;', b'\xff' * 1000, b'$RED', b''):
+            async with connection(port) as (reader, writer):
+                writer.write(says)
+                heard.extend(await reader.readexactly(5 * len(FRAME)))
+                if says:
+                    writer.write_eof()
+                    heard.extend(await read_until_the_end(reader))
+
+    surveyor, _ = surveyed(visit)
+    assert FRAME == b'$IN_GARAGE;'
+    frames = bytes(heard).split(b';')[:-1]
+    assert len(frames) >= 20
+    assert set(frames) == {FRAME[:-1]}
+    (kart,) = surveyor.karts.values()
+    assert kart.percentile is not None
+    assert len(kart.losses) >= 3
+
+
+def test_only_the_kart_is_surveyed_where_its_address_is_given() -> None:
+    async def visit(surveyor: Surveyor, port: int) -> None:
+        async with connection(port) as (stranger, _):
+            assert await read_until_the_end(stranger) == b''
+        async with connection(port, '127.0.0.7') as (kart, _):
+            await kart.readexactly(len(FRAME))
+
+    surveyor, told = surveyed(visit, kart_address='127.0.0.7')
+    assert list(surveyor.karts) == ['127.0.0.7']
+    assert any('127.0.0.1' in line for line in told)
+
+
+def test_a_second_connection_takes_the_place_of_the_first_and_counts_as_a_loss() -> None:
+    losses = []
+
+    async def visit(surveyor: Surveyor, port: int) -> None:
+        async with connection(port) as (first, _), connection(port) as (second, _):
+            await read_until_the_end(first)
+            await second.readexactly(5 * len(FRAME))
+            (kart,) = surveyor.karts.values()
+            losses.extend(kart.losses)
+
+    surveyed(visit)
+    assert len(losses) == 1

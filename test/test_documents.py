@@ -1,0 +1,129 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""What documents point at is there: tests, files, headings, clauses of the inspection."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+import itertools
+import pathlib
+import re
+import subprocess
+
+from evgp_inspection.kart_clauses import BY_NAME
+from evgp_inspection.rcs_clauses import RCS_BY_NAME
+import pytest
+from race_oracle import PROPERTIES
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+LISTED = subprocess.run(
+    ['git', 'ls-files', '*.md'], cwd=ROOT, capture_output=True, text=True, check=False
+).stdout.split()
+DOCUMENTS = LISTED or [str(each.relative_to(ROOT)) for each in ROOT.glob('docs/*.md')]
+
+EXAMPLES = {'test_my_stack.py', 'test_mine.py'}
+"""Files that a document tells its reader to write."""
+
+
+def text_of(document: str) -> str:
+    return (ROOT / document).read_text(encoding='utf-8')
+
+
+def functions_by_file() -> dict[str, set[str]]:
+    """Return the functions and rules of each test file, by the file's name."""
+    found: dict[str, set[str]] = {}
+    for path in (*ROOT.glob('test/*.py'), *ROOT.glob('src/*/test/*.py')):
+        tree = ast.walk(ast.parse(path.read_text(encoding='utf-8')))
+        names = {node.name for node in tree if isinstance(node, ast.FunctionDef)}
+        found.setdefault(path.name, set()).update(names)
+    return found
+
+
+def cited(text: str) -> set[tuple[str, str]]:
+    """Return the tests that a text cites as ``file::name``; of a whole file, the name is empty."""
+    return set(re.findall(r'\b(test_\w+\.py)(?:::(\w+))?', text))
+
+
+@pytest.mark.parametrize('document', DOCUMENTS)
+def test_every_test_that_a_document_cites_is_there(document: str) -> None:
+    there = functions_by_file()
+    missing = [
+        f'{file}::{name}'
+        for file, name in sorted(cited(text_of(document)))
+        if file not in EXAMPLES and (file not in there or (name and name not in there[file]))
+    ]
+    assert missing == []
+
+
+def rows_of(document: str, heading: str) -> Iterator[list[str]]:
+    """Return the rows of the tables below a heading, without those of the tables' headings."""
+    _, _, below = text_of(document).partition(heading)
+    lines = re.split(r'^##? ', below, flags=re.MULTILINE)[0].splitlines()
+    for above, line in itertools.pairwise(lines):
+        if line.startswith('|') and not {*line} <= {*'|-: '} and above.startswith('|'):
+            yield [cell.strip() for cell in line.strip('|').split(' | ')]
+
+
+def test_every_hazard_has_a_number_a_test_and_somebody_who_accepts_what_is_left() -> None:
+    rows = [row for row in rows_of('docs/safety.md', '## Hazards') if row[0] != 'no.']
+    assert [row[0] for row in rows] == [f'H{number}' for number in range(1, len(rows) + 1)]
+    assert len(rows) > 55
+    for number, _, severity, stops, shown, rest in rows:
+        assert severity in ('A', 'B', 'C'), number
+        assert stops, number
+        assert cited(shown), number
+        for named in re.findall(r'`test_race_exhaustive\.py` \(([\w, -]+)\)', shown):
+            assert {*named.split(', ')} <= PROPERTIES.keys(), number
+        assert re.search(r'\b(organiser|team|software)\b', rest), number
+
+
+def test_every_hazard_and_procedure_that_the_log_names_is_there() -> None:
+    text = text_of('docs/safety.md')
+    there = set(re.findall(r'^\| ([HPLN]\d+) \|', text, re.MULTILINE))
+    named = set(re.findall(r'\b[HPLN]\d+\b', text))
+    assert named == there
+
+
+def clause_rows() -> list[list[str]]:
+    rows = [row for row in rows_of('docs/clauses.md', '# ') if row[0].startswith('§')]
+    assert len(rows) > 75
+    return rows
+
+
+def test_the_sentences_of_the_proposal_are_numbered_without_a_gap() -> None:
+    numbers = [re.fullmatch(r'§([2-4](?:\.[A-F])?)/(\d+)', row[0]) for row in clause_rows()]
+    assert all(numbers)
+    sections = [number[1] for number in numbers]
+    assert sections == sorted(sections)
+    for section in {*sections}:
+        counted = [int(number[2]) for number in numbers if number[1] == section]
+        assert counted == [*range(1, len(counted) + 1)], section
+
+
+def test_every_sentence_of_the_proposal_is_met_by_something_that_is_there() -> None:
+    for number, _, met, shown in clause_rows():
+        clauses = set(re.findall(r'\b[KR]-\d\w?-\d\d\b', shown))
+        assert clauses <= BY_NAME.keys() | RCS_BY_NAME.keys(), number
+        assert met, number
+        assert cited(shown) or clauses or re.search(r'\b(organiser|team|official)s?\b', shown), (
+            number
+        )
+
+
+def anchors(document: pathlib.Path) -> set[str]:
+    """Return the anchors of a document's headings, as GitHub makes them."""
+    headings = re.findall(r'^#+ (.*)', document.read_text(encoding='utf-8'), re.MULTILINE)
+    return {re.sub(r'[^\w\- ]', '', each.lower()).strip().replace(' ', '-') for each in headings}
+
+
+@pytest.mark.parametrize('document', DOCUMENTS)
+def test_every_link_of_a_document_leads_somewhere(document: str) -> None:
+    path = ROOT / document
+    prose = re.sub(r'^```.*?^```', '', text_of(document), flags=re.MULTILINE | re.DOTALL)
+    for target in re.findall(r'\]\((?!https?:)([^)\s]+)\)', prose):
+        file, _, anchor = target.partition('#')
+        other = (path.parent / file).resolve() if file else path
+        assert other.exists(), target
+        assert not anchor or anchor in anchors(other), target

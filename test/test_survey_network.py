@@ -1,0 +1,145 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""`survey_network` as it is run: a program, a terminal, karts on networks that fail."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+import json
+import pathlib
+import signal
+import subprocess
+import sys
+from typing import Any
+
+from evgp_testing.part import PATIENCE
+from evgp_testing.process import Program
+import pytest
+from rig.networks import kart_address, need_networks, RACE_CONTROL, Track
+from test_inspection import Terminal
+
+ROOT = pathlib.Path(__file__).parents[1]
+SURVEY = [sys.executable, '-I', '-S', str(ROOT / 'src/evgp_inspection'), 'survey']
+KART = ['env', f'PYTHONPATH={ROOT / "src/evgp_protocol"}', sys.executable]
+KART += [str(ROOT / 'kit/python/example.py')]
+
+
+def report_in(folder: pathlib.Path) -> dict[str, Any]:
+    (path,) = folder.glob('*.json')
+    report: dict[str, Any] = json.loads(path.read_text(encoding='utf-8'))
+    return report
+
+
+def verdicts(report: dict[str, Any]) -> dict[str, str]:
+    """Return the verdicts on the only kart."""
+    (kart,) = report['karts'].values()
+    return {each['name']: each['verdict'] for each in kart['figures']}
+
+
+def test_somebody_at_a_terminal_marks_places_and_ends_the_survey(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    terminal = Terminal(
+        [*SURVEY, '--listen', '127.0.0.1', '--port', '0', '--report', str(tmp_path)]
+    )
+    parts.callback(terminal.close)
+    terminal.wait_for('NO STOP IS IN FORCE')
+    terminal.press('ready\n')
+    port = terminal.wait_for(r'on port (\d+)')[1]
+    parts.callback(Program('kart', [*KART, '127.0.0.1', port, '127.0.1.7']).kill)
+    terminal.wait_for(r'127\.0\.1\.7 good: \d+ ms')
+    terminal.press('tarn\x7f\x7f\x7furn 3\n')
+    terminal.wait_for('Marked: turn 3')
+    terminal.press('\n')
+    terminal.wait_for('Marked: mark 2')
+    terminal.process.send_signal(signal.SIGINT)
+    assert terminal.process.wait(PATIENCE) == 2  # it was too short for a verdict
+    report = report_in(tmp_path)
+    assert [each['name'] for each in report['marks']] == ['turn 3', 'mark 2']
+    assert verdicts(report)['time on the network'] == 'not judged'
+    assert report['verdict'] in terminal.text.lower()
+
+
+def test_nothing_listens_before_somebody_has_said_that_no_stop_is_in_force(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    command = [*SURVEY, '--port', '0', '--report', str(tmp_path)]
+    for words in ([], ['--word', 'yes']):
+        # Nobody can type here: standard input is nothing.
+        survey = parts.enter_context(Program('survey_network', [*command, *words]))
+        assert survey.wait() == 2
+        assert 'on port' not in survey.output
+    for keys in ('no\n', '\x04'):
+        terminal = Terminal(command)
+        parts.callback(terminal.close)
+        terminal.wait_for('NO STOP IS IN FORCE')
+        terminal.press(keys)
+        assert terminal.process.wait(PATIENCE) == 2
+        assert 'on port' not in terminal.text
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.fixture
+def on_a_track(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> Callable[..., tuple[Program, Any]]:
+    """Return what starts a survey and a kart on machines of their own."""
+    need_networks()
+
+    def start(*words: str) -> tuple[Program, Any]:
+        track = parts.enter_context(Track())
+        office = track.machine('office', RACE_CONTROL)
+        kart = track.machine('kart', kart_address(7))
+        with office.inside():
+            survey = Program(
+                'survey_network', [*SURVEY, '--word', 'ready', '--report', str(tmp_path), *words]
+            )
+            parts.callback(survey.close)
+        survey.wait_for_line('on port')
+        with kart.inside():
+            parts.callback(Program('kart', [*KART, RACE_CONTROL]).kill)
+        survey.wait_for_line('is connected')
+        return survey, kart
+
+    return start
+
+
+def test_a_kart_that_is_out_of_reach_for_a_while_fails_the_network(
+    on_a_track: Callable[..., tuple[Program, Any]], tmp_path: pathlib.Path
+) -> None:
+    survey, kart = on_a_track()
+    survey.wait_for_line('good')
+    kart.air(1.0)
+    survey.wait_for_line('LOST')
+    survey.wait_for_line('NO LINK')
+    assert survey.close() == 2
+    report = report_in(tmp_path)
+    assert report['verdict'] == 'fail'
+    assert verdicts(report)['lost connections'] == 'fail'
+    (found,) = report['karts'].values()
+    assert not found['worst_places'][0]['connected']
+
+
+def test_a_good_network_passes_on_the_whole_track(
+    on_a_track: Callable[..., tuple[Program, Any]], tmp_path: pathlib.Path
+) -> None:
+    survey, _ = on_a_track('--shortest', '2', '--seconds', '4')
+    code = survey.wait()
+    report = report_in(tmp_path)
+    found = verdicts(report)
+    # A busy computer makes it late; then nothing is judged that this explains.
+    assert 'fail' not in found.values()
+    assert found['lost connections'] == found['time on the network'] == 'pass'
+    assert code == (0 if report['verdict'] == 'pass' else 2)
+
+
+def test_make_ends_with_the_exit_code_of_the_survey() -> None:
+    makes = [
+        subprocess.run(
+            ['make', '-C', str(ROOT), 'survey', f'ARGS={words}'], capture_output=True, check=False
+        ).returncode
+        for words in ('--version', '--silence -1', '--word ready --listen 192.0.2.1')
+    ]
+    assert makes == [0, 2, 2]
