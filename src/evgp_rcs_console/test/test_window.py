@@ -117,14 +117,15 @@ class Console:
         """Press keys, by their names in Qt."""
         for name in names:
             key = QtGui.QKeySequence(name)[0]
-            self.tell(self._race)
             for _ in range(5):  # on a busy machine the window may be held up, and says so
+                self.tell(self._race)
                 self.window._display.bottom.say('')
                 handle = self.window.windowHandle()
                 QtTest.QTest.keyClick(handle, key.key(), key.keyboardModifiers())
                 self.settle()
                 said = self.find('status').whole
-                if 'while the window hung' not in said and 'just changed' not in said:
+                late = ('while the window hung', 'just changed', texts.GONE_REASON)
+                if not any(each in said for each in late):
                     break
                 self.settle(2 * SETTLE)
 
