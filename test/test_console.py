@@ -150,7 +150,7 @@ def hold_down(console: Console, button: str) -> None:
 def see_karts(console: Console, *numbers: int) -> None:
     """Return once the window shows these karts as connected."""
     for number in numbers:
-        console.wait_for(f'kart_{number}', link='✓ linked')
+        console.wait_for(f'kart_{number}', linked='true')
 
 
 # ----- a race -----------------------------------------------------------------------------
@@ -348,7 +348,7 @@ def test_all_kill_pressed_while_race_control_is_dead_is_given_to_the_next_one(
     control.kill()
     before.wait_for_end()
     console.wait_for('danger_title', text='RACE CONTROL IS GONE')
-    console.wait_for('kart_1', link='✓ linked')
+    console.wait_for('kart_1', linked='true')
     console.wait_for('danger_detail', text=r'Last heard \d')
     console.wait_for('grid_active', barred='true', tip='race control is gone')
     console.click('all_kill')
@@ -548,6 +548,11 @@ def fields_of(message: Any) -> dict[str, Any]:
     return {name: getattr(message, name) for name in message.get_fields_and_field_types()}
 
 
+def pictures(folder: pathlib.Path) -> pathlib.Path:
+    """Return where pictures are kept."""
+    return pathlib.Path(os.environ.get('EVGP_SCREENSHOTS') or folder / 'screenshots')
+
+
 @pytest.mark.long
 def test_screenshots_of_every_state(
     open_console: OpenConsole,
@@ -557,7 +562,7 @@ def test_screenshots_of_every_state(
     tmp_path: pathlib.Path,
 ) -> None:
     """`make screenshots` keeps them; in each state ALL KILL must be in reach."""
-    folder = pathlib.Path(os.environ.get('EVGP_SCREENSHOTS') or tmp_path / 'screenshots')
+    folder = pictures(tmp_path)
     parameters = {'red_alert': 0.2, 'finish_delays': '[0.1]'}
     domain = parts.enter_context(Domain()).number
     control = RaceControl(tmp_path, domain, (1, 2, 3), (4, 5), parameters, TEAMS)
@@ -598,7 +603,7 @@ def test_screenshots_of_every_state(
     console.hover('log')
     shoot('race')
     karts[3].close()
-    console.wait_for('kart_3', link='✗ NO LINK')
+    console.wait_for('kart_3', linked='false')
     console.wait_for('banner', text='lost its connection')
     console.press('Escape', '3', see='number', text='KART 3')
     shoot('alert')
@@ -897,6 +902,54 @@ def race_of(
         alerts=list(alerts),
         banner='REHEARSAL',  # with this line there is the least room
     )
+
+
+LINKS = {1: ('GOOD', 0.05), 2: ('FAIR', 0.24), 3: ('POOR', 0.62), 4: ('GOOD', 0.05)}
+"""How good the link of each kart is, and the longest answer (s); kart 5 has none."""
+
+
+@pytest.mark.long
+def test_screenshots_of_links_that_are_good_fair_poor_and_lost_30_s_after_green(
+    speak: Callable[..., Speaker], open_console: OpenConsole, tmp_path: pathlib.Path
+) -> None:
+    since = int(time.time())
+    late = msg.Alert(kind=msg.Alert.LINK_POOR, kart=3)
+    late.text = (
+        'The link to kart 3 (Michigan) is poor: it took 0.6 s to answer, and a stop may take as '
+        'long. Stop it before its link is lost'
+    )
+    lost = msg.Alert(kind=msg.Alert.LOST_IN_MOTION, kart=5, use_msr=True)
+    lost.text = (
+        'Use the MSR: kart 5 (Kennesaw State) lost its connection while it may have been moving'
+    )
+    race = race_of(TEAMS, alerts=(lost, late))
+    race.banner = ''
+    race.stamp.sec, race.state_since.sec = since + 34, since
+    race.track.reason = 'the race is in GREEN_GREEN'
+    race.state_cause = 'GREEN_GREEN by Anna'
+    barred = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE', 'OPEN_TRACK')
+    race.commands = offers('RED_FLAG', 'RACE_OVER', 'RECORD_MSR')
+    race.commands += offers(*barred, reason='the race is in GREEN_GREEN')
+    for kart in race.karts:
+        kart.commands = offers('KART_RED_RED', 'KART_RED_FLAG', 'KART_FINISH')
+        kart.commands += offers('KART_IN_GARAGE', 'LEAVE_RACE', reason='the race is on')
+        kart.team, kart.sent_since.sec = TEAMS[kart.number], since
+        kart.acknowledged = kart.number != 3
+        if kart.number in LINKS:
+            grade, longest = LINKS[kart.number]
+            kart.link.grade = getattr(msg.LinkQuality, grade)
+            kart.link.round_trip, kart.link.worst_answer = 0.004, longest
+        else:
+            kart.connected = kart.acknowledged = False
+            kart.sent = kart.hold = msg.RaceState(state=msg.RaceState.RED_RED)
+            kart.hold_reason = 'lost its connection in GREEN_GREEN'
+            kart.may_be_moving = True
+    console = open_console(speak(race=race))
+
+    console.wait_for('kart_3', linked='true', text='poor\n620 ms')
+    console.wait_for('kart_5', linked='false')
+    console.wait_for('strip', text='30 s: every kart must have begun.*\n.*waiting for 3, 5')
+    console.screenshot(pictures(tmp_path) / 'link.png')
 
 
 # ----- nothing keeps a stop -----------------------------------------------------------------

@@ -142,8 +142,14 @@ def test_diagnostics_have_every_kart(
     official.wait_for_acks(RaceState.RED_RED, 1)
     health.wait_until(
         lambda: (
-            values(health.statuses['rcs: kart 1'])
-            == {'team': 'Team 1', 'sent': 'RED_RED', 'acknowledged': 'true'}
+            values(health.statuses['rcs: kart 1']).items()
+            >= {
+                'team': 'Team 1',
+                'sent': 'RED_RED',
+                'acknowledged': 'true',
+                'link': 'good',
+                'retransmitted': '0',
+            }.items()
         ),
         lambda: f'kart 1 as it stands; heard {health.statuses}',
     )

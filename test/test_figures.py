@@ -22,13 +22,13 @@ from evgp_inspection.limits import SurveyLimits
 from evgp_inspection.survey_network import BEAT, LOST
 from evgp_kart_bridge.node import read_settings as read_bridge_settings
 from evgp_protocol.frames import MAX_FRAME_BYTES
-from evgp_protocol.link import Grade, GRADES
+from evgp_protocol.link import Grade, GRADE_WINDOW, GRADES
 from evgp_rcs.hearing import DEAF, FLOOD, FLOOD_BYTES, QUIET
 from evgp_rcs.kart_client import KART_SERVER_SILENCE
-from evgp_rcs.kart_link import SLOW_ANSWER
 from evgp_rcs.kart_server import ROS_HALF_SILENCE
 from evgp_rcs.race import RaceTimes
 from evgp_rcs.settings import read_settings as read_race_control_settings
+from evgp_rcs_console.view import BEGINS_WITHIN
 import pytest
 import yaml
 
@@ -145,6 +145,12 @@ WRITTEN = [
         r'for (\d+) s after race control was held up',
         RaceTimes().pause_after_held_up,
     ),
+    ('docs/console.md', r'in the last (\d+) s, the kart', GRADE_WINDOW),
+    ('docs/console.md', r'everything in less than ([\d.]+) s', GRADES[Grade.FAIR]),
+    ('docs/console.md', r'it took ([\d.]+) s or more at least once', GRADES[Grade.FAIR]),
+    ('docs/console.md', r'only if it took ([\d.]+) s or more', GRADES[Grade.FAIR]),
+    ('docs/console.md', r'it took ([\d.]+) s or more: a stop', GRADES[Grade.POOR]),
+    ('docs/console.md', r'begin to drive within (\d+) s of GREEN', BEGINS_WITHIN),
     ('docs/wire.md', r'\*\*port (\d+)\*\*', PORT),
     ('docs/wire.md', r"RACE_CONTROL = \('[\d.]+', (\d+)\)", PORT),
     ('docs/wire.md', r'\*\*(\d+) times a second\*\*', RATE),
@@ -159,9 +165,10 @@ WRITTEN = [
     ('docs/network.md', r'hears (?:none|nothing) for ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
     ('docs/network.md', r'not answered for ([\d.]+) s', race_control.defaults['send_timeout']),
     ('docs/network.md', r'gives a kart up after\s+the\s+same ([\d.]+) s', LOST),
-    ('docs/wire.md', r'take more than ([\d.]+) s again', SLOW_ANSWER),
     ('docs/rules.md', r'silent for (\d+) s in between', QUIET),
-    ('docs/rules.md', r'answers after more than ([\d.]+) s', SLOW_ANSWER),
+    ('docs/rules.md', r'took ([\d.]+) s or longer to answer', GRADES[Grade.POOR]),
+    ('docs/rules.md', r'to answer in the last (\d+) s', GRADE_WINDOW),
+    ('docs/decisions.md', r'\*poor\* begin at\s+([\d.]+) s', GRADES[Grade.FAIR]),
     ('docs/wire.md', r'reads about (\d+) bytes a beat', FLOOD_BYTES),
     ('docs/wire.md', r'during the flood and for (\d+) s after', DEAF),
     ('docs/wire.md', r'drops it after (\d+) s', FLOOD),

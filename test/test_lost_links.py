@@ -233,7 +233,13 @@ def test_a_cut_link_is_noticed_at_both_ends_and_the_kart_is_back_held(
     race.wait_for_back(monotonic(lost))
     check_the_other_kart_raced_on(race)
     # That it was lost; or, if it was back before the next beat, that it acknowledges no stop.
-    alert = race.wait_for(Event.ALERT_RAISED, FAULTY, 0.0, 'an alert')
+    alert = race.official.wait_for_event(
+        lambda event: (
+            (event.kind, event.kart) == (Event.ALERT_RAISED, FAULTY)
+            and event.alert != msg.Alert.LINK_POOR
+        ),
+        'an alert',
+    )
     assert alert.text.startswith('Use the MSR')
     assert race.faulty.team.stop is True
 
@@ -290,11 +296,24 @@ def test_on_a_narrow_link_frames_go_further_apart_and_the_kart_is_not_lost(
     race.wait_for_stopped(began)
 
 
-def test_officials_are_told_of_a_link_that_is_slow_again_and_again(race: NetworkRace) -> None:
+@pytest.mark.parametrize(
+    ('delay', 'grade'), [(0.13, msg.LinkQuality.FAIR), (0.3, msg.LinkQuality.POOR)]
+)
+def test_officials_are_told_of_a_link_that_answers_late_before_it_is_lost(
+    race: NetworkRace, delay: float, grade: int
+) -> None:
     began = time.monotonic()
-    race.machine.air(delay=0.2)
-    race.wait_for(Event.SLOW_LINK, FAULTY, began, 'a slow link')
-    assert not race.events(Event.SLOW_LINK, GOOD)
+    race.machine.air(delay=delay)
+    race.official.wait_for_event(
+        lambda event: (event.kart, event.grade) == (FAULTY, grade) and monotonic(event) >= began,
+        'a link that is not good',
+    )
+    if grade == msg.LinkQuality.POOR:
+        alert = race.wait_for(Event.ALERT_RAISED, FAULTY, began, 'a warning')
+        assert alert.alert == msg.Alert.LINK_POOR
+    assert not race.events(Event.DISCONNECTED, FAULTY, began)
+    others = race.events(Event.LINK_GRADE, GOOD, began)
+    assert all(each.grade == msg.LinkQuality.GOOD for each in others)
 
 
 # ----- the kart's machine ------------------------------------------------------------------

@@ -492,6 +492,7 @@ def test_watch_shows_the_race_and_what_happens(
     official.wait_for_connected(1)
     official.command('all_kill')
     official.wait_for_acks(RaceState.RED_RED, 1)
+    official.wait_for_race(lambda race: race.karts[0].link.grade > 0, 'a link that is measured')
 
     shown = run(control.domain, 'watch', '--once', '--wait', str(PATIENCE))
     events = run(control.domain, 'watch', '--events', '--once', '--kart', '1')
@@ -501,6 +502,8 @@ def test_watch_shows_the_race_and_what_happens(
     assert 'held: ALL KILL' in shown.stdout
     # It says that it stands: not for people yet.
     assert re.search(SETTLING.format(seconds=r'\d\d'), shown.stdout)
+    assert re.search(r'^1 .* (good|fair|poor) \d+ ms$', shown.stdout, re.MULTILINE)
+    assert re.search(r'^2 .* ✗ NO LINK$', shown.stdout, re.MULTILINE)
     assert 'ALL KILL by ' in shown.stdout.splitlines()[0]
     assert events.returncode == ACCEPTED
     assert 'Kart 1 (Team 1) acknowledged RED RED' in events.stdout

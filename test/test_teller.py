@@ -81,7 +81,7 @@ def test_a_race_that_is_at_rest_is_told_again_with_the_time(telling: Telling) ->
     again = telling.official.wait_for_race(
         lambda told: told.stamp != first.stamp, 'the race a second later'
     )
-    assert again.karts == first.karts
+    assert str(again.karts) == str(first.karts)  # not ==: what is not known of a link is NaN
     assert again.stamp.sec - first.stamp.sec in (1, 2)
     telling.teller.race(race._replace(at=race.at + 2.0, over=True))
     telling.official.wait_for_race(lambda told: told.over, 'the change')

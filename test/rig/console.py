@@ -249,7 +249,7 @@ def probe(window: Any, address: str) -> None:
             'height': widget.height(),
             **{
                 name: widget.property(name)
-                for name in ('barred', 'tone', 'pressing', 'chosen', 'link')
+                for name in ('barred', 'tone', 'pressing', 'chosen', 'linked')
             },
         }
 

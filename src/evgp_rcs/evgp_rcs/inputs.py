@@ -37,6 +37,7 @@ import zlib
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.encoding import DAMAGED, read, reader, written
+from evgp_rcs.link_quality import LinkQuality
 from evgp_rcs.race import (
     Command,
     Heat,
@@ -151,6 +152,23 @@ class Heard(NamedTuple):
     state: RaceState
 
 
+class Delivered(NamedTuple):
+    """A kart's kernel answered the order of this serial, at a time (s)."""
+
+    at: float
+    kart: int
+    serial: int
+    answered: float
+
+
+class Measured(NamedTuple):
+    """How good a kart's link is: each second, and when it gets worse."""
+
+    at: float
+    kart: int
+    link: LinkQuality
+
+
 class Tick(NamedTuple):
     """Time passed."""
 
@@ -198,6 +216,8 @@ Input = (
     | Connected
     | Disconnected
     | Heard
+    | Delivered
+    | Measured
     | Tick
     | HeldUp
     | Rival
@@ -214,6 +234,10 @@ def feed(given: Input, race: Race) -> Outcome:
             return race.heard(kart, serial, state, at)
         case Tick(at):
             return race.tick(at)
+        case Delivered(at, kart, serial, answered):
+            return race.delivered(kart, serial, answered, at)
+        case Measured(at, kart, link):
+            return race.measured(kart, link, at)
         case Commanded(at, command, came):
             return race.command(command, at, came)
         case Connected(at, kart):

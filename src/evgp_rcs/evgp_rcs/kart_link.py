@@ -22,7 +22,6 @@ is a `LinkOwner`. What counts of that which a kart says is decided in ``hearing`
 from __future__ import annotations
 
 import asyncio
-from collections import deque
 import fcntl
 import socket
 import sys
@@ -30,29 +29,14 @@ import termios
 from typing import Protocol
 
 from evgp_protocol.frames import encode
+from evgp_protocol.link import Answers, Grade, GRADES, make_prompt, read, unanswered, unsent
 from evgp_protocol.states import RaceState
 from evgp_rcs.hearing import FLOOD_BYTES, Heard, Hearing
 from evgp_rcs.inputs import CLOSED_BY_KART
+from evgp_rcs.link_quality import LinkMeter, LinkQuality
 
-SLOW_ANSWER = 0.3
-"""Age of the oldest unanswered byte from which on a link is slow, in seconds."""
-
-SLOW_BEATS = 10
-"""Number of beats with a slow link, within `SLOW_WINDOW`, of which officials are told."""
-
-SLOW_WINDOW = 30.0
-"""Time in which officials are told of a slow link once at most, in seconds."""
-
-ANSWER_STEP = 0.2
-"""Time by which an answer is later than the quickest of a link, in seconds: for each, frames are
-0.1 s further apart. So a long way is no reason to send less (§4.C wants 10 states a second), but a
-narrow one is, on which a stop would wait behind them."""
-
-TCP_THIN_LINEAR_TIMEOUTS = 16
-"""An option of Linux (since 2.6.34) that Python does not name."""
-
-SIOCOUTQNSD = 0x894B
-"""Linux's request for the number of bytes not sent yet; TIOCOUTQ's have not been answered."""
+TICK = 0.01
+"""Longest tick of a kernel's clock, in seconds; what it says of a time is off by one at most."""
 
 FRAMES = {state: encode(state) for state in RaceState}
 
@@ -74,8 +58,11 @@ class LinkOwner(Protocol):
     def link_heard(self, link: KartLink, heard: Heard, serial: int) -> None:
         """Take what a kart said, and the serial of the order that it can answer."""
 
-    def link_slow(self, link: KartLink, age: float) -> None:
-        """Take note that a kart is slow to answer again and again: up to this time, in seconds."""
+    def link_delivered(self, link: KartLink, serial: int, answered: float) -> None:
+        """Take note that the kart's kernel answered the order of this serial, at a time in s."""
+
+    def link_measured(self, link: KartLink, quality: LinkQuality) -> None:
+        """Take note of how good the link is."""
 
     def link_lost(self, link: KartLink) -> None:
         """Take note that a connection has ended; `KartLink.reason` says why."""
@@ -101,15 +88,10 @@ class KartLink(asyncio.BufferedProtocol):
         self._transport: asyncio.Transport | None = None
         self._socket: socket.socket | None = None
         self._frame = b''
-        # How many bytes were written, and of each frame that the kart's TCP has not answered yet:
-        # up to where it reaches, and when it was written.
-        self._written = 0
-        self._unanswered: deque[tuple[int, float]] = deque()
-        self._wrote_at = 0.0
-        self._quickest: float | None = None  # answer, s
-        self._slow_beats = 0
-        self._slow_until = 0.0
-        self._worst_age = 0.0
+        self._answers = Answers()
+        self._meter = LinkMeter(owner.now())
+        self._ordered = 0  # the serial of the last order
+        self._delivered: tuple[int, float] | None = None  # to be told
         self.number = 0
         self.reason = 'the connection ended'
 
@@ -132,6 +114,7 @@ class KartLink(asyncio.BufferedProtocol):
         if self._hearing.waits:
             self._look(self._owner.now())
         self._owner.take_commands()
+        self._tell_delivered()
         for heard, serial in self._hearing.decode(memoryview(self._buffer)[:nbytes]):
             self._owner.link_heard(self, heard, serial)
         if self._hearing.is_full and self._transport is not None:
@@ -152,25 +135,16 @@ class KartLink(asyncio.BufferedProtocol):
     # ----- the owner's side ---------------------------------------------------------------
 
     def set_up(self) -> None:
-        """Make the socket prompt: no Nagle, and what was lost is sent again soon."""
+        """Make the socket prompt."""
         assert self._socket is not None
-        option = self._socket.setsockopt
-        option(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        try:
-            # It does not take lost packets for a sign to send less. With the usual ones, where
-            # 5 % are lost a kart hears nothing for a second every twenty minutes.
-            option(socket.IPPROTO_TCP, socket.TCP_CONGESTION, b'bbr')
-        except OSError:
-            pass  # this kernel does not have it, or not for everyone
-        # What was lost is sent again at an even pace (where it is not bbr that decides). With
-        # ever longer waits, a link that fails for half a second is silent for more than one.
-        option(socket.IPPROTO_TCP, TCP_THIN_LINEAR_TIMEOUTS, 1)
+        make_prompt(self._socket)
 
     def order(self, state: RaceState, serial: int) -> None:
         """Send a new state at once; what has arrived by now is no answer to it."""
         self._frame = FRAMES[state]
-        end = self._written + len(self._frame)
-        self._hearing.order(serial, state, end, self._in_kernel(termios.FIONREAD))
+        self._ordered = serial
+        end = self._answers.written + len(self._frame)
+        self._hearing.order(serial, state, end, self._unread())
         self._write(self._owner.now())
 
     def beat(self) -> None:
@@ -178,7 +152,7 @@ class KartLink(asyncio.BufferedProtocol):
         Send the state again, unless an earlier frame has not left yet.
 
         So a stop is never behind more than one frame that waits here, in whatever buffer. Where
-        answers become late, fewer are sent: see `ANSWER_STEP`.
+        answers become late, fewer are sent (``Answers.may_beat``).
         """
         now = self._owner.now()
         was_full = self._hearing.is_full
@@ -186,7 +160,7 @@ class KartLink(asyncio.BufferedProtocol):
         if self._transport is None:
             return
         self._look(now)
-        age = now - self._unanswered[0][1] if self._unanswered else 0.0
+        age = self._answers.age(now)
         if age >= self._send_timeout:
             self.drop('its network link stopped answering')
             return
@@ -195,12 +169,11 @@ class KartLink(asyncio.BufferedProtocol):
             return
         if was_full:
             self._transport.resume_reading()
-        if age >= SLOW_ANSWER:
-            self._note_slow(age, now)
-        late = age - (self._quickest or 0.0)
-        apart = int(late / ANSWER_STEP) * 0.1 - 0.025  # beats are not exact
-        if now - self._wrote_at >= apart and not self._unsent():
+        if self._answers.may_beat(now) and not self._unsent():
             self._write(now)
+        self._tell_delivered()
+        if self._meter.is_due(age, now):
+            self._measure(age, now)
 
     def drop(self, reason: str) -> None:
         """Give the connection up now; what waits to be written is thrown away."""
@@ -218,46 +191,53 @@ class KartLink(asyncio.BufferedProtocol):
     def _write(self, now: float) -> None:
         if self._transport is None:
             return
-        self._written += len(self._frame)
-        self._unanswered.append((self._written, now))
-        self._wrote_at = now
+        self._answers.wrote(len(self._frame), now)
+        self._meter.wrote(now)
         self._transport.write(self._frame)
 
     def _look(self, now: float) -> None:
         """Take note of what the kart's TCP has answered."""
-        if self._transport is None:
+        if self._transport is None or self._socket is None:
             return
+        waits = self._hearing.waits
         # In this order: what had arrived while an order was unanswered was sent before it came.
-        unread = self._in_kernel(termios.FIONREAD) if self._hearing.waits else 0
-        unanswered = self._transport.get_write_buffer_size() + self._in_kernel(termios.TIOCOUTQ)
-        answered = self._written - unanswered
-        if self._hearing.waits:
-            self._hearing.look(answered, unread)
-        while self._unanswered and self._unanswered[0][0] <= answered:
-            took = now - self._unanswered.popleft()[1]
-            self._quickest = took if self._quickest is None else min(took, self._quickest)
+        unread = self._unread() if waits else 0
+        rest = self._transport.get_write_buffer_size() + unanswered(self._socket)
+        if waits or self._answers.age(now) >= GRADES[Grade.FAIR]:
+            # The answer came before this look: race control may have been held up.
+            info = read(self._socket)
+            now -= 0.0 if info is None else max(0.0, info.since_answer - TICK)
+        for took in self._answers.look(rest, now):
+            self._meter.answered(max(0.0, took), now)
+        if waits:
+            self._hearing.look(self._answers.answered, unread)
+            if not self._hearing.waits:
+                self._delivered = self._ordered, now
+
+    def _tell_delivered(self) -> None:
+        if self._delivered is not None:
+            delivered, self._delivered = self._delivered, None
+            self._owner.link_delivered(self, *delivered)
+
+    def _measure(self, age: float, now: float) -> None:
+        assert self._socket is not None
+        rest = self._answers.written - self._answers.answered
+        self._owner.link_measured(self, self._meter.measure(age, rest, read(self._socket), now))
 
     def _unsent(self) -> int:
         """Return how many bytes have not left yet, or may not have."""
-        if not self._unanswered or self._transport is None:
+        if self._answers.answered == self._answers.written:
             return 0
-        return self._transport.get_write_buffer_size() + self._in_kernel(SIOCOUTQNSD)
+        if self._transport is None or self._socket is None:
+            return 0
+        return self._transport.get_write_buffer_size() + unsent(self._socket)
 
-    def _note_slow(self, age: float, now: float) -> None:
-        """Tell of a link that is slow again and again, but not too often."""
-        if now >= self._slow_until:
-            self._slow_beats, self._worst_age = 0, 0.0
-            self._slow_until = now + SLOW_WINDOW
-        self._slow_beats += 1
-        self._worst_age = max(self._worst_age, age)
-        if self._slow_beats == SLOW_BEATS:
-            self._owner.link_slow(self, self._worst_age)
-
-    def _in_kernel(self, which: int) -> int:
-        """Return how many bytes the kernel has: unread, unanswered or unsent (the constants)."""
+    def _unread(self) -> int:
+        """Return how many bytes have arrived and were not read yet."""
         if self._socket is None or self._transport is None:
             return 0
-        return int.from_bytes(fcntl.ioctl(self._socket.fileno(), which, _COUNT), sys.byteorder)
+        count = fcntl.ioctl(self._socket.fileno(), termios.FIONREAD, _COUNT)
+        return int.from_bytes(count, sys.byteorder)
 
 
 def in_words(error: BaseException) -> str:

@@ -55,6 +55,7 @@ from evgp_rcs.channel import (
 )
 from evgp_rcs.hearing import Heard
 from evgp_rcs.kart_link import in_words, KartLink
+from evgp_rcs.link_quality import LinkQuality
 from evgp_rcs.race import (
     Answer,
     Command,
@@ -576,15 +577,15 @@ class KartServer:
             return
         self._take(inputs.Heard(now, link.number, serial, heard.state))
 
-    def link_slow(self, link: KartLink, age: float) -> None:
-        """Tell officials of a kart whose link is slow again and again."""
+    def link_delivered(self, link: KartLink, serial: int, answered: float) -> None:
+        """Take note that the kart's kernel answered the order of this serial, at a time in s."""
         if self._links.get(link.number) is link:
-            text = (
-                f'The link to {self._race.karts[link.number]} is slow: answers take up to '
-                f'{age:.1f} s, and a stop may come that late; after '
-                f'{self._settings.send_timeout:g} s it counts as lost'
-            )
-            self._tell(Event(EventKind.SLOW_LINK, text, kart=link.number, success=False))
+            self._take(inputs.Delivered(self.now(), link.number, serial, answered))
+
+    def link_measured(self, link: KartLink, quality: LinkQuality) -> None:
+        """Take note of how good the link is."""
+        if self._links.get(link.number) is link:
+            self._take(inputs.Measured(self.now(), link.number, quality))
 
     def link_lost(self, link: KartLink) -> None:
         """Take note that a connection ended; one that was replaced has been told already."""

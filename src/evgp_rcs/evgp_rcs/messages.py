@@ -22,14 +22,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 import enum
+import math
 from typing import Any
 
 from builtin_interfaces.msg import Duration, Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from evgp_node.stamps import stamp_of
 from evgp_node.states import state_message
+from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.link_quality import NOT_MEASURED
 from evgp_rcs.race import AlertKind, EventKind, StampedEvent
 from evgp_rcs.snapshot import KartSnapshot, Offer, Snapshot
 from evgp_rcs_msgs import msg
@@ -47,7 +50,12 @@ def _constants(kinds: Iterable[enum.Enum], message: Any) -> dict[enum.Enum, int]
 _COMMAND = _constants(CommandKind, msg.CommandAvailability)
 _EVENT = _constants(EventKind, msg.RaceEvent)
 _ALERT = _constants(AlertKind, msg.Alert)
+_GRADE = _constants(Grade, msg.LinkQuality)
 _STATE = {state: state_message(state) for state in (None, *RaceState)}
+
+
+def _known(value: float | None) -> float:
+    return math.nan if value is None else value
 
 
 def failure_alert(text: str, since_ns: int) -> msg.Alert:
@@ -87,6 +95,23 @@ def race_message(
             available_from=wall(available_from),
         )
 
+    def quality(kart: KartSnapshot) -> msg.LinkQuality:
+        link = kart.link or NOT_MEASURED
+        return msg.LinkQuality(
+            grade=_GRADE[link.grade],
+            poor_lately=kart.poor_lately,
+            worst_answer=_known(link.worst_answer),
+            round_trip=_known(link.round_trip),
+            round_trip_variation=_known(link.variation),
+            retransmitted=link.retransmitted,
+            retransmitted_last_second=link.retransmitted_lately,
+            unanswered_bytes=link.unanswered,
+            answered_ago=_known(link.answered_ago),
+            worst_gap=_known(link.worst_gap),
+            delivered_after=_known(kart.delivered_at) - kart.ordered_at,
+            acknowledged_after=_known(kart.acknowledged_at) - kart.ordered_at,
+        )
+
     def status(kart: KartSnapshot) -> msg.KartStatus:
         return msg.KartStatus(
             number=kart.number,
@@ -94,6 +119,7 @@ def race_message(
             address=addresses.get(kart.number, ''),
             in_race=kart.in_race,
             connected=kart.connected,
+            link=quality(kart),
             sent=_STATE[kart.sent],
             sent_since=wall(kart.sent_since),
             acknowledged=kart.acknowledged,
@@ -157,6 +183,8 @@ def _event(stamped: StampedEvent) -> msg.RaceEvent:
         text=event.text,
         official=event.official,
         alert=_ALERT[event.alert] if event.alert is not None else 0,
+        after=event.after,
+        grade=_GRADE[event.grade] if event.grade is not None else 0,
     )
 
 
@@ -197,9 +225,10 @@ def diagnostics_message(
 
 
 def _kart_diagnostic(name: str, kart: KartSnapshot, address: str) -> DiagnosticStatus:
-    lost = kart.in_race and not kart.connected
+    link = kart.link or NOT_MEASURED
+    bad = not kart.connected or link.grade is Grade.POOR
     return DiagnosticStatus(
-        level=DiagnosticStatus.WARN if lost else DiagnosticStatus.OK,
+        level=DiagnosticStatus.WARN if kart.in_race and bad else DiagnosticStatus.OK,
         name=f'{name}: kart {kart.number}',
         message='connected' if kart.connected else 'not connected',
         hardware_id=address,
@@ -207,5 +236,9 @@ def _kart_diagnostic(name: str, kart: KartSnapshot, address: str) -> DiagnosticS
             KeyValue(key='team', value=kart.team),
             KeyValue(key='sent', value=kart.sent.value),
             KeyValue(key='acknowledged', value=str(kart.acknowledged).lower()),
+            KeyValue(key='link', value=link.grade.value),
+            KeyValue(key='worst answer (s)', value=f'{link.worst_answer:.3f}'),
+            KeyValue(key='round trip (s)', value=f'{_known(link.round_trip):.4f}'),
+            KeyValue(key='retransmitted', value=str(link.retransmitted)),
         ],
     )

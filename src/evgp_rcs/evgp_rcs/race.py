@@ -61,8 +61,10 @@ import enum
 import math
 from typing import NamedTuple
 
+from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState, stricter
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.link_quality import LinkQuality
 
 IN_GARAGE = RaceState.IN_GARAGE
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -77,13 +79,14 @@ class EventKind(enum.Enum):
     COMMAND = 'COMMAND'
     RACE_STATE = 'RACE_STATE'
     KART_STATE = 'KART_STATE'
+    DELIVERED = 'DELIVERED'
     ACKNOWLEDGED = 'ACKNOWLEDGED'
     REPORTED = 'REPORTED'
     CONNECTED = 'CONNECTED'
     DISCONNECTED = 'DISCONNECTED'
     REFUSED_CONNECTION = 'REFUSED_CONNECTION'
     MALFORMED = 'MALFORMED'
-    SLOW_LINK = 'SLOW_LINK'
+    LINK_GRADE = 'LINK_GRADE'
     ALERT_RAISED = 'ALERT_RAISED'
     ALERT_CLEARED = 'ALERT_CLEARED'
     ALL_ACKNOWLEDGED = 'ALL_ACKNOWLEDGED'
@@ -105,6 +108,7 @@ class AlertKind(enum.Enum):
     MOVING_UNASKED = 'MOVING_UNASKED'
     RECORD_FAILING = 'RECORD_FAILING'
     TWO_RACE_CONTROLS = 'TWO_RACE_CONTROLS'
+    LINK_POOR = 'LINK_POOR'
 
 
 MSR_ALERTS = frozenset(
@@ -193,6 +197,8 @@ class Event(NamedTuple):
     :param command: for a change of state, the command that caused it; None: no command did.
     :param official: who gave the command, by their own word (``official``).
     :param alert: for an alert that was raised or has ended, which.
+    :param after: for DELIVERED: time from the order to the answer of the kart's kernel, s.
+    :param grade: for LINK_GRADE: how good the link is from then on.
     :param hold: the hold of this kart then; of kart 0, the one that every kart had.
     :param race: the number of the race that was under way; 0: none was.
     :param heat: the name of the heat that was last put into the race; empty: none was.
@@ -207,6 +213,8 @@ class Event(NamedTuple):
     chatter: bool = False
     official: str = ''
     alert: AlertKind | None = None
+    after: float = 0.0
+    grade: Grade | None = None
     hold: RaceState | None = None
     race: int = 0
     heat: str = ''
@@ -355,6 +363,11 @@ class Kart:
     :param held_alone: an official held this kart alone; until its release.
     :param withdrawn: it withdrew an acknowledgement of the present order.
     :param inspected: the date of its inspection, as the roster has it; empty: none.
+    :param ordered_at: when its present order was given, s; `delivered_at`: when its kernel had
+        answered that, and `acknowledged_at`: when it first acknowledged it; None: not yet.
+    :param link: how good its link is; None: not measured on this connection. No rule asks for it,
+        nor for the times above: they are for officials.
+    :param link_poor_at: when its link was last measured to be poor, s; None: never.
     """
 
     number: int
@@ -376,6 +389,11 @@ class Kart:
     held_alone: bool = False
     withdrawn: bool = False
     inspected: str = ''
+    ordered_at: float = 0.0
+    delivered_at: float | None = None
+    acknowledged_at: float | None = None
+    link: LinkQuality | None = None
+    link_poor_at: float | None = None
 
     def __str__(self) -> str:
         """Return how officials call this kart."""
@@ -736,6 +754,7 @@ class Race:
         if not kart.may_be_moving:
             kart.lost_since = None
         kart.reported = None
+        kart.link = None
         self._tell(EventKind.CONNECTED, f'{_capital(kart)} connected', number)
         self._redirect(kart, now, anew=True)
         return self._outcome()
@@ -768,6 +787,8 @@ class Race:
         counts = state is kart.sent and serial == kart.serial
         if counts and not kart.acknowledged:
             kart.acknowledged = True
+            if kart.acknowledged_at is None:
+                kart.acknowledged_at = now
             if state.is_red:
                 kart.settles_at = now + self.times.settle
                 self._settle(kart, now)
@@ -796,6 +817,45 @@ class Race:
         if state is GREEN_GREEN and kart.sent is not GREEN_GREEN:
             kart.doubt = Doubt.MOVING
         kart.reported = state
+        return self._outcome()
+
+    def delivered(self, number: int, serial: int, answered: float, now: float) -> Outcome:
+        """
+        Take note that the kart's kernel has answered an order: it has arrived, if not been read.
+
+        :param serial: of the order; if another has been given since, nothing happens.
+        :param answered: when, at the latest (s).
+        :raises KeyError: if the roster has no such kart.
+        """
+        kart = self.karts[number]
+        if kart.connected and serial == kart.serial and kart.delivered_at is None:
+            kart.delivered_at = max(answered, kart.ordered_at)
+            after = kart.delivered_at - kart.ordered_at
+            text = f"{kart.sent.value} has reached {kart}'s computer, after {after:.2f} s"
+            kind = EventKind.DELIVERED
+            self._events.append(Event(kind, text, number, kart.sent, after=after))
+        return self._outcome()
+
+    def measured(self, number: int, link: LinkQuality, now: float) -> Outcome:
+        """
+        Take note of how good a kart's link is.
+
+        It changes nothing of what anybody is sent or may do: officials are told.
+
+        :raises KeyError: if the roster has no such kart.
+        """
+        kart = self.karts[number]
+        if not kart.connected:
+            return self._outcome()
+        before, kart.link = kart.link, link
+        if link.grade is Grade.POOR:
+            kart.link_poor_at = now
+        if before is None or before.grade is not link.grade:
+            text = f'The link to {kart} is {link.grade.value}'
+            if link.grade is not Grade.GOOD:
+                text += f': it took {link.worst_answer:.2f} s to answer'
+            kind = EventKind.LINK_GRADE
+            self._events.append(Event(kind, text, number, grade=link.grade))
         return self._outcome()
 
     def rival(self, present: bool, now: float) -> Outcome:
@@ -893,6 +953,8 @@ class Race:
             kart.sent = state
             kart.sent_since = now
         kart.serial += 1
+        kart.ordered_at = now
+        kart.delivered_at = kart.acknowledged_at = None
         kart.acknowledged = False
         kart.withdrawn = False
         kart.settles_at = None
@@ -954,6 +1016,7 @@ class Race:
         kart.acknowledged = False
         kart.settles_at = None
         kart.reported = None
+        kart.link = kart.delivered_at = kart.acknowledged_at = None
         under_way = kart.in_race and self.state is not IN_GARAGE
         if (under_way or kart.doubt) and kart.lost_since is None:
             kart.lost_since = now
@@ -1515,6 +1578,13 @@ class Race:
             if kart.connected and kart.may_be_moving and kart.sent in (IN_GARAGE, GRID_ACTIVE):
                 text = f'it said GREEN_GREEN, and is sent {kart.sent.value}'
                 yield AlertKind.MOVING_UNASKED, kart, None, f'Stop {kart} with RED_RED: {text}'
+            if kart.in_race and kart.link is not None and kart.link.grade is Grade.POOR:
+                text = (
+                    f'The link to {kart} is poor: it took {kart.link.worst_answer:.1f} s to '
+                    'answer, and a stop may take as long. Watch it, or stop it before its link is '
+                    'lost'
+                )
+                yield AlertKind.LINK_POOR, kart, None, text
             if kart.sent in late and not kart.acknowledged:
                 alert, limit = late[kart.sent]
                 due = kart.sent_since + limit

@@ -51,7 +51,7 @@ from evgp_rcs.inputs import Block, joined, Setup
 from evgp_rcs.orderly_end import OrderlyEnd
 from evgp_rcs.race import Event, EventKind, RaceMemory, StampedEvent
 
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 
 INPUTS_EVERY = 1.0
 """Maximum time that inputs without events wait for others, in seconds. A disk that must confirm
@@ -89,6 +89,8 @@ CREATE TABLE event (
     hold TEXT, -- how the kart is held, of kart 0 every kart: a RaceState; null: not
     race INTEGER NOT NULL, -- the number of the race in the run; 0: none is under way
     heat TEXT NOT NULL, -- the heat that was last put into the race; empty: none
+    after REAL NOT NULL, -- of DELIVERED, time from the order to the answer of the kart's kernel, s
+    grade TEXT, -- of LINK_GRADE, a name of Grade
     PRIMARY KEY (session, sequence)
 ) WITHOUT ROWID;
 CREATE TABLE input (
@@ -364,9 +366,9 @@ class Record:
             for number, block in enumerate(self._blocks, self._blocks_written + 1)
         ]
         with _transaction(self._database):
-            self._database.executemany(
-                'INSERT INTO event VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)', rows
-            )
+            places = ', '.join('?' * (1 + len(_COLUMNS)))
+            insert = f'INSERT INTO event VALUES ({places})'  # noqa: S608 - our own names
+            self._database.executemany(insert, rows)
             self._database.executemany('INSERT INTO input VALUES (?, ?, ?)', blocks)
             if self._rules is not None:
                 rules, setup = self._rules
@@ -480,6 +482,8 @@ class RecordedEvent:
     hold: str | None = None
     race: int = 0
     heat: str = ''
+    after: float = 0.0
+    grade: str | None = None
 
     @staticmethod
     def of(stamped: StampedEvent) -> RecordedEvent:

@@ -25,6 +25,7 @@ from typing import NamedTuple
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.link_quality import LinkQuality, POOR_LATELY
 from evgp_rcs.race import Alert, Heat, Race, TrackAccess
 
 Offer = tuple[CommandKind, int, str, str, tuple[int, ...], float | None]
@@ -36,7 +37,11 @@ _TO_ALL = tuple(kind for kind, entry in CATALOGUE.items() if not entry.to_one_ka
 
 
 class KartSnapshot(NamedTuple):
-    """One kart; the meanings are those of ``Kart``."""
+    """
+    One kart; the meanings are those of ``Kart``.
+
+    :param poor_lately: its link was poor in the last ``POOR_LATELY``.
+    """
 
     number: int
     team: str
@@ -53,6 +58,11 @@ class KartSnapshot(NamedTuple):
     place: int
     finish_due: float | None
     inspected: str
+    ordered_at: float
+    delivered_at: float | None
+    acknowledged_at: float | None
+    link: LinkQuality | None
+    poor_lately: bool
     commands: list[Offer]
 
 
@@ -76,7 +86,7 @@ class Snapshot(NamedTuple):
     heats: tuple[Heat, ...]
 
 
-_OF_KART = attrgetter(*KartSnapshot._fields[:-1])
+_OF_KART = attrgetter(*KartSnapshot._fields[:-2])
 
 
 def snapshot_of(race: Race, now: float) -> Snapshot:
@@ -91,6 +101,7 @@ def snapshot_of(race: Race, now: float) -> Snapshot:
             KartSnapshot._make(
                 (
                     *_OF_KART(kart),
+                    kart.link_poor_at is not None and now - kart.link_poor_at < POOR_LATELY,
                     [race.availability(kind, number, now)[:] for kind in _TO_ONE_KART],
                 )
             )

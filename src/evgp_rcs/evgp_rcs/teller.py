@@ -64,6 +64,9 @@ EVENTS_QOS = QoSProfile(
 )
 """Of ``~/events``: a late subscriber gets the last 200 messages, each of some events."""
 
+OF_EACH_KART = (EventKind.KART_STATE, EventKind.DELIVERED, EventKind.ACKNOWLEDGED)
+"""Not in the log: the command says what karts are sent, other events that all answer or not."""
+
 BATCH = 100
 """Maximum number of events in one message; then a newer race is published."""
 
@@ -187,8 +190,7 @@ class Teller:
             text = said_by(event.text, event.official)
             if event.kind is EventKind.ALERT_RAISED or not event.success:
                 log.warning(text)
-            elif event.kind not in (EventKind.ACKNOWLEDGED, EventKind.KART_STATE):
-                # What karts are sent, the command says; that all or not all answer, other events.
+            elif event.kind not in OF_EACH_KART:
                 log.info(text)
 
     def _tell_race(self, race: Snapshot) -> None:

@@ -37,7 +37,9 @@ import operator
 from types import ModuleType
 from typing import Any, NamedTuple
 
+from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
+from evgp_rcs.link_quality import NOT_MEASURED
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -90,6 +92,8 @@ NAMING = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE')
 TROUBLE = 'the disk is full'
 # What becomes of a start that waits until it is on the disk that karts may move.
 OF_A_START = ('journal', 'withdrawn')
+# What officials are told of a link, which changes nothing.
+OF_A_LINK = ('measured', 'delivered')
 OFFICIAL = 'Anna'
 
 # How much of a danger a kart may be.
@@ -223,6 +227,7 @@ class KartFacts(NamedTuple):
         until it stands.
     :param stood: since when it has stood by its acknowledgement of the red it is sent, and race
         control would have heard it take that back.
+    :param poor: its link was poor when last measured on its present connection.
     """
 
     ready: bool = False
@@ -230,6 +235,7 @@ class KartFacts(NamedTuple):
     phase: int = 1
     missing: float | None = None
     stood: float | None = None
+    poor: bool = False
 
 
 class Facts(NamedTuple):
@@ -253,7 +259,7 @@ class Input(NamedTuple):
 
     :param kind: which command; of a journal 'stale' if it is not what the start waits for.
     :param statement: what is stated; of a rival that it is there, of the record that it fails, of
-        a journal that it was written.
+        a journal that it was written, of a link that is measured that it is poor.
     :param karts: which karts a start or release is for, as the official saw it.
     :param hold: how a kart to be released was held, as the official saw it.
     :param heat: the name of the heat, of a command to put one into the race.
@@ -635,7 +641,7 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
         rival = given.statement
     elif what == 'record':
         trouble = given.statement
-    elif what in OF_A_START:
+    elif what in OF_A_START or what in OF_A_LINK:
         pass
     elif what == 'held up':
         for each in after:
@@ -754,6 +760,8 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
                 alerts.add(('KART_LOST', kart.number))
         if kart.connected and kart.moving and kart.sent in (IN_GARAGE, GRID_ACTIVE):
             alerts.add(('MOVING_UNASKED', kart.number))
+        if kart.in_race and memory.poor:
+            alerts.add(('LINK_POOR', kart.number))
         if kart.acked:
             continue
         if kart.sent is GRID_ACTIVE and now >= kart.since + times.ready_alert:
@@ -801,7 +809,7 @@ def learn(
     outlived = outlived and (facts.outlived or gridded)
     karts = []
     for old, kart, memory in zip(before.karts, after.karts, facts.karts, strict=True):
-        ready, lost, phase, missing, stood = memory
+        ready, lost, phase, missing, stood, poor = memory
         if given.what == 'command' and success:
             if given.kind == 'GRID_ACTIVE':
                 ready = False
@@ -813,7 +821,7 @@ def learn(
                 lost, missing = False, None
         if given.kart == kart.number:
             if given.what == 'connected' or given.what == 'disconnected':
-                ready = False
+                ready = poor = False
                 under_way = old.in_race and before.state is not IN_GARAGE
                 if old.connected:
                     lost = lost or old.moving or (old.in_race and before.state in UNDER_WAY)
@@ -821,6 +829,8 @@ def learn(
                         missing = now
             if given.what == 'connected' and not old.moving:
                 missing = None
+            if given.what == 'measured' and old.connected:
+                poor = given.statement
             if given.what == 'heard' and old.connected:
                 if old.sent is GRID_ACTIVE:
                     ready = given.state is GRID_ACTIVE and (ready or given.serial == old.serial)
@@ -841,7 +851,7 @@ def learn(
         elif kart.sent is GRID_ACTIVE and phase == 1:
             phase = 2
         ready = ready and kart.sent is GRID_ACTIVE
-        karts.append(KartFacts(ready, lost, phase, missing, stood))
+        karts.append(KartFacts(ready, lost, phase, missing, stood, poor))
     return Facts(grid_last, paused, tuple(karts), outlived)
 
 
@@ -874,6 +884,11 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
         return race.disconnected(given.kart, 'end of file', now)
     if given.what == 'heard':
         return race.heard(given.kart, given.serial, given.state, now)
+    if given.what == 'measured':
+        grade = Grade.POOR if given.statement else Grade.GOOD
+        return race.measured(given.kart, NOT_MEASURED._replace(grade=grade, worst_answer=0.0), now)
+    if given.what == 'delivered':
+        return race.delivered(given.kart, given.serial, now, now)
     if given.what == 'rival':
         return race.rival(given.statement, now)
     if given.what == 'record':
@@ -1188,7 +1203,7 @@ def _check_alarms(what: str, before: set[tuple[str, int]], after: set[tuple[str,
         urgent = kind in MSR_ALERTS
         if urgent and not any(other in MSR_ALERTS for other in same):
             raise RuleBrokenError('alarm-cleared', f'{what}: {before} became {after}')
-        if what == 'disconnected' and not same:
+        if what == 'disconnected' and not same and kind != 'LINK_POOR':
             raise RuleBrokenError('alarm-cleared', f'{what}: {before} became {after}')
 
 
@@ -1485,7 +1500,8 @@ class Search:
     What is left out of a state's key (``_key``) because the rules do not read it:
 
     - what a kart reported last, texts, the alerts told, since when a kart is missing, whether it
-      withdrew its word, and whether the race is over: only events and alerts are made of them;
+      withdrew its word, when its order arrived, how good its link is, and whether the race is
+      over: only events and alerts are made of them;
     - the age of what a kart is sent, but for the time until the race goes over by itself, which
       reads it for a kart of the race that has a place and is being sent a red (one that
       acknowledged it may drop, or take its word back, and have to do so again; one that is sent
@@ -1510,7 +1526,8 @@ class Search:
         steps of 1.
     :param compare: of the states met again, compare one in this many.
     :param track: officials open the track.
-    :param around: another race control comes and goes, and the record fails and works again.
+    :param around: another race control comes and goes, the record fails and works again, and links
+        are poor and good again.
     :param begin: where: in the 'garage', on the 'grid' or in 'green' with every kart of the race
         connected and its word given, after a 'crash' in mid-race or a 'crash on the grid', or
         where all is 'unknown'.
@@ -1815,6 +1832,10 @@ class Search:
             yield Input('connected', '', kart.number), now
             yield Input('disconnected', '', kart.number), now
         if self.around:
+            for kart in view.karts:
+                yield Input('delivered', '', kart.number, serial=kart.serial), now
+                yield Input('measured', '', kart.number, statement=True), now
+                yield Input('measured', '', kart.number), now
             for there in (True, False):
                 yield Input('rival', statement=there), now
                 yield Input('record', statement=there), now

@@ -23,10 +23,12 @@ import pathlib
 import random
 import sqlite3
 
+from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.encoding import written
 from evgp_rcs.inputs import Entrant, Setup
+from evgp_rcs.link_quality import NOT_MEASURED
 from evgp_rcs.race import (
     Command,
     Event,
@@ -99,9 +101,23 @@ class PaperRace:
     def lose(self, number: int) -> None:
         self.take(self.race.disconnected(number, 'the connection was reset', self.now))
 
+    def deliver(self, number: int, after: float) -> None:
+        """Have a kart's kernel answer what it is being sent, so long after it was ordered (s)."""
+        kart = self.race.karts[number]
+        answered = kart.ordered_at + after
+        self.now = max(self.now, answered)
+        self.take(self.race.delivered(number, kart.serial, answered, self.now))
+
+    def measure(self, number: int, grade: Grade) -> None:
+        """Have the link to a kart be as good as that."""
+        link = NOT_MEASURED._replace(grade=grade, worst_answer=GRADES.get(grade, 0.0))
+        self.take(self.race.measured(number, link, self.now))
+
     def say(self, number: int, state: RaceState | None = None) -> None:
         """Have a kart say a state: what it is being sent, if nothing else."""
         kart = self.race.karts[number]
+        if state is None:
+            self.deliver(number, min(0.02, self.now - kart.ordered_at))
         self.take(self.race.heard(number, kart.serial, state or kart.sent, self.now))
 
     def stutter(self, number: int, state: RaceState) -> None:
@@ -184,6 +200,7 @@ def long_event(seconds: float, karts: int, dice: random.Random, busy: float = 1.
         happenings: list[Callable[[int], object]] = [
             paper.lose,
             lambda number: paper.command(CommandKind.KART_RED_RED, number, official='Grace'),
+            *[lambda number: paper.measure(number, dice.choice(list(GRADES)))] * 20,
             *[lambda number: paper.stutter(number, dice.choice(list(RaceState)))] * 500,
         ]
         while paper.now < ends:

@@ -25,11 +25,13 @@ import json
 import pathlib
 from typing import Any, get_args, get_type_hints
 
+from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs import inputs, kart_process, kart_server
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.encoding import read, written
 from evgp_rcs.inputs import Block, decode, encode, InputsError, joined, Log, Setup
+from evgp_rcs.link_quality import LinkQuality
 from evgp_rcs.race import (
     Command,
     Heat,
@@ -74,11 +76,25 @@ MEMORIES = st.builds(
     final=FLAGS,
 )
 ORDERS = st.builds(Order, kart=KARTS, state=STATES, serial=KARTS)
+LINKS = st.builds(
+    LinkQuality,
+    grade=st.sampled_from(Grade),
+    worst_answer=TIMES,
+    round_trip=st.none() | TIMES,
+    variation=st.none() | TIMES,
+    retransmitted=NUMBERS,
+    retransmitted_lately=NUMBERS,
+    unanswered=NUMBERS,
+    answered_ago=st.none() | TIMES,
+    worst_gap=TIMES,
+)
 ENTRIES = st.one_of(
     st.builds(inputs.Commanded, TIMES, COMMANDS, TIMES),
     st.builds(inputs.Connected, TIMES, KARTS),
     st.builds(inputs.Disconnected, TIMES, KARTS, TEXTS),
     st.builds(inputs.Heard, TIMES, KARTS, KARTS, STATES),
+    st.builds(inputs.Delivered, TIMES, KARTS, KARTS, TIMES),
+    st.builds(inputs.Measured, TIMES, KARTS, LINKS),
     st.builds(inputs.Tick, TIMES),
     st.builds(inputs.HeldUp, TIMES, TIMES),
     st.builds(inputs.Rival, TIMES, FLAGS),

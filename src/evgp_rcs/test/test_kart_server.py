@@ -29,6 +29,7 @@ from typing import Any
 
 from evgp_protocol import clock
 from evgp_protocol.frames import encode
+from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs import kart_server
 from evgp_rcs.catalogue import CommandKind
@@ -580,6 +581,71 @@ def stuck(run: Run, connect: Connect) -> tuple[Running, socket.socket, KartLink]
     link._send_timeout = TIMEOUT
     running.wait_until_shown(lambda race, at: link._unsent() > 0)
     return running, client, link
+
+
+def test_an_order_is_delivered_when_the_karts_kernel_answers_and_before_it_is_acknowledged(
+    run: Run, connect: Connect
+) -> None:
+    running = run(beat_rate=20.0)
+    client = connect(running, 3)
+    running.give(CommandKind.KART_RED_RED, 3)
+    *_, event = running.wait_for(EventKind.DELIVERED, 3)  # though its program has read nothing
+    assert event.state is RED_RED
+    assert 0.0 <= event.after < TIMEOUT
+    assert running.race.karts[3].delivered_at is not None
+    assert not running.race.karts[3].acknowledged
+    read_until(client, RED_RED)
+    running.give(CommandKind.ALL_KILL)  # it is sent RED_RED already: no order, no delivery
+    client.sendall(encode(RED_RED))
+    running.wait_for(EventKind.ACKNOWLEDGED, 3)
+    told = [each.kind for each in running.events if each.kart == 3 and each.state is RED_RED]
+    assert told == [EventKind.KART_STATE, EventKind.DELIVERED, EventKind.ACKNOWLEDGED]
+
+
+def test_each_link_is_measured_and_a_new_connection_begins_unknown(
+    run: Run, connect: Connect
+) -> None:
+    running = run(beat_rate=20.0)
+    client = connect(running, 1)
+    (event,) = running.wait_for(EventKind.LINK_GRADE, 1)
+    link = running.race.karts[1].link
+    assert link is not None
+    assert event.grade is link.grade is Grade.GOOD
+    assert link.round_trip is not None
+    assert link.worst_gap >= 0.0
+    client.close()
+    running.wait_for(EventKind.DISCONNECTED, 1)
+    assert running.race.karts[1].link is None
+
+
+def test_a_kernel_of_another_kind_is_no_error(
+    run: Run, connect: Connect, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('evgp_rcs.kart_link.read', lambda link: None)
+    running = run(beat_rate=20.0)
+    connect(running, 1)
+    (event,) = running.wait_for(EventKind.LINK_GRADE, 1)
+    link = running.race.karts[1].link
+    assert link is not None
+    assert (event.grade, link.round_trip) == (Grade.GOOD, None)
+    running.wait_for(EventKind.DELIVERED, 1)
+
+
+def test_a_kart_whose_kernel_answers_nothing_has_a_poor_link_and_is_delivered_nothing(
+    stuck: tuple[Running, socket.socket, KartLink],
+) -> None:
+    running, client, _ = stuck
+    running.wait_until_shown(
+        lambda race, at: race.karts[3].link is not None and race.karts[3].link.grade is Grade.POOR
+    )
+    running.give(CommandKind.KART_RED_RED, 3)
+    running.race_was_shown(2)
+    delivered = [each.state for each in running.events if each.kind is EventKind.DELIVERED]
+    assert RED_RED not in delivered
+    read_until(client, RED_RED)
+    running.wait_until_shown(lambda race, at: race.karts[3].delivered_at is not None)
+    (*_, event) = running.wait_for(EventKind.DELIVERED, 3)
+    assert (event.state, event.after > 0.0) == (RED_RED, True)
 
 
 def test_what_is_said_while_a_stop_is_on_its_way_is_no_answer_to_it(

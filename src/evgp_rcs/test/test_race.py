@@ -18,8 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.link_quality import NOT_MEASURED, POOR_LATELY
 from evgp_rcs.race import (
     AlertKind,
     Answer,
@@ -35,6 +37,7 @@ from evgp_rcs.race import (
     RaceTimes,
     StartPhase,
 )
+from evgp_rcs.snapshot import snapshot_of
 import pytest
 
 GREEN_GREEN = RaceState.GREEN_GREEN
@@ -103,6 +106,10 @@ class Officials:
 
     def says(self, kart: int, state: RaceState) -> Outcome:
         return self.race.heard(kart, self.race.karts[kart].serial, state, self.now)
+
+    def measure(self, kart: int, grade: Grade) -> Outcome:
+        link = NOT_MEASURED._replace(grade=grade, worst_answer=0.7)
+        return self.race.measured(kart, link, self.now)
 
     def acknowledge(self, *karts: int) -> None:
         for kart in karts:
@@ -560,6 +567,71 @@ def test_an_alert_is_told_once_when_it_comes_and_once_when_it_goes(officials: Of
     assert [event.text for event in cleared if event.kind is EventKind.ALERT_CLEARED] == [
         'No longer: Use the MSR: kart 2 (Volta) has not acknowledged RED_RED'
     ]
+
+
+def test_a_poor_link_of_a_kart_of_the_race_is_a_warning_while_it_is_connected(
+    officials: Officials,
+) -> None:
+    for kart in (1, SPECTATOR):
+        officials.measure(kart, Grade.POOR)
+    (alert,) = officials.race.alerts(officials.now)
+    assert (alert.kind, alert.kart, alert.use_msr) == (AlertKind.LINK_POOR, 1, False)
+    officials.measure(1, Grade.FAIR)
+    assert not officials.alerts()
+    officials.measure(1, Grade.POOR)
+    officials.drop(1)
+    officials.connect(1)
+    assert not officials.alerts()
+
+
+def test_a_grade_is_told_when_it_changes(officials: Officials) -> None:
+    outcomes = [
+        officials.measure(1, grade) for grade in (Grade.GOOD, Grade.GOOD, Grade.FAIR, Grade.FAIR)
+    ]
+    told = [event for outcome in outcomes for event in outcome.events]
+    assert [(each.kind, each.grade) for each in told] == [
+        (EventKind.LINK_GRADE, Grade.GOOD),
+        (EventKind.LINK_GRADE, Grade.FAIR),
+    ]
+
+
+def test_a_link_that_was_poor_is_remembered_for_a_minute_however_often_it_was_lost(
+    officials: Officials,
+) -> None:
+    def names() -> list[int]:
+        shown = snapshot_of(officials.race, officials.now).karts
+        return [kart.number for kart in shown if kart.poor_lately]
+
+    assert names() == []
+    officials.measure(2, Grade.POOR)
+    officials.drop(2)
+    officials.connect(2)
+    officials.measure(2, Grade.GOOD)
+    officials.now += POOR_LATELY - 0.1
+    assert names() == [2]
+    officials.now += 0.1
+    assert names() == []
+
+
+def test_only_the_present_order_is_told_to_have_arrived_and_once(officials: Officials) -> None:
+    def arrives(serial: int) -> list[EventKind]:
+        answered = officials.now - 0.03
+        return kinds(officials.race.delivered(1, serial, answered, officials.now))
+
+    kart = officials.race.karts[1]
+    old = kart.serial
+    officials.does('ALL_KILL')
+    ordered = officials.now
+    officials.now += 0.1
+    assert arrives(old) == []
+    assert kart.delivered_at is None
+    assert arrives(kart.serial) == [EventKind.DELIVERED]
+    assert arrives(kart.serial) == []
+    assert kart.delivered_at == pytest.approx(ordered + 0.07)
+    officials.acknowledge(1)
+    assert kart.acknowledged_at == officials.now
+    officials.drop(1)
+    assert (kart.delivered_at, kart.acknowledged_at) == (None, None)
 
 
 def test_alerts_come_newest_first(officials: Officials) -> None:

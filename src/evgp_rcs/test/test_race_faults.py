@@ -454,6 +454,14 @@ a kart that moves in the garage raises no alert: alerts
     _current_alerts: in (IN_GARAGE, GRID_ACTIVE) => is GRID_ACTIVE
 a kart that moves unasked and says it again is no alert: alerts
     _current_alerts: (IN_GARAGE, GRID_ACTIVE) => (IN_GARAGE, GRID_ACTIVE) and not kart.acknowledged
+a poor link raises no alert: alerts [around]
+    _current_alerts: yield AlertKind.LINK_POOR, kart, None, text => pass
+a poor link of a kart that is not in the race raises an alert: alerts [around]
+    _current_alerts: kart.in_race and kart.link is not None => kart.link is not None
+a poor link stops the kart: effect, sent-wrong [around]
+    measured: kart.link_poor_at = now => self._hold(kart, RED_RED, 'poor link', now)
+an order that has arrived counts as acknowledged: ack-from-nothing, effect [around]
+    delivered: after = kart.delivered_at => kart.acknowledged = True ¶ after = kart.delivered_at
 a change of state does not say what caused it: cause _go: or self._cause() =>
 a change of state does not say who gave the command: cause _tell: by.official => ''
 the cause does not name the official: cause

@@ -268,6 +268,16 @@ class Races(RuleBasedStateMachine):
         serial = self.race.karts[number].serial - age
         self.give(oracle.Input('heard', '', number, serial=serial, state=state))
 
+    @rule(kart=KARTS, poor=st.booleans())
+    def a_link_is_measured(self, kart: int, poor: bool) -> None:
+        self.give(oracle.Input('measured', '', kart, statement=poor))
+
+    @rule(kart=KARTS, age=st.integers(0, 2))
+    def an_order_has_arrived(self, kart: int, age: int) -> None:
+        number = 1 + kart % len(self.race.karts)
+        serial = self.race.karts[number].serial - age
+        self.give(oracle.Input('delivered', '', number, serial=serial))
+
     @rule()
     def every_kart_answers(self) -> None:
         for number in self.race.karts:

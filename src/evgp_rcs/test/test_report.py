@@ -22,6 +22,7 @@ import pathlib
 import random
 import re
 
+from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.encoding import written as as_json
@@ -99,6 +100,41 @@ def test_a_lane_shows_what_the_kart_was_sent_and_when_it_acknowledged(paper: Pap
         RED_RED,
         IN_GARAGE,
     ]
+
+
+def test_a_stop_has_its_two_times_for_each_kart(paper: PaperRace) -> None:
+    paper.drive()
+    paper.wait(10.0)
+    paper.command(CommandKind.RED_FLAG)
+    paper.deliver(7, 0.031)
+    paper.deliver(8, 0.62)
+    paper.wait(5.0)
+    account = read(paper.events)
+    (stop,) = account.stops(account.races[0])
+    after = [told.delivered and told.delivered - stop.at for told in stop.told]
+    assert after == [pytest.approx(0.031), pytest.approx(0.62), None]
+    cells = [wording.answers(stop, told, Clock(0))[1] for told in stop.told]
+    assert cells == ['0.031 s', '0.620 s', 'not seen']
+
+
+def test_a_lane_shows_how_good_the_link_was(paper: PaperRace) -> None:
+    def link() -> list[tuple[str, float]]:
+        bands = lane(read(paper.events), 7).links
+        return [(band.what, round(band.end - band.start, 2)) for band in bands]
+
+    for grade in (Grade.GOOD, Grade.POOR):
+        paper.measure(7, grade)
+        paper.wait(3.0)
+    paper.lose(7)
+    paper.wait(2.0)
+    paper.connect(7)
+    paper.measure(7, Grade.FAIR)
+    paper.wait(1.0)
+    paper.say(8)
+    known = [('GOOD', 3.0), ('POOR', 3.0), ('UNKNOWN', 2.0), ('FAIR', 1.0)]
+    assert link() == [('UNKNOWN', 1.0), *known]
+    part = Part(2.0, 5.0).narrow(read(paper.events))
+    assert [band.what for band in lane(part, 7).links] == ['GOOD', 'POOR']
 
 
 def test_bands_say_what_the_rules_sent_at_every_moment(dice: random.Random) -> None:
@@ -343,8 +379,8 @@ def test_where_events_are_missing_a_stop_is_not_said_to_be_unacknowledged(
     paper.command(CommandKind.ALL_KILL)
     paper.wait(1.0)
     paper.say(8)
-    hidden = len(paper.stamped) + 1
     paper.say(7)
+    hidden = len(paper.stamped)
     paper.wait(1.0)
     paper.lose(9)
     account = read(without(paper.events, hidden, hidden))

@@ -41,6 +41,7 @@ from evgp_node.graph import bind_graph, EVERY, fence_graph, reachable_at
 from evgp_node.services import service_class
 from evgp_node.spinning import Spinning
 from evgp_protocol.clock import duration, now
+from evgp_protocol.link import Grade, GRADES
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import Order, PRESS_AGAIN, request, Standing, StandingStops
@@ -52,6 +53,7 @@ from evgp_rcs_console.snapshot import (
     Event,
     Heat,
     Kart,
+    Link,
     Race,
     State,
     Track,
@@ -64,6 +66,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.signals import SignalHandlerOptions
 
 _STATES = {int(getattr(msg.RaceState, state.name)): state for state in State}
+_GRADES = {int(getattr(msg.LinkQuality, each.name)): each for each in Grade}
 _COMMANDS = {int(getattr(msg.CommandAvailability, each.name)): each for each in CommandKind}
 _ALERTS = {
     value: name
@@ -72,7 +75,7 @@ _ALERTS = {
 }
 
 
-Said = TypeVar('Said', Race, Kart, Track, Alert, Event)
+Said = TypeVar('Said', Race, Kart, Link, Track, Alert, Event)
 
 _ONE_NAME = re.compile(
     '|'.join(rf'\b{each.name}\b' for each in (*State, *CommandKind) if '_' in each.name)
@@ -114,6 +117,7 @@ def read_event(event: msg.RaceEvent) -> Event:
         is_command=event.kind == msg.RaceEvent.COMMAND,
         race=_state(event.state) if event.kind == msg.RaceEvent.RACE_STATE else State.UNKNOWN,
         at=_seconds(event.stamp),
+        prompt=event.kind == msg.RaceEvent.DELIVERED and event.after < GRADES[Grade.FAIR],
     )
 
 
@@ -145,6 +149,7 @@ def _kart(kart: msg.KartStatus, stamp: float) -> Kart:
         sent_for=stamp - _seconds(kart.sent_since),
         settles_in=max(0.0, _seconds(kart.settles_at) - stamp),
         flag_in=max(0.0, _seconds(kart.flag_at) - stamp),
+        link=_read(Link, kart.link, grade=_GRADES.get(kart.link.grade, Grade.UNKNOWN)),
         commands=_availability(kart.commands, stamp),
     )
 

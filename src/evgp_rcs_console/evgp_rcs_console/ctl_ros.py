@@ -261,7 +261,9 @@ def said_of(command: CommandKind, race: Race, offered: Available, kart: Kart | N
     """Return what a command would do, and why not to confirm it, as sentences."""
     said = texts.consequences(command, effects(command, race, offered, kart), race, kart)
     warning = texts.warning(command, race, nobody_is_heard(race))
-    return [*said, texts.ASK_WARNING.format(warning=warning)] if warning else said
+    said += [texts.ASK_WARNING.format(warning=warning)] if warning else []
+    caution = texts.caution(command, race, offered.karts)
+    return [*said, caution] if caution else said
 
 
 def _name(karts: tuple[Kart, ...], number: int) -> str:

@@ -168,7 +168,7 @@ class Areas(Area):
         super().__init__('window')
         press = self.commanded.emit
         self.seen = SeenCommands(self)
-        self._banner = Text('top_line', style.TEXT, True, CENTER, colour=lambda: style.BANNER[0])
+        self._banner = Text('top_line', style.TEXT, True, CENTER, fills=True)
         self.state = StatePanel()
         self.track = TrackPanel(press)
         self.danger = DangerPanel()
@@ -234,7 +234,7 @@ class Areas(Area):
     def show_banner(self, banner: str) -> None:
         """Say something in a line at the top and in the window's title; empty: nothing."""
         if banner != self._banner.whole:
-            self._banner.show_text(banner)
+            self._banner.show_cell(Cell(banner, Tone.BANNER))
             self._banner.setVisible(bool(banner))
             self.setWindowTitle(f'{banner}: {texts.TITLE}' if banner else texts.TITLE)
             self._arrange(BANNER + GAP if banner else MARGIN)
@@ -513,9 +513,10 @@ class Display(QtCore.QObject):
         self.refresh()
 
     def take_event(self, event: Event) -> None:
-        """Show an event."""
+        """Show an event; that an order arrived in time would only hide others."""
         self._times.take(event)
-        self.areas.events.add(event)
+        if not event.prompt:
+            self.areas.events.add(event)
 
     def take_answer(self, order: Order, answer: Answer) -> None:
         """Show the answer to a command."""

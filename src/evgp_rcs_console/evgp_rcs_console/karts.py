@@ -22,13 +22,22 @@ from contextlib import AbstractContextManager
 from evgp_rcs_console import texts
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
 from evgp_rcs_console.style import FILLS, GAP, LARGE, look, SMALL, TEXT
-from evgp_rcs_console.view import COLUMNS, Row, Tone
-from evgp_rcs_console.widgets import CENTER, CommandButton, LEFT, Painted, Pen, Pressed, RIGHT
+from evgp_rcs_console.view import Cell, COLUMNS, MOST_BARS, Row, Tone
+from evgp_rcs_console.widgets import (
+    CENTER,
+    CommandButton,
+    font,
+    LEFT,
+    Painted,
+    Pen,
+    Pressed,
+    RIGHT,
+)
 
 Scrolling = Callable[[QtWidgets.QScrollBar], AbstractContextManager[None]]
 """Is entered while the window itself scrolls, with the bar that moves."""
 
-BUTTONS = (74, 76, 74, 70, 60)
+BUTTONS = (68, 74, 68, 62, 52)
 """Widths of a kart's commands; the first two are its stops."""
 
 HEADING, TILES, BAR = 22, 36, 16
@@ -86,7 +95,7 @@ class KartRow(Painted):
             self.setObjectName(f'kart_{row.number}')
         self._row, self._chosen, self._stale = row, chosen, stale
         self.setProperty('chosen', 'true' if chosen else 'false')
-        self.setProperty('link', row.link.text)
+        self.setProperty('linked', 'true' if row.connected else 'false')
         self.show_it(row, chosen, stale)
         for widget, button in zip(self._buttons, row.buttons, strict=True):
             widget.show_button(button)
@@ -115,11 +124,13 @@ class KartRow(Painted):
             pen.box(QtCore.QRect(0, 0, look.px(5), self.height()), edge, radius=0)
         line = self.rect().adjusted(0, self.height() - 1, 0, 0)
         pen.box(line, colours.line, radius=0)
-        number, team, sent, answer, place = self._rooms()
+        number, team, sent, answer, link, place = self._rooms()
         strong = row.in_race and not self._stale
         self._paint_number(pen, number, row, strong)
         tone = Tone.FAINT if self._stale else row.note.tone
-        upper, lower = _halves(team, bool(row.note.text), row.use_msr)
+        metrics = QtGui.QFontMetrics(font(look.px(SMALL), tone is Tone.BAD))
+        long = urgent or metrics.horizontalAdvance(row.note.text) > team.width()
+        upper, lower = _halves(team, bool(row.note.text), long)
         ink = colours.ink if strong else colours.faint
         pen.text(upper, row.team, ink, TEXT + 1, True, wrap=upper.height() > look.px(30))
         if urgent:
@@ -128,12 +139,8 @@ class KartRow(Painted):
         note = FILLS[Tone.BAD][0] if urgent else look.text(tone)
         pen.text(lower, row.note.text, note, SMALL, tone is Tone.BAD, wrap=True)
         self._paint_sent(pen, sent, row)
-        cell, below = COLUMNS[3].cell(row), COLUMNS[3].below(row)
-        upper, lower = _halves(answer, bool(below.text))
-        tone = Tone.FAINT if self._stale else cell.tone
-        bold = tone in (Tone.GOOD, Tone.WAIT, Tone.BAD)
-        pen.text(upper, cell.text, look.text(tone), TEXT, bold)
-        pen.text(lower, below.text, colours.faint, SMALL)
+        self._paint_cell(pen, answer, row.answer, row.says)
+        self._paint_link(pen, link, row)
         pen.text(place, row.place, ink, LARGE - 2, True, CENTER)
 
     def _rooms(self) -> list[QtCore.QRect]:
@@ -163,6 +170,35 @@ class KartRow(Painted):
         pen.text(
             inside.adjusted(inside.width() - wide, 0, 0, 0), row.since, ink, SMALL, align=RIGHT
         )
+
+    def _paint_cell(
+        self, pen: Pen, room: QtCore.QRect, cell: Cell, below: str, ink: str = ''
+    ) -> None:
+        """Draw a text in its tone, and a small one below it, or in its place."""
+        upper, lower = _halves(room, bool(cell.text and below))
+        tone = Tone.FAINT if self._stale else cell.tone
+        bold = tone in (Tone.GOOD, Tone.WAIT, Tone.BAD)
+        pen.text(upper, cell.text, ink or look.text(tone), TEXT, bold)
+        pen.text(lower if cell.text else room, below, ink or look.palette.faint, SMALL)
+
+    def _paint_link(self, pen: Pen, room: QtCore.QRect, row: Row) -> None:
+        """Draw how good its link is: bars, a word and a time; a poor one on a ground."""
+        ink = ''
+        if row.link.tone is Tone.WAIT and not self._stale:
+            ink, fill = look.fill(Tone.WAIT)
+            pen.box(_centred(room, min(room.height() - look.px(4), look.px(38))), fill, radius=3)
+        if row.bars:
+            high, wide, gap = min(room.height() - look.px(10), look.px(18)), look.px(4), look.px(2)
+            foot = room.top() + (room.height() + high) // 2
+            colour = ink or look.text(Tone.FAINT if self._stale else Tone.PLAIN)
+            left = room.left() + look.px(4)
+            for bar in range(1, MOST_BARS + 1):
+                tall = high * bar // MOST_BARS
+                shade = colour if bar <= row.bars else f'#30{colour[1:]}'
+                pen.box(QtCore.QRect(left, foot - tall, wide, tall), shade, radius=1)
+                left += wide + gap
+            room = room.adjusted(left + look.px(3) - room.left(), 0, -look.px(2), 0)
+        self._paint_cell(pen, room, row.link, row.link_time, ink)
 
     def mousePressEvent(self, event: QtGui.QMouseEvent) -> None:  # noqa: N802 - Qt's name
         """Choose this kart."""

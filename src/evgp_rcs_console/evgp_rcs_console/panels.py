@@ -202,7 +202,7 @@ class Strip(Painted):
     def __init__(self, pressed: Pressed) -> None:
         """Wait to be told."""
         super().__init__('strip')
-        self._texts = ('', '', '')
+        self._texts = ('', '', '', '')
         self._stale = False
         self.heat = self.put(CommandButton(pressed), -136, 0, 0, 0)
         self.heat.quiet = True
@@ -212,7 +212,7 @@ class Strip(Painted):
         """Show the race as it is now, and who has commanded it."""
         by = texts.COMMANDED_BY.format(names=', '.join(officials)) * bool(officials)
         rest = ' · '.join(filter(None, (screen.missing, screen.places)))
-        self._texts = screen.tally or texts.NOBODY_RACES, rest, by
+        self._texts = screen.tally or texts.NOBODY_RACES, screen.reminder, rest, by
         self._stale = stale
         # There are heats or there are none, as long as the roster is the same.
         self.heat.setVisible(screen.heat_button is not None)
@@ -226,7 +226,7 @@ class Strip(Painted):
         room = self.rect().adjusted(look.px(12), 0, -look.px(12), 0)
         if not self.heat.isHidden():
             room.setRight(self.heat.geometry().left() - look.px(GAP))
-        tally, rest, officials = self._texts
+        tally, reminder, rest, officials = self._texts
         strong = look.palette.faint if self._stale else look.palette.ink
         first, last = QtCore.QRect(room), QtCore.QRect(room)
         first.setWidth(min(room.width() // 2, _advance(tally, True) + look.px(4)))
@@ -234,6 +234,14 @@ class Strip(Painted):
         room.setLeft(first.right() + look.px(14))
         room.setRight(last.left() - look.px(14))
         pen.text(first, tally, strong, TEXT, True)
+        if reminder:
+            shown = room.adjusted(0, look.px(3), 0, -look.px(3))
+            shown.setWidth(min(room.width(), _advance(reminder, True) + 2 * look.px(GAP)))
+            ink, fill = look.fill(Tone.WAIT)
+            pen.box(shown, fill, radius=3)
+            inside = shown.adjusted(look.px(GAP), 0, -look.px(GAP), 0)
+            pen.text(inside, reminder, ink, TEXT, True)
+            room.setLeft(shown.right() + look.px(14))
         pen.text(room, rest, strong, TEXT)
         pen.text(last, officials, look.palette.faint, TEXT, align=RIGHT)
 

@@ -139,16 +139,18 @@ class Question(Sheet):
         self._settling.timeout.connect(self._show_problem)
         self._consequence = Text('question_consequence', align=TOP, wrap=True)
         self._warning = Text('question_warning', TEXT, True, wrap=True, fills=True)
+        self._caution = Text('question_caution', TEXT, True, wrap=True, fills=True)
         self._statement = Text('question_statement', TEXT, True, TOP, True)
-        self._texts = (self._consequence, self._warning, self._statement)
+        self._texts = (self._consequence, self._warning, self._caution, self._statement)
         # It lies where they are, so that YES and NO never move.
         self._problem = Text('question_problem', TEXT + 2, True, wrap=True, fills=True)
         self._problem.setParent(self)
         self.yes, self.no = Push('yes'), Push('no', texts.ASK_NO, 'N')
         self.no.clicked.connect(lambda: self.answered.emit(False))
         self.yes.clicked.connect(lambda: self.answered.emit(True))
-        self.add(self._consequence, 0, self._warning, 0, self._statement, 0, self.no, 40)
-        self.add(self.yes, 52)
+        for text in self._texts:
+            self.add(text, 0)
+        self.add(self.no, 40, self.yes, 52)
 
     def _keeps_room(self, part: QtWidgets.QWidget) -> bool:
         # A text that is hidden for a problem keeps its room.
@@ -203,6 +205,7 @@ class Question(Sheet):
         self._consequence.show_text(button.consequence)
         warning = texts.ASK_WARNING.format(warning=button.warning) if button.warning else ''
         self._warning.show_cell(Cell(warning, Tone.BAD))
+        self._caution.show_cell(Cell(button.caution, Tone.WAIT))
 
     @property
     def settled(self) -> bool:

@@ -24,7 +24,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 import enum
+import math
 
+from evgp_protocol.link import Grade
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.official import said_by
 
@@ -64,6 +66,16 @@ Availability = Mapping[CommandKind, Available]
 
 
 @dataclass(frozen=True)
+class Link:
+    """How good the link to a kart is; the meanings are those of `LinkQuality.msg`."""
+
+    grade: Grade = Grade.UNKNOWN
+    poor_lately: bool = False
+    worst_answer: float = math.nan
+    round_trip: float = math.nan
+
+
+@dataclass(frozen=True)
 class Kart:
     """
     One kart of the roster; the meanings are those of `KartStatus.msg`.
@@ -90,6 +102,7 @@ class Kart:
     inspected: str = ''
     settles_in: float = 0.0
     flag_in: float = 0.0
+    link: Link = Link()
 
     @property
     def in_doubt(self) -> bool:
@@ -179,6 +192,7 @@ class Event:
     :param is_command: it is an official's command and its answer.
     :param race: the state that the race went to; UNKNOWN if it is about something else.
     :param at: when, by race control's wall clock, in seconds.
+    :param prompt: it is that an order has reached a kart's computer, as quickly as it should.
     """
 
     sequence: int
@@ -190,6 +204,7 @@ class Event:
     is_command: bool = False
     race: State = State.UNKNOWN
     at: float = 0.0
+    prompt: bool = False
 
     @property
     def told(self) -> str:

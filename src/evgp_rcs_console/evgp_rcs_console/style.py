@@ -102,11 +102,9 @@ FILLS = {
     Tone.GREEN: (WHITE, '#0A7D3E'),
     Tone.FLAG: (BLACK, '#F08A00'),
     Tone.RED: (WHITE, '#B3001B'),
+    Tone.BANNER: (WHITE, '#6A1B9A'),
 }
 """Text and ground of what a colour means: the same by day and by night."""
-
-BANNER = (WHITE, '#6A1B9A')
-"""Of the line at the top, such as REHEARSAL."""
 
 
 class Look:

@@ -25,6 +25,7 @@ from collections.abc import Sequence
 import math
 import re
 
+from evgp_protocol.link import Grade
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console.commands import Effects, Order
 from evgp_rcs_console.snapshot import Heat, Kart, Race, State
@@ -48,8 +49,9 @@ SYMBOLS = {
 SHORT_LABELS = {CommandKind.KART_UNDO_FINISH: 'UNDO'}
 COMMANDS_HEADING = 'Commands'
 NOT_RACING = 'not in the race'
-LINKED = '✓ linked'
 NOT_LINKED = '✗ NO LINK'
+LINKS = {each: each.value for each in Grade} | {Grade.UNKNOWN: '✓ linked'}
+MILLISECONDS = '{count} ms'
 MAY_MOVE = 'may be moving'
 MSR_STOPS_IT = 'only the MSR stops it: go and make it safe'
 HELD = 'held: {reason}'
@@ -89,6 +91,7 @@ READY = '{ready} of {count} ready: waiting for {numbers}'
 MISSING = 'waiting for {numbers}'
 NOBODY_RACES = 'no kart is in the race'
 RACE_CLOCK = 'GREEN for {age}'
+MUST_HAVE_BEGUN = '{limit}: every kart must have begun, else RED FLAG'
 COMMANDED_BY = 'officials: {names}'
 OVER = 'race over'
 ALL_LOST = '✗ ALL KARTS LOST'
@@ -206,6 +209,7 @@ ASK_STATE = 'I state: {condition}.'
 ASK_YES = 'YES: {condition}'
 ASK_NO = 'NO'
 ASK_WARNING = 'Warning: {warning}.'
+ASK_CAUTION = 'The link to {karts} was poor in the last minute: a stop may come late.'
 ASK_CHANGED = 'What you are asked to confirm has changed. Press NO and begin again.'
 ASK_AGAIN = '{reason}. Press NO and begin again.'
 
@@ -366,6 +370,18 @@ def warning(command: CommandKind, race: Race, nobody_heard: bool) -> str:
             return f'only the MSR stops {doubtful}: leave it on'
         return f'no kart is connected; {HUMANS_UNKNOWN_REASON}' if nobody_heard else ''
     return ''
+
+
+def caution(command: CommandKind, race: Race, karts: Sequence[int]) -> str:
+    """
+    Return what an official should know before a command, and which is no reason to refuse it.
+
+    :param karts: the karts that it would start or release.
+    """
+    poor = [kart for kart in race.karts if kart.number in karts and kart.link.poor_lately]
+    if command is not CommandKind.GRID_ACTIVE or not poor:
+        return ''
+    return ASK_CAUTION.format(karts=kart_numbers(poor))
 
 
 def kart_numbers(karts: Sequence[Kart | int]) -> str:

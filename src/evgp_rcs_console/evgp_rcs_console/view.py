@@ -25,9 +25,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 import enum
+import math
 import string
 
 from evgp_protocol.clock import duration
+from evgp_protocol.link import Grade
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import asks, effects, is_so, nobody_is_heard, Order
@@ -39,6 +41,7 @@ from evgp_rcs_console.snapshot import (
     Event,
     Heat,
     Kart,
+    Link,
     Race,
     RED,
     State,
@@ -81,6 +84,16 @@ _LETTERS = tuple(letter for letter in string.ascii_uppercase if letter not in AN
 FINISH_KEYS = (*_LETTERS, *(f'Shift+{letter}' for letter in _LETTERS))
 """The keys that mark a kart as finished, by its place in the roster, so a kart keeps its key."""
 
+MOST_BARS = 4
+BARS = {Grade.UNKNOWN: 0, Grade.GOOD: MOST_BARS, Grade.FAIR: 2, Grade.POOR: 1}
+"""Number of bars, of ``MOST_BARS``, for how good a link is; 0: none is drawn."""
+
+BEGINS_WITHIN = 30.0
+"""Time after GREEN_GREEN within which each kart must begin, in seconds (§3.A)."""
+
+REMINDS_FOR = 30.0
+"""Time for which the screen reminds of that, or until each has acknowledged, in seconds."""
+
 PART_FAILED = 'PART_FAILED'
 TWO_RACE_CONTROLS = 'TWO_RACE_CONTROLS'
 """The kinds of alert that are shown in the largest type."""
@@ -102,6 +115,7 @@ class Tone(enum.Enum):
     GREEN = 'green'
     FLAG = 'flag'
     RED = 'red'
+    BANNER = 'banner'
 
 
 STATE_TONES = {
@@ -135,6 +149,7 @@ class Button:
     :param karts: the karts that race control says it would start or release, or those of its heat.
     :param hold: the hold that it would end; UNKNOWN if none.
     :param warning: why not to confirm it; empty if nothing is known against it.
+    :param caution: what else to know before it is confirmed; the question stays the same without.
     :param heat: the name of the heat that it puts into the race.
     :param key: the key that presses it; empty if none does.
     :param phrase: for a command to the race: since when its result holds, what it would do, or
@@ -153,6 +168,7 @@ class Button:
     karts: tuple[int, ...] = ()
     hold: State = State.UNKNOWN
     warning: str = ''
+    caution: str = ''
     heat: str = ''
     key: str = ''
     phrase: str = ''
@@ -209,6 +225,9 @@ class Row:
     A kart as a row.
 
     :param use_msr: an alert about it asks for the Master Safety Remote.
+    :param link: how good its link is, in a word, or that it has none.
+    :param bars: the same in bars, of ``MOST_BARS``; 0: none is drawn.
+    :param link_time: how long the answers of its kernel take; empty if that is not known.
     :param answer: what it answered, in a word or two; empty if no answer is expected.
     :param waits: it is connected and has not yet done what it is sent.
     :param finish: the button that its letter presses, whatever the row's button offers.
@@ -218,7 +237,10 @@ class Row:
     team: str
     in_race: bool
     use_msr: bool
+    connected: bool
     link: Cell
+    bars: int
+    link_time: str
     sent: Cell
     since: str
     answer: Cell
@@ -246,21 +268,13 @@ class Column:
     below: Callable[[Row], Cell] = lambda row: Cell('')
 
 
-def _answer_or_link(row: Row) -> Cell:
-    """Return the answer of a kart, if it is connected and must answer; else its link."""
-    return row.answer if row.answer.text and row.link.text == texts.LINKED else row.link
-
-
-def _says(row: Row) -> Cell:
-    return Cell(row.says if row.link.text == texts.LINKED else row.answer.text, Tone.FAINT)
-
-
 COLUMNS = (
     Column('Kart', 46, lambda row: Cell(str(row.number))),
     Column('Team', 0, lambda row: Cell(row.team), lambda row: row.note),
-    Column('Sent, for', 176, lambda row: row.sent, lambda row: Cell(row.since)),
-    Column('Answer, link', 116, _answer_or_link, _says),
-    Column('Place', 38, lambda row: Cell(row.place)),
+    Column('Sent, for', 162, lambda row: row.sent, lambda row: Cell(row.since)),
+    Column('Answer', 88, lambda row: row.answer, lambda row: Cell(row.says, Tone.FAINT)),
+    Column('Link', 80, lambda row: row.link, lambda row: Cell(row.link_time)),
+    Column('Place', 30, lambda row: Cell(row.place)),
 )
 
 
@@ -295,6 +309,7 @@ class Screen:
     :param tally: how many karts of the race are driving, stopped and so on; empty if there are
         none.
     :param missing: which karts of the race have not yet done what they are sent.
+    :param reminder: that each kart must have begun to drive by now; empty if none must.
     :param heat_button: opens the choice of a heat; None if the roster names none.
     :param heats: one button for each heat of the roster.
     :param places: the places of the race, or of the last one; empty if there are none.
@@ -307,6 +322,7 @@ class Screen:
     heat: str
     tally: str
     missing: str
+    reminder: str
     heat_button: Button | None
     heats: tuple[Button, ...]
     places: str
@@ -493,6 +509,7 @@ def show(
         heat=texts.heat_in_race(race),
         tally=texts.tally(race.karts),
         missing=texts.missing(race.karts),
+        reminder='' if danger is not None else _reminder(race, age),
         heat_button=buttons.race(CommandKind.SET_HEAT) if race.heats else None,
         heats=tuple(buttons.heat(heat) for heat in race.heats),
         places=_places(race),
@@ -548,6 +565,21 @@ def _race_clock(race: Race, age: float, entered: Mapping[State, tuple[float, str
         return texts.clock(race.state_for + age)
     began = entered.get(State.GREEN_GREEN)
     return texts.clock(race.at - began[0] + age) if began else ''
+
+
+def _reminder(race: Race, age: float) -> str:
+    """
+    Return that each kart must have begun to drive (§3.A); empty if none must, or all did.
+
+    Whether a kart drives, only an official can see: so it is said for a while in any case.
+    """
+    late = race.state_for + age - BEGINS_WITHIN
+    if race.state is not State.GREEN_GREEN or late < 0.0:
+        return ''
+    sent = [kart for kart in race.karts if kart.in_race and kart.sent is State.GREEN_GREEN]
+    if late >= REMINDS_FOR and all(kart.acknowledged for kart in sent):
+        return ''
+    return texts.MUST_HAVE_BEGUN.format(limit=duration(BEGINS_WITHIN, 0)) if sent else ''
 
 
 def _humans(race: Race) -> tuple[Cell, str]:
@@ -619,7 +651,10 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
         team=kart.team,
         in_race=kart.in_race,
         use_msr=use_msr,
-        link=Cell(texts.LINKED) if kart.connected else Cell(texts.NOT_LINKED, missing),
+        connected=kart.connected,
+        link=_link(kart, missing),
+        bars=BARS[kart.link.grade] * kart.connected,
+        link_time=_link_time(kart.link) * kart.connected,
         # A kart without a link is sent nothing; this is what it would be sent.
         sent=_state_cell(kart.sent) if kart.connected else _faint(_state_cell(kart.sent)),
         since=texts.clock(kart.sent_for + age),
@@ -634,6 +669,22 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
         ),
         finish=finish,
     )
+
+
+def _link(kart: Kart, missing: Tone) -> Cell:
+    """Return how good the link to a kart is, in a word."""
+    if not kart.connected:
+        return Cell(texts.NOT_LINKED, missing)
+    poor = kart.link.grade is Grade.POOR and kart.in_race
+    return Cell(texts.LINKS[kart.link.grade], Tone.WAIT if poor else Tone.PLAIN)
+
+
+def _link_time(link: Link) -> str:
+    """Return the round trip; of a link that is not good, the longest answer, which tells why."""
+    seconds = link.round_trip if link.grade is Grade.GOOD else link.worst_answer
+    if link.grade is Grade.UNKNOWN or math.isnan(seconds):
+        return ''
+    return texts.MILLISECONDS.format(count=math.ceil(1000 * seconds))
 
 
 def _answer(kart: Kart, age: float, missing: Tone) -> Cell:
@@ -742,13 +793,14 @@ class _Buttons:
             reason = self.barred
         elif not entry.stop and waits is not None:
             reason = texts.PENDING_REASON.format(age=duration(waits))
-        condition = consequence = warning = ''
+        condition = consequence = warning = caution = ''
         if asks(command) or (offered.statement and not entry.stop):
             race = self.snapshot
             does = effects(command, race, offered, kart)
             condition = texts.condition(command, kart, race, offered.statement)
             consequence = '\n'.join(texts.consequences(command, does, race, kart))
             warning = texts.warning(command, race, nobody_is_heard(race))
+            caution = texts.caution(command, race, offered.karts)
         return Button(
             command=command,
             kart=kart.number if kart else 0,
@@ -761,6 +813,7 @@ class _Buttons:
             karts=offered.karts,
             hold=kart.hold if kart and entry.names_hold else State.UNKNOWN,
             warning=warning,
+            caution=caution,
             key=key,
         )
 
@@ -771,6 +824,7 @@ def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
         *([texts.BANNER.format(banner=screen.banner)] if screen.banner else []),
         f'Race: {screen.state.text}  ({screen.since})',
         *([f'Karts: {screen.tally}'] if screen.tally else []),
+        *([f'{screen.reminder}  {screen.missing}'.rstrip()] if screen.reminder else []),
         f'{screen.humans.text}: {screen.humans_reason}.  {screen.track.text}.',
         *(str(Notice(0, alert)) for alert in alerts),
         *([f'{texts.RESULTS}: {screen.places}'] if screen.places else []),

@@ -23,11 +23,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from evgp_protocol.link import Grade
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import Order
 from evgp_rcs_console.notices import AlertBook
-from evgp_rcs_console.snapshot import Alert, Kart, Race, RED, State, Track
+from evgp_rcs_console.snapshot import Alert, Kart, Link, Race, RED, State, Track
 from evgp_rcs_console.view import Danger, danger, Screen, show, silence, table, Tone
 from example_race import EVERYTHING, KART, RACE
 from hypothesis import given, settings
@@ -56,6 +57,7 @@ def karts(draw: st.DrawFn, number: int) -> Kart:
         may_be_moving=draw(st.booleans()),
         settles_in=draw(st.sampled_from((0.0, 2.5))),
         flag_in=draw(st.sampled_from((0.0, 2.5))),
+        link=Link(draw(st.sampled_from(Grade)), draw(st.booleans()), 0.6, 0.01),
     )
 
 
@@ -103,7 +105,7 @@ def statements(race: Race, screen: Screen, shown_danger: Danger | None) -> list[
     said += [row.note.text for row in screen.rows if texts.MAY_MOVE in row.note.text]
     said += [shown_danger.title] if shown_danger else []
     states = [screen.state.text, screen.since]
-    states += [row.sent.text for row in screen.rows if row.link.text == texts.LINKED]
+    states += [row.sent.text for row in screen.rows if row.connected]
     under_way = texts.STATES[State.GRID_ACTIVE], texts.STATES[State.GREEN_GREEN]
     return said + [text for text in states if any(state in text for state in under_way)]
 
@@ -129,10 +131,20 @@ def test_humans_are_allowed_only_where_nothing_else_on_the_screen_speaks_against
 
 @many
 @given(races())
+def test_a_kart_without_a_link_has_neither_bars_nor_a_good_word_for_it(race: Race) -> None:
+    for kart, row in zip(race.karts, show(race, 0.0, {}).rows, strict=True):
+        assert row.connected is kart.connected
+        if not kart.connected:
+            assert (row.bars, row.link_time) == (0, '')
+            assert row.link.text == texts.NOT_LINKED
+
+
+@many
+@given(races())
 def test_what_is_largest_is_true_of_a_kart_of_the_race(race: Race) -> None:
     screen = show(race, 0.0, {})
     concerned = [row for row in screen.rows if row.in_race] or screen.rows
-    sent = {row.sent.text for row in concerned if row.link.text == texts.LINKED}
+    sent = {row.sent.text for row in concerned if row.connected}
 
     shown = {f'{texts.SYMBOLS[each]} {texts.STATES[each]}': each for each in STATES}
     state = shown.get(screen.state.text)

@@ -18,11 +18,24 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from evgp_protocol.link import Grade
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import request
-from evgp_rcs_console.snapshot import Alert, Available, Event, Heat, Kart, Race, State, Track
+from evgp_rcs_console.snapshot import (
+    Alert,
+    Available,
+    Event,
+    Heat,
+    Kart,
+    Link,
+    Race,
+    State,
+    Track,
+)
 from evgp_rcs_console.view import (
+    BARS,
+    BEGINS_WITHIN,
     Button,
     Danger,
     danger,
@@ -33,6 +46,7 @@ from evgp_rcs_console.view import (
     RACE_COMMANDS,
     RaceTimes,
     ReasonTimes,
+    REMINDS_FOR,
     Screen,
     show,
     silence,
@@ -399,6 +413,65 @@ def test_a_kart_without_link_stands_out_if_it_matters() -> None:
 
     assert (racing.link.text, racing.link.tone) == ('✗ NO LINK', Tone.BAD)
     assert (outside.link.text, outside.link.tone) == ('✗ NO LINK', Tone.FAINT)
+
+
+def test_how_good_a_link_is_is_told_by_bars_a_word_and_a_time() -> None:
+    told = {}
+    for grade in Grade:
+        screen = with_kart(link=Link(grade, round_trip=0.0121, worst_answer=0.6201))
+        row = screen.rows[0]
+        told[grade] = row.bars, row.link.text, row.link_time, row.link.tone
+        assert f'{row.link.text} {row.link_time}'.strip() in '\n'.join(table(screen, ()))
+
+    assert told == {
+        Grade.UNKNOWN: (0, '✓ linked', '', Tone.PLAIN),
+        Grade.GOOD: (4, 'good', '13 ms', Tone.PLAIN),
+        Grade.FAIR: (2, 'fair', '621 ms', Tone.PLAIN),
+        Grade.POOR: (1, 'poor', '621 ms', Tone.WAIT),
+    }
+    assert len(set(BARS.values())) == len(Grade)
+    lost = with_kart(connected=False, link=Link(Grade.GOOD, round_trip=0.01)).rows[0]
+    assert (lost.bars, lost.link.text, lost.link_time) == (0, '✗ NO LINK', '')
+    assert with_kart(link=Link(Grade.GOOD)).rows[0].link_time == ''
+
+
+def test_links_that_were_poor_are_named_to_whoever_starts_those_karts_and_refuse_nothing() -> None:
+    fine = offering(CommandKind.GRID_ACTIVE, (KART,))
+    poor = replace(KART, link=Link(Grade.GOOD, poor_lately=True))
+    other = replace(poor, number=8, in_race=False)
+
+    warned = offering(CommandKind.GRID_ACTIVE, (poor, other))
+
+    assert (fine.caution, 'kart 7 ' in warned.caution) == ('', True)
+    assert '8' not in warned.caution
+    assert (warned.enabled, warned.warning) == (True, '')
+    assert fine.asks_the_same(offering(CommandKind.GRID_ACTIVE, (poor,)))
+    assert not offering(CommandKind.GREEN_GREEN, (poor, other)).caution
+
+
+def test_once_the_race_is_green_for_30_s_it_is_said_that_each_kart_must_have_begun() -> None:
+    driving = replace(KART, sent=State.GREEN_GREEN, acknowledged=True)
+
+    def reminder(green_for: float, age: float = 0.0, **changes: object) -> str:
+        kart = replace(driving, **changes)  # type: ignore[arg-type]
+        race = replace(RACE, state=State.GREEN_GREEN, state_for=green_for, karts=(kart,))
+        screen = show(race, age, {})
+        assert screen.reminder in '\n'.join(table(screen, ()))
+        assert not show(race, age, {}, SILENT).reminder
+        return screen.reminder
+
+    begun, over = BEGINS_WITHIN, BEGINS_WITHIN + REMINDS_FOR
+    assert [bool(reminder(each)) for each in (begun - 0.1, begun, over - 0.1, over)] == [
+        False,
+        True,
+        True,
+        False,
+    ]
+    assert '30 s' in reminder(begun - 1.0, age=1.0)
+    # A kart that has not answered is not forgotten; one that is sent another state need not drive.
+    assert reminder(over, acknowledged=False)
+    assert not reminder(begun, sent=State.RED_RED, acknowledged=False)
+    assert not reminder(begun, in_race=False)
 
 
 def test_the_day_of_an_inspection_is_shown_where_nothing_else_is_to_be_read() -> None:

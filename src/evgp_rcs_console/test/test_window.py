@@ -26,6 +26,7 @@ import time
 from typing import Any
 
 from evgp_protocol import clock
+from evgp_protocol.link import Grade
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.commands import asks, Order
@@ -33,12 +34,23 @@ from evgp_rcs_console.display import Inbox
 from evgp_rcs_console.freshness import AIM, InputClock, SETTLE
 from evgp_rcs_console.gui import low_battery
 from evgp_rcs_console.input import FORWARD
+from evgp_rcs_console.karts import columns
 from evgp_rcs_console.keys import FORGOTTEN
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
 from evgp_rcs_console.settings import Signature
-from evgp_rcs_console.snapshot import Alert, Answer, Available, Event, Heat, Race, State, Track
-from evgp_rcs_console.style import BANNER, BLACK, DAY, FILLS, NIGHT, WHITE, YELLOW
-from evgp_rcs_console.view import FINISH_KEYS
+from evgp_rcs_console.snapshot import (
+    Alert,
+    Answer,
+    Available,
+    Event,
+    Heat,
+    Link,
+    Race,
+    State,
+    Track,
+)
+from evgp_rcs_console.style import BLACK, DAY, FILLS, NIGHT, WHITE, YELLOW
+from evgp_rcs_console.view import BARS, FINISH_KEYS
 from evgp_rcs_console.widgets import Painted, Push
 from evgp_rcs_console.window import ConsoleWindow
 from example_race import EVERYTHING, KART, RACE
@@ -53,6 +65,7 @@ SIZES = [(1280, 720), (1366, 768), (1920, 1080), (3840, 2160)]
 NAME = 'Hochschule für Technik und Wirtschaft 40'
 WHY = 'waiting for kart 17 (Technische Hochschule Ostwestfalen-Lippe): no GRID ACTIVE yet; '
 ASKING = [kind for kind in CommandKind if asks(kind)]
+LINKS = [Link(grade, grade is Grade.POOR, 0.9994, 0.1996) for grade in Grade]
 SENTENCES = ('status', 'strip', 'humans_reason', 'danger_detail', 'state_since', 'number_detail')
 """Texts of any length: where they do not fit they end with dots, and the bottom line has all."""
 
@@ -104,14 +117,15 @@ class Console:
         """Press keys, by their names in Qt."""
         for name in names:
             key = QtGui.QKeySequence(name)[0]
-            self.tell(self._race)
             for _ in range(5):  # on a busy machine the window may be held up, and says so
+                self.tell(self._race)
                 self.window._display.bottom.say('')
                 handle = self.window.windowHandle()
                 QtTest.QTest.keyClick(handle, key.key(), key.keyboardModifiers())
                 self.settle()
                 said = self.find('status').whole
-                if 'while the window hung' not in said and 'just changed' not in said:
+                late = ('while the window hung', 'just changed', texts.GONE_REASON)
+                if not any(each in said for each in late):
                     break
                 self.settle(2 * SETTLE)
 
@@ -192,6 +206,7 @@ def race_of(
             connected=not reason or number % 2 > 0,
             may_be_moving=bool(reason),
             commands=commands,
+            link=LINKS[number % len(LINKS)],
         )
         for number in range(1, count + 1)
     )
@@ -336,6 +351,21 @@ def test_up_to_sixteen_karts_need_no_scrolling_and_more_have_tiles(opened: Any) 
             assert last.visibleRegion().isEmpty() is tiles
 
 
+def test_a_link_is_told_by_the_number_of_its_bars(opened: Any) -> None:
+    console, race = opened(1920, 1080), race_of(4)
+    rows = race.karts
+    seen = []
+    for link in LINKS:
+        console.tell(replace(race, karts=tuple(replace(kart, link=link) for kart in rows)))
+        row, room = console.find('kart_1'), columns(console.find('kart_1').width(), 0)[4]
+        picture = row.grab().toImage()
+        line = row.height() // 2 + style.look.px(8)  # every bar begins below it
+        shades = [picture.pixelColor(room.left() + x, line).name().upper() for x in range(40)]
+        seen.append(sum(a != b == DAY.ink for a, b in itertools.pairwise(['', *shades])))
+
+    assert seen == [BARS[grade] for grade in Grade] == [0, 4, 2, 1]
+
+
 def contrast(one: str, other: str) -> float:
     """Return the contrast of two colours, from 1 to 21, as WCAG 2 defines it."""
 
@@ -358,7 +388,6 @@ def test_every_text_and_shape_stands_out_from_its_ground(palette: style.Palette)
         assert contrast(text, palette.raised) >= 4.5, text
     for text, ground in (
         *FILLS.values(),
-        BANNER,
         (YELLOW, BLACK),
         (WHITE, FILLS[style.Tone.RED][1]),
     ):
@@ -698,7 +727,10 @@ def test_the_banner_of_race_control_is_at_the_top(opened: Any) -> None:
     console.tell(race_of(1))
     assert not console.find('top_line').isVisible()
     console.tell(race_of(1, banner='REHEARSAL'))
-    assert console.find('top_line').whole == 'REHEARSAL'
+    top = console.find('top_line')
+    assert top.whole == 'REHEARSAL'
+    ground = top.grab().toImage().pixelColor(12, top.height() // 2)
+    assert ground.name().upper() == FILLS[style.Tone.BANNER][1]
     assert console.find('top_line').y() < console.find('state_panel').y()
     assert 'REHEARSAL' in console.window.windowTitle()
 
@@ -734,6 +766,8 @@ def test_a_long_event_hides_no_other_one_and_a_command_is_bold(opened: Any) -> N
     assert cursor.charFormat().font().bold()
     display.take_event(Event(3, '14:31:26', 0, True, 'more', 'Anna (pc 2)', True))
     assert log.toPlainText().endswith('more · Anna (pc 2)')  # two windows of one name
+    display.take_event(Event(4, '14:31:27', 1, True, 'it has arrived', prompt=True))
+    assert 'arrived' not in log.toPlainText()
 
 
 # ----- stops, names and questions -----------------------------------------------------------
@@ -815,6 +849,31 @@ def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_mor
         assert not console.find(f'question_{part}').isVisible()
     console.press('Y')
     assert not console.commands
+
+
+def test_a_link_that_was_poor_is_named_by_the_question_and_never_keeps_the_answer_back(
+    opened: Any,
+) -> None:
+    console, race = opened(), race_of(8, State.IN_GARAGE)
+    offered = Available(True, statement='the track is clear of humans', karts=(1, 2, 3))
+    race = replace(race, commands={**race.commands, CommandKind.GRID_ACTIVE: offered})
+    # Of karts 2, 3, 6 and 7 the link was poor; 6 and 7 are not started.
+    good = tuple(replace(kart, link=LINKS[1]) for kart in race.karts)
+    poor = tuple(replace(kart, link=LINKS[1 + 2 * (kart.number % 4 > 1)]) for kart in good)
+    console.tell(replace(race, karts=poor))
+    console.press('F2')
+    caution = console.find('question_caution')
+    assert 'karts 2, 3 was poor' in caution.whole
+    assert caution.isVisible()
+    yes = console.place('yes')
+
+    for karts in (good, poor, good):
+        console.tell(replace(race, karts=karts))
+        assert console.find('yes').isEnabled()
+        assert console.place('yes') == yes
+    console.press('Y')
+
+    assert console.commands == [(CommandKind.GRID_ACTIVE, 0)]
 
 
 def test_the_letters_that_answer_a_question_finish_no_kart(opened: Any) -> None:

@@ -29,6 +29,7 @@ import enum
 from itertools import pairwise
 from typing import NamedTuple, TypeVar
 
+from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.race import EventKind
@@ -46,6 +47,8 @@ NOT_CONNECTED = 'NOT_CONNECTED'
 NOT_KNOWN = 'NOT_KNOWN'
 """In the place of a state: the record does not say what the kart was sent."""
 
+NO_GRADE = Grade.UNKNOWN.name
+
 STOPS = frozenset(kind.name for kind, entry in CATALOGUE.items() if entry.stop)
 SENDS_RED = STOPS | {
     kind.name for kind, entry in CATALOGUE.items() if entry.result.race == (RaceState.RED_RED,)
@@ -56,7 +59,6 @@ OF_THE_SERVER = frozenset(
     for kind in (
         EventKind.MALFORMED,
         EventKind.REFUSED_CONNECTION,
-        EventKind.SLOW_LINK,
         EventKind.ENDED,
     )
 )
@@ -65,13 +67,19 @@ OF_THE_SERVER = frozenset(
 
 @dataclass
 class Band:
-    """A time in which something was sent: a state, `NOT_CONNECTED` or `NOT_KNOWN`."""
+    """
+    A time in which something was sent: a state, `NOT_CONNECTED` or `NOT_KNOWN`.
+
+    Or in which a link had a grade: a name of ``Grade``.
+    """
 
     start: float
     end: float
     what: str
     acknowledged: float | None = None
     """When the kart first acknowledged it; None: not in this time."""
+    delivered: float | None = None
+    """When the kart's kernel had answered it; None: that was not seen in this time."""
 
 
 @dataclass
@@ -85,11 +93,16 @@ class Hold:
 
 @dataclass
 class Lane:
-    """One kart: what it was sent, and when it was held."""
+    """
+    One kart: what it was sent, when it was held, and how good its link was.
+
+    :param links: each a name of ``Grade``; `NO_GRADE`: nothing is known.
+    """
 
     kart: int
     team: str
     bands: list[Band]
+    links: list[Band]
     holds: list[Hold] = field(default_factory=list)
 
     @property
@@ -162,7 +175,7 @@ class Silence(enum.Enum):
 
 class StopAnswer(NamedTuple):
     """
-    What a kart was sent at a stop, and when it acknowledged that.
+    What a kart was sent at a stop, when that arrived, and when the kart acknowledged it.
 
     :param what: `NOT_CONNECTED`: it was sent nothing. `NOT_KNOWN`: the record does not say.
     :param since: when it was first sent that: before the stop, if it was being sent it already.
@@ -173,6 +186,7 @@ class StopAnswer(NamedTuple):
     kart: int
     what: str
     since: float
+    delivered: float | None
     acknowledged: float | None
     until: float
     silence: Silence | None
@@ -344,9 +358,8 @@ class Account:
             silence = None
             if sent and band.acknowledged is None:
                 silence = _SILENCE.get(then, Silence.TOLD_ELSE)
-            told.append(
-                StopAnswer(lane.kart, band.what, band.start, band.acknowledged, band.end, silence)
-            )
+            arrived = band.delivered, band.acknowledged
+            told.append(StopAnswer(lane.kart, band.what, band.start, *arrived, band.end, silence))
         return Stop(event.sequence, at, tuple(told))
 
     def _out(self, race: RaceAccount, kart: int) -> Out:
@@ -412,6 +425,7 @@ class _Reading:
                 number,
                 teams.get(number, ''),
                 [Band(0.0, length, NOT_KNOWN if missing else NOT_CONNECTED)],
+                [Band(0.0, length, NO_GRADE)],
             )
             for number in sorted((numbers | teams.keys()) - {0})
         ]
@@ -429,6 +443,7 @@ class _Reading:
             self._take(before, event)
         for lane in lanes:
             lane.bands = _lasting(lane.bands)
+            lane.links = _lasting(lane.links)
             lane.holds = [hold for hold in lane.holds if hold.end > hold.start]
         self.account.race_bands = _lasting(race_bands)
 
@@ -456,6 +471,7 @@ class _Reading:
         _change(self.account.race_bands, since, NOT_KNOWN)
         for kart, lane in self._lanes.items():
             _change(lane.bands, since, NOT_KNOWN)
+            _change(lane.links, since, NO_GRADE)
             self._release(kart, since)
         for alert in self._standing.values():
             alert.lost_sight = True
@@ -472,6 +488,7 @@ class _Reading:
 
     def _disconnected(self, lane: Lane, event: RecordedEvent, at: float) -> None:
         _change(lane.bands, at, NOT_CONNECTED)
+        _change(lane.links, at, NO_GRADE)
         if self.account.ended is None:
             if self._race is not None:
                 self._incident(event)
@@ -488,14 +505,26 @@ class _Reading:
         elif self._state == GREEN_GREEN:
             self._drops_out(event, at, Why.STOPPED)
 
+    def _delivered(self, lane: Lane, event: RecordedEvent, at: float) -> None:
+        band = self._answered(lane, event, at)
+        if band is not None and band.delivered is None:
+            band.delivered = min(at, band.start + event.after)
+
     def _acknowledged(self, lane: Lane, event: RecordedEvent, at: float) -> None:
+        band = self._answered(lane, event, at)
+        if band is not None and band.acknowledged is None:
+            band.acknowledged = at
+
+    def _answered(self, lane: Lane, event: RecordedEvent, at: float) -> Band | None:
+        """Return what the kart, or its kernel, answers; None: it is not being sent that."""
         state = event.state or NOT_KNOWN
         if lane.sent == NOT_KNOWN:
-            # Only what a kart is being sent can be acknowledged.
+            # Only what a kart is being sent can be answered.
             _change(lane.bands, at, state)
-        band = lane.bands[-1]
-        if band.what == state and band.acknowledged is None:
-            band.acknowledged = at
+        return lane.bands[-1] if lane.sent == state else None
+
+    def _link_grade(self, lane: Lane, event: RecordedEvent, at: float) -> None:
+        _change(lane.links, at, event.grade or NO_GRADE)
 
     def _withdrawn(self, lane: Lane, event: RecordedEvent, at: float) -> None:
         if lane.sent in (RED_FLAG, RED_RED):
@@ -622,7 +651,9 @@ _TAKES: Mapping[str, Callable[[_Reading, RecordedEvent, float], None]] = {
 
 _TAKES_OF_A_KART: Mapping[str, Callable[[_Reading, Lane, RecordedEvent, float], None]] = {
     EventKind.KART_STATE.name: _Reading._kart_state,
+    EventKind.DELIVERED.name: _Reading._delivered,
     EventKind.ACKNOWLEDGED.name: _Reading._acknowledged,
+    EventKind.LINK_GRADE.name: _Reading._link_grade,
     EventKind.WITHDRAWN.name: _Reading._withdrawn,
     EventKind.CONNECTED.name: _Reading._connected,
     EventKind.DISCONNECTED.name: _Reading._disconnected,
@@ -707,6 +738,7 @@ class Part:
                 dataclasses.replace(
                     lane,
                     bands=cut(lane.bands),
+                    links=cut(lane.links),
                     holds=cut(lane.holds),
                 )
                 for lane in account.lanes

@@ -39,7 +39,7 @@
 
   // ----- the timeline ------------------------------------------------------------------------
 
-  const UNMARKED = ['COMMAND', 'KART_STATE', 'ALERT_RAISED', 'ALERT_CLEARED'];
+  const UNMARKED = ['COMMAND', 'KART_STATE', 'LINK_GRADE', 'ALERT_RAISED', 'ALERT_CLEARED'];
   const STEPS = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200,
     14400, 43200];
   const ALERT_ROWS = 3, SHEET = 20;  // most karts on a sheet of paper
@@ -55,14 +55,16 @@
   const sentence = (sequence) => bySequence.has(sequence) ? bySequence.get(sequence)[6] : '';
   const moment = (at) => timeOfDay(at, 3) + ' (' + elapsed(at) + ')';
 
-  const ofBand = (lane, name) => ([start, end, what, acknowledged]) => {
+  const ofBand = (lane, name) => ([start, end, what, acknowledged, delivered]) => {
     const sent = !['NOT_CONNECTED', 'NOT_KNOWN'].includes(what);
     const is = what === 'NOT_CONNECTED' ? ' is not connected' :
       what === 'NOT_KNOWN' ? ': the record does not say what it is' :
         (lane.kart ? ' is sent ' : ' is in ') + data.states[what];
     const held = lane.holds.filter(([begins, ends]) => begins < end && ends > start);
     return name + is + '\nfrom ' + timeOfDay(start, 3) + ' to ' + timeOfDay(end, 3) + ', ' +
-      duration(end - start) + (!sent || !lane.kart ? '' : acknowledged === null ?
+      duration(end - start) +
+      (delivered === null ? '' : '\ndelivered after ' + duration(delivered - start)) +
+      (!sent || !lane.kart ? '' : acknowledged === null ?
         '\nnot acknowledged in this time' : '\nacknowledged at ' + timeOfDay(acknowledged, 3) +
         ', after ' + duration(acknowledged - start)) +
       held.map(([begins, ends, command]) => '\nheld from ' + timeOfDay(begins, 3) + ' to ' +
@@ -126,7 +128,7 @@
     }
     if (unseen) make(line.track.previousSibling, 'more', unseen + ' more: see Alerts');
 
-    for (const lane of [{bands: data.race, holds: []}, ...lanes]) {
+    for (const lane of [{bands: data.race, holds: [], links: []}, ...lanes]) {
       const kart = lane.kart ? 'Kart ' + lane.kart : 'Race';
       const name = kart + (lane.team ? ' (' + lane.team + ')' : '');
       begin('lane', kart, lane.team);
@@ -135,6 +137,11 @@
         put('band ' + band[2], data.states[band[2]], band[0], band[1], 0, () => describe(band));
       }
       for (const [from, to] of lane.holds) put('hold', '', from, to, 0);
+      for (const [from, to, grade] of lane.links) {
+        if (grade === 'UNKNOWN') continue;
+        put('grade ' + grade, '', from, to, 0, () => name + ': its link is ' + grade.toLowerCase() +
+          '\nfrom ' + timeOfDay(from, 3) + ' to ' + timeOfDay(to, 3) + ', ' + duration(to - from));
+      }
       const marks = data.events.filter((each) => each[3] === lane.kart && !UNMARKED.includes(each[4]));
       marks.forEach(([, , at, , kind, , sentence], n) => {
         const next = n + 1 < marks.length ? marks[n + 1][2] : end;

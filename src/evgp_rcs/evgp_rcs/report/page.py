@@ -50,7 +50,9 @@ LESSER = frozenset(
     kind.name
     for kind in (
         EventKind.KART_STATE,
+        EventKind.DELIVERED,
         EventKind.ACKNOWLEDGED,
+        EventKind.LINK_GRADE,
         EventKind.REPORTED,
         EventKind.CONNECTED,
         EventKind.MALFORMED,
@@ -192,6 +194,7 @@ def _data(whole: Account, account: Account, part: Part, clock: Clock) -> Any:
                 'kart': lane.kart,
                 'team': wording.name(lane.team),
                 'bands': [dataclasses.astuple(band) for band in lane.bands],
+                'links': [dataclasses.astuple(band)[:3] for band in lane.links],
                 'holds': [
                     (hold.start, hold.end, hold.command and wording.command(hold.command, 0))
                     for hold in lane.holds

@@ -50,6 +50,7 @@ KINDS = {
     'COMMAND': "Officials' command",
     'RACE_STATE': 'State of the race',
     'KART_STATE': 'Sent to a kart',
+    'DELIVERED': 'Delivered to a kart',
     'ACKNOWLEDGED': 'Acknowledgement',
     'WITHDRAWN': 'Acknowledgement withdrawn',
     'REPORTED': 'A kart says another state',
@@ -57,7 +58,7 @@ KINDS = {
     'DISCONNECTED': 'Connection lost',
     'REFUSED_CONNECTION': 'Connection refused',
     'MALFORMED': 'Message that means nothing',
-    'SLOW_LINK': 'Slow to answer',
+    'LINK_GRADE': 'Quality of a link',
     'ALERT_RAISED': 'Alert',
     'ALERT_CLEARED': 'Alert ended',
     'ALL_ACKNOWLEDGED': 'Every kart has acknowledged',
@@ -172,17 +173,25 @@ class Clock:
         return f'{moment:%A}, {moment.day} {moment:%B %Y}'
 
 
-def acknowledged(stop: Stop, told: StopAnswer, clock: Clock) -> tuple[str, str, str]:
-    """Return what a kart was sent at a stop, when it acknowledged that, and after how long."""
+def answers(stop: Stop, told: StopAnswer, clock: Clock) -> tuple[str, str, str, str]:
+    """
+    Return what a kart was sent at a stop, and how it was answered.
+
+    After how long its kernel did, when the kart acknowledged it, and after how long.
+    """
     if told.what == NOT_CONNECTED:
-        return 'nothing: it was not connected', '', ''
+        return 'nothing: it was not connected', '', '', ''
     what = STATES[told.what]
     if told.what != NOT_KNOWN and told.since < stop.at:
         what += f', already since {clock.at(told.since, 3)}'
+    arrived = '' if told.what == NOT_KNOWN else 'not seen'
+    if told.delivered is not None:
+        arrived = exact(told.since, told.delivered)
     if told.acknowledged is not None:
-        return what, clock.at(told.acknowledged, 3), exact(told.since, told.acknowledged)
+        at = clock.at(told.acknowledged, 3)
+        return what, arrived, at, exact(told.since, told.acknowledged)
     silence = '' if told.silence is None else told.silence.value
-    return what, silence.format(clock.at(told.until, 3)), ''
+    return what, arrived, silence.format(clock.at(told.until, 3)), ''
 
 
 def _nearest(number: int, unit: int) -> int:

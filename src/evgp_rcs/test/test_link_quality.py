@@ -1,0 +1,127 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""How good a link is, by times and counts alone."""
+
+from __future__ import annotations
+
+from evgp_protocol.link import Grade, grade, GRADE_WINDOW, GRADES, TcpInfo
+from evgp_rcs.link_quality import LinkMeter, LinkQuality, MEASURE_EVERY
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+POOR, FAIR = GRADES[Grade.POOR], GRADES[Grade.FAIR]
+SOME_TIMES = st.sampled_from((0.0, 0.05, FAIR, POOR, MEASURE_EVERY, GRADE_WINDOW))
+TIMES = st.one_of(SOME_TIMES, st.floats(0.0, 30.0))
+
+
+def info(retransmitted: int = 0) -> TcpInfo:
+    return TcpInfo(0.04123456, 0.007, retransmitted, 1, 0.012, 100)
+
+
+def measured(meter: LinkMeter, now: float, age: float = 0.0) -> Grade:
+    return meter.measure(age, 0, info(), now).grade
+
+
+@given(st.lists(st.tuples(TIMES, TIMES, TIMES), min_size=1, max_size=40))
+def test_the_grade_goes_by_the_worst_answer_of_the_window(
+    steps: list[tuple[float, float, float]],
+) -> None:
+    meter, now, all_answers = LinkMeter(0.0), 0.0, []
+    for step, took, age in steps:
+        now += step
+        meter.answered(took, now)
+        all_answers.append((now, took))
+        quality = meter.measure(age, 0, info(), now)
+        in_window = [each for at, each in all_answers if now - at <= GRADE_WINDOW]
+        assert quality.worst_answer == round(max(age, *in_window), 4)
+        assert quality.grade is grade(quality.worst_answer)
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 2.0), TIMES, TIMES), max_size=40))
+def test_a_link_that_gets_worse_is_measured_at_once_and_every_other_each_second(
+    steps: list[tuple[float, float, float]],
+) -> None:
+    ranks = [*Grade]
+    meter, now, at, known = LinkMeter(0.0), 0.0, 0.0, Grade.UNKNOWN
+    for step, took, age in steps:
+        now += step
+        meter.answered(took, now)
+        due = meter.is_due(age, now)
+        quality = meter.measure(age, 0, info(), now) if due else None
+        if quality is None:
+            assert now - at < MEASURE_EVERY
+        elif now - at < MEASURE_EVERY:
+            assert quality.grade not in (Grade.UNKNOWN, Grade.GOOD)
+            assert ranks.index(quality.grade) > ranks.index(known)
+        if quality is not None:
+            at, known = now, quality.grade
+        assert age < POOR or known is Grade.POOR
+
+
+def test_a_poor_link_stays_poor_until_the_last_bad_answer_has_left_the_window() -> None:
+    meter = LinkMeter(0.0)
+    meter.answered(POOR, 1.0)
+    meter.answered(0.02, 1.1)
+    assert measured(meter, 1.0 + GRADE_WINDOW) is Grade.POOR
+    assert measured(meter, 1.05 + GRADE_WINDOW) is Grade.GOOD
+
+
+def test_what_is_not_answered_yet_counts_too() -> None:
+    meter = LinkMeter(0.0)
+    meter.answered(0.02, 1.0)
+    assert measured(meter, 1.6, age=POOR) is Grade.POOR
+    meter.answered(POOR, 1.7)
+    assert measured(meter, 2.0) is Grade.POOR
+
+
+def test_the_first_second_of_a_link_is_not_called_good() -> None:
+    meter = LinkMeter(0.0)
+    meter.answered(0.01, 0.05)
+    assert not meter.is_due(0.0, 0.9)
+    assert meter.is_due(0.0, MEASURE_EVERY)
+
+
+@given(st.lists(st.integers(0, 2**32 - 1), min_size=1, max_size=10).map(sorted))
+def test_each_segment_that_is_sent_again_is_counted_in_one_measurement(counts: list[int]) -> None:
+    meter = LinkMeter(0.0)
+    lately = 0
+    for second, count in enumerate(counts, 1):
+        quality = meter.measure(0.0, 0, info(count), float(second))
+        lately += quality.retransmitted_lately
+        assert quality.retransmitted == count == lately
+
+
+def test_a_kernel_that_tells_nothing_makes_no_figure_up() -> None:
+    meter = LinkMeter(0.0)
+    meter.answered(FAIR, 1.0)
+    quality = meter.measure(0.0, 9, None, 1.0)
+    assert (quality.round_trip, quality.variation, quality.answered_ago) == (None, None, None)
+    assert (quality.retransmitted, quality.retransmitted_lately) == (0, 0)
+    # What race control counts itself is known all the same.
+    assert (quality.grade, quality.unanswered) == (Grade.FAIR, 9)
+
+
+def test_the_worst_gap_between_our_frames_is_told_once() -> None:
+    meter = LinkMeter(0.0)
+    for at in (0.05, 0.1, 0.4, 0.45):
+        meter.wrote(at)
+    assert meter.measure(0.0, 0, info(), 0.5).worst_gap == pytest.approx(0.3)
+    assert meter.measure(0.0, 0, info(), 0.6).worst_gap == pytest.approx(0.15)  # goes on
+
+
+def test_figures_are_rounded_for_the_record() -> None:
+    quality = LinkMeter(0.0).measure(0.0, 0, info(), 1.0)
+    assert quality == LinkQuality(Grade.GOOD, 0.0, 0.0412, 0.007, 0, 0, 0, 0.012, 1.0)
