@@ -13,6 +13,8 @@ import pathlib
 import signal
 import socket
 import subprocess
+import sys
+import time
 from typing import Any
 
 from ament_index_python.packages import get_package_prefix
@@ -31,7 +33,7 @@ from evgp_testing.fixtures import (
 from evgp_testing.kart import Bridge, ExampleStack, Team
 from evgp_testing.official import latched, Official
 from evgp_testing.part import PATIENCE
-from evgp_testing.process import Process
+from evgp_testing.process import Process, Program
 from evgp_testing.race_control import address_of, RaceControl
 from nav_msgs.msg import Odometry
 import pytest
@@ -42,7 +44,7 @@ from rig.faulty_nodes import (
     program_of,
     StackThatRaises,
 )
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, Float64
 from std_srvs.srv import SetBool
 
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -52,12 +54,41 @@ RED_FLAG = RaceState.RED_FLAG
 RED_RED = RaceState.RED_RED
 
 
+READS_CONTACT = """
+import os, sys, rclpy
+from rclpy.clock import Clock, ClockType
+from std_msgs.msg import Bool
+rclpy.init()
+node = rclpy.create_node('contact')
+publisher = node.create_publisher(Bool, '/kart_bridge/msr', 1)
+steady = Clock(clock_type=ClockType.STEADY_TIME)
+node.create_timer(
+    0.05, lambda: publisher.publish(Bool(data=os.path.exists(sys.argv[1]))), clock=steady
+)
+rclpy.spin(node)
+"""
+
+
+class Contact(Program):
+    """A team's program that reads the MSR's contact; it is open while a file is there."""
+
+    def __init__(self, domain: int, pin: pathlib.Path) -> None:
+        super().__init__('contact', [sys.executable, '-c', READS_CONTACT, str(pin)], domain)
+        self.pin = pin
+
+
 class OneKartRace:
     """Race control with one kart in the race, its official, its bridge, and its team."""
 
     def __init__(
-        self, control: RaceControl, official: Official, bridge: Bridge, team: Team
+        self,
+        control: RaceControl,
+        official: Official,
+        bridge: Bridge,
+        team: Team,
+        contact: Contact | None = None,
     ) -> None:
+        self.contact = contact
         self.control = control
         self.official = official
         self.bridge = bridge
@@ -108,9 +139,11 @@ def start_race(
     join_official: JoinOfficial,
     start_bridge: StartBridge,
     join_team: JoinTeam,
+    parts: contextlib.ExitStack,
+    tmp_path: pathlib.Path,
 ) -> StartRace:
     """
-    Return a function that starts a race of one kart.
+    Return a function that starts a race of one kart, whose MSR's contact is read if it is wired.
 
     It takes what the fixture `start_bridge` takes.
     """
@@ -118,7 +151,11 @@ def start_race(
     def start(**bridge_has: Any) -> OneKartRace:
         control = start_race_control(in_race=[1], others=[2])
         bridge = start_bridge(control.port, 1, **bridge_has)
-        return OneKartRace(control, join_official(control), bridge, join_team(bridge))
+        contact = None
+        if bridge_has.get('msr_timeout'):
+            contact = parts.enter_context(Contact(bridge.domain, tmp_path / 'open'))
+        official, team = join_official(control), join_team(bridge)
+        return OneKartRace(control, official, bridge, team, contact)
 
     return start
 
@@ -259,6 +296,22 @@ def test_no_red_is_acknowledged_while_the_pose_moves_whatever_the_twist_says(
     race.official.wait_for_acks(RED_RED, 1)
 
 
+def test_green_green_is_not_acknowledged_before_odometry_shows_that_the_kart_drives(
+    start_race: StartRace,
+) -> None:
+    race = start_race()
+    race.green()
+    race.team.drive_at(0.0)
+    race.team.wait_until_polled(
+        lambda: 'odometry says 0.00 m/s' in race.team.acknowledge(GREEN_GREEN).message, 'a refusal'
+    )
+    race.team.drive_at(1.0)
+    race.team.wait_until_polled(
+        lambda: race.team.acknowledge(GREEN_GREEN).success, 'an acknowledgement'
+    )
+    race.official.wait_for_acks(GREEN_GREEN, 1)
+
+
 def test_a_kart_that_odometry_never_sees_move_in_green_green_is_told(
     start_race: StartRace,
 ) -> None:
@@ -366,9 +419,13 @@ def test_the_release_of_a_team_stop_starts_no_kart(start_race: StartRace) -> Non
     race = start_race()
     race.green()
     stopped = race.team.team_stop(True)
-    assert stopped.message == 'The kart obeys RED_RED: team stop: asked for by service' + (
-        '; GREEN_GREEN needs a GRID_ACTIVE that is acknowledged before it: '
-        'the team stop was engaged since'
+    assert (
+        stopped.message
+        == 'The kart obeys RED_RED: the kart stops itself: asked for by service'
+        + (
+            '; GREEN_GREEN needs a GRID_ACTIVE that is acknowledged before it: '
+            'the team stop was engaged since'
+        )
     )
     told = race.team.wait_for_state(RED_RED)
     assert told.team_stop
@@ -381,18 +438,28 @@ def test_the_release_of_a_team_stop_starts_no_kart(start_race: StartRace) -> Non
     assert race.team.stop is True
 
 
-def test_a_required_safety_remote_that_is_silent_stops_the_kart(
-    start_race_control: StartRaceControl, start_bridge: StartBridge, join_team: JoinTeam
+@pytest.mark.parametrize(
+    ('parameter', 'named'),
+    [('tsr_timeout', 'the safety remote'), ('msr_timeout', "the MSR's contact")],
+)
+def test_a_remote_that_is_required_and_absent_stops_the_kart(
+    start_race_control: StartRaceControl,
+    start_bridge: StartBridge,
+    join_team: JoinTeam,
+    parameter: str,
+    named: str,
 ) -> None:
     control = start_race_control(in_race=[1])
-    team = join_team(start_bridge(control.port, 1, tsr_timeout=0.5))
+    team = join_team(start_bridge(control.port, 1, **{parameter: 0.5}))
     told = team.wait_for(lambda state: state.connected and state.team_stop, 'the stop')
-    assert 'nothing from the safety remote for 0.5 s' in told.reason
+    assert f'nothing from {named} for 0.5 s' in told.reason
     assert state_of(told.state) is RED_RED
     team.wait_for_stop(True)
 
 
+@pytest.mark.parametrize('remote', ['tsr', 'msr'])
 def test_a_remote_that_was_pressed_before_the_bridge_began_stops_the_kart(
+    remote: str,
     start_race_control: StartRaceControl,
     start_bridge: StartBridge,
     join_team: JoinTeam,
@@ -402,7 +469,7 @@ def test_a_remote_that_was_pressed_before_the_bridge_began_stops_the_kart(
     first = start_bridge(control.port, 1)
     team = join_team(first)
     team.wait_for_state(IN_GARAGE)
-    publish(Bool, 'tsr', latched(1), Bool(data=True))(team)
+    publish(Bool, remote, latched(1), Bool(data=True))(team)
     team.wait_for(lambda state: state.team_stop, 'the stop')
     first.kill()
     parts.enter_context(Bridge(first.domain, control.port, address_of(1)))
@@ -438,8 +505,10 @@ def offer(kind: type, service: str) -> Callable[[Team], object]:
     ('act', 'reason'),
     [
         (lambda team: team.remote(True), 'the safety remote says stop'),
-        (publish(Bool, 'tsr', best_effort), "the safety remote's publisher is not RELIABLE"),
-        (two_remotes, 'more than one publisher of the safety remote'),
+        (publish(Bool, 'tsr', best_effort), 'a publisher of ~/tsr or ~/msr is not RELIABLE'),
+        (two_remotes, 'more than one publisher of ~/tsr or of ~/msr'),
+        (publish(Bool, 'msr', best_effort), 'a publisher of ~/tsr or ~/msr is not RELIABLE'),
+        (publish(Bool, 'msr', latched(1), Bool(data=True)), "the MSR's contact is open"),
         (publish(Bool, 'stop', latched(1)), 'another node publishes ~/stop'),
         (a_second_odometry, 'more than one publisher of odometry'),
         (offer(Acknowledge, 'acknowledge'), 'another node offers ~/acknowledge'),
@@ -456,6 +525,55 @@ def test_a_remote_that_stops_or_could_get_lost_and_a_second_node_stop_the_kart(
     told = race.team.wait_for(lambda state: state.team_stop, 'the stop')
     assert reason in told.reason
     assert state_of(told.state) is RED_RED
+
+
+NOTHING_MORE = "nothing from the MSR's contact for 0.5 s"
+TWO_CONTACTS = 'more than one publisher of ~/tsr or of ~/msr'
+
+
+@pytest.mark.parametrize(
+    ('act', 'undo', 'reason'),
+    [
+        (lambda contact, _: contact.pin.touch(), lambda it: it.pin.unlink(), 'contact is open'),
+        (
+            lambda contact, _: contact.signal(signal.SIGSTOP),
+            lambda it: it.signal(signal.SIGCONT),
+            NOTHING_MORE,
+        ),
+        (lambda contact, _: contact.kill(), None, NOTHING_MORE),
+        (lambda _, team: publish(Bool, 'msr', 10)(team), None, TWO_CONTACTS),
+        (
+            lambda _, team: publish(Float64, 'msr', 10, Float64(data=float('nan')))(team),
+            None,
+            TWO_CONTACTS,
+        ),
+    ],
+    ids=['open', 'silent', 'dead', 'a second says closed', 'a second is no Bool'],
+)
+def test_a_contact_of_the_msr_that_is_wired_stops_the_kart_unless_it_is_certainly_closed(
+    start_race: StartRace,
+    act: Callable[[Contact, Team], object],
+    undo: Callable[[Contact], object] | None,
+    reason: str,
+    record_property: Callable[[str, object], None],
+) -> None:
+    race = start_race(msr_timeout=0.5)
+    assert race.contact is not None
+    race.green()
+    began = time.monotonic()
+    act(race.contact, race.team)
+    told = race.team.wait_for(lambda state: state.team_stop, 'the stop')
+    took = time.monotonic() - began
+    record_property('to RED_RED, s', took)
+    print(f'to RED_RED: {took:.3f} s')
+    assert reason in told.reason
+    assert state_of(told.state) is RED_RED
+    race.team.wait_for_stop(True)
+    if undo is not None:
+        undo(race.contact)
+        told = race.team.wait_for(lambda state: not state.team_stop, 'its release')
+        assert state_of(told.commanded) is GREEN_GREEN
+        assert state_of(told.state) is RED_RED
 
 
 def test_absurd_odometry_is_no_standstill_and_ends_no_bridge(start_race: StartRace) -> None:
@@ -655,6 +773,6 @@ def test_diagnostics_say_what_the_kart_obeys_and_why(start_race: StartRace) -> N
     race.team.wait_for_diagnostic(
         lambda status: (
             status.name == 'kart_bridge: race state'
-            and status.message == 'team stop: asked for by service'
+            and status.message == 'the kart stops itself: asked for by service'
         )
     )

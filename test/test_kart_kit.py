@@ -44,6 +44,9 @@ COMPILERS = [each for each in ('gcc', 'clang') if shutil.which(each)]
 GREEN, GRID = RaceState.GREEN_GREEN, RaceState.GRID_ACTIVE
 FLAG, RED = RaceState.RED_FLAG, RaceState.RED_RED
 
+STOPS = {'b': StopSource.SERVICE, 'r': StopSource.TSR, 'm': StopSource.MSR}
+"""What the driver calls the sources of a team stop."""
+
 Compile = Callable[..., pathlib.Path]
 
 
@@ -128,18 +131,21 @@ def live(dice: random.Random, count: int, index: int) -> History:
     frame_timeout = (1000, 1000, 200)[index % 3]
     flag_time = (15000, 300, 40, 0)[index % 4]
     remote_timeout = (0, 0, 0, 0, 500)[index % 5]
+    msr_timeout = (0, 0, 0, 400, 400)[index % 5]
     garage = dice.random() < 0.5
     kart = Kart(
         Settings(
             frame_timeout=frame_timeout,
             red_flag_drive_time=flag_time,
             tsr_timeout=remote_timeout,
+            msr_timeout=msr_timeout,
             drive_in_garage=garage,
         )
     )
     now = 2**32 - dice.randint(0, 200_000)  # the counter starts again at 0 soon
     kart.tick(now)
-    inputs = [struct.pack('<IIIBI', frame_timeout, flag_time, remote_timeout, garage, now % 2**32)]
+    times = (frame_timeout, flag_time, remote_timeout, msr_timeout)
+    inputs = [struct.pack('<IIIIBI', *times, garage, now % 2**32)]
     answers, story = [], []
     seen: Counter[str] = Counter()
     state, kept, old_order = RaceState.IN_GARAGE, b'', 0
@@ -157,7 +163,7 @@ def live(dice: random.Random, count: int, index: int) -> History:
         if not kart.is_open and dice.random() < 0.5:
             kind = 'c'
         else:
-            kind = dice.choices('datcxbr', [54, 24, 6, 0.2, 0.2, 5, 6])[0]
+            kind = dice.choices('datcxbrm', [54, 24, 6, 0.2, 0.2, 5, 6, 6])[0]
         value, data, said = 0, b'', b''
         if kind == 't':
             kart.tick(now)
@@ -166,10 +172,9 @@ def live(dice: random.Random, count: int, index: int) -> History:
             kept = b''
         elif kind == 'x':
             kart.closed(now)
-        elif kind in 'br':
+        elif kind in STOPS:
             value = dice.random() < (0.3 if kind == 'b' else 0.1)
-            source = StopSource.TOPIC if kind == 'r' else StopSource.SERVICE
-            kart.team_stop(value, now, source)
+            kart.team_stop(value, now, STOPS[kind])
         elif kind == 'a':
             value = kart.verdict.order
             if dice.random() < 0.15:
@@ -245,11 +250,14 @@ def test_the_header_and_the_arbiter_give_the_same_answers(
 FAULTS = [
     ('>= kart->settings.frame_timeout_ms', '> kart->settings.frame_timeout_ms'),
     ('(backwards || (uint32_t)(now - kart->heard_at)', '((uint32_t)(now - kart->heard_at)'),
-    ('(backwards || (uint32_t)(now - kart->remote_at)', '((uint32_t)(now - kart->remote_at)'),
+    ('            (backwards ||\n', '            (\n'),
+    (': source == EVGP_STOP_MSR  ? kart->settings.msr_timeout_ms', ': 0 ? 0U'),
+    ('source == EVGP_STOP_REMOTE || source == EVGP_STOP_MSR', 'source == EVGP_STOP_REMOTE'),
+    ('kart->source_at[own] = now', 'kart->source_at[EVGP_STOP_REMOTE] = now'),
     ('(uint32_t)(now - kart->now) > UINT32_MAX / 2U', 'now < kart->now'),
     ('(uint32_t)(now - kart->heard_at) >=', 'now >= kart->heard_at +'),
     ('(uint32_t)(now - kart->slowing_since) >=', '(uint32_t)(now - kart->slowing_since) >'),
-    ('>= kart->settings.remote_timeout_ms', '> kart->settings.remote_timeout_ms'),
+    ('>= evgp_p_timeout(kart, source)', '> evgp_p_timeout(kart, source)'),
     ('kart->commanded == EVGP_NONE || evgp_p_team_stop(kart)', 'kart->commanded == EVGP_NONE'),
     ('kart->commanded == EVGP_GREEN_GREEN && !kart->armed', '0'),
     ('        if (!to_race) {', '        if (0) {'),
@@ -317,7 +325,7 @@ def test_nothing_is_found_by_random_bytes(
 @pytest.mark.parametrize(
     ('old', 'new'),
     [
-        *(FAULTS[each] for each in (0, 7, 8, 9, 12)),
+        *(FAULTS[each] for each in (0, 10, 11, 12, 15)),
         ('EVGP_MAX_FRAME_BYTES - 1)', 'EVGP_MAX_FRAME_BYTES)'),
     ],
     ids=range(6),

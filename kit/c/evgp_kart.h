@@ -66,11 +66,13 @@ typedef enum {
     EVGP_RED_RED = 5
 } evgp_state;
 
-/* Where a team stop comes from (§2.C). Each must release its own. */
+/* Where a team stop comes from (§2.B, §2.C). Each must release its own. */
 typedef enum {
     EVGP_STOP_BUTTON = 0, /* a button, a program, anything that says both stop and go */
-    EVGP_STOP_REMOTE = 1  /* the safety remote, which must be heard every remote_timeout_ms */
+    EVGP_STOP_REMOTE = 1, /* the safety remote, which must be heard every remote_timeout_ms */
+    EVGP_STOP_MSR = 2     /* the MSR's contact is open; it must be heard every msr_timeout_ms */
 } evgp_stop_source;
+#define EVGP_STOP_SOURCES 3
 
 /* The parameters of the rules; evgp_kart_init() brings what is out of range into it. */
 typedef struct {
@@ -78,6 +80,8 @@ typedef struct {
     uint32_t red_flag_drive_ms; /* RED_FLAG lets a driving kart go on for this long; to 30000 */
     uint32_t remote_timeout_ms; /* silence of the safety remote that is a team stop; 0: there is
                                    no remote; to 10000 */
+    uint32_t msr_timeout_ms;    /* time in which nobody read the MSR's contact that is a team stop;
+                                   0: no contact is wired; to 1000 */
     int drive_in_garage;        /* not 0: the kart may drive in IN_GARAGE, where its team has it */
 } evgp_settings;
 
@@ -88,7 +92,7 @@ typedef struct {
     uint32_t order;       /* the number of that command; acknowledge by it. 0: no command */
     int may_drive;        /* not 0: the kart may move */
     int open;             /* 0: there is no connection, or the socket must be closed */
-    int team_stop;        /* not 0: the team's own stop is on */
+    int team_stop;        /* not 0: a stop of the kart's own is on, the team's or the MSR's */
     int acknowledged;     /* not 0: what is commanded was acknowledged */
 } evgp_verdict;
 
@@ -111,10 +115,10 @@ typedef struct {
     uint32_t said_order;
     uint8_t heard_since_said;
     /* the team's stop */
-    uint8_t engaged[2];
-    uint8_t remote_heard;
+    uint8_t engaged[EVGP_STOP_SOURCES];
+    uint8_t source_heard[EVGP_STOP_SOURCES];
     uint8_t stopped;
-    uint32_t remote_at;
+    uint32_t source_at[EVGP_STOP_SOURCES];
     /* the decoder: a frame so far, '$' included */
     char frame[EVGP_MAX_FRAME_BYTES];
     uint8_t frame_bytes;
@@ -153,10 +157,25 @@ static inline const char *evgp_name(evgp_state state)
 
 /* ----- the rules; names with evgp_p_ are private ------------------------------------------- */
 
+/* Return the silence of a source that is a team stop; 0: it need not be heard. */
+static inline uint32_t evgp_p_timeout(const evgp_kart *kart, int source)
+{
+    return source == EVGP_STOP_REMOTE ? kart->settings.remote_timeout_ms
+           : source == EVGP_STOP_MSR  ? kart->settings.msr_timeout_ms
+                                      : 0U;
+}
+
+/* Return whether a source stops the kart: by its word, or because it must be heard and is not. */
+static inline int evgp_p_stops(const evgp_kart *kart, int source)
+{
+    return kart->engaged[source] ||
+           (evgp_p_timeout(kart, source) > 0 && !kart->source_heard[source]);
+}
+
 static inline int evgp_p_team_stop(const evgp_kart *kart)
 {
-    return kart->engaged[EVGP_STOP_BUTTON] || kart->engaged[EVGP_STOP_REMOTE] ||
-           (kart->settings.remote_timeout_ms > 0 && !kart->remote_heard);
+    return evgp_p_stops(kart, EVGP_STOP_BUTTON) || evgp_p_stops(kart, EVGP_STOP_REMOTE) ||
+           evgp_p_stops(kart, EVGP_STOP_MSR);
 }
 
 static inline evgp_state evgp_p_obey(const evgp_kart *kart)
@@ -221,15 +240,19 @@ static inline void evgp_p_pass(evgp_kart *kart, uint32_t now)
 {
     /* Unsigned differences stay right when the counter starts again at 0. */
     const int backwards = (uint32_t)(now - kart->now) > UINT32_MAX / 2U;
+    int source;
     kart->now = now;
     if (kart->open &&
         (backwards || (uint32_t)(now - kart->heard_at) >= kart->settings.frame_timeout_ms)) {
         evgp_p_lose(kart);
     }
-    if (kart->remote_heard &&
-        (backwards || (uint32_t)(now - kart->remote_at) >= kart->settings.remote_timeout_ms)) {
-        kart->remote_heard = 0;
-        evgp_p_on_team_stop(kart);
+    for (source = 0; source < EVGP_STOP_SOURCES; source++) {
+        if (kart->source_heard[source] &&
+            (backwards ||
+             (uint32_t)(now - kart->source_at[source]) >= evgp_p_timeout(kart, source))) {
+            kart->source_heard[source] = 0;
+            evgp_p_on_team_stop(kart);
+        }
     }
     if (kart->slowing &&
         (uint32_t)(now - kart->slowing_since) >= kart->settings.red_flag_drive_ms) {
@@ -319,13 +342,15 @@ static inline evgp_state evgp_p_decode(evgp_kart *kart, uint8_t byte)
 
 /* ----- what you call ----------------------------------------------------------------------- */
 
-/* Return the usual settings: 1 s of silence, 15 s for RED_FLAG, no remote, stand in IN_GARAGE. */
+/* Return the usual settings: 1 s of silence, 15 s for RED_FLAG, no remote, no
+   MSR contact, stand in IN_GARAGE. */
 static inline evgp_settings evgp_default_settings(void)
 {
     evgp_settings settings;
     settings.frame_timeout_ms = 1000;
     settings.red_flag_drive_ms = 15000;
     settings.remote_timeout_ms = 0;
+    settings.msr_timeout_ms = 0;
     settings.drive_in_garage = 0;
     return settings;
 }
@@ -342,6 +367,9 @@ static inline void evgp_kart_init(evgp_kart *kart, evgp_settings settings, uint3
     }
     if (settings.remote_timeout_ms > 10000) {
         settings.remote_timeout_ms = 10000;
+    }
+    if (settings.msr_timeout_ms > 1000) {
+        settings.msr_timeout_ms = 1000;
     }
     kart->settings = settings;
     kart->now = now;
@@ -398,16 +426,18 @@ static inline void evgp_kart_received(evgp_kart *kart, const void *bytes, size_t
 /*
  * Engage the team's stop (stop is not 0), or release it. It is on while any source engages it.
  *
- * With remote_timeout_ms, every message of the remote must come here, those that say go too.
+ * With remote_timeout_ms, every message of the remote must come here, those that say go too. With
+ * msr_timeout_ms, call it with EVGP_STOP_MSR each time that you have read the contact.
  */
 static inline void evgp_kart_team_stop(evgp_kart *kart, evgp_stop_source source, int stop,
                                        uint32_t now)
 {
+    const int own = source == EVGP_STOP_REMOTE || source == EVGP_STOP_MSR ? (int)source : 0;
     evgp_p_pass(kart, now);
-    kart->engaged[source == EVGP_STOP_REMOTE ? 1 : 0] = stop != 0;
-    if (source == EVGP_STOP_REMOTE && kart->settings.remote_timeout_ms > 0) {
-        kart->remote_heard = 1;
-        kart->remote_at = now;
+    kart->engaged[own] = stop != 0;
+    if (evgp_p_timeout(kart, own) > 0) {
+        kart->source_heard[own] = 1;
+        kart->source_at[own] = now;
     }
     if (evgp_p_team_stop(kart)) {
         evgp_p_on_team_stop(kart);
@@ -472,7 +502,8 @@ static inline const char *evgp_kart_reason(const evgp_kart *kart)
         return "race control has said nothing on this connection yet";
     }
     if (evgp_p_team_stop(kart)) {
-        return "team stop";
+        return evgp_p_stops(kart, EVGP_STOP_MSR) ? "the MSR's contact is open, or not read"
+                                                 : "team stop";
     }
     return "GREEN_GREEN needs a GRID_ACTIVE that is acknowledged before it, on this connection";
 }

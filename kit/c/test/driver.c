@@ -4,8 +4,8 @@
 /*
  * Gives a kart the inputs that come on standard input, and writes what holds after each.
  *
- * First the settings: three uint32 (frame_timeout_ms, red_flag_drive_ms, remote_timeout_ms), one
- * uint8 (drive_in_garage), and the uint32 time. Then, for each input: uint8 kind, uint32 time,
+ * First the settings: four uint32 (frame_timeout_ms, red_flag_drive_ms, remote_timeout_ms,
+ * msr_timeout_ms), one uint8 (drive_in_garage), and the uint32 time. Then, for each input: uint8 kind, uint32 time,
  * uint32 number (the order, or whether to stop, or how many bytes follow), and the bytes. Numbers
  * are little-endian. For each input 20 bytes come out; see answer().
  */
@@ -53,6 +53,7 @@ int main(void)
     settings.frame_timeout_ms = number();
     settings.red_flag_drive_ms = number();
     settings.remote_timeout_ms = number();
+    settings.msr_timeout_ms = number();
     settings.drive_in_garage = getchar();
     evgp_kart_init(&kart, settings, number());
     while ((kind = getchar()) != EOF) {
@@ -65,6 +66,7 @@ int main(void)
         case 'x': evgp_kart_closed(&kart, now); break;
         case 'b': evgp_kart_team_stop(&kart, EVGP_STOP_BUTTON, value != 0, now); break;
         case 'r': evgp_kart_team_stop(&kart, EVGP_STOP_REMOTE, value != 0, now); break;
+        case 'm': evgp_kart_team_stop(&kart, EVGP_STOP_MSR, value != 0, now); break;
         case 'a': say = evgp_kart_acknowledge(&kart, value, now); break;
         case 'd': {
             /* Of exactly this size, so that the sanitizer sees a byte too far. */

@@ -43,6 +43,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         return 0;
     }
     settings.remote_timeout_ms = data[4] % 4 == 0 ? 500U : 0U;
+    settings.msr_timeout_ms = data[4] % 8 == 1 ? 500U : 0U;
     settings.drive_in_garage = data[5] & 1;
     now = (uint32_t)data[0] << 24 | (uint32_t)data[1] << 16 | (uint32_t)data[2] << 8 | data[3];
     evgp_kart_init(&whole, settings, now);
@@ -77,8 +78,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
             }
             break;
         case 2:
-            evgp_kart_team_stop(&whole, (evgp_stop_source)(value & 1), value >= 240, now);
-            evgp_kart_team_stop(&pieces, (evgp_stop_source)(value & 1), value >= 240, now);
+            evgp_kart_team_stop(&whole, (evgp_stop_source)(value % 3), value >= 240, now);
+            evgp_kart_team_stop(&pieces, (evgp_stop_source)(value % 3), value >= 240, now);
             break;
         case 3:
         case 4: {

@@ -42,7 +42,7 @@ from evgp_inspection.inspector import (
     Unattended,
     WORD,
 )
-from evgp_inspection.kart_clauses import KART, KILLING_STEPS
+from evgp_inspection.kart_clauses import BY_STATEMENT, KART, KILLING_STEPS
 from evgp_inspection.kart_steps import Kill, KILL_PART
 from evgp_inspection.limits import Limits, RcsLimits
 from evgp_inspection.odometry import listen
@@ -105,7 +105,7 @@ def inspect_kart(arguments: Sequence[str] | None = None) -> int:
     add('--word', default='', help=f'"{WORD}": wheels off the ground, MSR in hand')
     options = parser.parse_args(arguments)
     options.subject = f'kart {options.number}' if options.number else 'kart'
-    options.first = FIRST
+    options.first, options.statements = FIRST, BY_STATEMENT
     if options.unattended and options.word != WORD:
         options.wrong = (
             f'--unattended makes a kart drive with nobody there: say --word {WORD} to state that '
@@ -194,7 +194,7 @@ def inspect_rcs(arguments: Sequence[str] | None = None) -> int:
     )
     add('--word', default='', help=f'"{WORD}": no real kart is there; for --driver ros')
     options = parser.parse_args(arguments)
-    options.subject, options.first = 'race control', RCS_FIRST
+    options.subject, options.first, options.statements = 'race control', RCS_FIRST, ()
     options.unattended = options.driver == 'ros'
     try:
         numbers = [int(each) for each in options.karts.split(',')]
@@ -304,11 +304,14 @@ def _inspect(
         began=began.isoformat(timespec='seconds'),
         seconds=inspection.seconds,
         limits=dataclasses.asdict(limits),
+        statements=options.statements,
         remarks=inspection.remarks,
     )
     print(f'\n{header.subject} {header.team}'.rstrip())
     for remark in inspection.remarks:
         print(remark)
+    for statement in header.statements:
+        print(f'To be stated by the team, and ticked by hand: {statement}')
     print(summary(inspection.results))
     if options.report:
         _write(pathlib.Path(options.report), header, inspection.results, began)

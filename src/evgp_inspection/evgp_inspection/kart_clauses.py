@@ -430,4 +430,12 @@ KART: tuple[Clause, ...] = (
     ),
 )
 
+BY_STATEMENT = (
+    "§2.B: with the MSR's remote off, the motor has no power and the kart obeys RED_RED",
+    "§2.C: the team's remote stops the kart and can do nothing else during a race; releasing it "
+    'starts nothing',
+    '§3.A: on RED_FLAG the kart slows down gently, steers, and pulls to the inside of the track',
+)
+"""What nobody sees on stands: the team states it, the inspector has it shown and ticks it."""
+
 BY_NAME = {clause.name: clause for clause in KART}

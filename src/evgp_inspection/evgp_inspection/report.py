@@ -42,6 +42,7 @@ class Header:
     :ivar began: date and time of the beginning, ISO 8601.
     :ivar seconds: how long it took, s.
     :ivar limits: the limits that were used, by name.
+    :ivar statements: what the team states and the inspector ticks by hand.
     :ivar remarks: sentences on the whole, such as why it was not finished.
     """
 
@@ -51,6 +52,7 @@ class Header:
     began: str
     seconds: float
     limits: Mapping[str, float]
+    statements: Sequence[str] = ()
     remarks: Sequence[str] = ()
 
 
@@ -231,6 +233,7 @@ def as_html(header: Header, results: Sequence[Result]) -> str:
         '<th>measured</th></tr></thead>',
         f'<tbody>{"".join(rows)}</tbody></table>',
         f'<p class="note">Limits, in s (standstill: m/s): {e(used)}.</p>',
+        *(f'<p class="note">☐ {e(statement)}</p>' for statement in header.statements),
         '<p class="sign">Signature</p>',
     ]
     for result in results:

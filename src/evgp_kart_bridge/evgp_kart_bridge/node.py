@@ -67,21 +67,24 @@ except ImportError:  # ROS 2 Humble has it there
 LINK_ANSWER_TIMEOUT = 1.0
 """How long a call of the team waits for the link before it says so, seconds."""
 
-TSR_QOS = QoSProfile(
+REMOTES = {StopSource.TSR: '~/tsr', StopSource.MSR: '~/msr'}
+"""The topics of the team's safety remote (§2.C) and of the MSR's contact (§2.B). True: stop."""
+
+REMOTE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=10,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""Of ``~/tsr``: no stop may get lost. A publisher that does not promise that is a stop (§2.C)."""
+"""Of `REMOTES`: no stop may get lost. A publisher that does not promise that is a stop."""
 
-LATCHED_TSR_QOS = QoSProfile(
+LATCHED_REMOTE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""Of a second subscription of ``~/tsr``, for what a latched remote said before."""
+"""Of a second subscription of each of them, for what a latched remote said before."""
 
 LOOK_AROUND = 0.3
 """How often the bridge looks for a second node where there must be one, seconds."""
@@ -165,18 +168,18 @@ class KartBridge(StrictNode):
         self._malformed = 0
         # By whose full names there must be one publisher, or one server.
         topics = {
-            StopSource.TWO_REMOTES: '~/tsr',
-            StopSource.TWO_BRIDGES: '~/race_state',
-            StopSource.TWO_LOCKS: '~/stop',
+            **dict.fromkeys(REMOTES.values(), StopSource.TWO_REMOTES),
+            '~/race_state': StopSource.TWO_BRIDGES,
+            '~/stop': StopSource.TWO_LOCKS,
         }
         if settings.auto_acknowledge_stop:
-            topics[StopSource.TWO_ODOMETRIES] = '~/odom'
+            topics['~/odom'] = StopSource.TWO_ODOMETRIES
         services = {
-            StopSource.TWO_ANSWERERS: '~/acknowledge',
-            StopSource.TWO_STOPPERS: '~/team_stop',
+            '~/acknowledge': StopSource.TWO_ANSWERERS,
+            '~/team_stop': StopSource.TWO_STOPPERS,
         }
-        self._one_publisher = {key: self.resolve_topic_name(name) for key, name in topics.items()}
-        self._one_server = {key: self.resolve_service_name(name) for key, name in services.items()}
+        self._one_publisher = {self.resolve_topic_name(name): key for name, key in topics.items()}
+        self._one_server = {self.resolve_service_name(name): key for name, key in services.items()}
         if not hasattr(self, 'count_services'):  # ROS 2 Humble cannot tell
             self._one_server = {}
         self._seen_double: set[StopSource] = set()
@@ -196,21 +199,19 @@ class KartBridge(StrictNode):
         self._link = Link(arbiter, link_settings, self._tell, on_failure)
         self.create_service(Acknowledge, '~/acknowledge', self._acknowledge)
         self.create_service(SetBool, '~/team_stop', self._team_stop)
-        self.create_subscription(
-            Bool,
-            '~/tsr',
-            lambda message: self._stop_by_topic(message.data),
-            TSR_QOS,
-            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._tsr_unreliable),
-        )
-        # A remote that was pressed before this bridge began to listen, if it is latched.
-        self.create_subscription(
-            Bool,
-            '~/tsr',
-            lambda message: self._stop_by_topic(message.data),
-            LATCHED_TSR_QOS,
-            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=lambda _: None),
-        )
+        for source, topic in REMOTES.items():
+            # The second for one that was pressed before this bridge began to listen, if latched.
+            for qos, incompatible in (
+                (REMOTE_QOS, self._remote_unreliable),
+                (LATCHED_REMOTE_QOS, lambda _: None),
+            ):
+                self.create_subscription(
+                    Bool,
+                    topic,
+                    lambda message, source=source: self._stop_by_topic(source, message.data),
+                    qos,
+                    event_callbacks=SubscriptionEventCallbacks(incompatible_qos=incompatible),
+                )
         self.create_subscription(Odometry, '~/odom', self._odometry, ODOMETRY_QOS)
         self._link.start()
 
@@ -267,22 +268,22 @@ class KartBridge(StrictNode):
             return f'Not taken: {error}.'
         return f'The bridge has not answered for {LINK_ANSWER_TIMEOUT:g} s; the kart must stop.'
 
-    def _stop_by_topic(self, engaged: bool) -> None:
-        self._link.give(lambda arbiter, now: arbiter.team_stop(StopSource.TOPIC, engaged, now))
+    def _stop_by_topic(self, source: StopSource, engaged: bool) -> None:
+        self._link.give(lambda arbiter, now: arbiter.team_stop(source, engaged, now))
 
-    def _tsr_unreliable(self, _: object) -> None:
+    def _remote_unreliable(self, _: object) -> None:
         self.get_logger().error(
-            'A publisher of ~/tsr is not RELIABLE, so its stops could get lost: the kart stops. '
-            'Publish ~/tsr with reliable QoS'
+            'A publisher of ~/tsr or ~/msr is not RELIABLE, so its stops could get lost: the kart '
+            'stops. Publish with reliable QoS'
         )
         self._link.give(lambda arbiter, now: arbiter.team_stop(StopSource.UNRELIABLE, True, now))
 
     def _look_around(self) -> None:
         """Stop while there are two where there must be one; say that the team is heard."""
         seen = {
-            key for key, name in self._one_publisher.items() if self.count_publishers(name) > 1
+            key for name, key in self._one_publisher.items() if self.count_publishers(name) > 1
         }
-        seen |= {key for key, name in self._one_server.items() if self.count_services(name) > 1}
+        seen |= {key for name, key in self._one_server.items() if self.count_services(name) > 1}
         for source in seen ^ self._seen_double:
             self._link.give(
                 lambda arbiter, now, source=source: arbiter.team_stop(source, source in seen, now)
@@ -479,6 +480,11 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
         'tsr_timeout',
         'Time without ~/tsr after which it is a team stop, s; 0: no remote is required.',
         (0.0, 10.0),
+    ),
+    (
+        'msr_timeout',
+        "Time without ~/msr, the MSR's contact, after which the kart stops, s; 0: none is wired.",
+        (0.0, 1.0),
     ),
     (
         'odometry_required',

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The arbiter: which race state the kart must obey now (§2.C, §3.A, §3.E).
+The arbiter: which race state the kart must obey now (§2.B, §2.C, §3.A, §3.E).
 
 Three rules of what lives here:
 
@@ -34,8 +34,9 @@ verdict follows from a few facts:
   a new one when a team stop takes its acknowledgement back, and when a team stop ends. A stack
   acknowledges by this number, so what it said before never counts for a later command, nor after
   a team stop.
-* *team stop*: the service, the remote's topic, the remote's silence (``tsr_timeout``), two nodes
-  where there must be one, or a bridge that would not hear its team's stop (``team_timeout``).
+* *team stop*: any stop that begins on the kart: the service, the word or the silence of the team's
+  safety remote (``tsr_timeout``) or of the MSR's contact (``msr_timeout``), two nodes where there
+  must be one, or a bridge that would not hear its team's stop (``team_timeout``).
 * *armed*: GREEN_GREEN would be obeyed. This table is all that makes it so or ends it:
 
   ================================================= =============================
@@ -73,17 +74,44 @@ _NOT_ACKNOWLEDGED = 'the last GRID_ACTIVE was not acknowledged'
 
 
 class StopSource(enum.Enum):
-    """Where a team stop comes from (§2.C); each must release its own."""
+    """Where a team stop comes from (§2.B, §2.C); each must release its own."""
 
     SERVICE = 'service'
-    TOPIC = 'topic'
-    UNRELIABLE = 'unreliable'  # the remote's messages could get lost; nobody can release it
+    TSR = 'tsr'  # the team's safety remote
+    MSR = 'msr'  # the contact of the officials' remote is open: it takes the motor's power
+    TEAM = 'team'  # the bridge does not hear its team, so it would hear no stop either
+    UNRELIABLE = 'unreliable'  # a remote's messages could get lost; nobody can release it
     TWO_REMOTES = 'two remotes'  # one may say stop and the other go
     TWO_BRIDGES = 'two bridges'  # nobody knows to which of them the stack listens
     TWO_LOCKS = 'two locks'  # nobody knows to which of them the motors listen
     TWO_ODOMETRIES = 'two odometries'  # one may stand while the other moves
     TWO_ANSWERERS = 'two answerers'  # one may say that a state is acknowledged which is not
     TWO_STOPPERS = 'two stoppers'  # one may say that the kart stops which does not
+
+
+_WHY = {
+    StopSource.SERVICE: 'asked for by service',
+    StopSource.TSR: 'the safety remote says stop',
+    StopSource.MSR: "the MSR's contact is open",
+    StopSource.TEAM: 'the bridge does not hear its own team',
+    StopSource.UNRELIABLE: (
+        'a publisher of ~/tsr or ~/msr is not RELIABLE; start the bridge again'
+    ),
+    StopSource.TWO_REMOTES: 'more than one publisher of ~/tsr or of ~/msr',
+    StopSource.TWO_BRIDGES: 'two bridges',
+    StopSource.TWO_LOCKS: 'another node publishes ~/stop',
+    StopSource.TWO_ODOMETRIES: 'more than one publisher of odometry',
+    StopSource.TWO_ANSWERERS: 'another node offers ~/acknowledge',
+    StopSource.TWO_STOPPERS: 'another node offers ~/team_stop',
+}
+"""What each source says when it stops the kart, for people."""
+
+_SILENCE = {
+    StopSource.TSR: 'nothing from the safety remote',
+    StopSource.MSR: "nothing from the MSR's contact",
+    StopSource.TEAM: 'the bridge has not heard its own team',
+}
+"""What its silence means, for people."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,10 +122,13 @@ class Settings:
     :ivar frame_timeout: time without a frame after which the connection is lost; above 0.
     :ivar tsr_timeout: time without a message of the team's safety remote after which it is a team
         stop; 0: no remote is required.
+    :ivar msr_timeout: time without a message about the MSR's contact after which it is a team
+        stop; 0: no contact is wired.
     :ivar team_timeout: time without a sign that the bridge hears its team after which it is a team
         stop; 0: no sign is required.
     :ivar odometry_required: a red state is not acknowledged without odometry that shows a
-        standstill. This holds anyway once any odometry was heard, or with `auto_acknowledge_stop`.
+        standstill, nor GREEN_GREEN without odometry that shows a movement (§3.A). This holds
+        anyway once any odometry was heard, or with `auto_acknowledge_stop`.
     :ivar auto_acknowledge_stop: acknowledge the red states when odometry shows a standstill.
     :ivar standstill_speed: maximum speed of a kart that stands still; from 0.
     :ivar standstill_time: time at standstill, without a gap, after which the kart has stopped;
@@ -110,6 +141,7 @@ class Settings:
 
     frame_timeout: float = 1.0
     tsr_timeout: float = 0.0
+    msr_timeout: float = 0.0
     team_timeout: float = 0.0
     odometry_required: bool = False
     auto_acknowledge_stop: bool = False
@@ -152,7 +184,8 @@ class Verdict:
     :ivar commanded: what race control commands on the present connection; None: nothing.
     :ivar order: the number of that command, another one after a team stop; 0 while there is none.
     :ivar connected: race control is being heard.
-    :ivar team_stop: the team's own stop is on (§2.C).
+    :ivar team_stop: a stop of the kart's own is on: the team's (§2.C), the MSR's contact (§2.B),
+        or a doubt about either.
     :ivar acknowledged: what is commanded was acknowledged. A team stop takes it back from a
         GRID_ACTIVE, which must then be acknowledged again.
     :ivar reason: why `state` and `commanded` differ, a sentence; empty when they do not.
@@ -235,8 +268,14 @@ class Arbiter:
         # The team's stop.
         self._engaged = dict.fromkeys(StopSource, False)
         self._stopped = True  # it was on after the last input, or began in this one
-        self._remote_at: float | None = None  # None: unheard, or silent for too long
-        self._team_heard_at: float | None = None  # None: not yet, or not for too long
+        timeouts = {
+            StopSource.TSR: settings.tsr_timeout,
+            StopSource.MSR: settings.msr_timeout,
+            StopSource.TEAM: settings.team_timeout,
+        }
+        self._timeouts = {source: time for source, time in timeouts.items() if time > 0}
+        # When each of these was heard; not in here: not yet, or silent for too long.
+        self._signs: dict[StopSource, float] = {}
         self._starting = True  # the team was not heard yet; for the reason only
         # Odometry.
         self._speed = math.nan
@@ -279,10 +318,7 @@ class Arbiter:
         due = []
         if self._open:
             due.append(self._heard_at + self._settings.frame_timeout)
-        if self._remote_at is not None:
-            due.append(self._remote_at + self._settings.tsr_timeout)
-        if self._team_heard_at is not None:
-            due.append(self._team_heard_at + self._settings.team_timeout)
+        due += [at + self._timeouts[source] for source, at in self._signs.items()]
         if self._slowing_since is not None:
             due.append(self._slowing_since + self._settings.red_flag_drive_time)
         return min(due, default=None)
@@ -290,7 +326,7 @@ class Arbiter:
     @property
     def starting(self) -> bool:
         """Whether the bridge has not heard its own team yet, as it must first of all."""
-        return self._team_unheard and self._starting
+        return self._starting and StopSource.TEAM in self._missed
 
     @property
     def missing_odometry(self) -> str:
@@ -335,8 +371,7 @@ class Arbiter:
         """Engage or release the team's stop; it is on while any source engages it (§2.C)."""
         give_up = self._pass(now)
         self._engaged[source] = engaged
-        if source is StopSource.TOPIC and self._settings.tsr_timeout > 0:
-            self._remote_at = now
+        self._sign(source, now)
         if self._team_stop:
             self._on_team_stop()
         return self._outcome(give_up)
@@ -345,8 +380,7 @@ class Arbiter:
         """Take note that the bridge hears its team now: a stop would get here."""
         give_up = self._pass(now)
         self._starting = False
-        if self._settings.team_timeout > 0:
-            self._team_heard_at = now
+        self._sign(StopSource.TEAM, now)
         return self._outcome(give_up)
 
     def acknowledge(self, state: RaceState, order: int, now: float) -> Outcome:
@@ -410,8 +444,7 @@ class Arbiter:
         settings = self._settings
         give_up = None
         if now < self._now:
-            self._remote_at = None
-            self._team_heard_at = None
+            self._signs = {}
             self._speed_at = -math.inf
             if self._open:
                 give_up = 'the clock went backwards'
@@ -424,12 +457,9 @@ class Arbiter:
         self._now = now
         if give_up is not None:
             self._lose(f'not connected to race control: {give_up}')
-        if self._remote_at is not None and now >= self._remote_at + settings.tsr_timeout:
-            self._remote_at = None
-            self._on_team_stop()
-        heard = self._team_heard_at
-        if heard is not None and now >= heard + settings.team_timeout:
-            self._team_heard_at = None
+        signs = self._signs
+        self._signs = {each: at for each, at in signs.items() if now < at + self._timeouts[each]}
+        if len(self._signs) < len(signs):
             self._on_team_stop()
         slowing = self._slowing_since
         if slowing is not None and now >= slowing + settings.red_flag_drive_time:
@@ -502,7 +532,15 @@ class Arbiter:
             return f'the kart must obey {verdict.state.value}: {verdict.reason}'
         if state.is_red and self._odometry_expected:
             return self.missing_odometry or self._motion() or None
+        if state is RaceState.GREEN_GREEN and self._odometry_expected:
+            return self._standstill() or None
         return None
+
+    def _standstill(self) -> str:
+        """Return why nothing shows that the kart has begun to drive; empty: odometry does."""
+        if self.missing_odometry or self._speed > self._settings.standstill_speed:
+            return self.missing_odometry
+        return f'odometry says {self._speed:.2f} m/s: acknowledge GREEN_GREEN once the kart drives'
 
     def _motion(self) -> str:
         """Return why the last speed is no standstill; empty: it is one."""
@@ -529,45 +567,25 @@ class Arbiter:
 
     @property
     def _team_stop(self) -> bool:
-        return any(self._engaged.values()) or self._remote_missing or self._team_unheard
+        return any(self._engaged.values()) or bool(self._missed)
 
     @property
-    def _remote_missing(self) -> bool:
-        return self._settings.tsr_timeout > 0 and self._remote_at is None
+    def _missed(self) -> list[StopSource]:
+        """What must be heard, and is not."""
+        return [source for source in self._timeouts if source not in self._signs]
 
-    @property
-    def _team_unheard(self) -> bool:
-        return self._settings.team_timeout > 0 and self._team_heard_at is None
+    def _sign(self, source: StopSource, now: float) -> None:
+        if source in self._timeouts:
+            self._signs = {**self._signs, source: now}
 
     def _team_stop_reason(self) -> str:
-        reasons = []
-        if self._engaged[StopSource.SERVICE]:
-            reasons.append('asked for by service')
-        if self._engaged[StopSource.TOPIC]:
-            reasons.append('the safety remote says stop')
-        if self._engaged[StopSource.UNRELIABLE]:
-            reasons.append("the safety remote's publisher is not RELIABLE; start the bridge again")
-        if self._engaged[StopSource.TWO_REMOTES]:
-            reasons.append('more than one publisher of the safety remote')
-        if self._engaged[StopSource.TWO_BRIDGES]:
-            reasons.append('two bridges')
-        if self._engaged[StopSource.TWO_LOCKS]:
-            reasons.append('another node publishes ~/stop')
-        if self._engaged[StopSource.TWO_ODOMETRIES]:
-            reasons.append('more than one publisher of odometry')
-        if self._engaged[StopSource.TWO_ANSWERERS]:
-            reasons.append('another node offers ~/acknowledge')
-        if self._engaged[StopSource.TWO_STOPPERS]:
-            reasons.append('another node offers ~/team_stop')
-        if self._remote_missing:
-            reasons.append(f'nothing from the safety remote for {self._settings.tsr_timeout:g} s')
-        if self.starting:
-            reasons.append('the bridge is starting')
-        elif self._team_unheard:
-            reasons.append(
-                f'the bridge has not heard its own team for {self._settings.team_timeout:g} s'
-            )
-        return 'team stop: ' + ', '.join(reasons)
+        reasons = [_WHY[source] for source, engaged in self._engaged.items() if engaged]
+        for source in self._missed:
+            if source is StopSource.TEAM and self._starting:
+                reasons.append('the bridge is starting')
+            else:
+                reasons.append(f'{_SILENCE[source]} for {self._timeouts[source]:g} s')
+        return 'the kart stops itself: ' + ', '.join(reasons)
 
     def _on_team_stop(self) -> None:
         """Let nothing that allowed the kart to drive outlive a team stop."""

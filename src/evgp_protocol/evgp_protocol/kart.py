@@ -101,7 +101,7 @@ class Kart:
         Engage or release the team's stop (§2.C). Each source must release its own.
 
         With `Settings.tsr_timeout`, every message of the safety remote must come here with
-        ``StopSource.TOPIC``, those that say go too.
+        ``StopSource.TSR``, those that say go too.
         """
         self._follow(self._arbiter.team_stop(source, engaged, now))
 

@@ -113,18 +113,22 @@ class Oracle:
 
     def _signs(self, past: History) -> list[tuple[float, list[float]]]:
         """Return what must not be missed for how long, and when it came."""
-        signs = []
-        if self.settings.tsr_timeout > 0:
-            remote = [
-                item.at
-                for item in past
-                if item.kind == 'team_stop' and item.value[0] is StopSource.TOPIC
-            ]
-            signs.append((self.settings.tsr_timeout, remote))
-        if self.settings.team_timeout > 0:
-            team = [item.at for item in past if item.kind == 'team_heard']
-            signs.append((self.settings.team_timeout, team))
-        return signs
+        timeouts = {
+            StopSource.TSR: self.settings.tsr_timeout,
+            StopSource.MSR: self.settings.msr_timeout,
+            StopSource.TEAM: self.settings.team_timeout,
+        }
+
+        def is_sign(item: Input, source: StopSource) -> bool:
+            if item.kind == 'team_heard':
+                return source is StopSource.TEAM
+            return item.kind == 'team_stop' and item.value[0] is source
+
+        return [
+            (timeout, [item.at for item in past if is_sign(item, source)])
+            for source, timeout in timeouts.items()
+            if timeout > 0
+        ]
 
     def stopped_since(self, begin: int) -> bool:
         """Whether the team stop was on at any time from the input at `begin` to now."""
@@ -141,7 +145,7 @@ class Oracle:
     @property
     def team_stop(self) -> bool:
         if not self.history:
-            return self.settings.tsr_timeout > 0 or self.settings.team_timeout > 0
+            return bool(self._signs(()))
         return self.stop_at(len(self.history) - 1)
 
     @property
@@ -242,17 +246,16 @@ class Oracle:
             return False
         if number != self.history[begin].order:
             return False
-        if state in (GRID, GREEN):
-            return self.state is state
+        if state in (GRID, GREEN) and self.state is not state:
+            return False
         speeds = [item for item in self.history if item.kind == 'speed']
         by_odometry = self.settings.odometry_required or self.settings.auto_acknowledge_stop
-        if state not in (FLAG, RED) or not (by_odometry or speeds):
+        if state not in (GREEN, FLAG, RED) or not (by_odometry or speeds):
             return True
-        return (
-            bool(speeds)
-            and self.now - speeds[-1].at <= 0.5
-            and speeds[-1].value <= self.settings.standstill_speed
-        )
+        if not speeds or self.now - speeds[-1].at > 0.5:
+            return False
+        speed, limit = speeds[-1].value, self.settings.standstill_speed
+        return bool(speed > limit if state is GREEN else speed <= limit)
 
     @property
     def must_acknowledge_by_itself(self) -> bool:
@@ -352,6 +355,7 @@ SMALL = Settings(
 WORLDS = {
     'plain': SMALL,
     'remote required': dataclasses.replace(SMALL, tsr_timeout=1.0),
+    'MSR wired': dataclasses.replace(SMALL, msr_timeout=1.0),
     'team must be heard': dataclasses.replace(SMALL, team_timeout=1.0),
     'acknowledges by itself': dataclasses.replace(SMALL, auto_acknowledge_stop=True),
     'odometry required': dataclasses.replace(SMALL, odometry_required=True),
@@ -380,7 +384,7 @@ def fingerprint(arbiter: Arbiter) -> tuple[Any, ...]:
     state: list[Any] = []
     for name, value in sorted(vars(arbiter).items()):
         # Of the numbers of orders, only whether there is one: the next is always a new one.
-        if name in ('_settings', '_names', '_now', '_next_order'):
+        if name in ('_settings', '_names', '_now', '_next_order', '_timeouts'):
             continue
         if name in ('_absence', '_not_armed', '_starting'):  # for the reason only
             continue
@@ -392,6 +396,8 @@ def fingerprint(arbiter: Arbiter) -> tuple[Any, ...]:
             value = value == 0
         elif name == '_engaged':
             value = tuple(value.values())
+        elif name == '_signs':
+            value = tuple(sorted((each.name, min(now - at, 1.5)) for each, at in value.items()))
         elif isinstance(value, float) and math.isnan(value):
             value = 'nan'
         elif hasattr(value, 'name'):
@@ -439,6 +445,7 @@ def explore(
 INPUTS = {
     'plain': LINK + STOPS[:6],
     'remote required': LINK + STOPS[2:4],
+    'MSR wired': LINK + STOPS[4:6],
     'team must be heard': LINK + TEAM + STOPS[:2],
     'acknowledges by itself': LINK + SPEEDS,
     'odometry required': LINK + SPEEDS,
@@ -478,20 +485,20 @@ green needs no grid: verdict: not self._armed => False
 team stop does not disarm: [drives in garage]
     _on_team_stop: self._disarm('the team stop was engaged since') =>
 remote silence does not disarm: [remote required]
-    _pass: self._remote_at = None self._on_team_stop() => self._remote_at = None
-remote is not missed:
-    _remote_missing: self._settings.tsr_timeout > 0 and self._remote_at is None => False
-a deaf bridge is not missed:
-    _team_unheard: self._settings.team_timeout > 0 and self._team_heard_at is None => False
-a deaf bridge is told apart too late: [team must be heard] _pass: >= heard => > heard
-deafness does not disarm: [team must be heard]
-    _pass: self._team_heard_at = None self._on_team_stop() => self._team_heard_at = None
+    _pass: len(self._signs) < len(signs) => False
+remote is not missed: [remote required] __init__: settings.tsr_timeout, => 0.0,
+the contact of the MSR is not missed: [MSR wired] __init__: settings.msr_timeout, => 0.0,
+silence is told apart too late: [MSR wired]
+    _pass: now < at + self._timeouts[each] => now <= at + self._timeouts[each]
+the word of one remote is a sign of the other: [MSR wired, every input]
+    _sign: if source in self._timeouts: self._signs = {**self._signs, source: now} =>
+        self._signs = dict.fromkeys(self._timeouts, now)
+a deaf bridge is not missed: __init__: settings.team_timeout, => 0.0,
 hearing the team releases its stop:
-    team_heard: self._team_heard_at = now => self._team_heard_at = now ¶ self._engaged =
-        dict.fromkeys(StopSource, False)
+    team_heard: self._starting = False => self._engaged = dict.fromkeys(StopSource, False)
 one source releases the other:
     team_stop: _engaged[source] = engaged => _engaged = dict.fromkeys(StopSource, engaged)
-service stop is ignored: _team_stop: any(self._engaged.values()) => self._engaged[StopSource.TOPIC]
+service stop is ignored: _team_stop: any(self._engaged.values()) => self._engaged[StopSource.TSR]
 team stop is looser than red: verdict: if self._team_stop => if False
 a new command keeps its number: _command: _number() => _order = self._order or self._next_order
 the same state has the same number: [drives in garage]
@@ -510,6 +517,9 @@ refuses a red under a team stop:
 acknowledges a red while moving: [acknowledges by itself] _refusal: self._motion() or =>
 no number is slow enough for a red: [acknowledges by itself]
     _motion: self._speed <= => not self._speed >
+acknowledges green while it stands: [odometry required]
+    _standstill: self._speed > self._settings.standstill_speed => True
+no number drives: [odometry required] _standstill: self._speed > => not self._speed <=
 required odometry is not missed: [odometry required]
     __init__: odometry_required or settings.auto_acknowledge_stop => auto_acknowledge_stop
 odometry that acknowledges is not missed: [acknowledges by itself]
@@ -540,7 +550,10 @@ OWN = {world: (WORLDS[world], inputs) for world, inputs in INPUTS.items()}
 EVERY = {
     f'{world}, every input': (
         settings,
-        LINK + (TEAM if settings.team_timeout > 0 else []) + STOPS[:4] + SPEEDS,
+        LINK
+        + (TEAM if settings.team_timeout > 0 else [])
+        + STOPS[: 6 if settings.msr_timeout > 0 else 4]
+        + SPEEDS,
     )
     for world, settings in WORLDS.items()
 }
@@ -661,8 +674,8 @@ LATENESS = st.lists(
         [
             ('connected', None),
             *(('heard', state) for state in RaceState),
-            *[('team_stop', (StopSource.TOPIC, False))] * 3,
-            *[('team_stop', (StopSource.TOPIC, True))] * 3,
+            *[('team_stop', (StopSource.TSR, False))] * 3,
+            *[('team_stop', (StopSource.TSR, True))] * 3,
             ('team_stop', (StopSource.TWO_ODOMETRIES, True)),
             ('team_stop', (StopSource.TWO_ODOMETRIES, False)),
             *[('team_heard', None)] * 3,
@@ -704,6 +717,7 @@ class ArbiterAndOracle(RuleBasedStateMachine):
             Settings,
             frame_timeout=st.sampled_from([0.25, 1.0]),
             tsr_timeout=st.sampled_from([0.0, 0.0, 0.375]),
+            msr_timeout=st.sampled_from([0.0, 0.0, 0.25]),
             team_timeout=st.sampled_from([0.0, 0.0, 0.375]),
             odometry_required=st.booleans(),
             auto_acknowledge_stop=st.booleans(),

@@ -267,7 +267,8 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'set_track_open',
         Result(track_open=True),
         fixed={'open': True},
-        note='Opens the track to humans. Sends nothing to the karts.',
+        note='Opens the track to humans. Sends nothing to the karts. Teams end their programs '
+        'before they unplug (§3.A).',
         loosens=True,
     ),
     CommandKind.CLOSE_TRACK: Entry(

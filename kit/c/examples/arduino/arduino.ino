@@ -7,6 +7,10 @@
  * Copy evgp_kart.h beside this file. RELEASE_PIN releases brake and motors while it is HIGH: wire it
  * so that LOW, a reset and an unpowered pin stop the kart. Replace ready() and standing() with what
  * your kart measures, and feed your hardware watchdog at the marked line, nowhere else.
+ *
+ * STOP_PIN and MSR_PIN each read a contact to ground that is closed while the kart may drive. An open
+ * contact, a broken wire and a plug that came off read HIGH: the kart stops. kit/c/README.md has the
+ * drawing.
  */
 #include <Arduino.h>
 #include <WiFi.h>
@@ -18,7 +22,8 @@
 #endif
 
 static const int RELEASE_PIN = 5;
-static const int STOP_BUTTON_PIN = 4; /* LOW: the team's stop, or a broken wire to ground */
+static const int STOP_PIN = 4;        /* the team's stop button (§2.C) */
+static const int MSR_PIN = 13;        /* the contact of the MSR's relay (§2.B) */
 static const int WHEEL_PIN = 2;       /* changes as the wheel turns */
 static const uint32_t STILL_MS = 500;
 static const uint32_t WAIT_MS = 500;  /* between two attempts to connect */
@@ -56,10 +61,13 @@ void setup()
     digitalWrite(RELEASE_PIN, LOW); /* before the pin drives anything */
     pinMode(RELEASE_PIN, OUTPUT);
     pinMode(WHEEL_PIN, INPUT);
-    pinMode(STOP_BUTTON_PIN, INPUT_PULLUP);
+    pinMode(STOP_PIN, INPUT_PULLUP);
+    pinMode(MSR_PIN, INPUT_PULLUP);
     Serial.begin(115200);
     WiFi.begin("evgp", "password");
-    evgp_kart_init(&kart, evgp_default_settings(), millis());
+    evgp_settings settings = evgp_default_settings();
+    settings.msr_timeout_ms = 200; /* 0 only on a kart without the MSR's contact */
+    evgp_kart_init(&kart, settings, millis());
     wheel_moved_at = millis();
     lost_at = millis() - WAIT_MS;
 }
@@ -68,7 +76,8 @@ void loop()
 {
     uint8_t bytes[256];
     evgp_kart_tick(&kart, millis());
-    evgp_kart_team_stop(&kart, EVGP_STOP_BUTTON, digitalRead(STOP_BUTTON_PIN) == LOW, millis());
+    evgp_kart_team_stop(&kart, EVGP_STOP_BUTTON, digitalRead(STOP_PIN) != LOW, millis());
+    evgp_kart_team_stop(&kart, EVGP_STOP_MSR, digitalRead(MSR_PIN) != LOW, millis());
 
     if (evgp_kart_verdict(&kart).open) {
         int waiting = link_to_race_control.available();

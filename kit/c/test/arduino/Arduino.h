@@ -11,7 +11,7 @@
 
 enum { LOW = 0, HIGH = 1, INPUT_PULLUP = 2, OUTPUT = 3, INPUT = 4 };
 
-static int arduino_pins[16] = {0, 0, 0, 0, HIGH};
+static int arduino_pins[16]; /* all LOW: every contact to ground is closed */
 
 inline uint32_t millis()
 {
