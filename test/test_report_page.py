@@ -18,6 +18,7 @@ from evgp_inspection.limits import Limits, RcsLimits
 from evgp_inspection.rcs_clauses import RCS
 from evgp_inspection.report import as_html, Header
 from evgp_inspection.verdicts import Clause, Finding, Result, Verdict
+from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.rcs_record import main as rcs_record
@@ -73,7 +74,10 @@ def incident(team: str = HOSTILE, official: str = HOSTILE) -> PaperRace:
     """Return a race with a lost link, a stop to one kart, a refusal and an ALL_KILL."""
     paper = PaperRace({7: team, 8: 'Michigan', 9: 'Kennesaw'})
     paper.connect(7, 8, 9)
-    paper.wait(5.0)
+    paper.wait(1.0)
+    for number in (7, 8, 9):
+        paper.measure(number, Grade.GOOD)
+    paper.wait(4.0)
     paper.command(CommandKind.GRID_ACTIVE)
     paper.wait(2.0)
     paper.command(CommandKind.GREEN_GREEN, official=official)
@@ -81,9 +85,14 @@ def incident(team: str = HOSTILE, official: str = HOSTILE) -> PaperRace:
     paper.wait(2.0)
     paper.command(CommandKind.GREEN_GREEN)
     paper.acknowledge()
-    paper.wait(20.0)
+    paper.wait(10.0)
+    paper.measure(8, Grade.FAIR)
+    paper.wait(10.0)
     paper.command(CommandKind.KART_RED_RED, 7, official='Grace')
-    paper.wait(5.0)
+    paper.deliver(7, 0.024)
+    paper.wait(2.0)
+    paper.measure(8, Grade.POOR)
+    paper.wait(3.0)
     paper.lose(8)
     paper.wait(5.0)
     paper.command(CommandKind.ALL_KILL, official='Grace')
