@@ -5,7 +5,12 @@
 
 from __future__ import annotations
 
+import hypothesis
 import pytest
+
+# The machine may be busy.
+hypothesis.settings.register_profile('evgp', deadline=None)
+hypothesis.settings.load_profile('evgp')
 
 pytest_plugins = ('rig.seed', 'rig.own_process')
 

@@ -1580,9 +1580,8 @@ class Race:
                 yield AlertKind.MOVING_UNASKED, kart, None, f'Stop {kart} with RED_RED: {text}'
             if kart.in_race and kart.link is not None and kart.link.grade is Grade.POOR:
                 text = (
-                    f'The link to {kart} is poor: it took {kart.link.worst_answer:.1f} s to '
-                    'answer, and a stop may take as long. Watch it, or stop it before its link is '
-                    'lost'
+                    f'{_capital(kart)} answers late: {kart.link.worst_answer:.1f} s, and a stop '
+                    'may too. Stop it before its link is lost'
                 )
                 yield AlertKind.LINK_POOR, kart, None, text
             if kart.sent in late and not kart.acknowledged:
