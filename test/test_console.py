@@ -915,7 +915,8 @@ def test_screenshots_of_links_that_are_good_fair_poor_and_lost_30_s_after_green(
     since = int(time.time())
     late = msg.Alert(kind=msg.Alert.LINK_POOR, kart=3)
     late.text = (
-        'Kart 3 (Michigan) answers late: 0.6 s, and a stop may too. Stop it before its link is lost'
+        'Kart 3 (Michigan) answers late: 0.6 s, and a stop may too. '
+        'Stop it before its link is lost'
     )
     lost = msg.Alert(kind=msg.Alert.LOST_IN_MOTION, kart=5, use_msr=True)
     lost.text = (
