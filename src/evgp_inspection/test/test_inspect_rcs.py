@@ -282,7 +282,7 @@ FLAWS = {
     'R-4C-01': Flaw(settings={'beat_rate': 5.0}),
     'R-4C-02': Flaw(
         kart_link,
-        '        if now - self._wrote_at >= apart and not self._unsent():\n',
+        '        if self._answers.may_beat(now) and not self._unsent():\n',
         # Not at the beginning: a short connection would have too few frames as well.
         "        since = now - self.__dict__.setdefault('since', now)\n"
         '        if not self._unsent() and not 2.5 < since % 4 < 3.1:\n',
