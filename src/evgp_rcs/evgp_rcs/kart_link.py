@@ -114,7 +114,6 @@ class KartLink(asyncio.BufferedProtocol):
         if self._hearing.waits:
             self._look(self._owner.now())
         self._owner.take_commands()
-        self._tell_delivered()
         for heard, serial in self._hearing.decode(memoryview(self._buffer)[:nbytes]):
             self._owner.link_heard(self, heard, serial)
         if self._hearing.is_full and self._transport is not None:
