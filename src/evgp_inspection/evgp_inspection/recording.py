@@ -19,14 +19,12 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable
 import contextlib
-import fcntl
 import socket
 import struct
-import sys
-import termios
 from typing import Any
 
 from evgp_inspection.traces import Event, Kind, Trace
+from evgp_protocol.link import unanswered, unread
 
 RESET = struct.pack('ii', 1, 0)
 """The value of SO_LINGER with which a close resets the connection."""
@@ -110,20 +108,17 @@ class Link(asyncio.BufferedProtocol):
     def write(self, data: bytes) -> None:
         """Send, if the connection takes anything."""
         if self.open and not self.mute and not self.transport.is_closing():
-            unread = self._in_kernel(termios.FIONREAD)
-            self.recording.note(Kind.SENT, self.number, data, unread=unread)
+            self.recording.note(Kind.SENT, self.number, data, unread=self._of_socket(unread))
             self.transport.write(data)
 
     def look(self) -> None:
         """Write down how many bytes the other end's TCP has not answered, where that matters."""
         if self.open and self.recording.trace.waits(self.number):
             # In this order: what had arrived before the answer was said before it.
-            unread = self._in_kernel(termios.FIONREAD)
+            arrived = self._of_socket(unread)
             kept = self.transport.get_write_buffer_size()
-            unanswered = kept + self._in_kernel(termios.TIOCOUTQ)
-            self.recording.note(
-                Kind.UNANSWERED, self.number, value=float(unanswered), unread=unread
-            )
+            rest = kept + self._of_socket(unanswered)
+            self.recording.note(Kind.UNANSWERED, self.number, value=float(rest), unread=arrived)
 
     def end(self, reset: bool = False) -> None:
         """
@@ -148,12 +143,11 @@ class Link(asyncio.BufferedProtocol):
         """Set an option of its socket."""
         self.transport.get_extra_info('socket').setsockopt(socket.SOL_SOCKET, option, value)
 
-    def _in_kernel(self, which: int) -> int:
-        """Return how many bytes the kernel has: unread or unanswered (the constants)."""
+    def _of_socket(self, count: Callable[[socket.socket], int]) -> int:
+        """Return a count of its socket's bytes; 0 while it closes."""
         if self.transport.is_closing():
             return 0
-        found = fcntl.ioctl(self.transport.get_extra_info('socket').fileno(), which, bytes(4))
-        return int.from_bytes(found, sys.byteorder)
+        return count(self.transport.get_extra_info('socket'))
 
     # What asyncio calls.
 

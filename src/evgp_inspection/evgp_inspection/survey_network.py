@@ -43,6 +43,7 @@ from evgp_inspection.inspector import Printer, WORD
 from evgp_inspection.limits import SurveyLimits
 from evgp_inspection.recording import first
 from evgp_inspection.survey import LinkSurvey, Mark, Report
+from evgp_inspection.traces import BEAT
 from evgp_inspection.verdicts import Verdict
 from evgp_protocol.arbiter import Settings
 from evgp_protocol.clock import now as clock_now
@@ -53,9 +54,6 @@ from evgp_protocol.states import RaceState
 
 FRAME = encode(RaceState.IN_GARAGE)
 """All that is ever sent."""
-
-BEAT = 0.05
-"""Time between two frames, in seconds."""
 
 LOOK_EVERY = 0.01
 """Time between two looks at what was answered, in seconds: so exact are the round trips."""

@@ -34,7 +34,7 @@ STRANGER = 'stranger'
 """The name of whoever connects to race control from an address that is no kart."""
 
 BEAT = 0.05
-"""Length of a beat, by which a pause of what is inspected is counted, in seconds."""
+"""Time between two frames, by which a pause of what is inspected is counted too, in seconds."""
 
 LONGEST_STEP = 0.1
 """Maximum time between two events that counts towards a pause, in seconds: while the inspecting

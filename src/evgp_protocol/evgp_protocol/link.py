@@ -16,8 +16,9 @@
 How good a connection is, by what its kernel says (§2.A, §4.D).
 
 `Answers`, `grade` and `parse` are pure: times and counts in, round trips and a word out.
-`make_prompt`, `read`, `unanswered` and `unsent` are for a socket; Linux only. All of it is about
-the *kernel* at the other end: its TCP has what was sent, whether or not the kart's program reads.
+`make_prompt`, `read`, `unanswered`, `unread` and `unsent` are for a socket; Linux only. What is
+answered is so by the *kernel* at the other end: its TCP has what was sent, whether or not the
+kart's program reads.
 """
 
 from __future__ import annotations
@@ -169,6 +170,15 @@ def unsent(link: Socket) -> int:
     :raises OSError: if the socket is closed.
     """
     return _in_kernel(link, SIOCOUTQNSD)
+
+
+def unread(link: Socket) -> int:
+    """
+    Return how many bytes have arrived and were not read yet.
+
+    :raises OSError: if the socket is closed.
+    """
+    return _in_kernel(link, termios.FIONREAD)
 
 
 def _in_kernel(link: Socket, which: int) -> int:

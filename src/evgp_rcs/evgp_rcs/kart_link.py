@@ -22,14 +22,20 @@ is a `LinkOwner`. What counts of that which a kart says is decided in ``hearing`
 from __future__ import annotations
 
 import asyncio
-import fcntl
 import socket
-import sys
-import termios
 from typing import Protocol
 
 from evgp_protocol.frames import encode
-from evgp_protocol.link import Answers, Grade, GRADES, make_prompt, read, unanswered, unsent
+from evgp_protocol.link import (
+    Answers,
+    Grade,
+    GRADES,
+    make_prompt,
+    read,
+    unanswered,
+    unread,
+    unsent,
+)
 from evgp_protocol.states import RaceState
 from evgp_rcs.hearing import FLOOD_BYTES, Heard, Hearing
 from evgp_rcs.inputs import CLOSED_BY_KART
@@ -39,8 +45,6 @@ TICK = 0.01
 """Longest tick of a kernel's clock, in seconds; what it says of a time is off by one at most."""
 
 FRAMES = {state: encode(state) for state in RaceState}
-
-_COUNT = bytes(4)
 
 
 class LinkOwner(Protocol):
@@ -170,7 +174,9 @@ class KartLink(asyncio.BufferedProtocol):
             self._transport.resume_reading()
         if self._answers.may_beat(now) and not self._unsent():
             self._write(now)
-        self._tell_delivered()
+        if self._delivered is not None:
+            delivered, self._delivered = self._delivered, None
+            self._owner.link_delivered(self, *delivered)
         if self._meter.is_due(age, now):
             self._measure(age, now)
 
@@ -200,7 +206,7 @@ class KartLink(asyncio.BufferedProtocol):
             return
         waits = self._hearing.waits
         # In this order: what had arrived while an order was unanswered was sent before it came.
-        unread = self._unread() if waits else 0
+        arrived = self._unread() if waits else 0
         rest = self._transport.get_write_buffer_size() + unanswered(self._socket)
         if waits or self._answers.age(now) >= GRADES[Grade.FAIR]:
             # The answer came before this look: race control may have been held up.
@@ -209,14 +215,9 @@ class KartLink(asyncio.BufferedProtocol):
         for took in self._answers.look(rest, now):
             self._meter.answered(max(0.0, took), now)
         if waits:
-            self._hearing.look(self._answers.answered, unread)
+            self._hearing.look(self._answers.answered, arrived)
             if not self._hearing.waits:
                 self._delivered = self._ordered, now
-
-    def _tell_delivered(self) -> None:
-        if self._delivered is not None:
-            delivered, self._delivered = self._delivered, None
-            self._owner.link_delivered(self, *delivered)
 
     def _measure(self, age: float, now: float) -> None:
         assert self._socket is not None
@@ -235,8 +236,7 @@ class KartLink(asyncio.BufferedProtocol):
         """Return how many bytes have arrived and were not read yet."""
         if self._socket is None or self._transport is None:
             return 0
-        count = fcntl.ioctl(self._socket.fileno(), termios.FIONREAD, _COUNT)
-        return int.from_bytes(count, sys.byteorder)
+        return unread(self._socket)
 
 
 def in_words(error: BaseException) -> str:
