@@ -272,7 +272,7 @@ def test_nothing_a_kart_sends_changes_anything_but_its_own_acknowledgement_and_r
     start_race_control: StartRaceControl,
     join_official: JoinOfficial,
     connect_kart: ConnectKart,
-    dice: random.Random,
+    chance: random.Random,
 ) -> None:
     control = start_race_control(in_race=(1, 2, 3), others=(4,))
     official = join_official(control)
@@ -281,7 +281,7 @@ def test_nothing_a_kart_sends_changes_anything_but_its_own_acknowledgement_and_r
     official.wait_for_acks(RaceState.IN_GARAGE, 2, 3, 4)
     hostile.wait_for_state(RaceState.IN_GARAGE)
 
-    send_everything(official, hostile, others, dice)
+    send_everything(official, hostile, others, chance)
     # It has said GREEN_GREEN, so it must say that it stands before anything begins.
     official.command('kart/red_red', kart=1)
     hostile.wait_for_state(RaceState.RED_RED)
@@ -289,7 +289,7 @@ def test_nothing_a_kart_sends_changes_anything_but_its_own_acknowledgement_and_r
     official.wait_for_acks(RaceState.RED_RED, 1)
     official.command('kart/in_garage', kart=1)
     official.bring_to(RaceState.GRID_ACTIVE, 2, 3)
-    send_everything(official, hostile, others, dice)
+    send_everything(official, hostile, others, chance)
 
     def acknowledge(state: RaceState) -> None:
         hostile.wait_for_state(state)
@@ -304,11 +304,11 @@ def test_nothing_a_kart_sends_changes_anything_but_its_own_acknowledgement_and_r
         (RaceState.RED_RED, 4),
     ):
         official.bring_to(state, 2, 3, *further)
-        send_everything(official, hostile, others, dice)
+        send_everything(official, hostile, others, chance)
 
 
 def send_everything(
-    official: Official, hostile: WireKart, others: list[WireKart], dice: random.Random
+    official: Official, hostile: WireKart, others: list[WireKart], chance: random.Random
 ) -> None:
     """Send every frame, command, half and rubbish there is; nothing but the kart's own changes."""
     official.wait_for_kart(1, lambda kart: state_of(kart.sent) is hostile.state, 'what it is sent')
@@ -324,9 +324,9 @@ def send_everything(
     last = hostile.state
     for _ in range(4):
         # What it says last is heard last, and is news.
-        last = dice.choice([state for state in RaceState if state is not last])
-        said = [dice.choice([*words, dice.randbytes(9)]) for _ in range(60)]
-        hostile.send(b''.join([*dice.sample(words, len(words)), *said, encode(last)]))
+        last = chance.choice([state for state in RaceState if state is not last])
+        said = [chance.choice([*words, chance.randbytes(9)]) for _ in range(60)]
+        hostile.send(b''.join([*chance.sample(words, len(words)), *said, encode(last)]))
         race = official.wait_for_race(
             lambda race, state=last: state_of(race.karts[0].reported) is state,
             'what the kart said last',

@@ -195,16 +195,16 @@ def check_restart(meeting: Event) -> None:
 def test_race_control_killed_at_random_comes_back_with_every_kart_held(
     kills: int,
     meeting: Event,
-    dice: random.Random,
+    chance: random.Random,
     record_property: Callable[[str, object], None],
 ) -> None:
     published = unrecorded = 0
     for _ in range(kills):
-        steps = STEPS[: dice.randint(1, len(STEPS))]
+        steps = STEPS[: chance.randint(1, len(STEPS))]
         for step in steps[:-1]:
             step(meeting)
         # The last step is under way while race control dies.
-        killer = threading.Timer(dice.uniform(0.0, 0.03), meeting.control.kill)
+        killer = threading.Timer(chance.uniform(0.0, 0.03), meeting.control.kill)
         killer.start()
         try:
             meeting.official.timeout = 0.5

@@ -65,10 +65,10 @@ NUMBERS = {
 class Hostile(RosSide):
     """A node that calls whatever there is, with whatever can be sent."""
 
-    def __init__(self, domain: int, dice: random.Random) -> None:
+    def __init__(self, domain: int, chance: random.Random) -> None:
         """Join the domain."""
         super().__init__('hostile', domain)
-        self.dice = dice
+        self.chance = chance
         self.spin()
 
     def client(self, name: str, kind: Any) -> Any:
@@ -87,9 +87,9 @@ class Hostile(RosSide):
     def _value(self, message: Any, field: str, of: str) -> Any:
         if of.startswith('sequence<'):
             inner = of.removeprefix('sequence<').removesuffix('>').partition(',')[0]
-            count = self.dice.choice([0, 1, 2, 100])
+            count = self.chance.choice([0, 1, 2, 100])
             if inner == 'octet':
-                return [self.dice.choice(NUMBERS[inner]) for _ in range(count)]
+                return [self.chance.choice(NUMBERS[inner]) for _ in range(count)]
             return [self._single(message, field, inner) for _ in range(count)]
         if of.endswith(']'):
             return getattr(message, field)
@@ -97,9 +97,9 @@ class Hostile(RosSide):
 
     def _single(self, message: Any, field: str, of: str) -> Any:
         if of.startswith('string'):
-            return self.dice.choice(TEXTS)
+            return self.chance.choice(TEXTS)
         if of in NUMBERS:
-            return self.dice.choice(NUMBERS[of])
+            return self.chance.choice(NUMBERS[of])
         if of in ('Parameter', 'rcl_interfaces/Parameter'):
             return self.filled(Parameter)
         if of == 'rcl_interfaces/ParameterValue':
@@ -165,11 +165,11 @@ def attacked(
 
 
 @pytest.fixture
-def join_hostile(parts: contextlib.ExitStack, dice: random.Random) -> Callable[[int], Hostile]:
+def join_hostile(parts: contextlib.ExitStack, chance: random.Random) -> Callable[[int], Hostile]:
     """Return a function that lets a hostile node join a domain."""
 
     def join(domain: int) -> Hostile:
-        return parts.enter_context(Hostile(domain, dice))
+        return parts.enter_context(Hostile(domain, chance))
 
     return join
 
@@ -257,7 +257,7 @@ def test_a_name_that_is_no_text_and_random_messages_end_nothing(
             publisher = hostile.node.create_publisher(kind, f'/{name}/{topic}', 10)
             hostile.wait_until_polled(lambda p=publisher: p.get_subscription_count() > 0, topic)
             for _ in range(100):
-                body = hostile.dice.randbytes(hostile.dice.choice(sizes))
+                body = hostile.chance.randbytes(hostile.chance.choice(sizes))
                 publisher.publish(b'\0\1\0\0' + body)
 
     check_it_lives(process, name, hostile)

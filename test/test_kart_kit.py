@@ -111,18 +111,20 @@ def answer_of(kart: Kart, said: bytes) -> bytes:
     )
 
 
-def rubbish(dice: random.Random) -> bytes:
-    return dice.choice(
+def rubbish(chance: random.Random) -> bytes:
+    return chance.choice(
         [
-            bytes(dice.choices(b'$;$;RED_ \r\n\t\x80\xffx', k=dice.randint(1, 40))),
-            dice.randbytes(dice.randint(1, 40)),
-            b'$' + b'R' * dice.randint(28, 33) + dice.choice([b';', b'']),
-            dice.choice([b'$READY;', b'$red_red;', b'$;', b' ', b'\r\n', b'$RED_RED', b'$GREEN']),
+            bytes(chance.choices(b'$;$;RED_ \r\n\t\x80\xffx', k=chance.randint(1, 40))),
+            chance.randbytes(chance.randint(1, 40)),
+            b'$' + b'R' * chance.randint(28, 33) + chance.choice([b';', b'']),
+            chance.choice(
+                [b'$READY;', b'$red_red;', b'$;', b' ', b'\r\n', b'$RED_RED', b'$GREEN']
+            ),
         ]
     )
 
 
-def live(dice: random.Random, count: int, index: int) -> History:
+def live(chance: random.Random, count: int, index: int) -> History:
     """
     Return a random history. Its times are in milliseconds, and so are the arbiter's here.
 
@@ -132,7 +134,7 @@ def live(dice: random.Random, count: int, index: int) -> History:
     flag_time = (15000, 300, 40, 0)[index % 4]
     remote_timeout = (0, 0, 0, 0, 500)[index % 5]
     msr_timeout = (0, 0, 0, 400, 400)[index % 5]
-    garage = dice.random() < 0.5
+    garage = chance.random() < 0.5
     kart = Kart(
         Settings(
             frame_timeout=frame_timeout,
@@ -142,7 +144,7 @@ def live(dice: random.Random, count: int, index: int) -> History:
             drive_in_garage=garage,
         )
     )
-    now = 2**32 - dice.randint(0, 200_000)  # the counter starts again at 0 soon
+    now = 2**32 - chance.randint(0, 200_000)  # the counter starts again at 0 soon
     kart.tick(now)
     times = (frame_timeout, flag_time, remote_timeout, msr_timeout)
     inputs = [struct.pack('<IIIIBI', *times, garage, now % 2**32)]
@@ -151,19 +153,19 @@ def live(dice: random.Random, count: int, index: int) -> History:
     state, kept, old_order = RaceState.IN_GARAGE, b'', 0
     way = [RaceState.IN_GARAGE, GRID, GREEN, FLAG, RED]
     for _ in range(count):
-        luck, deadline = dice.random(), kart._arbiter.deadline
+        luck, deadline = chance.random(), kart._arbiter.deadline
         if luck < 0.02 and deadline is not None and deadline > now:
-            now = int(deadline) + dice.choice([-1, 0, 1])
+            now = int(deadline) + chance.choice([-1, 0, 1])
         elif luck < 0.022:
-            now -= dice.randint(1, dice.choice([20, 3000]))
+            now -= chance.randint(1, chance.choice([20, 3000]))
         elif luck < 0.023:
-            now += dice.choice([2**31 - 1, 2**31, 2**31 + 5000, 2**32 - 5000])
+            now += chance.choice([2**31 - 1, 2**31, 2**31 + 5000, 2**32 - 5000])
         elif luck < 0.6:
-            now += dice.randint(0, 40)
-        if not kart.is_open and dice.random() < 0.5:
+            now += chance.randint(0, 40)
+        if not kart.is_open and chance.random() < 0.5:
             kind = 'c'
         else:
-            kind = dice.choices('datcxbrm', [54, 24, 6, 0.2, 0.2, 5, 6, 6])[0]
+            kind = chance.choices('datcxbrm', [54, 24, 6, 0.2, 0.2, 5, 6, 6])[0]
         value, data, said = 0, b'', b''
         if kind == 't':
             kart.tick(now)
@@ -173,23 +175,23 @@ def live(dice: random.Random, count: int, index: int) -> History:
         elif kind == 'x':
             kart.closed(now)
         elif kind in STOPS:
-            value = dice.random() < (0.3 if kind == 'b' else 0.1)
+            value = chance.random() < (0.3 if kind == 'b' else 0.1)
             kart.team_stop(value, now, STOPS[kind])
         elif kind == 'a':
             value = kart.verdict.order
-            if dice.random() < 0.15:
-                value = dice.choice([0, old_order, value + 1, dice.randrange(2**32)])
-            elif dice.random() < 0.2:
+            if chance.random() < 0.15:
+                value = chance.choice([0, old_order, value + 1, chance.randrange(2**32)])
+            elif chance.random() < 0.2:
                 old_order = value
             said = kart.acknowledge(value, now)
         else:
-            for _ in range(dice.randint(0, 3)):
-                if dice.random() < 0.1:  # the usual way of a race, or anything
+            for _ in range(chance.randint(0, 3)):
+                if chance.random() < 0.1:  # the usual way of a race, or anything
                     state = way[(way.index(state) + 1) % len(way)]
-                elif dice.random() < 0.02:
-                    state = dice.choice(way)
-                kept += encode(state) if dice.random() < 0.93 else rubbish(dice)
-            value = len(kept) if dice.random() < 0.7 else dice.randint(0, len(kept))
+                elif chance.random() < 0.02:
+                    state = chance.choice(way)
+                kept += encode(state) if chance.random() < 0.93 else rubbish(chance)
+            value = len(kept) if chance.random() < 0.7 else chance.randint(0, len(kept))
             data, kept = kept[:value], kept[value:]
             kart.received(data, now)
         inputs.append(struct.pack('<cII', kind.encode(), now % 2**32, value) + data)
@@ -236,12 +238,12 @@ NEEDED = (
     ('histories', 'inputs'), [(5, 4000), pytest.param(100, 10_000, marks=pytest.mark.long)]
 )
 def test_the_header_and_the_arbiter_give_the_same_answers(
-    compile_kit: Compile, dice: random.Random, histories: int, inputs: int
+    compile_kit: Compile, chance: random.Random, histories: int, inputs: int
 ) -> None:
     driver = compile_kit('test/driver.c', *C99, *SANITIZED)
     seen: Counter[str] = Counter()
     for index in range(histories):
-        history = live(dice, inputs, index)
+        history = live(chance, inputs, index)
         assert difference(driver, history) == ''
         seen += history.seen
     assert min(seen[each] for each in NEEDED) >= 10, seen
@@ -294,8 +296,8 @@ def put_fault(folder: pathlib.Path, old: str, new: str) -> None:
 
 @pytest.fixture(scope='module')
 def histories() -> list[History]:
-    dice = random.Random(1)
-    return [live(dice, 4000, index) for index in range(15)]
+    chance = random.Random(1)
+    return [live(chance, 4000, index) for index in range(15)]
 
 
 @pytest.mark.parametrize(('old', 'new'), FAULTS, ids=range(len(FAULTS)))
@@ -311,10 +313,10 @@ def test_a_fault_in_the_header_is_found(
 @pytest.mark.parametrize('runs', [50_000, pytest.param(1_000_000, marks=pytest.mark.long)])
 @pytest.mark.parametrize('language', [C99, CPP17], ids=['C', 'C++'])
 def test_nothing_is_found_by_random_bytes(
-    compile_kit: Compile, dice: random.Random, language: tuple[str, ...], runs: int
+    compile_kit: Compile, chance: random.Random, language: tuple[str, ...], runs: int
 ) -> None:
     fuzzer = compile_kit('test/fuzz.c', *language, *SANITIZED)
-    seed = str(dice.randrange(1, 2**32))
+    seed = str(chance.randrange(1, 2**32))
 
     done = subprocess.run([str(fuzzer), str(runs), seed], capture_output=True, text=True)
 

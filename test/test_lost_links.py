@@ -265,7 +265,7 @@ def test_where_a_third_is_lost_a_kart_that_is_lost_comes_back_held(race: Network
     race.machine.air(loss=0.3, delay=0.2)
     race.good.wait_for_frames(100)
     if not race.events(Event.DISCONNECTED, FAULTY):
-        race.machine.air(loss=1.0)  # no dice decide whether it is lost at all
+        race.machine.air(loss=1.0)  # no chance decide whether it is lost at all
     race.wait_for_lost(began)
     race.machine.air(loss=0.3, delay=0.2)
     race.wait_for_held()

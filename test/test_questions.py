@@ -70,13 +70,13 @@ def published(race: Race, now: float) -> ShownRace:
 
 def given(button: Button) -> Command:
     """Return the command of a button as race control gets it."""
-    order = button.order()
+    seen = button.given()
     return Command(
-        order.command,
-        order.kart,
-        order.stated,
-        frozenset(order.karts),
-        None if order.hold is State.UNKNOWN else RaceState(order.hold.value),
+        seen.command,
+        seen.kart,
+        seen.stated,
+        frozenset(seen.karts),
+        None if seen.hold is State.UNKNOWN else RaceState(seen.hold.value),
     )
 
 
@@ -95,56 +95,57 @@ class Question(NamedTuple):
 
 
 class Walk:
-    """A race that goes where the dice lead it."""
+    """A race that goes where the chance lead it."""
 
-    def __init__(self, dice: random.Random) -> None:
+    def __init__(self, chance: random.Random) -> None:
         """Begin in the garage, some karts in the race."""
-        self.dice = dice
+        self.chance = chance
         self.now = 1.0
-        karts = [Kart(number, f'T{number}', in_race=dice.random() < 0.6) for number in NUMBERS]
+        karts = [Kart(number, f'T{number}', in_race=chance.random() < 0.6) for number in NUMBERS]
         self.race = Race(karts, RaceTimes(finish_delays=(0.5,)), now=self.now)
-        if dice.random() < 0.3:
+        if chance.random() < 0.3:
             self.race.recover(self._left_behind(), self.now)
         for number in NUMBERS:
-            if dice.random() < 0.8:
+            if chance.random() < 0.8:
                 self.race.connected(number, self.now)
 
     def _left_behind(self) -> RaceMemory:
         """Return what a race control that was killed may have left."""
 
         def perhaps() -> bool:
-            return self.dice.random() < 0.5
+            return self.chance.random() < 0.5
 
         karts = {
-            number: KartMemory(perhaps(), perhaps(), 0, self.dice.choice(list(Doubt)), perhaps())
+            number: KartMemory(perhaps(), perhaps(), 0, self.chance.choice(list(Doubt)), perhaps())
             for number in NUMBERS
         }
         return RaceMemory(
-            self.dice.choice(list(RaceState)), karts, perhaps(), perhaps(), perhaps()
+            self.chance.choice(list(RaceState)), karts, perhaps(), perhaps(), perhaps()
         )
 
     def step(self) -> None:
         """Do one thing, most often what a race is made of."""
-        dice, race = self.dice, self.race
-        self.now += dice.choice((0.1, 0.1, 1.0, 20.0))
-        number = dice.choice(NUMBERS)
+        chance, race = self.chance, self.race
+        self.now += chance.choice((0.1, 0.1, 1.0, 20.0))
+        number = chance.choice(NUMBERS)
         kart = race.karts[number]
-        what = dice.random()
+        what = chance.random()
         if what < 0.2:
             race.connected(number, self.now)
         elif what < 0.27:
             race.disconnected(number, 'it went', self.now)
         elif what < 0.55:
             for each in race.karts.values():
-                if dice.random() < 0.9:
+                if chance.random() < 0.9:
                     race.heard(each.number, each.serial, each.sent, self.now)
         elif what < 0.6:
-            race.heard(number, kart.serial, dice.choice(list(RaceState)), self.now)
+            race.heard(number, kart.serial, chance.choice(list(RaceState)), self.now)
         elif what < 0.65:
             race.tick(self.now)
         else:
             self.command(
-                NEXT[race.state] if dice.random() < 0.5 else dice.choice(list(CommandKind)), number
+                NEXT[race.state] if chance.random() < 0.5 else chance.choice(list(CommandKind)),
+                number,
             )
 
     def command(self, kind: CommandKind, number: int) -> None:
@@ -189,19 +190,19 @@ def numbers(karts: tuple[ShownKart, ...]) -> set[int]:
 
 
 @pytest.fixture(scope='module')
-def dice(request: pytest.FixtureRequest) -> random.Random:
-    """Return the dice of all these tests."""
+def chance(request: pytest.FixtureRequest) -> random.Random:
+    """Return the chance of all these tests."""
     return dice_of(request)
 
 
 @pytest.fixture(scope='module')
-def questions(dice: random.Random) -> list[Question]:
+def questions(chance: random.Random) -> list[Question]:
     """Return every question on the way of some races, and of more if a situation is missing."""
     asked: list[Question] = []
     for number in range(10 * WALKS):
         if number >= WALKS and has_all(asked):
             break
-        walk = Walk(dice)
+        walk = Walk(chance)
         for _ in range(STEPS):
             walk.step()
             asked += walk.questions()

@@ -26,7 +26,7 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.official import UNNAMED
 from evgp_rcs_console.client import Client, request_message
 from evgp_rcs_console.command_line import COMMANDS, STARTING, STATEMENTS
-from evgp_rcs_console.commands import Order, Standing
+from evgp_rcs_console.commands import Given, Standing
 from evgp_rcs_console.ctl import TIDY
 from evgp_rcs_console.ctl_ros import Hearing
 from evgp_rcs_console.texts import FLAG_IN, SETTLING
@@ -651,7 +651,7 @@ def test_that_all_kill_is_accepted_is_told_last(start_race_control: StartRaceCon
     client = Client('slow', listener, context=context, use_global_arguments=False)
 
     try:
-        client.give(Order(CommandKind.ALL_KILL))
+        client.give(Given(CommandKind.ALL_KILL))
         with listener.news:
             assert listener.news.wait_for(lambda: listener.answer, PATIENCE)
     finally:
@@ -664,7 +664,7 @@ def test_that_all_kill_is_accepted_is_told_last(start_race_control: StartRaceCon
 def test_every_command_of_an_official_is_there_once_and_fits_its_service() -> None:
     assert sorted(COMMANDS.values(), key=list(CommandKind).index) == list(CommandKind)
     for command in CommandKind:
-        request_message(Order(command, 1, stated=True, karts=(1, 2)))
+        request_message(Given(command, 1, stated=True, karts=(1, 2)))
 
 
 def test_every_statement_that_a_request_takes_has_a_flag() -> None:

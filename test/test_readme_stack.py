@@ -53,7 +53,7 @@ class Kart:
         number: int,
         stack: str,
         bridge: tuple[str, ...],
-        dice: random.Random,
+        chance: random.Random,
         base: tuple[float, float] = (0.0, 50.0),
     ) -> None:
         domain = parts.enter_context(Domain()).number
@@ -62,7 +62,7 @@ class Kart:
         self.rolling: list[tuple[RaceState, float]] = []
         self.moved = 0
         self.stops = 0
-        self._dice = random.Random(dice.random())  # each kart has a thread
+        self._dice = random.Random(chance.random())  # each kart has a thread
         self._race = parts.enter_context(BareRaceControl(self._hear))
         parts.enter_context(
             Bridge(domain, self._race.port, address_of(number), None, 'kart_bridge_node', bridge)
@@ -106,11 +106,11 @@ def drive(karts: list[Kart], stops: int, enough: Callable[[], bool] = lambda: Fa
 def test_the_stack_of_readme_acknowledges_no_stop_while_the_kart_rolls(
     parts: contextlib.ExitStack,
     bridge: tuple[str, ...],
-    dice: random.Random,
+    chance: random.Random,
     record_property: Callable[..., None],
 ) -> None:
     karts = [
-        Kart(parts, number, 'shortest_stack', bridge, dice, base)
+        Kart(parts, number, 'shortest_stack', bridge, chance, base)
         for number, base in enumerate(KARTS, start=1)
     ]
     drive(karts, STOPS)
@@ -123,10 +123,10 @@ def test_the_stack_of_readme_acknowledges_no_stop_while_the_kart_rolls(
 
 
 def test_a_stack_that_answers_the_latest_command_is_caught_rolling(
-    parts: contextlib.ExitStack, dice: random.Random, tmp_path: pathlib.Path
+    parts: contextlib.ExitStack, chance: random.Random, tmp_path: pathlib.Path
 ) -> None:
     program = program_of(StackThatAnswersTheLatest, tmp_path)
-    karts = [Kart(parts, number, program, (), dice) for number in range(1, 4)]
+    karts = [Kart(parts, number, program, (), chance) for number in range(1, 4)]
     drive(karts, 300, lambda: any(kart.rolling for kart in karts))
     caught = [each for kart in karts for each in kart.rolling]
     print(f'after {sum(kart.stops for kart in karts)} stops: {caught}')
@@ -134,10 +134,10 @@ def test_a_stack_that_answers_the_latest_command_is_caught_rolling(
 
 
 def test_the_bridge_lets_no_stack_acknowledge_a_stop_while_odometry_shows_motion(
-    parts: contextlib.ExitStack, dice: random.Random, tmp_path: pathlib.Path
+    parts: contextlib.ExitStack, chance: random.Random, tmp_path: pathlib.Path
 ) -> None:
     program = program_of(StackThatAnswersTheLatest, tmp_path)
-    karts = [Kart(parts, number, program, TO_THE_BRIDGE, dice) for number in range(1, 4)]
+    karts = [Kart(parts, number, program, TO_THE_BRIDGE, chance) for number in range(1, 4)]
     drive(karts, 12)
     # It may take what is as slow as its `standstill_speed` for standing, and what it hears is old.
     assert max((speed for kart in karts for _, speed in kart.rolling), default=0.0) < 1.0

@@ -256,9 +256,9 @@ def test_the_table_shows_the_events_that_are_asked_for(
 
 
 def test_an_hour_with_twenty_karts_can_be_used(
-    browser: Browser, make_report: MakeReport, dice: random.Random
+    browser: Browser, make_report: MakeReport, chance: random.Random
 ) -> None:
-    paper = long_event(3600.0, 20, dice, busy=10.0)
+    paper = long_event(3600.0, 20, chance, busy=10.0)
     browser.visit(make_report(paper))
     assert text_of(browser, '#found') == f'{len(paper.stamped):,} events'
     whole = span(browser)
@@ -291,9 +291,9 @@ def test_a_report_is_printed_on_a4(browser: Browser, make_report: MakeReport) ->
 
 
 def test_on_paper_there_is_the_timeline_of_the_run_and_of_each_race_with_every_kart(
-    browser: Browser, make_report: MakeReport, dice: random.Random
+    browser: Browser, make_report: MakeReport, chance: random.Random
 ) -> None:
-    paper = long_event(900.0, 25, dice)
+    paper = long_event(900.0, 25, chance)
     browser.visit(make_report(paper))
     whole = span(browser)
     browser.pdf()

@@ -240,8 +240,8 @@ def run_soak(
 
 
 @pytest.mark.parametrize('seconds', [6, pytest.param(12, marks=pytest.mark.long)])
-def test_race_control_breaks_no_rule_in_a_short_soak(seconds: int, dice: random.Random) -> None:
-    seed = dice.randrange(1_000_000)
+def test_race_control_breaks_no_rule_in_a_short_soak(seconds: int, chance: random.Random) -> None:
+    seed = chance.randrange(1_000_000)
     # Of the faults that come while a race is planned, one in twenty is let through.
     often = '--fault-every', '0.5'
     done = run_soak('--seconds', str(seconds), '--karts', '20', '--seed', str(seed), *often)
@@ -257,7 +257,7 @@ def test_race_control_breaks_no_rule_in_a_short_soak(seconds: int, dice: random.
 
 @pytest.mark.long
 def test_a_race_control_with_a_fault_does_not_pass_the_soak(
-    dice: random.Random, tmp_path: pathlib.Path
+    chance: random.Random, tmp_path: pathlib.Path
 ) -> None:
     fault = FAULTS['GREEN_GREEN while a kart has not acknowledged']
     assert rules.__file__ is not None
@@ -269,7 +269,7 @@ def test_a_race_control_with_a_fault_does_not_pass_the_soak(
 
     done = run_soak(
         *('--seconds', '60', '--karts', '8', '--until-violation'),
-        *('--seed', str(dice.randrange(1_000_000))),
+        *('--seed', str(chance.randrange(1_000_000))),
         before_on_path=tmp_path,
     )
 

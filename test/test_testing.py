@@ -39,13 +39,13 @@ def test_beside_race_control(start_race_control):
     start_race_control(in_race=[7])
     assert not 'found out'
 
-def test_with_dice(dice):
-    assert not dice.randrange(10**9), 'the dice fell'
+def test_with_dice(chance):
+    assert not chance.randrange(10**9), 'the chance fell'
 """
 
 
 def run_failing(folder: pathlib.Path, *arguments: str) -> str:
-    """Run tests that fail, beside a race control and with dice; return what pytest printed."""
+    """Run tests that fail, beside a race control and with chance; return what pytest printed."""
     (folder / 'test_failing.py').write_text(FAILING, encoding='utf-8')
     done = subprocess.run(
         [sys.executable, '-m', 'pytest', '-p', 'no:cacheprovider', *arguments, 'test_failing.py'],
@@ -71,7 +71,7 @@ def test_a_failure_shows_what_its_processes_printed_and_the_seed_that_gives_it_a
     assert re.search(r'listens for .* port \d+', printed)
     (seed,) = {*re.findall(r'--seed (\d+)', printed)}
     fell = re.findall(r'assert not (\d+)', printed)
-    again = run_failing(tmp_path, *workers, '--seed', seed, '-k', 'dice')
+    again = run_failing(tmp_path, *workers, '--seed', seed, '-k', 'chance')
     assert re.findall(r'assert not (\d+)', again) == fell
 
 

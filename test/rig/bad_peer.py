@@ -59,7 +59,7 @@ class Attack:
         self._pour(lambda: b'$GREEN_GREEN;$RED_RED;' * 200)
 
     def random_bytes(self) -> None:
-        """Send what the dice say."""
+        """Send what the chance say."""
         self._pour(lambda: os.urandom(4096))
 
     # ----- what it does not do ------------------------------------------------------------

@@ -205,7 +205,7 @@ class Track(Part):
     """
     The network between race control and the karts.
 
-    :param seed: of the dice that decide what is lost.
+    :param seed: of the chance that decide what is lost.
     :raises NetworkError: if this machine does not let us make networks.
     """
 

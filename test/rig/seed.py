@@ -24,7 +24,7 @@ def dice_of(request: pytest.FixtureRequest) -> random.Random:
 
 
 @pytest.fixture
-def dice(request: pytest.FixtureRequest) -> random.Random:
+def chance(request: pytest.FixtureRequest) -> random.Random:
     """Return random numbers for the test alone."""
     return dice_of(request)
 

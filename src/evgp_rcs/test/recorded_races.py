@@ -125,12 +125,12 @@ class PaperRace:
         self.say(number, state)
         self.say(number)
 
-    def acknowledge(self, within: float = 0.0, dice: random.Random | None = None) -> None:
+    def acknowledge(self, within: float = 0.0, chance: random.Random | None = None) -> None:
         """Have every connected kart acknowledge what it is being sent."""
         karts = [kart.number for kart in self.race.karts.values() if kart.connected]
         for number in karts:
-            if dice is not None:
-                self.now += dice.random() * within / len(karts)
+            if chance is not None:
+                self.now += chance.random() * within / len(karts)
             self.say(number)
         self.take(self.race.tick(self.now))
 
@@ -178,7 +178,7 @@ class PaperRace:
         return path
 
 
-def long_event(seconds: float, karts: int, dice: random.Random, busy: float = 1.0) -> PaperRace:
+def long_event(seconds: float, karts: int, chance: random.Random, busy: float = 1.0) -> PaperRace:
     """
     Return races for so long, with lost links, stops, refusals and karts that withdraw.
 
@@ -193,23 +193,23 @@ def long_event(seconds: float, karts: int, dice: random.Random, busy: float = 1.
         paper.command(CommandKind.GRID_ACTIVE, official='Ada')
         paper.wait(3.0)
         paper.command(CommandKind.GREEN_GREEN, official='Grace')
-        paper.acknowledge(5.0, dice)
+        paper.acknowledge(5.0, chance)
         paper.command(CommandKind.GREEN_GREEN, official='Grace')
-        paper.acknowledge(2.0, dice)
-        ends = min(paper.now + dice.uniform(60.0, 240.0), 100.0 + seconds)
+        paper.acknowledge(2.0, chance)
+        ends = min(paper.now + chance.uniform(60.0, 240.0), 100.0 + seconds)
         happenings: list[Callable[[int], object]] = [
             paper.lose,
             lambda number: paper.command(CommandKind.KART_RED_RED, number, official='Grace'),
-            *[lambda number: paper.measure(number, dice.choice(list(GRADES)))] * 20,
-            *[lambda number: paper.stutter(number, dice.choice(list(RaceState)))] * 500,
+            *[lambda number: paper.measure(number, chance.choice(list(GRADES)))] * 20,
+            *[lambda number: paper.stutter(number, chance.choice(list(RaceState)))] * 500,
         ]
         while paper.now < ends:
-            paper.wait(dice.expovariate(busy))
-            dice.choice(happenings)(dice.choice(numbers))
-        for number in dice.sample(numbers, karts):
+            paper.wait(chance.expovariate(busy))
+            chance.choice(happenings)(chance.choice(numbers))
+        for number in chance.sample(numbers, karts):
             paper.command(CommandKind.KART_FINISH, number, official='Ada')
-            paper.wait(dice.uniform(0.5, 3.0))
-        paper.command(dice.choice([CommandKind.RACE_OVER, CommandKind.ALL_KILL]), official='Ada')
+            paper.wait(chance.uniform(0.5, 3.0))
+        paper.command(chance.choice([CommandKind.RACE_OVER, CommandKind.ALL_KILL]), official='Ada')
         paper.wait(2.0)
         back = [kart.number for kart in paper.race.karts.values() if not kart.connected]
         paper.connect(*back)
@@ -217,5 +217,5 @@ def long_event(seconds: float, karts: int, dice: random.Random, busy: float = 1.
         for number in numbers:
             if paper.race.karts[number].hold is not None:
                 paper.command(CommandKind.KART_IN_GARAGE, number, official='Grace')
-        paper.wait(dice.uniform(5.0, 20.0))
+        paper.wait(chance.uniform(5.0, 20.0))
     return paper

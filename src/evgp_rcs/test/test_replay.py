@@ -65,7 +65,7 @@ class Running:
     """
 
     def __init__(self, seed: int, recovered: rules.RaceMemory | None = None) -> None:
-        self.dice = random.Random(seed)
+        self.chance = random.Random(seed)
         self.race = SETUP.race()
         self.now = SETUP.now
         self.log = Log()
@@ -78,9 +78,9 @@ class Running:
 
     def run(self, steps: int) -> Running:
         for _ in range(steps):
-            self.now += self.dice.choice((0.0, 1e-6, 0.05, 0.05, 0.3, 1.0))
+            self.now += self.chance.choice((0.0, 1e-6, 0.05, 0.05, 0.3, 1.0))
             self.feed(self.anything())
-            if self.dice.random() < 0.3:
+            if self.chance.random() < 0.3:
                 self.show()
         self.handed_over.append(([], self.log.take()))
         return self
@@ -93,13 +93,13 @@ class Running:
         self.tell(outcome, given.at)
 
     def tell(self, outcome: Outcome, at: float) -> None:
-        told = [each for each in outcome.events if not each.chatter or self.dice.random() < 0.5]
+        told = [each for each in outcome.events if not each.chatter or self.chance.random() < 0.5]
         if told:
             first = len(self.stamped) + 1
             self.log.add(inputs.Told(first, first + len(told) - 1))
             self.hand_over(told, at)
-        if self.dice.random() < 0.05:
-            own = self.dice.choice((EventKind.MALFORMED, EventKind.REFUSED_CONNECTION))
+        if self.chance.random() < 0.05:
+            own = self.chance.choice((EventKind.MALFORMED, EventKind.REFUSED_CONNECTION))
             self.hand_over([Event(own, 'rubbish', success=False)], self.now)
 
     def hand_over(self, events: list[Event], at: float) -> None:
@@ -115,11 +115,11 @@ class Running:
         self.log.add(inputs.Shown(self.now))
 
     def anything(self) -> inputs.Input:
-        kart = self.race.karts[self.dice.choice(KARTS)]
-        what = self.dice.random()
+        kart = self.race.karts[self.chance.choice(KARTS)]
+        what = self.chance.random()
         if what < 0.25:
-            state = kart.sent if self.dice.random() < 0.8 else self.dice.choice([*RaceState])
-            serial = kart.serial if self.dice.random() < 0.9 else 0
+            state = kart.sent if self.chance.random() < 0.8 else self.chance.choice([*RaceState])
+            serial = kart.serial if self.chance.random() < 0.9 else 0
             return inputs.Heard(self.now, kart.number, serial, state)
         if what < 0.45:
             return inputs.Tick(self.now)
@@ -134,10 +134,10 @@ class Running:
                 inputs.RecordTrouble(self.now, '' if self.race.record_fails else 'it fails'),
                 inputs.StartBecame(self.now, StartPhase.WITHDRAWN, self.race.starts),
             )
-            return self.dice.choice(rare)
+            return self.chance.choice(rare)
         if self.race.start is not None:
-            phase = StartPhase.WRITTEN if self.dice.random() < 0.9 else StartPhase.FAILED
-            number = self.race.starts - (self.dice.random() < 0.1)
+            phase = StartPhase.WRITTEN if self.chance.random() < 0.9 else StartPhase.FAILED
+            number = self.race.starts - (self.chance.random() < 0.1)
             return inputs.StartBecame(self.now, phase, number)
         return self.command(kart.number)
 
@@ -147,19 +147,19 @@ class Running:
             self.race.availability(kind, kart if entry.to_one_kart else 0, self.now)
             for kind, entry in CATALOGUE.items()
         ]
-        offered = [each for each in offers if each.available or self.dice.random() < 0.2]
-        each = self.dice.choice(offered)
+        offered = [each for each in offers if each.available or self.chance.random() < 0.2]
+        each = self.chance.choice(offered)
         one = CATALOGUE[each.kind].to_one_kart
         command = Command(
             each.kind,
             kart if one else 0,
-            self.dice.random() < 0.9,
+            self.chance.random() < 0.9,
             frozenset(each.karts),
             self.race.karts[kart].hold if one else None,
-            self.dice.choice(('first', 'second', 'none')),
-            self.dice.choice(('', 'Anna', '<b>')),
+            self.chance.choice(('first', 'second', 'none')),
+            self.chance.choice(('', 'Anna', '<b>')),
         )
-        return inputs.Commanded(self.now, command, self.now - self.dice.choice((0.0, 0.1)))
+        return inputs.Commanded(self.now, command, self.now - self.chance.choice((0.0, 0.1)))
 
     def end(self) -> Running:
         """Say that it has ended in good order, as the kart server does."""

@@ -137,7 +137,7 @@ def test_a_lane_shows_how_good_the_link_was(paper: PaperRace) -> None:
     assert [band.what for band in lane(part, 7).links] == ['GOOD', 'POOR']
 
 
-def test_bands_say_what_the_rules_sent_at_every_moment(dice: random.Random) -> None:
+def test_bands_say_what_the_rules_sent_at_every_moment(chance: random.Random) -> None:
     paper = PaperRace(dict.fromkeys(range(1, 6), ''))
     truth: list[tuple[int, int, str]] = []
     take = paper.take
@@ -152,15 +152,15 @@ def test_bands_say_what_the_rules_sent_at_every_moment(dice: random.Random) -> N
     paper.take = look  # type: ignore[method-assign, assignment]
     commands = list(CommandKind)
     for _ in range(300):
-        number = dice.randint(1, 5)
+        number = chance.randint(1, 5)
         kart = paper.race.karts[number]
-        dice.choice(
+        chance.choice(
             [
                 lambda n=number: paper.lose(n),
                 lambda n=number: paper.connect(n),
                 lambda n=number: paper.say(n),
-                lambda n=number: paper.say(n, dice.choice(list(RaceState))),
-                lambda n=number: paper.command(dice.choice(commands), n),
+                lambda n=number: paper.say(n, chance.choice(list(RaceState))),
+                lambda n=number: paper.command(chance.choice(commands), n),
                 paper.drive,
             ]
         )()
@@ -179,17 +179,17 @@ def test_bands_say_what_the_rules_sent_at_every_moment(dice: random.Random) -> N
             assert band.what == what
 
 
-def test_holds_that_are_shown_are_holds_of_the_rules(dice: random.Random) -> None:
+def test_holds_that_are_shown_are_holds_of_the_rules(chance: random.Random) -> None:
     paper = PaperRace(dict.fromkeys(range(1, 6), ''))
     held: list[tuple[float, set[int]]] = []
     for _ in range(300):
-        number = dice.randint(1, 5)
-        dice.choice(
+        number = chance.randint(1, 5)
+        chance.choice(
             [
                 lambda n=number: paper.lose(n),
                 lambda n=number: paper.connect(n),
                 paper.acknowledge,
-                lambda n=number: paper.command(dice.choice(list(CommandKind)), n),
+                lambda n=number: paper.command(chance.choice(list(CommandKind)), n),
                 paper.drive,
             ]
         )()
@@ -618,7 +618,7 @@ def test_what_is_no_time_is_refused(text: str) -> None:
 
 
 @pytest.mark.parametrize('began_ns', [0, 499_999, 500_000, 999_999_999])
-def test_the_times_that_are_shown_add_up(dice: random.Random, began_ns: int) -> None:
+def test_the_times_that_are_shown_add_up(chance: random.Random, began_ns: int) -> None:
     clock = Clock(began_ns)
 
     def shown(at: float) -> int:
@@ -626,8 +626,8 @@ def test_the_times_that_are_shown_add_up(dice: random.Random, began_ns: int) -> 
         return (int(hours) * 60 + int(minutes)) * 60_000 + round(float(rest) * 1000)
 
     for _ in range(1000):
-        start = dice.uniform(0.0, 50.0)
-        end = start + dice.uniform(0.0, 9.0)
+        start = chance.uniform(0.0, 50.0)
+        end = start + chance.uniform(0.0, 9.0)
         took = float(wording.exact(start, end).removesuffix(' s'))
         assert (shown(end) - shown(start)) % 86_400_000 == round(took * 1000)
         assert took == wording.between(start, end)

@@ -44,7 +44,7 @@ from evgp_protocol.clock import duration, now
 from evgp_protocol.link import Grade, GRADES
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import texts
-from evgp_rcs_console.commands import Order, PRESS_AGAIN, request, Standing, StandingStops
+from evgp_rcs_console.commands import Given, PRESS_AGAIN, request, Standing, StandingStops
 from evgp_rcs_console.snapshot import (
     Alert,
     Answer,
@@ -238,7 +238,7 @@ class Listener(Protocol):
     def on_event(self, event: Event) -> None:
         """Take an event."""
 
-    def on_answer(self, order: Order, answer: Answer) -> None:
+    def on_answer(self, given: Given, answer: Answer) -> None:
         """Take the answer to a command, also that none came; of a stop, the one that counts."""
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
@@ -279,18 +279,18 @@ class Client:
         )
         self.topic: str = self.node.resolve_topic_name('rcs/race')
         self._sources = Sources()
-        self._orders: queue.SimpleQueue[Order | None] = queue.SimpleQueue()
+        self._given: queue.SimpleQueue[Given | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
-        self._waiting: dict[Any, Order] = {}
+        self._waiting: dict[Any, Given] = {}
         self._standing = StandingStops()
         self._karts: frozenset[int] | None = None
         self._hearing = Spinning(self.node, self._fail)
         self._sending = threading.Thread(target=self._send, name='sending', daemon=True)
         self._sending.start()
 
-    def give(self, order: Order) -> None:
+    def give(self, given: Given) -> None:
         """Give a command, and return at once."""
-        self._orders.put(order)
+        self._given.put(given)
 
     def wait_for(self, command: CommandKind, seconds: float) -> bool:
         """Return whether race control offers a command, once it does or time is up."""
@@ -298,7 +298,7 @@ class Client:
 
     def close(self) -> None:
         """Leave the domain."""
-        self._orders.put(None)
+        self._given.put(None)
         self._sending.join()
         self._hearing.stop()
         self.node.destroy_node()
@@ -308,19 +308,19 @@ class Client:
     def _send(self) -> None:
         while True:
             try:
-                order = self._orders.get(timeout=self._wake())
+                given = self._given.get(timeout=self._wake())
             except queue.Empty:
                 self._press()
                 self._give_up()
                 continue
-            if order is None:
+            if given is None:
                 return
-            if CATALOGUE[order.command].stop:
+            if CATALOGUE[given.command].stop:
                 with self._lock:
-                    self._standing.add(order, now())
+                    self._standing.add(given, now())
                 self._press()
             else:
-                self._call(order)
+                self._call(given)
 
     def _wake(self) -> float | None:
         with self._lock:
@@ -332,71 +332,71 @@ class Client:
     def _press(self) -> None:
         with self._lock:
             pressed = self._standing.press(now())
-        for order in pressed:
-            self._request(order)
+        for given in pressed:
+            self._request(given)
         # Told under the lock: never after it is told that the press was accepted.
         with self._lock:
             if pressed:
                 self._listener.on_pressing(self._standing.pressed)
 
-    def _call(self, order: Order) -> None:
-        if self._services[CATALOGUE[order.command].service].service_is_ready():
-            self._request(order)
+    def _call(self, given: Given) -> None:
+        if self._services[CATALOGUE[given.command].service].service_is_ready():
+            self._request(given)
             return
-        name = texts.order_name(order)
-        self._listener.on_answer(order, Answer(False, texts.NOT_THERE.format(command=name)))
+        name = texts.full_name(given)
+        self._listener.on_answer(given, Answer(False, texts.NOT_THERE.format(command=name)))
 
-    def _request(self, order: Order) -> None:
-        service = self._services[CATALOGUE[order.command].service]
-        future = service.call_async(request_message(order))
+    def _request(self, given: Given) -> None:
+        service = self._services[CATALOGUE[given.command].service]
+        future = service.call_async(request_message(given))
         with self._lock:
-            self._waiting[future] = order
+            self._waiting[future] = given
         future.add_done_callback(self._answered)
 
     def _give_up(self) -> None:
         """Forget what can no longer be answered."""
-        late: dict[Any, Order] = {}
+        late: dict[Any, Given] = {}
         presses: dict[tuple[CommandKind, int], list[Any]] = {}
         with self._lock:
-            for future, order in self._waiting.items():
-                if CATALOGUE[order.command].stop:
-                    presses.setdefault((order.command, order.kart), []).append(future)
-                elif now() - order.at > GIVE_UP:
-                    late[future] = order
+            for future, given in self._waiting.items():
+                if CATALOGUE[given.command].stop:
+                    presses.setdefault((given.command, given.kart), []).append(future)
+                elif now() - given.at > GIVE_UP:
+                    late[future] = given
             for futures in presses.values():
                 for future in futures[:-PRESSES]:
                     late[future] = self._waiting[future]
             for future in late:
                 del self._waiting[future]
-        for future, order in late.items():
-            self._services[CATALOGUE[order.command].service].remove_pending_request(future)
-            if not CATALOGUE[order.command].stop:
-                name = texts.order_name(order)
+        for future, given in late.items():
+            self._services[CATALOGUE[given.command].service].remove_pending_request(future)
+            if not CATALOGUE[given.command].stop:
+                name = texts.full_name(given)
                 text = texts.GAVE_UP.format(command=name, age=duration(GIVE_UP, 0))
-                self._listener.on_answer(order, Answer(False, text))
+                self._listener.on_answer(given, Answer(False, text))
 
     # ----- the executor's thread ----------------------------------------------------------
 
     def _answered(self, future: Any) -> None:
         with self._lock:
-            order = self._waiting.pop(future, None)
-            if order is None or future.cancelled():
+            given = self._waiting.pop(future, None)
+            if given is None or future.cancelled():
                 return
             answer = Answer(future.result().success, spoken(future.result().message))
-            stood = self._standing.stands(order)
+            stood = self._standing.stands(given)
             if answer.success:
-                ended = self._standing.accepted(order)
+                ended = self._standing.accepted(given)
             else:
                 # By the rules race control refuses a stop for one reason only: it has no such
                 # kart. Whatever else it says, the stop is not in force.
-                unknown = self._karts is not None and order.kart not in {0, *self._karts}
-                self._standing.refused(order, answer.message, final=unknown)
+                unknown = self._karts is not None and given.kart not in {0, *self._karts}
+                self._standing.refused(given, answer.message, final=unknown)
                 ended = stood and unknown
             if ended:
                 self._listener.on_pressing(self._standing.pressed)
         # An earlier press of the same, or one that failed, is pressed again and not told.
-        if ended or not CATALOGUE[order.command].stop:
-            self._listener.on_answer(order, answer)
+        if ended or not CATALOGUE[given.command].stop:
+            self._listener.on_answer(given, answer)
 
     def _hear_race(self, message: msg.Race, info: dict[str, Any]) -> None:
         at = now()
@@ -428,13 +428,13 @@ def join_graph(program: str, arguments: Sequence[str]) -> None:
     rclpy.init(args=[program, *arguments], signal_handler_options=SignalHandlerOptions.NO)
 
 
-def request_message(order: Order) -> Any:
+def request_message(given: Given) -> Any:
     """Return the request of a command."""
     fields = {
         name: state_message(value) if isinstance(value, State) else value
-        for name, value in request(order).items()
+        for name, value in request(given).items()
     }
-    return service_class(CATALOGUE[order.command].service_type).Request(**fields)
+    return service_class(CATALOGUE[given.command].service_type).Request(**fields)
 
 
 def domain_of(context: Context | None = None) -> int:

@@ -37,7 +37,7 @@ from evgp_rcs_console.snapshot import Available, Kart, Race, State
 
 
 @dataclass(frozen=True)
-class Order:
+class Given:
     """
     A command that an official gave, with what the official saw.
 
@@ -66,23 +66,23 @@ def asks(command: CommandKind) -> bool:
     return entry.loosens or entry.call_is_statement
 
 
-def request(order: Order) -> dict[str, int | bool | str | list[int] | State]:
+def request(given: Given) -> dict[str, int | bool | str | list[int] | State]:
     """Return the fields of the request of a command."""
-    entry = CATALOGUE[order.command]
+    entry = CATALOGUE[given.command]
     fields: dict[str, int | bool | str | list[int] | State] = {
-        'official': order.official,
+        'official': given.official,
         **entry.fixed,
     }
     if entry.to_one_kart:
-        fields['kart'] = order.kart
+        fields['kart'] = given.kart
     if entry.statement:
-        fields[entry.statement] = order.stated
+        fields[entry.statement] = given.stated
     if entry.names_karts:
-        fields['karts'] = list(order.karts)
+        fields['karts'] = list(given.karts)
     if entry.names_hold:
-        fields['hold'] = order.hold
+        fields['hold'] = given.hold
     if entry.names_heat:
-        fields['heat'] = order.heat
+        fields['heat'] = given.heat
     return fields
 
 
@@ -166,9 +166,9 @@ class Outcome:
     :param at: time of the answer to it, in seconds.
     """
 
-    def __init__(self, order: Order, at: float) -> None:
+    def __init__(self, given: Given, at: float) -> None:
         """Wait for a snapshot that shows the effect."""
-        self.order = order
+        self.given = given
         self._at = at
         self._seen: object = None
 
@@ -187,24 +187,24 @@ class Outcome:
 
     def _shown(self, race: Race) -> object:
         """Return the part of a snapshot that the command can change."""
-        entry = CATALOGUE[self.order.command]
+        entry = CATALOGUE[self.given.command]
         if entry.result.track_open is not None:
             return race.track.is_open
         if entry.names_heat:
             return race.state, _racing(race)
-        kart = race.kart(self.order.kart)
+        kart = race.kart(self.given.kart)
         if kart is None:
             return (race.state,)
         return kart.sent, kart.hold, kart.in_race, kart.place
 
     def _is_done(self, race: Race) -> bool:
-        order = self.order
-        entry = CATALOGUE[order.command]
+        given = self.given
+        entry = CATALOGUE[given.command]
         if entry.names_heat:
             return any(
-                heat.name == order.heat and heat.karts == _racing(race) for heat in race.heats
+                heat.name == given.heat and heat.karts == _racing(race) for heat in race.heats
             )
-        return is_so(entry.result, race, race.kart(order.kart))
+        return is_so(entry.result, race, race.kart(given.kart))
 
 
 def is_so(result: Result, race: Race, kart: Kart | None) -> bool:
@@ -257,14 +257,14 @@ class Standing:
     """
     A stop that is being pressed.
 
-    :param order: the newest press of it by the official.
+    :param given: the newest press of it by the official.
     :param since: when it was asked for first and not accepted, in seconds.
     :param presses: how often it was sent.
     :param due: when it is sent next.
     :param said: why race control did not accept it, if it said so.
     """
 
-    order: Order
+    given: Given
     since: float
     presses: int = 0
     due: float = 0.0
@@ -283,20 +283,20 @@ class StandingStops:
         """Return what is being pressed, the oldest first."""
         return tuple(self._stops.values())
 
-    def add(self, order: Order, now: float) -> None:
+    def add(self, given: Given, now: float) -> None:
         """Take a stop that an official gave; it is due at once."""
-        known = self._stops.get(_key(order))
+        known = self._stops.get(_key(given))
         if known is None:
-            known = Standing(order, since=now)
-        self._stops[_key(order)] = replace(known, order=order, due=now)
+            known = Standing(given, since=now)
+        self._stops[_key(given)] = replace(known, given=given, due=now)
 
-    def press(self, now: float) -> list[Order]:
+    def press(self, now: float) -> list[Given]:
         """Return what is to be sent now, and count it as sent."""
         pressed = []
         for key, stop in self._stops.items():
             if stop.due <= now:
                 self._stops[key] = replace(stop, presses=stop.presses + 1, due=now + PRESS_AGAIN)
-                pressed.append(stop.order)
+                pressed.append(stop.given)
         return pressed
 
     def next_press(self, now: float) -> float | None:
@@ -305,45 +305,45 @@ class StandingStops:
             return None
         return max(0.0, min(stop.due for stop in self._stops.values()) - now)
 
-    def stands(self, order: Order) -> bool:
+    def stands(self, given: Given) -> bool:
         """Return whether this very press of a stop still waits to be accepted."""
-        stop = self._stops.get(_key(order))
-        return stop is not None and stop.order is order
+        stop = self._stops.get(_key(given))
+        return stop is not None and stop.given is given
 
-    def accepted(self, order: Order) -> bool:
+    def accepted(self, given: Given) -> bool:
         """
         Take that race control has accepted a command; return whether something stops standing.
 
         A stop that was pressed again by the official after this press stands on.
         """
         before = len(self._stops)
-        if self.stands(order):
-            del self._stops[_key(order)]
+        if self.stands(given):
+            del self._stops[_key(given)]
         for key, stop in list(self._stops.items()):
-            if stop.order.at < order.at and _ends(order, stop.order):
+            if stop.given.at < given.at and _ends(given, stop.given):
                 del self._stops[key]
         return len(self._stops) < before
 
-    def refused(self, order: Order, said: str, final: bool) -> None:
+    def refused(self, given: Given, said: str, final: bool) -> None:
         """
         Take that race control has not accepted a stop, and why.
 
         :param final: it never will: the stop is given up.
         """
-        if not self.stands(order):
+        if not self.stands(given):
             return
         if final:
-            del self._stops[_key(order)]
+            del self._stops[_key(given)]
         else:
-            stop = self._stops[_key(order)]
-            self._stops[_key(order)] = replace(stop, said=said)
+            stop = self._stops[_key(given)]
+            self._stops[_key(given)] = replace(stop, said=said)
 
 
-def _key(order: Order) -> tuple[CommandKind, int]:
-    return order.command, order.kart
+def _key(given: Given) -> tuple[CommandKind, int]:
+    return given.command, given.kart
 
 
-def _ends(later: Order, stop: Order) -> bool:
+def _ends(later: Given, stop: Given) -> bool:
     if later.command in LOOSENS_RACE:
         return stop.command in ENDED_BY_RACE
     if later.command is CommandKind.KART_IN_GARAGE:
@@ -365,29 +365,29 @@ class Unanswered:
     def __init__(self) -> None:
         """Begin with none."""
         self.stops: tuple[Standing, ...] = ()
-        self._orders: dict[tuple[CommandKind, int], Order] = {}
+        self._given: dict[tuple[CommandKind, int], Given] = {}
 
     def __bool__(self) -> bool:
         """Return whether a command waits for its answer; stops do not count."""
-        return bool(self._orders)
+        return bool(self._given)
 
-    def add(self, order: Order) -> None:
+    def add(self, given: Given) -> None:
         """Take a command that was sent and is no stop."""
-        self._orders[order.command, order.kart] = order
+        self._given[given.command, given.kart] = given
 
-    def answered(self, order: Order) -> None:
+    def answered(self, given: Given) -> None:
         """Take that a command has its answer; a newer one of the same kind still waits."""
-        if self._orders.get((order.command, order.kart)) is order:
-            del self._orders[order.command, order.kart]
+        if self._given.get((given.command, given.kart)) is given:
+            del self._given[given.command, given.kart]
 
     def ages(self, now: float) -> dict[tuple[CommandKind, int], float]:
         """Return for how long each command has waited, in seconds."""
-        return {key: now - order.at for key, order in self._orders.items()}
+        return {key: now - given.at for key, given in self._given.items()}
 
-    def oldest(self, now: float) -> Order | None:
+    def oldest(self, now: float) -> Given | None:
         """Return the command that has waited longest, if that is longer than ``LATE``."""
-        order = min(self._orders.values(), key=lambda order: order.at, default=None)
-        return order if order is not None and now - order.at > LATE else None
+        given = min(self._given.values(), key=lambda given: given.at, default=None)
+        return given if given is not None and now - given.at > LATE else None
 
     def all_kill(self, now: float) -> Standing | None:
         """Return ALL KILL, if race control has not accepted it for longer than ``LATE``."""
@@ -402,4 +402,4 @@ class Unanswered:
 
 
 def _is_all_kill(stop: Standing) -> bool:
-    return stop.order.command is CommandKind.ALL_KILL
+    return stop.given.command is CommandKind.ALL_KILL

@@ -38,7 +38,7 @@ from evgp_rcs_console.command_line import (
     STARTING,
     STATEMENTS,
 )
-from evgp_rcs_console.commands import effects, nobody_is_heard, Order, Standing
+from evgp_rcs_console.commands import effects, Given, nobody_is_heard, Standing
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.snapshot import Answer, Available, Event, Kart, Race, State
 from evgp_rcs_console.view import danger, is_gone, ReasonTimes, show, silence, table
@@ -60,7 +60,7 @@ class Hearing:
         self.race: Race | None = None
         self.two = False
         self.heard_at = 0.0
-        self.answer: tuple[Order, Answer] | None = None
+        self.answer: tuple[Given, Answer] | None = None
         self.standing: tuple[Standing, ...] = ()
         self.events: list[Event] = []
 
@@ -76,10 +76,10 @@ class Hearing:
             self.events.append(event)
             self.news.notify_all()
 
-    def on_answer(self, order: Order, answer: Answer) -> None:
+    def on_answer(self, given: Given, answer: Answer) -> None:
         """Keep the answer."""
         with self.news:
-            self.answer = order, answer
+            self.answer = given, answer
             self.news.notify_all()
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
@@ -161,7 +161,7 @@ def _give(
             hold = kart.hold
             offered = kart.commands.get(command, Available(False))
             released = '\n'.join(said_of(command, hearing.race, offered, kart))
-    order = Order(
+    given = Given(
         command,
         getattr(wanted, 'kart', 0),
         getattr(wanted, 'stated', False),
@@ -170,7 +170,7 @@ def _give(
         getattr(wanted, 'heat', ''),
         Signature(wanted.official).claim,
     )
-    client.give(order)
+    client.give(given)
     hearing.wait_for(lambda: hearing.answer is not None, until)
     if hearing.answer is None:
         said = ''.join(
@@ -185,7 +185,7 @@ def _give(
         }
     # The race is heard from the start on: this only bounds the wait where it is not.
     hearing.wait_for(lambda: hearing.race is not None, min(until, now() + SETTLED))
-    steps = [] if hearing.race is None else _next_step(wanted, order, hearing.race)
+    steps = [] if hearing.race is None else _next_step(wanted, given, hearing.race)
     return {'code': Exit.REFUSED, 'error': '\n'.join([answer.message, *steps])}
 
 
@@ -200,23 +200,23 @@ def _under_banner(told: Told, race: Race | None) -> Told:
     }
 
 
-def _next_step(wanted: argparse.Namespace, order: Order, race: Race) -> list[str]:
+def _next_step(wanted: argparse.Namespace, given: Given, race: Race) -> list[str]:
     """Return what to type in place of a refused command, if it lacked karts or a statement."""
-    form = CATALOGUE[order.command]
-    kart = race.kart(order.kart) if form.to_one_kart else None
+    form = CATALOGUE[given.command]
+    kart = race.kart(given.kart) if form.to_one_kart else None
     if form.to_one_kart and kart is None:
         return []
-    offered = (kart.commands if kart else race.commands).get(order.command, Available(False))
+    offered = (kart.commands if kart else race.commands).get(given.command, Available(False))
     if not offered.yes:
         return []
     karts = offered.karts if form.names_karts else ()
-    others = set(karts) != set(order.karts)
-    unsaid = offered.statement if not order.stated else ''
+    others = set(karts) != set(given.karts)
+    unsaid = offered.statement if not given.stated else ''
     if not others and not unsaid:
         return []
-    said = said_of(order.command, race, offered, kart) if others else []
+    said = said_of(given.command, race, offered, kart) if others else []
     condition = f'If you state that {unsaid}' if unsaid else 'To send it'
-    again = _line(wanted, karts, order.stated or bool(unsaid))
+    again = _line(wanted, karts, given.stated or bool(unsaid))
     return [*said, f'{condition}, type: {again}']
 
 

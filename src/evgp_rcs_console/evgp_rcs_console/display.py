@@ -32,7 +32,7 @@ from evgp_protocol import clock
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.alerts import Alarm, AlertsArea, EACH, HEAD, PLACES
-from evgp_rcs_console.commands import Order, Outcome, Standing, Unanswered
+from evgp_rcs_console.commands import Given, Outcome, Standing, Unanswered
 from evgp_rcs_console.freshness import Aim
 from evgp_rcs_console.karts import KartList
 from evgp_rcs_console.keys import KartField
@@ -311,9 +311,9 @@ class Inbox(QtCore.QObject):
         """Hand over an event."""
         self.event.emit(event)
 
-    def on_answer(self, order: Order, answer: Answer) -> None:
+    def on_answer(self, given: Given, answer: Answer) -> None:
         """Hand over an answer."""
-        self.answer.emit(order, answer)
+        self.answer.emit(given, answer)
 
     def on_pressing(self, stops: tuple[Standing, ...]) -> None:
         """Hand over the stops that race control has not accepted yet."""
@@ -382,7 +382,7 @@ class BottomLine:
         self._unanswered = unanswered
         self._message = Cell(texts.BEGIN)
         self._outcome: Outcome | None = None
-        self._changed: tuple[Order, str] | None = None
+        self._changed: tuple[Given, str] | None = None
         self._pointed: CommandButton | Painted | None = None
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
@@ -393,27 +393,27 @@ class BottomLine:
         self._pointed = None
         self.show()
 
-    def say_sent(self, order: Order) -> None:
+    def say_sent(self, given: Given) -> None:
         """Say that a command was sent."""
-        self.say(texts.GIVEN.format(clock=_clock(), command=texts.order_name(order)))
+        self.say(texts.GIVEN.format(clock=_clock(), command=texts.full_name(given)))
 
-    def say_answer(self, order: Order, answer: Answer) -> None:
+    def say_answer(self, given: Given, answer: Answer) -> None:
         """Say what race control answered, until that is no longer true."""
         mark = texts.DONE if answer.success else texts.REFUSED
         tone = Tone.GOOD if answer.success else Tone.BAD
         self.say(texts.ANSWERED.format(clock=_clock(), mark=mark, answer=answer.message), tone)
         if answer.success:
-            self._outcome = Outcome(order, clock.now())
+            self._outcome = Outcome(given, clock.now())
 
     def take_race(self, race: Race, at: float) -> None:
         """Take a snapshot and when it came (s): what the last answer said may have changed."""
         if self._outcome is not None and not self._outcome.stands(race, at):
-            self._say_changed(self._outcome.order, texts.now_so(self._outcome.order, race))
+            self._say_changed(self._outcome.given, texts.now_so(self._outcome.given, race))
         elif self._changed is not None:
-            order, said = self._changed
-            what = texts.now_so(order, race)
+            given, said = self._changed
+            what = texts.now_so(given, race)
             if what != said:
-                self._say_changed(order, what)
+                self._say_changed(given, what)
 
     def point_at(self, widget: CommandButton | Painted) -> None:
         """Explain what the pointer or the focus is on."""
@@ -430,16 +430,16 @@ class BottomLine:
         """Show the most urgent."""
         self._label.show_cell(self._cell(clock.now()))
 
-    def _say_changed(self, order: Order, what: str) -> None:
+    def _say_changed(self, given: Given, what: str) -> None:
         self.say(texts.CHANGED.format(clock=_clock(), what=what))
-        self._changed = order, what
+        self._changed = given, what
 
     def _cell(self, now: float) -> Cell:
         stops = self._unanswered.other_stops(now)
         if stops:
             said = (
                 texts.STOP_UNANSWERED.format(
-                    command=texts.order_name(stop.order),
+                    command=texts.full_name(stop.given),
                     count=stop.presses,
                     age=clock.duration(now - stop.since),
                     why=stop.said or texts.NO_ANSWER,
@@ -450,10 +450,10 @@ class BottomLine:
         explanation = _explanation(self._pointed)
         if explanation:
             return Cell(explanation, Tone.WAIT)
-        order = self._unanswered.oldest(now)
-        if order is not None:
-            age = clock.duration(now - order.at)
-            name = texts.order_name(order)
+        given = self._unanswered.oldest(now)
+        if given is not None:
+            age = clock.duration(now - given.at)
+            name = texts.full_name(given)
             return Cell(texts.PENDING.format(command=name, age=age), Tone.WAIT)
         return self._message
 
@@ -518,10 +518,10 @@ class Display(QtCore.QObject):
         if not event.prompt:
             self.areas.events.add(event)
 
-    def take_answer(self, order: Order, answer: Answer) -> None:
+    def take_answer(self, given: Given, answer: Answer) -> None:
         """Show the answer to a command."""
-        self.unanswered.answered(order)
-        self.bottom.say_answer(order, answer)
+        self.unanswered.answered(given)
+        self.bottom.say_answer(given, answer)
         self.refresh()
 
     def take_pressing(self, stops: tuple[Standing, ...]) -> None:

@@ -27,7 +27,7 @@ import time
 from evgp_protocol import clock
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import keys, texts
-from evgp_rcs_console.commands import Order
+from evgp_rcs_console.commands import Given
 from evgp_rcs_console.display import Display
 from evgp_rcs_console.freshness import Beat, InputClock, Repeats, STALE
 from evgp_rcs_console.karts import chooses
@@ -37,7 +37,7 @@ from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.view import ANSWER_KEYS, Button, Screen, Tone
 from evgp_rcs_console.widgets import CommandButton
 
-Give = Callable[[Order], None]
+Give = Callable[[Given], None]
 """Sends a command, and returns at once."""
 
 
@@ -64,7 +64,7 @@ class Presses(QtCore.QObject):
 
     def kill(self) -> None:
         """Send ALL KILL."""
-        self._give(Order(CommandKind.ALL_KILL, official=self._signature.claim))
+        self._give(Given(CommandKind.ALL_KILL, official=self._signature.claim))
         self._chosen.clear()
 
     def let_go(self, down: Button, button: Button) -> None:
@@ -151,11 +151,11 @@ class Presses(QtCore.QObject):
             self._bottom.say(texts.WHOSE_EVENTS, Tone.WAIT)
 
     def _send(self, button: Button) -> None:
-        order = replace(button.order(), official=self._signature.claim)
-        self._give(order)
+        given = replace(button.given(), official=self._signature.claim)
+        self._give(given)
         if not button.is_stop:  # the client says which stops are not accepted yet
-            self.display.unanswered.add(order)
-        self._bottom.say_sent(order)
+            self.display.unanswered.add(given)
+        self._bottom.say_sent(given)
         self.display.refresh()
 
 

@@ -27,7 +27,7 @@ import re
 
 from evgp_protocol.link import Grade
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs_console.commands import Effects, Order
+from evgp_rcs_console.commands import Effects, Given
 from evgp_rcs_console.snapshot import Heat, Kart, Race, State
 
 TITLE = 'EVGP race control'
@@ -296,10 +296,10 @@ def command_name(command: CommandKind, kart: int = 0) -> str:
     return f'{CATALOGUE[command].label} kart {kart}' if kart else CATALOGUE[command].label
 
 
-def order_name(order: Order) -> str:
+def full_name(given: Given) -> str:
     """Return the name of an official's command in a sentence."""
-    name = command_name(order.command, order.kart)
-    return f'{name} {order.heat}' if order.heat else name
+    name = command_name(given.command, given.kart)
+    return f'{name} {given.heat}' if given.heat else name
 
 
 def heat(each: Heat, in_race: bool = False) -> str:
@@ -531,11 +531,11 @@ def held(kart: Kart) -> str:
     return f'{kart_name(kart)}: {STATES[kart.hold]}, {kart.hold_reason}'
 
 
-def now_so(order: Order, race: Race) -> str:
+def now_so(given: Given, race: Race) -> str:
     """Return the present state of what a command has changed; it replaces the command's answer."""
-    if CATALOGUE[order.command].result.track_open is not None:
+    if CATALOGUE[given.command].result.track_open is not None:
         return 'the track is open' if race.track.is_open else 'the track is closed'
-    kart = race.kart(order.kart)
+    kart = race.kart(given.kart)
     cause = race.state_cause
     by = f' ({cause})' if cause else ''
     if kart is None:

@@ -32,7 +32,7 @@ from evgp_protocol.clock import duration
 from evgp_protocol.link import Grade
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import texts
-from evgp_rcs_console.commands import asks, effects, is_so, nobody_is_heard, Order
+from evgp_rcs_console.commands import asks, effects, Given, is_so, nobody_is_heard
 from evgp_rcs_console.notices import Notice
 from evgp_rcs_console.snapshot import (
     Alert,
@@ -174,13 +174,13 @@ class Button:
     phrase: str = ''
     current: bool = False
 
-    def order(self) -> Order:
+    def given(self) -> Given:
         """
         Return the command as given by an official who saw this button and confirmed its condition.
 
         Race control gets a statement only if it asked for it and the question showed its words.
         """
-        return Order(
+        return Given(
             self.command,
             self.kart,
             stated=bool(self.statement),

@@ -26,7 +26,7 @@ from dataclasses import replace
 from evgp_protocol.link import Grade
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console import texts
-from evgp_rcs_console.commands import Order
+from evgp_rcs_console.commands import Given
 from evgp_rcs_console.notices import AlertBook
 from evgp_rcs_console.snapshot import Alert, Kart, Link, Race, RED, State, Track
 from evgp_rcs_console.view import Danger, danger, Screen, show, silence, table, Tone
@@ -281,14 +281,14 @@ def test_an_alert_asks_for_the_msr_by_its_own_word_and_not_by_its_kind() -> None
 
 
 def test_a_change_names_who_brought_it_about() -> None:
-    order = Order(CommandKind.GREEN_GREEN)
+    given = Given(CommandKind.GREEN_GREEN)
     by = 'ALL_KILL by Anna'
     race = replace(RACE, state=State.RED_RED, state_cause=by)
     flagged = replace(RACE, state=State.RED_FLAG, state_cause='RED_FLAG by Bob')
     kart = replace(KART, sent=State.RED_FLAG)
 
-    assert by in texts.now_so(order, race)
-    to_kart = replace(order, command=CommandKind.KART_FINISH, kart=7)
+    assert by in texts.now_so(given, race)
+    to_kart = replace(given, command=CommandKind.KART_FINISH, kart=7)
     assert 'RED_FLAG by Bob' in texts.now_so(to_kart, replace(flagged, karts=(kart,)))
     held = replace(kart, hold=State.RED_RED, sent=State.RED_RED, hold_reason=by)
     assert texts.now_so(to_kart, replace(flagged, karts=(held,))).count(' by ') == 1

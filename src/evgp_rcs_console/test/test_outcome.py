@@ -19,7 +19,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs_console.commands import Order, Outcome, SETTLED
+from evgp_rcs_console.commands import Given, Outcome, SETTLED
 from evgp_rcs_console.snapshot import Heat, Race, State
 from example_race import KART, RACE
 import pytest
@@ -39,34 +39,34 @@ def with_kart(**changes: object) -> Race:
 
 
 def test_it_stands_while_the_race_is_in_the_state_that_it_brought_about() -> None:
-    green = Outcome(Order(CommandKind.GREEN_GREEN), at=10.0)
+    green = Outcome(Given(CommandKind.GREEN_GREEN), at=10.0)
 
     assert [green.stands(GREEN, at) for at in (10.1, 20.0, 500.0)] == [True, True, True]
 
 
 def test_it_does_not_stand_any_more_once_somebody_else_has_changed_the_race() -> None:
-    green = Outcome(Order(CommandKind.GREEN_GREEN), at=10.0)
+    green = Outcome(Given(CommandKind.GREEN_GREEN), at=10.0)
     green.stands(GREEN, 10.1)
 
     assert not green.stands(FLAG, 10.2)
 
 
 def test_a_snapshot_from_before_the_answer_does_not_end_it() -> None:
-    green = Outcome(Order(CommandKind.GREEN_GREEN), at=10.0)
+    green = Outcome(Given(CommandKind.GREEN_GREEN), at=10.0)
 
     assert green.stands(GRID, 10.05)
     assert green.stands(GREEN, 10.1)
 
 
 def test_what_it_brought_about_may_be_gone_before_any_snapshot_shows_it() -> None:
-    green = Outcome(Order(CommandKind.GREEN_GREEN), at=10.0)
+    green = Outcome(Given(CommandKind.GREEN_GREEN), at=10.0)
 
     assert green.stands(FLAG, 10.05)  # it could be older
     assert not green.stands(FLAG, 10.0 + SETTLED)
 
 
 def test_a_stop_that_found_the_race_stricter_ends_when_it_becomes_stricter_still() -> None:
-    flag = Outcome(Order(CommandKind.RED_FLAG), at=10.0)
+    flag = Outcome(Given(CommandKind.RED_FLAG), at=10.0)
     flag.stands(FLAG, 10.1)
 
     assert not flag.stands(replace(GRID, state=State.RED_RED), 10.2)
@@ -86,7 +86,7 @@ def test_a_stop_that_found_the_race_stricter_ends_when_it_becomes_stricter_still
 def test_an_answer_about_a_kart_stands_until_that_kart_is_told_otherwise(
     command: CommandKind, done: dict[str, object], undone: dict[str, object]
 ) -> None:
-    outcome = Outcome(Order(command, 7), at=10.0)
+    outcome = Outcome(Given(command, 7), at=10.0)
 
     assert outcome.stands(with_kart(**done), 10.1)
     assert outcome.stands(replace(with_kart(**done), state=State.GREEN_GREEN), 10.2)
@@ -94,7 +94,7 @@ def test_an_answer_about_a_kart_stands_until_that_kart_is_told_otherwise(
 
 
 def test_an_answer_about_the_track_stands_until_the_track_is_otherwise() -> None:
-    opened = Outcome(Order(CommandKind.OPEN_TRACK), at=10.0)
+    opened = Outcome(Given(CommandKind.OPEN_TRACK), at=10.0)
     track = replace(GRID.track, is_open=True)
 
     assert opened.stands(replace(GRID, track=track), 10.1)
@@ -102,7 +102,7 @@ def test_an_answer_about_the_track_stands_until_the_track_is_otherwise() -> None
 
 
 def test_an_answer_about_a_heat_stands_until_other_karts_are_in_the_race() -> None:
-    heat = Outcome(Order(CommandKind.SET_HEAT, heat='A'), at=10.0)
+    heat = Outcome(Given(CommandKind.SET_HEAT, heat='A'), at=10.0)
 
     assert heat.stands(GRID, 10.1)
     assert not heat.stands(with_kart(in_race=False), 10.2)
@@ -124,7 +124,7 @@ def test_no_answer_stands_for_ever_in_a_race_that_shows_nothing_of_it(
         track=replace(GRID.track, is_open=result.track_open is False),
     )
     to_one_kart = CATALOGUE[command].to_one_kart
-    outcome = Outcome(Order(command, 7 if to_one_kart else 0, heat='B'), at=10.0)
+    outcome = Outcome(Given(command, 7 if to_one_kart else 0, heat='B'), at=10.0)
 
     assert outcome.stands(other, 10.1)
     assert not outcome.stands(other, 10.0 + SETTLED)

@@ -17,12 +17,12 @@
 from __future__ import annotations
 
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs_console.commands import LATE, Order, Standing, Unanswered
+from evgp_rcs_console.commands import Given, LATE, Standing, Unanswered
 
 
 def test_the_answer_to_an_older_press_leaves_the_newer_one_waiting() -> None:
     unanswered = Unanswered()
-    older, newer = (Order(CommandKind.RACE_OVER, at=at) for at in (1.0, 2.0))
+    older, newer = (Given(CommandKind.RACE_OVER, at=at) for at in (1.0, 2.0))
     unanswered.add(older)
     unanswered.add(newer)
 
@@ -35,7 +35,7 @@ def test_the_answer_to_an_older_press_leaves_the_newer_one_waiting() -> None:
 
 def test_of_several_commands_the_one_that_has_waited_longest_is_told_once_it_is_late() -> None:
     unanswered = Unanswered()
-    older, newer = Order(CommandKind.RACE_OVER, at=1.0), Order(CommandKind.JOIN_RACE, 7, at=1.1)
+    older, newer = Given(CommandKind.RACE_OVER, at=1.0), Given(CommandKind.JOIN_RACE, 7, at=1.1)
     unanswered.add(newer)
     unanswered.add(older)
 
@@ -45,8 +45,8 @@ def test_of_several_commands_the_one_that_has_waited_longest_is_told_once_it_is_
 
 def test_stops_are_told_once_they_are_late_and_all_kill_apart_from_the_others() -> None:
     unanswered = Unanswered()
-    kill = Standing(Order(CommandKind.ALL_KILL), since=1.0)
-    flag = Standing(Order(CommandKind.RED_FLAG), since=2.0)
+    kill = Standing(Given(CommandKind.ALL_KILL), since=1.0)
+    flag = Standing(Given(CommandKind.RED_FLAG), since=2.0)
     unanswered.stops = (kill, flag)
 
     assert (unanswered.all_kill(1.0 + LATE / 2), unanswered.other_stops(2.0 + LATE / 2)) == (

@@ -162,7 +162,7 @@ def test_a_start_or_release_says_and_sends_the_karts_that_race_control_named(
     button = button_of(command, Available(True, karts=(1, 2)))
 
     assert 'now to 2 karts: 1, 2.' in button.consequence
-    assert request(button.order())['karts'] == [1, 2]
+    assert request(button.given())['karts'] == [1, 2]
 
 
 def test_a_release_says_and_sends_the_hold_that_it_ends() -> None:
@@ -172,7 +172,7 @@ def test_a_release_says_and_sends_the_hold_that_it_ends() -> None:
     )
 
     assert 'Ends the hold of kart 7 (Purdue): RED RED, ALL_KILL.' in button.consequence
-    assert request(button.order())['hold'] is State.RED_RED
+    assert request(button.given())['hold'] is State.RED_RED
 
 
 @pytest.mark.parametrize(
@@ -190,10 +190,10 @@ def test_a_statement_is_sent_only_if_race_control_asked_for_it_in_its_words(
     not_asked = button_of(command, Available(True))
 
     assert 'something is so' in asked.condition
-    assert asked.order().stated
-    assert request(asked.order())[field] is True
+    assert asked.given().stated
+    assert request(asked.given())[field] is True
     assert not_asked.condition
-    assert request(not_asked.order())[field] is False
+    assert request(not_asked.given())[field] is False
 
 
 @pytest.mark.parametrize(
@@ -292,7 +292,7 @@ def test_each_heat_of_the_roster_is_a_button_that_names_it() -> None:
     screen = show(with_heats(), 0.0, {})
 
     assert [button.label for button in screen.heats] == ['Heat A: 3', 'Final: 7  (in the race)']
-    assert [request(button.order())['heat'] for button in screen.heats] == ['Heat A', 'Final']
+    assert [request(button.given())['heat'] for button in screen.heats] == ['Heat A', 'Final']
     assert screen.button(CommandKind.SET_HEAT) == screen.heat_button
     assert not any(button.condition for button in screen.heats)
 

@@ -29,7 +29,7 @@ from evgp_protocol import clock
 from evgp_protocol.link import Grade
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import style, texts
-from evgp_rcs_console.commands import asks, Order
+from evgp_rcs_console.commands import asks, Given
 from evgp_rcs_console.display import Inbox
 from evgp_rcs_console.freshness import AIM, InputClock, SETTLE
 from evgp_rcs_console.gui import low_battery
@@ -83,7 +83,7 @@ class Console:
     def __init__(self, application: Any, width: int = 1366, height: int = 768) -> None:
         """Open it."""
         self.application = application
-        self.sent: list[Order] = []
+        self.sent: list[Given] = []
         self._race = RACE
         self.inbox = Inbox()
         self.window = ConsoleWindow(self.inbox, self.sent.append, Signature('Anna', 1), 'here')
@@ -148,7 +148,7 @@ class Console:
     @property
     def commands(self) -> list[tuple[CommandKind, int]]:
         """Return what was sent, and to which kart, and forget it."""
-        found = [(order.command, order.kart) for order in self.sent]
+        found = [(given.command, given.kart) for given in self.sent]
         self.sent.clear()
         return found
 
@@ -336,7 +336,7 @@ def test_no_question_covers_a_stop_of_any_kart(
         assert not covered
         console.sent.clear()
         console.click(f'kart_red_flag_{1001 if count > 20 else 1}')
-        assert [order.command for order in console.sent] == [CommandKind.KART_RED_FLAG]
+        assert [given.command for given in console.sent] == [CommandKind.KART_RED_FLAG]
         console.press('N')
     assert asked | {CommandKind.KART_IN_GARAGE, CommandKind.KART_UNDO_FINISH} == set(ASKING)
 
@@ -421,7 +421,7 @@ def test_the_first_click_into_a_window_that_is_not_active_lands_on_no_command(
     console.click('kart_red_red_1')
     console.click('all_kill')
 
-    commands = [order.command for order in console.sent]
+    commands = [given.command for given in console.sent]
     assert commands == [CommandKind.KART_RED_RED, CommandKind.ALL_KILL]
     other.close()
 
@@ -452,7 +452,7 @@ def test_after_a_heat_is_chosen_by_enter_no_button_has_the_focus(opened: Any) ->
 
     console.press('Return')
 
-    assert [order.command for order in console.sent] == [CommandKind.SET_HEAT]
+    assert [given.command for given in console.sent] == [CommandKind.SET_HEAT]
     assert console.window.hasFocus()
     console.press('Return')
     assert len(console.sent) == 1
@@ -461,7 +461,7 @@ def test_after_a_heat_is_chosen_by_enter_no_button_has_the_focus(opened: Any) ->
     console.window._display.take_answer(console.sent[0], Answer(True, 'so it is'))
     console.click('set_heat')
     console.click('heat_2')
-    assert [order.heat for order in console.sent] == ['Heat A', 'Final']
+    assert [given.heat for given in console.sent] == ['Heat A', 'Final']
 
 
 def test_day_and_night_are_remembered(opened: Any, tmp_path: pathlib.Path) -> None:
@@ -602,7 +602,7 @@ def test_a_click_just_after_the_roster_changed_hits_no_other_kart(opened: Any, s
         console.click_at(point)
         in_time = time.monotonic() - since < AIM
 
-    assert [order.kart for order in console.sent] == [8] * stop
+    assert [given.kart for given in console.sent] == [8] * stop
     assert stop or 'WAS NOT SENT' in console.find('status').whole
 
 
@@ -618,7 +618,7 @@ def test_a_button_held_down_while_the_rows_move_goes_to_no_other_kart(
     console.tell(without(race, 3))
     console.click_at(point, 'mouseRelease')
 
-    assert [order.kart for order in console.sent] == [8] * stop
+    assert [given.kart for given in console.sent] == [8] * stop
 
 
 def test_a_stop_aimed_before_the_list_was_scrolled_goes_to_the_kart_that_stood_there(
@@ -631,7 +631,7 @@ def test_a_stop_aimed_before_the_list_was_scrolled_goes_to_the_kart_that_stood_t
     console.press(*'1025')
     console.click_at(point)
 
-    assert [order.kart for order in console.sent] == [1005]
+    assert [given.kart for given in console.sent] == [1005]
     assert not console.find('kart_1025').visibleRegion().isEmpty()
     console.settle(AIM)
     console.click('kart_red_red_1025')
