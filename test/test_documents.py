@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+import dataclasses
 import itertools
 import pathlib
 import re
 import subprocess
 
-from evgp_inspection.kart_clauses import BY_NAME
+from evgp_inspection.kart_clauses import BY_NAME, KART
+from evgp_inspection.limits import Limits
 from evgp_inspection.rcs_clauses import RCS_BY_NAME
 import pytest
 from race_oracle import PROPERTIES
@@ -110,6 +112,19 @@ def test_every_sentence_of_the_proposal_is_met_by_something_that_is_there() -> N
         assert cited(shown) or clauses or re.search(r'\b(organiser|team|official)s?\b', shown), (
             number
         )
+
+
+def test_the_inspection_document_has_every_clause_of_a_kart_with_its_limit() -> None:
+    limits = dataclasses.asdict(Limits())
+    assert list(rows_of('docs/inspection.md', '## The clauses')) == [
+        [
+            clause.name + '*' * clause.judge.starred,
+            clause.title,
+            clause.done,
+            f'{limits[clause.judge.limit]:g} s' if clause.judge.limit else '',
+        ]
+        for clause in KART
+    ]
 
 
 def anchors(document: pathlib.Path) -> set[str]:

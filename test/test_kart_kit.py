@@ -28,6 +28,7 @@ from evgp_protocol.arbiter import Settings, StopSource
 from evgp_protocol.frames import encode
 from evgp_protocol.kart import Kart
 from evgp_protocol.states import RaceState
+from evgp_rcs_msgs.msg import RaceState as Message
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.process import Program
 from evgp_testing.race_control import address_of, RaceControl
@@ -89,7 +90,7 @@ class History:
 
 
 def state_number(state: RaceState | None) -> int:
-    return 0 if state is None else state.strictness + 1
+    return int(getattr(Message, 'UNKNOWN' if state is None else state.value))
 
 
 def answer_of(kart: Kart, said: bytes) -> bytes:
@@ -284,6 +285,7 @@ FAULTS = [
     ('i < count && kart->open', 'i < count'),
     ('return kart->settings.drive_in_garage != 0;', 'return 0;'),
     ('return kart->slowing != 0;', 'return 1;'),
+    ('EVGP_IN_GARAGE = 1', 'EVGP_IN_GARAGE = 6'),  # not the number of the message
 ]
 
 

@@ -56,12 +56,13 @@ extern "C" {
 /* The longest frame, in bytes, its '$' and ';' included. */
 #define EVGP_MAX_FRAME_BYTES 32
 
-/* The race states (§3.A), loosest first. EVGP_NONE: race control has commanded nothing. */
+/* The race states (§3.A), with the numbers of evgp_rcs_msgs/RaceState. They are no order: do not
+   compare them by < or >. EVGP_NONE: race control has commanded nothing. */
 typedef enum {
     EVGP_NONE = 0,
-    EVGP_GREEN_GREEN = 1,
+    EVGP_IN_GARAGE = 1,
     EVGP_GRID_ACTIVE = 2,
-    EVGP_IN_GARAGE = 3,
+    EVGP_GREEN_GREEN = 3,
     EVGP_RED_FLAG = 4,
     EVGP_RED_RED = 5
 } evgp_state;

@@ -108,8 +108,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         MUST(same(&whole, &pieces));
         after = evgp_kart_verdict(&whole);
         /* A second reading of the rules, as far as one step shows them. */
-        MUST(after.obey >= EVGP_GREEN_GREEN && after.obey <= EVGP_RED_RED);
-        MUST(after.obey >= after.commanded); /* the stricter one */
+        MUST(after.obey == EVGP_RED_RED ||
+             (after.obey == after.commanded && after.obey != EVGP_NONE));
         MUST(after.open || after.obey == EVGP_RED_RED);
         MUST(!after.team_stop || after.obey == EVGP_RED_RED);
         MUST((after.order == 0) == (after.commanded == EVGP_NONE));

@@ -59,8 +59,8 @@ class Stack(Node):
         self.driving = fresh and state is RaceState.GREEN_GREEN  # never blind
         if self.driving:
             self.wanted = 6.0
-        elif fresh and state is RaceState.RED_FLAG:  # gently: 3 m/s²
-            self.wanted = max(0.0, min(self.speed, self.wanted) - 0.15)
+        elif fresh and state is RaceState.RED_FLAG:  # gently: 10 s from 6 m/s
+            self.wanted = max(0.0, min(self.speed, self.wanted) - 0.03)
         else:
             self.wanted = 0.0
         command = Twist()

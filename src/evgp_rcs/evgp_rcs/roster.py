@@ -391,7 +391,7 @@ class _Parser:
         )
 
     def _address(self, node: yaml.Node, kart: str) -> str:
-        right = "give the kart's own IPv4 address, such as 192.168.1.101"
+        right = "give the kart's own IPv4 address, such as 10.0.0.101"
         try:
             address = ipaddress.IPv4Address(str(node.value))
         except ValueError as error:

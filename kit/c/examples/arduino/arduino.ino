@@ -20,6 +20,8 @@
 #ifndef EVGP_RACE_CONTROL
 #define EVGP_RACE_CONTROL IPAddress(10, 0, 0, 1)
 #endif
+#define EVGP_OWN_ADDRESS IPAddress(10, 0, 0, 101) /* this kart's, as in the roster (§4.A) */
+#define EVGP_NETMASK IPAddress(255, 255, 255, 0)
 
 static const int RELEASE_PIN = 5;
 static const int STOP_PIN = 4;        /* the team's stop button (§2.C) */
@@ -27,6 +29,7 @@ static const int MSR_PIN = 13;        /* the contact of the MSR's relay (§2.B) 
 static const int WHEEL_PIN = 2;       /* changes as the wheel turns */
 static const uint32_t STILL_MS = 500;
 static const uint32_t WAIT_MS = 500;  /* between two attempts to connect */
+static const int CONNECT_MS = 300;    /* for one attempt; less than the watchdog's 500 ms */
 
 static WiFiClient link_to_race_control;
 static evgp_kart kart;
@@ -64,7 +67,9 @@ void setup()
     pinMode(STOP_PIN, INPUT_PULLUP);
     pinMode(MSR_PIN, INPUT_PULLUP);
     Serial.begin(115200);
-    WiFi.begin("evgp", "password");
+    WiFi.config(EVGP_OWN_ADDRESS, EVGP_RACE_CONTROL, EVGP_NETMASK); /* no gateway is needed */
+    WiFi.begin("evgp", "password"); /* name and key: the organiser's */
+    WiFi.setSleep(false); /* a radio that sleeps hears a stop late */
     evgp_settings settings = evgp_default_settings();
     settings.msr_timeout_ms = 200; /* 0 only on a kart without the MSR's contact */
     evgp_kart_init(&kart, settings, millis());
@@ -94,9 +99,11 @@ void loop()
         }
     } else if ((uint32_t)(millis() - lost_at) >= WAIT_MS) {
         /* connect() waits, so nothing may be released meanwhile. Nothing is: without a connection
-           the kart obeys RED_RED, and the turn before this one has set the pin. */
+           the kart obeys RED_RED, and the turn before this one has set the pin. The third argument
+           is that of ESP32's WiFiClient. On a board without it, limit the time in another way, or
+           the watchdog resets the board whenever race control does not answer. */
         digitalWrite(RELEASE_PIN, LOW);
-        if (link_to_race_control.connect(EVGP_RACE_CONTROL, EVGP_PORT)) {
+        if (link_to_race_control.connect(EVGP_RACE_CONTROL, EVGP_PORT, CONNECT_MS)) {
             link_to_race_control.setNoDelay(true);
             evgp_kart_connected(&kart, millis());
         } else {

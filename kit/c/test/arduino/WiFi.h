@@ -27,7 +27,7 @@ struct IPAddress {
 
 class WiFiClient {
 public:
-    int connect(IPAddress to, uint16_t)
+    int connect(IPAddress to, uint16_t, int32_t)
     {
         stop();
         socket_ = ::socket(AF_INET, SOCK_STREAM, 0);
@@ -78,7 +78,9 @@ private:
 };
 
 struct WiFiStub {
+    void config(IPAddress, IPAddress, IPAddress) {}
     void begin(const char *, const char *) {}
+    void setSleep(bool) {}
 };
 static WiFiStub WiFi;
 
