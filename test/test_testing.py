@@ -39,7 +39,7 @@ def test_beside_race_control(start_race_control):
     start_race_control(in_race=[7])
     assert not 'found out'
 
-def test_with_dice(chance):
+def test_with_chance(chance):
     assert not chance.randrange(10**9), 'the chance fell'
 """
 
