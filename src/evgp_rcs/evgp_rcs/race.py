@@ -1581,7 +1581,7 @@ class Race:
             if kart.in_race and kart.link is not None and kart.link.grade is Grade.POOR:
                 text = (
                     f'{_capital(kart)} answers late: {kart.link.worst_answer:.1f} s, and a stop '
-                    'may too. Stop it before its link is lost'
+                    'may too. Before GREEN: LEAVE; in the race: RED FLAG'
                 )
                 yield AlertKind.LINK_POOR, kart, None, text
             if kart.sent in late and not kart.acknowledged:
