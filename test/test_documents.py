@@ -14,6 +14,7 @@ import subprocess
 
 from evgp_inspection.kart_clauses import BY_NAME
 from evgp_inspection.rcs_clauses import RCS_BY_NAME
+from evgp_rcs_msgs.msg import Alert
 import pytest
 from race_oracle import PROPERTIES
 
@@ -84,6 +85,15 @@ def test_every_hazard_and_procedure_that_the_log_names_is_there() -> None:
     there = set(re.findall(r'^\| ([HPLN]\d+) \|', text, re.MULTILINE))
     named = set(re.findall(r'\b[HPLN]\d+\b', text))
     assert named == there
+
+
+def test_an_official_finds_what_to_do_for_every_alert_and_when_it_is_raised() -> None:
+    rows = [row for row in rows_of('docs/rules.md', '## Alerts') if 'name' not in row]
+    told = [name for says, todo, name in rows[: len(rows) // 2] if says and todo]
+    raised = [name for name, when, _ in rows[len(rows) // 2 :] if when]
+    names = {name for name in dir(Alert) if isinstance(getattr(Alert, name), int)}
+    alerts = {name for name in names if name.isupper()} - {'UNKNOWN'}
+    assert sorted(told) == sorted(raised) == sorted(alerts)
 
 
 def clause_rows() -> list[list[str]]:
