@@ -1580,8 +1580,8 @@ class Race:
                 yield AlertKind.MOVING_UNASKED, kart, None, f'Stop {kart} with RED_RED: {text}'
             if kart.in_race and kart.link is not None and kart.link.grade is Grade.POOR:
                 text = (
-                    f'{_capital(kart)} answers late: {kart.link.worst_answer:.1f} s, and a stop '
-                    'may too. Before GREEN: LEAVE; in the race: RED FLAG'
+                    f'RED FLAG (before GREEN: LEAVE): {kart} answers '
+                    f'{kart.link.worst_answer:.1f} s late, and a stop may too'
                 )
                 yield AlertKind.LINK_POOR, kart, None, text
             if kart.sent in late and not kart.acknowledged:
