@@ -1279,10 +1279,10 @@ class Race:
         if not missing:
             # That the MSR counts no more must be known after a crash.
             return self._no_record() if self.msr_used else ''
-        how = ', or use the MSR and record it' if not self.msr_used else ''
+        how = '' if self.msr_used else 'use the MSR and record it; or, if it is off the track, '
         return (
-            f'waiting for {_cut(missing)}. If a kart does not answer, make it safe by hand and '
-            f'release it alone{how}'
+            f'waiting for {_cut(missing)}. If a kart does not answer, {how}make it safe by hand '
+            'and release it alone'
         )
 
     def _no_open_track(self, command: Command) -> str:
@@ -1463,8 +1463,8 @@ class Race:
         if kart.doubt is Doubt.GRID:
             return (
                 f'{kart} was lost on the grid: wait until it is back and has acknowledged a '
-                'stop; or make it safe by hand, send it RED_RED and release it alone; or use the '
-                'MSR and record it'
+                'stop; or use the MSR and record it; or, if its team has it off the track, make it '
+                'safe by hand, send it RED_RED and release it alone'
             )
         return ''
 

@@ -292,8 +292,8 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
         (
             to_over_without(2),
             0,
-            'waiting for kart 2 (Volta): no RED_RED yet. If a kart does not answer, make it safe '
-            'by hand and release it alone, or use the MSR and record it',
+            'waiting for kart 2 (Volta): no RED_RED yet. If a kart does not answer, use the MSR '
+            'and record it; or, if it is off the track, make it safe by hand and release it alone',
         ),
     ],
     'KART_IN_GARAGE': [
@@ -315,8 +315,8 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
             lost('GRID_ACTIVE', 'RED_FLAG'),
             0,
             'kart 1 (Ohm) was lost on the grid: wait until it is back and has acknowledged a '
-            'stop; or make it safe by hand, send it RED_RED and release it alone; or use the MSR '
-            'and record it',
+            'stop; or use the MSR and record it; or, if its team has it off the track, make it '
+            'safe by hand, send it RED_RED and release it alone',
         ),
     ],
     'KART_RED_RED': [
