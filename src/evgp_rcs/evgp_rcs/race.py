@@ -1463,8 +1463,8 @@ class Race:
         if kart.doubt is Doubt.GRID:
             return (
                 f'{kart} was lost on the grid: wait until it is back and has acknowledged a '
-                'stop; or use the MSR and record it; or, if its team has it off the track, make it '
-                'safe by hand, send it RED_RED and release it alone'
+                'stop; or use the MSR and record it; or, if its team has it off the track, make '
+                'it safe by hand, send it RED_RED and release it alone'
             )
         return ''
 
