@@ -21,9 +21,14 @@ import sys
 import time
 from typing import Any
 
+from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs.catalogue import CATALOGUE
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.link_quality import NOT_MEASURED
+from evgp_rcs.messages import race_message
 from evgp_rcs.official import UNNAMED
+from evgp_rcs.race import Command, Kart, Race, StartPhase
+from evgp_rcs.snapshot import snapshot_of
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
@@ -904,46 +909,51 @@ def race_of(
     )
 
 
-LINKS = {1: ('GOOD', 0.05), 2: ('FAIR', 0.24), 3: ('POOR', 0.62), 4: ('GOOD', 0.05)}
-"""How good the link of each kart is, and the longest answer (s); kart 5 has none."""
+LINKS = {
+    number: NOT_MEASURED._replace(grade=grade, worst_answer=worst, round_trip=0.004)
+    for number, grade, worst in (
+        (1, Grade.GOOD, 0.05),
+        (2, Grade.FAIR, 0.24),
+        (3, Grade.POOR, 0.62),
+        (4, Grade.GOOD, 0.05),
+    )
+}
+"""How good the link of each kart is; kart 5 is lost."""
+
+
+def race_with_links() -> msg.Race:
+    """Return a race by the rules, 34 s after GREEN_GREEN, which kart 3 has not acknowledged."""
+    race = Race(Kart(number, team, in_race=True) for number, team in TEAMS.items())
+
+    def command(kind: CommandKind, now: float) -> None:
+        given = Command(kind, statement=True, karts=frozenset(TEAMS), official='Anna')
+        start = race.command(given, now).start
+        if start is not None:
+            race.start_becomes(StartPhase.WRITTEN, start.number, now)
+
+    def say(state: RaceState, now: float, *numbers: int) -> None:
+        for number in numbers:
+            race.heard(number, race.karts[number].serial, state, now)
+
+    for number in TEAMS:
+        race.connected(number, 0.0)
+    command(CommandKind.GRID_ACTIVE, 1.0)
+    say(GRID_ACTIVE, 2.0, *TEAMS)
+    command(CommandKind.GREEN_GREEN, 3.0)
+    say(GREEN_GREEN, 5.0, 1, 2, 4, 5)
+    race.disconnected(5, 'nothing was answered for 1 s', 28.0)
+    for number, link in LINKS.items():
+        race.measured(number, link, 36.0)
+    race.tick(36.0)
+    race.tick(37.0)
+    return race_message(snapshot_of(race, 37.0), time.time_ns(), {})
 
 
 @pytest.mark.long
 def test_screenshots_of_links_that_are_good_fair_poor_and_lost_30_s_after_green(
     speak: Callable[..., Speaker], open_console: OpenConsole, tmp_path: pathlib.Path
 ) -> None:
-    since = int(time.time())
-    late = msg.Alert(kind=msg.Alert.LINK_POOR, kart=3)
-    late.text = (
-        'Kart 3 (Michigan) answers late: 0.6 s, and a stop may too. '
-        'Stop it before its link is lost'
-    )
-    lost = msg.Alert(kind=msg.Alert.LOST_IN_MOTION, kart=5, use_msr=True)
-    lost.text = (
-        'Use the MSR: kart 5 (Kennesaw State) lost its connection while it may have been moving'
-    )
-    race = race_of(TEAMS, alerts=(lost, late))
-    race.banner = ''
-    race.stamp.sec, race.state_since.sec = since + 34, since
-    race.track.reason = 'the race is in GREEN_GREEN'
-    race.state_cause = 'GREEN_GREEN by Anna'
-    barred = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE', 'OPEN_TRACK')
-    race.commands = offers('RED_FLAG', 'RACE_OVER', 'RECORD_MSR')
-    race.commands += offers(*barred, reason='the race is in GREEN_GREEN')
-    for kart in race.karts:
-        kart.commands = offers('KART_RED_RED', 'KART_RED_FLAG', 'KART_FINISH')
-        kart.commands += offers('KART_IN_GARAGE', 'LEAVE_RACE', reason='the race is on')
-        kart.team, kart.sent_since.sec = TEAMS[kart.number], since
-        kart.acknowledged = kart.number != 3
-        if kart.number in LINKS:
-            grade, longest = LINKS[kart.number]
-            kart.link.grade = getattr(msg.LinkQuality, grade)
-            kart.link.round_trip, kart.link.worst_answer = 0.004, longest
-        else:
-            kart.connected = kart.acknowledged = False
-            kart.sent = kart.hold = msg.RaceState(state=msg.RaceState.RED_RED)
-            kart.hold_reason = 'lost its connection in GREEN_GREEN'
-            kart.may_be_moving = True
+    race = race_with_links()
     console = open_console(speak(race=race))
 
     console.wait_for('kart_3', linked='true', text='poor\n620 ms')

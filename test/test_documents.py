@@ -16,6 +16,7 @@ import subprocess
 from evgp_inspection.kart_clauses import BY_NAME, KART
 from evgp_inspection.limits import Limits
 from evgp_inspection.rcs_clauses import RCS_BY_NAME
+from evgp_rcs_msgs.msg import Alert
 import pytest
 from race_oracle import PROPERTIES
 
@@ -122,6 +123,13 @@ def test_every_row_names_tests_or_properties_and_each_property_is_explained() ->
     assert used <= PROPERTIES.keys()
     explained = [row[0] for row in rows_of('docs/testing.md', '### The properties in brackets')]
     assert explained == sorted(used)
+
+
+def test_an_official_finds_what_to_do_for_every_alert() -> None:
+    rows = [row for row in rows_of('docs/rules.md', '## Alerts') if row[0] != 'the window says']
+    found = [name.partition(':')[0] for says, todo, name in rows if says and todo]
+    names = {name for name in dir(Alert) if isinstance(getattr(Alert, name), int)}
+    assert sorted(found) == sorted({name for name in names if name.isupper()} - {'UNKNOWN'})
 
 
 def clause_rows() -> list[list[str]]:

@@ -1463,8 +1463,8 @@ class Race:
         if kart.doubt is Doubt.GRID:
             return (
                 f'{kart} was lost on the grid: wait until it is back and has acknowledged a '
-                'stop; or use the MSR and record it; or, if its team has it off the track, make it '
-                'safe by hand, send it RED_RED and release it alone'
+                'stop; or use the MSR and record it; or, if its team has it off the track, make '
+                'it safe by hand, send it RED_RED and release it alone'
             )
         return ''
 
@@ -1580,8 +1580,8 @@ class Race:
                 yield AlertKind.MOVING_UNASKED, kart, None, f'Stop {kart} with RED_RED: {text}'
             if kart.in_race and kart.link is not None and kart.link.grade is Grade.POOR:
                 text = (
-                    f'{_capital(kart)} answers late: {kart.link.worst_answer:.1f} s, and a stop '
-                    'may too. Stop it before its link is lost'
+                    f'RED FLAG (before GREEN: LEAVE): {kart} answers '
+                    f'{kart.link.worst_answer:.1f} s late, and a stop may too'
                 )
                 yield AlertKind.LINK_POOR, kart, None, text
             if kart.sent in late and not kart.acknowledged:
