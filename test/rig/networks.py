@@ -168,6 +168,7 @@ class Machine(Namespace):
         toward: float | None = None,
         back: float | None = None,
         rate: float = 0.0,
+        evenly: bool = False,
     ) -> float:
         """
         Set what happens to its frames from now on, and return the time (monotonic, s).
@@ -177,12 +178,14 @@ class Machine(Namespace):
         :param toward: the share that is lost toward this machine, if not the same.
         :param back: the share that is lost on the way from it, if not the same.
         :param rate: how fast they go in each direction, bit/s; 0: at once.
+        :param evenly: those that are lost come evenly spaced, not by chance.
         """
         return self._track.order(
             'air',
             name=self.name,
             toward=[loss if toward is None else toward, delay, rate],
             back=[loss if back is None else back, delay, rate],
+            evenly=evenly,
         )
 
     def unplug(self) -> float:

@@ -43,12 +43,22 @@ class Air:
     :ivar loss: the share that is lost, from 0 to 1.
     :ivar delay: how late they come, s.
     :ivar rate: how fast they go, bit/s; 0: at once.
+    :ivar evenly: those that are lost come evenly spaced, not by chance.
     """
 
     loss: float = 0.0
     delay: float = 0.0
     rate: float = 0.0
+    evenly: bool = False
     free_at: float = 0.0
+    owed: float = 0.0
+
+    def loses(self, chance: float) -> bool:
+        """Return whether the next frame is lost, by a number drawn from 0 to 1."""
+        if not self.evenly:
+            return chance < self.loss
+        self.owed = self.owed % 1 + self.loss
+        return self.owed >= 1
 
     def due(self, now: float, size: int) -> float:
         """Return when a frame of so many bytes that comes now has passed."""
@@ -78,7 +88,7 @@ class Relay:
     """Every cable, and the frames that are on their way."""
 
     def __init__(self, seed: int) -> None:
-        self._dice = random.Random(seed)
+        self._chance = random.Random(seed)
         self._cables: dict[str, Cable] = {}
         self._late: list[tuple[float, int, Cable, bytes]] = []
         self._order = itertools.count()
@@ -124,11 +134,11 @@ class Relay:
         cable.socket.close()
         return time.monotonic()
 
-    def order_air(self, name: str, toward: list[float], back: list[float]) -> float:
+    def order_air(self, name: str, toward: list[float], back: list[float], evenly: bool) -> float:
         """Set loss, delay and rate toward a machine and back from it; return the time."""
         cable = self._cables[name]
         for air, (loss, delay, rate) in ((cable.toward, toward), (cable.back, back)):
-            air.loss, air.delay, air.rate = loss, delay, rate
+            air.loss, air.delay, air.rate, air.evenly = loss, delay, rate, evenly
         return time.monotonic()
 
     # ----- frames -------------------------------------------------------------------------
@@ -143,9 +153,9 @@ class Relay:
         for target in list(self._cables.values()):
             if target is source or not (frame[0] & _TO_MANY or frame[:6] == target.hardware):
                 continue
-            if self._dice.random() < source.back.loss:
+            if source.back.loses(self._chance.random()):
                 continue
-            if self._dice.random() < target.toward.loss:
+            if target.toward.loses(self._chance.random()):
                 continue
             now = time.monotonic()
             due = target.toward.due(source.back.due(now, len(frame)), len(frame))

@@ -197,12 +197,17 @@ class RcsNode(StrictNode):
                 if trouble != before:
                     self._teller.graph_trouble(trouble)
             if sign % CALL_EVERY == 0:
-                if max(self._calls - self._heard, inbox.unread()) > MOST_UNHEARD:
+                missing, unread = self._calls - self._heard, inbox.unread()
+                if max(missing, unread) > MOST_UNHEARD:
                     # No further sign of life either, should this not end it.
                     self._fail(
                         'Race control no longer hears officials and sends RED_RED to every kart: '
                         'use the MSR if a kart still moves',
-                        DeafError('what officials send does not come in through DDS'),
+                        DeafError(
+                            'what officials send does not come in through DDS: of the calls to '
+                            f'itself {missing} in a row are missing, and a datagram was found '
+                            f'unread {unread} times in a row'
+                        ),
                     )
                     return
                 rival = look_for_rivals(self)
