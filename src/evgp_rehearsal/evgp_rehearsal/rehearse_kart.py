@@ -52,8 +52,8 @@ BACK = 20.0
 """Time that a kart has to come back after its connection was lost, in seconds."""
 
 SILENCE = 1.5
-"""Time that race control says nothing, in seconds. A kart must stop by itself after 1 s, and connects
-again; after 2 s it would rightly give up that connection too."""
+"""Time that race control says nothing, in seconds. A kart must stop by itself after 1 s, and
+connects again; after 2 s it would rightly give up that connection too."""
 
 TO_GARAGE = 20.0
 """Maximum time until a race whose kart stands is in IN_GARAGE, in seconds."""
