@@ -143,16 +143,13 @@ def test_diagnostics_have_every_kart(
     health.wait_until(
         lambda: (
             values(health.statuses['rcs: kart 1']).items()
-            >= {
-                'team': 'Team 1',
-                'sent': 'RED_RED',
-                'acknowledged': 'true',
-                'link': 'good',
-                'retransmitted': '0',
-            }.items()
+            >= {'team': 'Team 1', 'sent': 'RED_RED', 'acknowledged': 'true'}.items()
+            # How good it is, a busy computer decides; that it was measured, race control.
+            and values(health.statuses['rcs: kart 1'])['link'] in ('good', 'fair', 'poor')
         ),
         lambda: f'kart 1 as it stands; heard {health.statuses}',
     )
+    assert values(health.statuses['rcs: kart 1'])['retransmitted'].isdigit()
 
 
 def analyzers(package: str) -> dict[str, list[str]]:
