@@ -27,7 +27,6 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.link_quality import NOT_MEASURED
 from evgp_rcs.messages import race_message
 from evgp_rcs.official import UNNAMED
-from evgp_rcs.race import Command, Kart, Race, StartPhase
 from evgp_rcs.snapshot import snapshot_of
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
@@ -39,6 +38,7 @@ from evgp_testing.race_control import RaceControl
 from evgp_testing.ros_side import RosSide
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
+from recorded_races import PaperRace
 from rig.console import Console, SLOW
 from rig.screen import Screen, Screens, why_no_screen
 
@@ -923,30 +923,21 @@ LINKS = {
 
 def race_with_links() -> msg.Race:
     """Return a race by the rules, 34 s after GREEN_GREEN, which kart 3 has not acknowledged."""
-    race = Race(Kart(number, team, in_race=True) for number, team in TEAMS.items())
-
-    def command(kind: CommandKind, now: float) -> None:
-        given = Command(kind, statement=True, karts=frozenset(TEAMS), official='Anna')
-        start = race.command(given, now).start
-        if start is not None:
-            race.start_becomes(StartPhase.WRITTEN, start.number, now)
-
-    def say(state: RaceState, now: float, *numbers: int) -> None:
-        for number in numbers:
-            race.heard(number, race.karts[number].serial, state, now)
-
-    for number in TEAMS:
-        race.connected(number, 0.0)
-    command(CommandKind.GRID_ACTIVE, 1.0)
-    say(GRID_ACTIVE, 2.0, *TEAMS)
-    command(CommandKind.GREEN_GREEN, 3.0)
-    say(GREEN_GREEN, 5.0, 1, 2, 4, 5)
-    race.disconnected(5, 'nothing was answered for 1 s', 28.0)
+    paper = PaperRace(TEAMS)
+    paper.connect(*TEAMS)
+    paper.command(CommandKind.GRID_ACTIVE, official='Anna')
+    paper.acknowledge()
+    paper.command(CommandKind.GREEN_GREEN, official='Anna')
+    paper.wait(2.0)
+    for number in (1, 2, 4, 5):
+        paper.say(number)
+    paper.wait(23.0)
+    paper.lose(5)
+    paper.wait(8.0)
     for number, link in LINKS.items():
-        race.measured(number, link, 36.0)
-    race.tick(36.0)
-    race.tick(37.0)
-    return race_message(snapshot_of(race, 37.0), time.time_ns(), {})
+        paper.take(paper.race.measured(number, link, paper.now))
+    paper.wait(1.0)
+    return race_message(snapshot_of(paper.race, paper.now), time.time_ns(), {})
 
 
 @pytest.mark.long

@@ -30,6 +30,7 @@ from evgp_rcs.kart_server import ROS_HALF_SILENCE
 from evgp_rcs.race import RaceTimes
 from evgp_rcs.settings import read_settings as read_race_control_settings
 from evgp_rcs_console.view import BEGINS_WITHIN
+from evgp_rehearsal.rehearse_kart import SILENCE
 import pytest
 import yaml
 
@@ -134,6 +135,12 @@ PORT = race_control.defaults['port']
 WRITTEN = [
     ('docs/teams.md', r'TCP port (\d+)', PORT),
     ('docs/teams.md', r'(\d+) times a second', RATE),
+    ('docs/teams.md', r'race control says nothing for ([\d.]+) s', SILENCE),
+    (
+        'docs/teams.md',
+        r'follows after ([\d.]+) s for the first place',
+        RaceTimes().finish_delays[0],
+    ),
     ('docs/teams.md', r'(?i)nothing\s+comes\s+for ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
     ('docs/rules.md', r'(\d+) times a second', RATE),
     (
