@@ -81,7 +81,8 @@ class Hanging(StrictNode):
         super().__init__('hanging')
         print('runs', flush=True)
         if 'running' in sys.argv:
-            self.create_timer(0.01, hang)
+            # Once the test has read what was printed: who hangs hands nothing on.
+            self.create_timer(0.01, lambda: sys.stdin.readline() and hang())
         if 'fails' in sys.argv:
             on_failure(ArithmeticError('of its own'))
 
@@ -118,6 +119,7 @@ def test_a_process_ends_in_time_and_with_its_exit_code_whatever_hangs_however_of
     program.write_text(PROGRAM)
     process = subprocess.Popen(
         [sys.executable, str(program), *where],
+        stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -125,9 +127,12 @@ def test_a_process_ends_in_time_and_with_its_exit_code_whatever_hangs_however_of
     )
     parts.enter_context(process)
     parts.callback(process.kill)
+    assert process.stdin is not None
     assert process.stdout is not None
     assert process.stderr is not None
     assert process.stdout.readline() == 'runs\n'
+    process.stdin.write('\n')
+    process.stdin.flush()
     began = time.monotonic()
     while process.poll() is None:
         # Less than it hangs. The exit code tells which time limit ended it.
