@@ -96,7 +96,6 @@ def read_race(race: msg.Race) -> Race:
         race,
         state_for=stamp - _seconds(race.state_since),
         state_clock=_clock(race.state_since),
-        at=stamp,
         karts=tuple(_kart(kart, stamp) for kart in race.karts),
         commands=_availability(race.commands, stamp),
         track=_read(Track, race.track, is_open=race.track.open),
@@ -115,8 +114,6 @@ def read_event(event: msg.RaceEvent) -> Event:
         clock=_clock(event.stamp),
         official=event.official,
         is_command=event.kind == msg.RaceEvent.COMMAND,
-        race=_state(event.state) if event.kind == msg.RaceEvent.RACE_STATE else State.UNKNOWN,
-        at=_seconds(event.stamp),
         prompt=event.kind == msg.RaceEvent.DELIVERED and event.after < GRADES[Grade.FAIR],
     )
 

@@ -41,7 +41,7 @@ from evgp_rcs_console.command_line import (
 from evgp_rcs_console.commands import effects, Given, nobody_is_heard, Standing
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.snapshot import Answer, Available, Event, Kart, Race, State
-from evgp_rcs_console.view import danger, is_gone, ReasonTimes, show, silence, table
+from evgp_rcs_console.view import danger, is_gone, show, silence, table
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 
@@ -276,7 +276,6 @@ def _watch(
     if wanted.events:
         return _watch_events(hearing, wanted, until, report)
     began = now()
-    reasons = ReasonTimes()
     if wanted.once:
         hearing.wait_for(lambda: hearing.race is not None, until)
     redraw = sys.stdout.isatty() and not wanted.once
@@ -293,8 +292,7 @@ def _watch(
         if shown:
             lines += [f'*** {shown.title}: {shown.advice} ***', shown.detail]
         if race is not None:
-            since = reasons.update(race.commands, at)
-            lines += table(show(race, at - heard_at, {}, shown, since), race.alerts)
+            lines += table(show(race, at - heard_at, {}, shown), race.alerts)
         text = '\n'.join(lines)
         if wanted.once:
             code = Exit.NOT_THERE if is_gone(silent_for) else Exit.ACCEPTED

@@ -25,7 +25,6 @@ from collections import deque
 from collections.abc import Iterator
 import contextlib
 from dataclasses import dataclass
-import time
 from typing import NamedTuple
 
 from evgp_protocol import clock
@@ -61,8 +60,6 @@ from evgp_rcs_console.view import (
     danger,
     KILL_NOTES,
     NOTHING,
-    RaceTimes,
-    ReasonTimes,
     Row,
     Screen,
     show,
@@ -386,8 +383,8 @@ class BottomLine:
         self._pointed: CommandButton | Painted | None = None
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
-        """Say something that has just happened, in place of what was said before."""
-        self._message = Cell(text, tone)
+        """Say, with the time, what has just happened, in place of what was said before."""
+        self._message = Cell(texts.said_at(text), tone)
         self._outcome = None
         self._changed = None
         self._pointed = None
@@ -395,13 +392,13 @@ class BottomLine:
 
     def say_sent(self, given: Given) -> None:
         """Say that a command was sent."""
-        self.say(texts.GIVEN.format(clock=_clock(), command=texts.full_name(given)))
+        self.say(texts.GIVEN.format(command=texts.full_name(given)))
 
     def say_answer(self, given: Given, answer: Answer) -> None:
         """Say what race control answered, until that is no longer true."""
         mark = texts.DONE if answer.success else texts.REFUSED
         tone = Tone.GOOD if answer.success else Tone.BAD
-        self.say(texts.ANSWERED.format(clock=_clock(), mark=mark, answer=answer.message), tone)
+        self.say(f'{mark}{answer.message}', tone)
         if answer.success:
             self._outcome = Outcome(given, clock.now())
 
@@ -431,7 +428,7 @@ class BottomLine:
         self._label.show_cell(self._cell(clock.now()))
 
     def _say_changed(self, given: Given, what: str) -> None:
-        self.say(texts.CHANGED.format(clock=_clock(), what=what))
+        self.say(texts.CHANGED.format(what=what))
         self._changed = given, what
 
     def _cell(self, now: float) -> Cell:
@@ -465,11 +462,6 @@ def _explanation(pointed: CommandButton | Painted | None) -> str:
     return pointed.button.explanation if pointed is not None and pointed.button else ''
 
 
-def _clock() -> str:
-    """Return the wall time, as an official reads it."""
-    return time.strftime('%H:%M:%S')
-
-
 AGES = 1.0
 """Time after which the ages on the screen are brought up to date, in seconds."""
 
@@ -497,8 +489,6 @@ class Display(QtCore.QObject):
         self._heard_at = 0.0
         self._shown_at = 0.0
         self._danger_title = ''
-        self._reasons = ReasonTimes()
-        self._times = RaceTimes()
 
     # ----- what is heard ------------------------------------------------------------------
 
@@ -514,7 +504,6 @@ class Display(QtCore.QObject):
 
     def take_event(self, event: Event) -> None:
         """Show an event; that an order arrived in time would only hide others."""
-        self._times.take(event)
         if not event.prompt:
             self.areas.events.add(event)
 
@@ -555,10 +544,7 @@ class Display(QtCore.QObject):
             self._danger_title = title
             self.alarm.sound_soon()
         race = self._race or NOTHING
-        reasons = self._reasons.update(race.commands, now)
-        ages = self.unanswered.ages(now)
-        entered = self._times.entered
-        screen = show(race, now - self._heard_at, ages, danger_now, reasons, entered)
+        screen = show(race, now - self._heard_at, self.unanswered.ages(now), danger_now)
         self._see(screen, now)
         areas, stale = self.areas, danger_now is not None and danger_now.stale
         areas.show_banner(screen.banner)

@@ -192,7 +192,8 @@ class LateInput:
         self._chosen.clear()
         self._dropped = [*self._dropped[-4:], name]
         names = ', '.join(self._dropped)
-        self._bottom.say(texts.TOO_OLD.format(name=names, age=clock.duration(age, 0)), Tone.BAD)
+        pressed = texts.time_of_day(time.time() - age)
+        self._bottom.say(texts.TOO_OLD.format(name=names, clock=pressed), Tone.BAD)
         return True
 
     def in_time(self) -> None:

@@ -76,21 +76,19 @@ class StatePanel(Painted):
 
 
 class TrackPanel(Painted):
-    """Whether humans may be on the track, and whether it is open."""
+    """Whether humans may be on the track, and the command that opens or closes it."""
 
     def __init__(self, pressed: Pressed) -> None:
         """Wait to be told."""
         super().__init__('track_panel')
         self._humans = self.put(Text('humans', LARGE, True), 20, 7, -176, 35)
         self._reason = self.put(Text('humans_reason', TEXT, wrap=True), 20, 35, -176, -7)
-        self._track = self.put(Text('track', TEXT, True, CENTER, fills=True), -168, 7, -12, 31)
-        self.button = self.put(CommandButton(pressed), -168, 37, -12, -7)
+        self.button = self.put(StepButton(pressed), -168, 7, -12, -7)
 
     def show_screen(self, screen: Screen, stale: bool) -> None:
         """Show the track as it is now."""
         self._humans.show_cell(screen.humans, stale)
         self._reason.show_text(screen.humans_reason[:1].upper() + screen.humans_reason[1:])
-        self._track.show_cell(screen.track, stale)
         if screen.track_button is not None:
             self.button.show_button(screen.track_button)
         self.show_it(screen.humans.tone, stale)

@@ -161,7 +161,6 @@ class Race:
     :param state_cause: what brought the state about, and who; empty if that is not known.
     :param state_clock: when, by race control's wall clock, as hours:minutes:seconds.
     :param banner: what every screen says at its top; empty: nothing.
-    :param at: when it was taken, by race control's wall clock, in seconds.
     """
 
     state: State
@@ -175,7 +174,6 @@ class Race:
     banner: str = ''
     state_cause: str = ''
     state_clock: str = ''
-    at: float = 0.0
 
     def kart(self, number: int) -> Kart | None:
         """Return the kart with this number, if the roster has it."""
@@ -190,8 +188,6 @@ class Event:
     :param clock: race control's wall time, as hours:minutes:seconds.
     :param official: who caused it, by their own word; empty if it is no command.
     :param is_command: it is an official's command and its answer.
-    :param race: the state that the race went to; UNKNOWN if it is about something else.
-    :param at: when, by race control's wall clock, in seconds.
     :param prompt: it is that an order has reached a kart's computer, as quickly as it should.
     """
 
@@ -202,8 +198,6 @@ class Event:
     text: str
     official: str = ''
     is_command: bool = False
-    race: State = State.UNKNOWN
-    at: float = 0.0
     prompt: bool = False
 
     @property

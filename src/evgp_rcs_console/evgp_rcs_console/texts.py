@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import math
 import re
+import time
 
 from evgp_protocol.link import Grade
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
@@ -69,9 +70,9 @@ ANSWERS = {
 """What the screen says of a kart that has acknowledged what it is sent."""
 
 STEPS = {
-    CommandKind.GRID_ACTIVE: ('{karts}', 'when the race is in the garage'),
+    CommandKind.GRID_ACTIVE: ('{karts}', 'after IN GARAGE'),
     CommandKind.GREEN_GREEN: ('{karts}', 'after GRID ACTIVE'),
-    CommandKind.RED_FLAG: ('stops the race', ''),
+    CommandKind.RED_FLAG: ('stops the race, which cannot be resumed', ''),
     CommandKind.RACE_OVER: ('stops and ends the race', 'during a race'),
     CommandKind.IN_GARAGE: ('{karts}', 'after RACE OVER or ALL KILL'),
     CommandKind.RECORD_MSR: ('also stops every kart', ''),
@@ -80,7 +81,7 @@ STEPS = {
 allow it, when it is possible."""
 
 STEP_SINCE = 'since {clock}'
-STEP_WAS = '✓ {clock}'
+NOT_RESUMED = 'a stopped race is not resumed: new GRID ACTIVE first'
 BARRED_STEP = 'not now'
 AGAIN = 'again in {seconds} s'
 WAITS_FOR = 'waiting for '
@@ -94,6 +95,7 @@ RACE_CLOCK = 'GREEN for {age}'
 MUST_HAVE_BEGUN = '{limit}: every kart must have begun, else RED FLAG'
 COMMANDED_BY = 'officials: {names}'
 OVER = 'race over'
+IS_OVER = 'the race is over'
 ALL_LOST = '✗ ALL KARTS LOST'
 NONE_CONNECTED = '? NO KART CONNECTED'
 OTHERWISE = {
@@ -106,15 +108,18 @@ OTHERWISE = {
 }
 """What the screen says instead of the state of the race, if no kart of the race is sent it."""
 
-HUMANS_ALLOWED = '✓ HUMANS ALLOWED'
+HUMANS_ALLOWED = '✓ HUMANS ALLOWED ON THE TRACK'
+HUMANS_MAY_ENTER = '… Humans may enter once you open the track'
 HUMANS_BY_MSR = '✓ HUMANS ALLOWED BY THE MSR'
 HUMANS_BY_MSR_REASON = '{reason}. Only the MSR stops {karts}: leave it on'
 HUMANS_NOT_ALLOWED = '✗ NO HUMANS ON TRACK'
+HUMANS_NOT_SAFE = '✗ NOT SAFE: CLEAR THE TRACK'
+HUMANS_NOT_SAFE_REASON = 'humans could be on it: {reason}'
 HUMANS_NOT_KNOWN = '? NO HUMANS: NOT KNOWN'
 HUMANS_UNKNOWN = '? NO KART CONNECTED'
+HUMANS_UNKNOWN_OPEN = '? TRACK OPEN, NO KART CONNECTED'
 HUMANS_UNKNOWN_REASON = 'race control cannot tell what the karts do: check each one'
-TRACK_OPEN = '⚠ TRACK IS OPEN'
-TRACK_CLOSED = 'Track is closed'
+TO_HUMANS = 'to humans'
 
 ALERTS_UNKNOWN = '? not known'
 NO_ALERT = '✓ No alerts'
@@ -184,9 +189,9 @@ KEYS_OFF_DETAIL = 'ALL KILL works only with the mouse. Click this window.'
 BROUGHT_FORWARD = '{name} was not sent: the click only brought this window forward. Click again.'
 BATTERY = 'BATTERY {percent} %: plug it in'
 
-GIVEN = '{clock}  {command} sent'
-ANSWERED = '{clock}  {mark}{answer}'
-CHANGED = 'Changed at {clock}: {what}'
+SAID = '{clock}  {text}'
+GIVEN = '{command} sent'
+CHANGED = 'Changed: {what}'
 BEGIN = 'Ready.  F1 shows the keys.'
 PENDING = '{command}: no answer yet ({age})'
 PENDING_REASON = 'no answer yet ({age})'
@@ -196,12 +201,11 @@ NOT_ALLOWED = (
     'ROS does not allow this program to command race control. With SROS2, use the enclave '
     '/officials; the enclave /watchers allows only rcs_ctl watch. ({error})'
 )
-TOO_OLD = '{name}: pressed {age} ago, while the window hung. Nothing was sent: press it again.'
+TOO_OLD = '{name}: pressed at {clock}, while the window hung. Nothing was sent: press it again.'
 TOO_EARLY = '{name}: pressed before the question appeared. Read it, then answer.'
 ANSWER_FIRST = 'Answer the question first: Y or N'
 CLICK = 'Mouse button'
 BARRED = '{command}: {reason}'
-WITH_AGE = '{reason} (for {age})'
 AGAIN_IN = '{reason} (again in {seconds} s)'
 
 ASK_TITLE = '{command}?'
@@ -517,6 +521,16 @@ def _count(karts: Sequence[int]) -> str:
 def by_name(cause: str) -> str:
     """Return the cause of a state with the official's name only, without the machine."""
     return re.sub(r' \([^()]*\)$', '', cause)
+
+
+def time_of_day(at: float) -> str:
+    """Return a wall time (s), as an official reads it."""
+    return time.strftime('%H:%M:%S', time.localtime(at))
+
+
+def said_at(text: str) -> str:
+    """Return a text with the time of day; an empty one stays empty."""
+    return SAID.format(clock=time_of_day(time.time()), text=text) if text else ''
 
 
 def clock(seconds: float) -> str:

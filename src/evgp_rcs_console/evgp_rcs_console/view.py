@@ -36,9 +36,7 @@ from evgp_rcs_console.commands import asks, effects, Given, is_so, nobody_is_hea
 from evgp_rcs_console.notices import Notice
 from evgp_rcs_console.snapshot import (
     Alert,
-    Availability,
     Available,
-    Event,
     Heat,
     Kart,
     Link,
@@ -142,7 +140,7 @@ class Button:
     A command as a button.
 
     :param enabled: pressing it sends the command, or asks for its confirmation.
-    :param reason: why it is not enabled, and for how long; empty if it is enabled.
+    :param reason: why it is not enabled; empty if it is enabled.
     :param condition: what the official confirms; empty if the command needs no confirmation.
     :param consequence: what it would do to each kart of the roster.
     :param statement: what race control asks the official to state; empty if nothing.
@@ -153,7 +151,7 @@ class Button:
     :param heat: the name of the heat that it puts into the race.
     :param key: the key that presses it; empty if none does.
     :param phrase: for a command to the race: since when its result holds, what it would do, or
-        what it waits for, in a few words.
+        what it waits for; for one to the track: to whom. In a few words.
     :param current: for a command to the race: whether the race is in the state that it leads to.
     """
 
@@ -304,7 +302,7 @@ class Screen:
     :param state: the state of the race, in the largest type; if no kart is sent that state, what
         is true of the karts.
     :param since: for how long the race has been in that state, and who put it there.
-    :param clock: the time since GREEN GREEN while a race is on; empty if none is.
+    :param clock: the time since GREEN GREEN while the race is in it; empty if it is not.
     :param heat: the heat that is in the race, and the number of its karts.
     :param tally: how many karts of the race are driving, stopped and so on; empty if there are
         none.
@@ -328,7 +326,6 @@ class Screen:
     places: str
     humans: Cell
     humans_reason: str
-    track: Cell
     race: tuple[Button, ...]
     all_karts: tuple[Button, ...]
     track_button: Button | None
@@ -436,68 +433,18 @@ def danger(race: Race, two: bool) -> Danger | None:
 STEP_STATES = {kind: State[CATALOGUE[kind].result.race[0].name] for kind in RACE_COMMANDS}
 """The state of the race that each command to the race leads to."""
 
-PAST = (State.GRID_ACTIVE, State.GREEN_GREEN)
-"""The states for which a command's phrase still says, later in a race, when it was in them."""
 
-WORTH_A_FIGURE = 2.0
-"""Time after which the screen says for how long a command has not been possible, in seconds."""
-
-
-class ReasonTimes:
-    """For how long each command has not been possible for its present reason."""
-
-    def __init__(self) -> None:
-        """Begin without any reason."""
-        self._first: dict[CommandKind, tuple[str, float]] = {}
-
-    def update(self, offered: Availability, now: float) -> dict[CommandKind, float]:
-        """Take what race control says of commands at a time (s); return the times, in seconds."""
-        first = {command: (each.reason, now) for command, each in offered.items()}
-        for command, (reason, since) in self._first.items():
-            if command in first and first[command][0] == reason:
-                first[command] = reason, since
-        self._first = first
-        return {command: now - since for command, (_, since) in first.items()}
-
-
-class RaceTimes:
-    """When the race went to each of its states, since it was last brought to the garage."""
-
-    def __init__(self) -> None:
-        """Begin without any state."""
-        self.entered: dict[State, tuple[float, str]] = {}
-        self._last = 0
-
-    def take(self, event: Event) -> None:
-        """Take an event; only events about the race's state matter."""
-        if event.sequence <= self._last or event.race is State.IN_GARAGE:
-            self.entered.clear()  # another race control numbers again from 1
-        self._last = event.sequence
-        if event.race is not State.UNKNOWN:
-            self.entered[event.race] = event.at, event.clock
-
-
-def show(
-    race: Race,
-    age: float,
-    pending: Pending,
-    danger: Danger | None = None,
-    reasons: Mapping[CommandKind, float] | None = None,
-    entered: Mapping[State, tuple[float, str]] | None = None,
-) -> Screen:
+def show(race: Race, age: float, pending: Pending, danger: Danger | None = None) -> Screen:
     """
     Return what a screen shows of a snapshot.
 
     :param age: time since the snapshot came, in seconds.
     :param pending: the commands that wait for an answer.
     :param danger: what to say if race control is gone or must not be relied on.
-    :param reasons: the time for which each command to the race has not been possible for its
-        present reason, in seconds.
-    :param entered: when the race went to each of its states: by race control's wall clock, in
-        seconds, and as hours:minutes:seconds.
     """
     barred = danger.barred if danger else ''
-    buttons = _Buttons(race, pending, age, barred, reasons or {}, entered or {})
+    buttons = _Buttons(race, pending, age, barred)
+    track_button = buttons.race(_offered(CommandKind.OPEN_TRACK, race, None))
     humans, reason = _humans(race)
     if danger is not None:
         humans, reason = Cell(texts.HUMANS_NOT_KNOWN, Tone.BAD), danger.title
@@ -505,7 +452,7 @@ def show(
         banner=race.banner,
         state=_headline(race),
         since=_since(race, age),
-        clock=_race_clock(race, age, entered or {}),
+        clock=texts.clock(race.state_for + age) if race.state is State.GREEN_GREEN else '',
         heat=texts.heat_in_race(race),
         tally=texts.tally(race.karts),
         missing=texts.missing(race.karts),
@@ -515,10 +462,9 @@ def show(
         places=_places(race),
         humans=humans,
         humans_reason=reason,
-        track=_track(race),
         race=tuple(buttons.race(command) for command in RACE_COMMANDS),
         all_karts=(buttons.race(CommandKind.RECORD_MSR),),
-        track_button=buttons.race(_offered(CommandKind.OPEN_TRACK, race, None)),
+        track_button=replace(track_button, phrase=texts.TO_HUMANS),
         rows=tuple(_row(kart, place, age, buttons) for place, kart in enumerate(race.karts)),
     )
 
@@ -557,16 +503,6 @@ def _since(race: Race, age: float) -> str:
     return f'{since}, {texts.OVER}' if race.over else since
 
 
-def _race_clock(race: Race, age: float, entered: Mapping[State, tuple[float, str]]) -> str:
-    """Return the time since GREEN GREEN; empty while no race is on, or if it is not known."""
-    if race.state not in (State.GREEN_GREEN, State.RED_FLAG):
-        return ''
-    if race.state is State.GREEN_GREEN:
-        return texts.clock(race.state_for + age)
-    began = entered.get(State.GREEN_GREEN)
-    return texts.clock(race.at - began[0] + age) if began else ''
-
-
 def _reminder(race: Race, age: float) -> str:
     """
     Return that each kart must have begun to drive (§3.A); empty if none must, or all did.
@@ -586,32 +522,33 @@ def _humans(race: Race) -> tuple[Cell, str]:
     """
     Return whether humans are allowed on the track, and why or why not.
 
-    They are not allowed while anything else on the screen speaks against it.
+    They are not allowed while anything else on the screen speaks against it, and never before an
+    official has opened the track. Race control begins with an open track if it does not know
+    better, so that an open track does not say that anybody opened it.
     """
+    is_open = race.track.is_open
     against, under_way = texts.against_humans(race), texts.under_way(race)
     if against or under_way or not race.track.allowed:
         told = any(alert.use_msr for alert in race.alerts)
         doubtful = any(kart.in_doubt and not kart.is_stopping for kart in race.karts)
-        wrong = told or doubtful or race.track.is_open
         reason = '' if race.track.allowed else race.track.reason
         if under_way or not reason:
             reason = against or reason or under_way
-        return Cell(texts.HUMANS_NOT_ALLOWED, Tone.BAD if wrong else Tone.WAIT), reason
+        if is_open:
+            reason = texts.HUMANS_NOT_SAFE_REASON.format(reason=reason)
+            return Cell(texts.HUMANS_NOT_SAFE, Tone.BAD), reason
+        return Cell(texts.HUMANS_NOT_ALLOWED, Tone.BAD if told or doubtful else Tone.WAIT), reason
     if nobody_is_heard(race):
-        return Cell(texts.HUMANS_UNKNOWN), texts.HUMANS_UNKNOWN_REASON
+        unknown = Cell(texts.HUMANS_UNKNOWN)
+        unknown = Cell(texts.HUMANS_UNKNOWN_OPEN, Tone.WAIT) if is_open else unknown
+        return unknown, texts.HUMANS_UNKNOWN_REASON
     karts = texts.in_doubt(race)
     if karts:
         reason = texts.HUMANS_BY_MSR_REASON.format(reason=race.track.reason, karts=karts)
-        return Cell(texts.HUMANS_BY_MSR, Tone.WAIT), reason
-    return Cell(texts.HUMANS_ALLOWED, Tone.GOOD), race.track.reason
-
-
-def _track(race: Race) -> Cell:
-    """Return whether the track is open; in red if nobody may be there."""
-    if not race.track.is_open:
-        return Cell(texts.TRACK_CLOSED)
-    unsafe = _humans(race)[0].text == texts.HUMANS_NOT_ALLOWED
-    return Cell(texts.TRACK_OPEN, Tone.BAD if unsafe else Tone.WAIT)
+        by_msr = texts.HUMANS_BY_MSR if is_open else texts.HUMANS_MAY_ENTER
+        return Cell(by_msr, Tone.WAIT), reason
+    allowed = Cell(texts.HUMANS_ALLOWED, Tone.GOOD) if is_open else Cell(texts.HUMANS_MAY_ENTER)
+    return allowed, race.track.reason
 
 
 def _places(race: Race) -> str:
@@ -725,8 +662,6 @@ class _Buttons:
     pending: Pending
     age: float
     barred: str
-    reasons: Mapping[CommandKind, float]
-    entered: Mapping[State, tuple[float, str]]
 
     def race(self, command: CommandKind) -> Button:
         offered = self.snapshot.commands.get(command, Available(False))
@@ -747,6 +682,8 @@ class _Buttons:
             return texts.BARRED_STEP, False
         if (command, 0) in self.pending and not button.enabled:
             return button.reason, current
+        if current and command is CommandKind.RACE_OVER:
+            return texts.IS_OVER, True  # not since the race is in its state: it was before
         if current:
             return texts.STEP_SINCE.format(clock=race.state_clock or button.reason), True
         if button.enabled:
@@ -756,8 +693,8 @@ class _Buttons:
         missing = texts.missing(race.karts, counted=True)
         if offered.reason.startswith(texts.WAITS_FOR) and missing:
             return missing, False
-        if state in PAST and state in self.entered and race.state is not State.IN_GARAGE:
-            return texts.STEP_WAS.format(clock=self.entered[state][1]), False
+        if command is CommandKind.GREEN_GREEN and race.state in RED:
+            return texts.NOT_RESUMED, False
         wrong_state = follows and offered.reason.startswith(texts.WRONG_STATE)
         return follows if wrong_state else button.reason, False
 
@@ -783,11 +720,8 @@ class _Buttons:
         entry = CATALOGUE[command]
         waits = self.pending.get((command, kart.number if kart else 0))
         reason = offered.reason
-        since = self.reasons.get(command, 0.0) if kart is None else 0.0
         if reason and offered.again_in:
             reason = texts.again_in(reason, offered.again_in - self.age)
-        elif reason and since >= WORTH_A_FIGURE:
-            reason = texts.WITH_AGE.format(reason=reason, age=duration(since, 0))
         # A stop can always be pressed, even while one waits or nobody answers: it does no harm.
         if not entry.stop and self.barred:
             reason = self.barred
@@ -825,7 +759,7 @@ def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
         f'Race: {screen.state.text}  ({screen.since})',
         *([f'Karts: {screen.tally}'] if screen.tally else []),
         *([f'{screen.reminder}  {screen.missing}'.rstrip()] if screen.reminder else []),
-        f'{screen.humans.text}: {screen.humans_reason}.  {screen.track.text}.',
+        f'{screen.humans.text}: {screen.humans_reason}.',
         *(str(Notice(0, alert)) for alert in alerts),
         *([f'{texts.RESULTS}: {screen.places}'] if screen.places else []),
         '',

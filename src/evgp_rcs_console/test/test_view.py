@@ -25,7 +25,6 @@ from evgp_rcs_console.commands import request
 from evgp_rcs_console.snapshot import (
     Alert,
     Available,
-    Event,
     Heat,
     Kart,
     Link,
@@ -44,8 +43,6 @@ from evgp_rcs_console.view import (
     KART_COMMANDS,
     NOTHING,
     RACE_COMMANDS,
-    RaceTimes,
-    ReasonTimes,
     REMINDS_FOR,
     Screen,
     show,
@@ -73,47 +70,28 @@ def test_a_command_is_enabled_if_race_control_says_so() -> None:
     assert all(button.enabled for button in [*screen.race, *screen.rows[0].buttons])
 
 
-def test_a_command_that_race_control_does_not_offer_shows_its_reason_and_for_how_long() -> None:
+def test_a_command_that_race_control_does_not_offer_shows_its_reason() -> None:
     why = 'waiting for kart 7 (Purdue): no GRID_ACTIVE yet'
     commands = {**EVERYTHING, CommandKind.GREEN_GREEN: Available(False, why)}
 
-    times = ReasonTimes()
-    said = []
-    for now in (100.0, 101.9, 134.0):
-        since = times.update(commands, now)
-        screen = show(replace(RACE, commands=commands), 1.0, {}, None, since)
-        button = screen.button(CommandKind.GREEN_GREEN)
-        assert button is not None
-        assert not button.enabled
-        said.append(button.explanation)
+    button = show(replace(RACE, commands=commands), 1.0, {}).button(CommandKind.GREEN_GREEN)
 
-    assert said == [f'GREEN GREEN: {why}'] * 2 + [f'GREEN GREEN: {why} (for 34 s)']
+    assert button is not None
+    assert (button.enabled, button.explanation) == (False, f'GREEN GREEN: {why}')
 
 
 def test_a_command_that_a_pause_refuses_shows_in_how_many_seconds_it_is_possible_again() -> None:
     why = 'a stop was sent just now'
     commands = {**EVERYTHING, CommandKind.IN_GARAGE: Available(False, why, again_in=4.6)}
-    since = {CommandKind.IN_GARAGE: 100.0}
 
     said = []
     for age in (0.0, 1.0, 4.5, 4.7):
-        button = show(replace(RACE, commands=commands), age, {}, None, since).button(
-            CommandKind.IN_GARAGE
-        )
+        button = show(replace(RACE, commands=commands), age, {}).button(CommandKind.IN_GARAGE)
         assert button is not None
         assert not button.enabled  # until race control says so
         said.append(button.reason)
 
     assert said == [f'{why} (again in {seconds} s)' for seconds in (5, 4, 1, 1)]
-
-
-def test_another_reason_is_timed_from_its_own_beginning() -> None:
-    times = ReasonTimes()
-    times.update({CommandKind.GREEN_GREEN: Available(False, 'one')}, 100.0)
-
-    other = times.update({CommandKind.GREEN_GREEN: Available(False, 'other')}, 134.0)
-
-    assert other == {CommandKind.GREEN_GREEN: 0.0}
 
 
 def test_a_command_that_race_control_does_not_know_is_not_enabled() -> None:
@@ -258,25 +236,31 @@ def test_what_speaks_against_a_command_is_said_and_makes_it_another_question() -
 
 
 @pytest.mark.parametrize(
-    ('connected', 'allowed', 'msr', 'text', 'tone'),
+    ('is_open', 'connected', 'allowed', 'msr', 'text', 'tone'),
     [
-        (True, True, False, texts.HUMANS_ALLOWED, Tone.GOOD),
-        (True, False, False, texts.HUMANS_NOT_ALLOWED, Tone.WAIT),
-        (False, False, False, texts.HUMANS_NOT_ALLOWED, Tone.WAIT),
-        (False, True, False, texts.HUMANS_UNKNOWN, Tone.PLAIN),
-        (False, True, True, texts.HUMANS_ALLOWED, Tone.GOOD),
+        (True, True, True, False, texts.HUMANS_ALLOWED, Tone.GOOD),
+        (True, True, False, False, texts.HUMANS_NOT_SAFE, Tone.BAD),
+        (True, False, False, False, texts.HUMANS_NOT_SAFE, Tone.BAD),
+        (True, False, True, False, texts.HUMANS_UNKNOWN_OPEN, Tone.WAIT),
+        (True, False, True, True, texts.HUMANS_ALLOWED, Tone.GOOD),
+        (False, True, True, False, texts.HUMANS_MAY_ENTER, Tone.PLAIN),
+        (False, True, False, False, texts.HUMANS_NOT_ALLOWED, Tone.WAIT),
+        (False, False, False, False, texts.HUMANS_NOT_ALLOWED, Tone.WAIT),
+        (False, False, True, False, texts.HUMANS_UNKNOWN, Tone.PLAIN),
+        (False, False, True, True, texts.HUMANS_MAY_ENTER, Tone.PLAIN),
     ],
 )
-def test_that_humans_are_allowed_is_no_good_news_while_no_kart_is_connected(
-    connected: bool, allowed: bool, msr: bool, text: str, tone: Tone
+def test_humans_are_allowed_only_on_an_open_track_and_not_because_no_kart_is_connected(
+    is_open: bool, connected: bool, allowed: bool, msr: bool, text: str, tone: Tone
 ) -> None:
-    track = Track(is_open=False, allowed=allowed, reason='so it is', msr_used=msr)
+    track = Track(is_open=is_open, allowed=allowed, reason='so it is', msr_used=msr)
 
     karts = (replace(KART, connected=connected, sent=State.RED_RED),)
     screen = show(replace(RACE, state=State.RED_RED, karts=karts, track=track), 0.0, {})
 
     assert (screen.humans.text, screen.humans.tone) == (text, tone)
-    assert (screen.humans_reason == 'so it is') is (text != texts.HUMANS_UNKNOWN)
+    unknown = text in (texts.HUMANS_UNKNOWN, texts.HUMANS_UNKNOWN_OPEN)
+    assert ('so it is' in screen.humans_reason) is not unknown
 
 
 # ----- heats and places ---------------------------------------------------------------------
@@ -638,13 +622,12 @@ def test_the_letter_of_finish_never_takes_a_finish_back() -> None:
 # ----- the way of a race ------------------------------------------------------------------
 
 
-def phrases(race: Race, times: RaceTimes | None = None) -> dict[CommandKind, str]:
+def phrases(race: Race) -> dict[CommandKind, str]:
     """Return the phrase of each command to the race."""
-    screen = show(race, 0.0, {}, None, None, times.entered if times else None)
-    return {button.command: button.phrase for button in screen.race}
+    return {button.command: button.phrase for button in show(race, 0.0, {}).race}
 
 
-def test_each_command_to_the_race_says_what_was_what_is_and_what_it_waits_for() -> None:
+def test_each_command_to_the_race_says_what_is_and_what_it_waits_for() -> None:
     refused = Available(False, 'the race is in GRID ACTIVE; bring it to IN GARAGE first')
     waiting = Available(False, 'waiting for kart 8 (Purdue): no GRID ACTIVE yet')
     pause = Available(False, 'a stop was sent just now', again_in=2.1)
@@ -663,19 +646,35 @@ def test_each_command_to_the_race_says_what_was_what_is_and_what_it_waits_for() 
     assert said[CommandKind.GRID_ACTIVE] == 'since 14:31:04'
     assert said[CommandKind.GREEN_GREEN] == '1 of 2 ready: waiting for 8'
     assert said[CommandKind.IN_GARAGE] == 'again in 3 s'
-    times = RaceTimes()
-    times.take(Event(1, '14:31:04', 0, True, '', race=State.GRID_ACTIVE, at=4.0))
-    times.take(Event(2, '14:31:24', 0, True, '', race=State.GREEN_GREEN, at=24.0))
-    flagged = replace(race, state=State.RED_FLAG, at=30.0)
-    assert phrases(flagged, times)[CommandKind.GRID_ACTIVE] == '✓ 14:31:04'
-    assert show(flagged, 1.0, {}, entered=times.entered).clock == '0:07'
-    times.take(Event(3, '14:40:00', 0, True, '', race=State.IN_GARAGE, at=600.0))
-    assert State.GREEN_GREEN not in times.entered  # that was another race
     later = {
         **commands,
-        CommandKind.GREEN_GREEN: replace(refused, reason='the race is in RED RED'),
+        CommandKind.GREEN_GREEN: replace(refused, reason='the race is in IN GARAGE'),
     }
     assert phrases(replace(race, commands=later))[CommandKind.GREEN_GREEN] == 'after GRID ACTIVE'
+
+
+@pytest.mark.parametrize('state', [State.RED_FLAG, State.RED_RED])
+def test_a_race_that_was_stopped_has_no_clock_and_says_that_it_is_not_resumed(
+    state: State,
+) -> None:
+    refused = Available(False, 'the race is in RED FLAG; bring it to IN GARAGE first')
+    commands = {
+        **EVERYTHING,
+        **dict.fromkeys((CommandKind.GRID_ACTIVE, CommandKind.GREEN_GREEN), refused),
+    }
+    green = replace(RACE, state=State.GREEN_GREEN, state_for=48.0)
+
+    stopped = replace(green, state=state, commands=commands)
+
+    assert (show(green, 0.0, {}).clock, show(stopped, 0.0, {}).clock) == ('0:48', '')
+    assert phrases(stopped)[CommandKind.GREEN_GREEN] == texts.NOT_RESUMED
+    assert phrases(stopped)[CommandKind.GRID_ACTIVE] == 'after IN GARAGE'
+
+
+def test_race_over_is_not_said_to_be_as_old_as_the_state_in_which_it_was_declared() -> None:
+    over = replace(RACE, state=State.RED_RED, over=True, state_clock='10:53:48')
+
+    assert phrases(over)[CommandKind.RACE_OVER] == 'the race is over'
 
 
 def test_the_strip_tells_who_is_missing_and_the_row_that_the_msr_is_needed() -> None:

@@ -564,7 +564,7 @@ def test_no_control_moves_whatever_is_shown(
         now = places(console)
         moved = {name for name, place in now.items() if first.get(name, place) != place}
         assert not {name for name in moved if not name.startswith(MOVES)}, during
-        missing = set(first) - set(now) - {'open_track', 'state', 'humans', 'track'}
+        missing = set(first) - set(now) - {'open_track', 'state', 'humans'}
         assert not {
             name
             for name in missing
@@ -717,9 +717,7 @@ def test_what_the_msr_alone_stops_is_told_and_humans_are_allowed_by_the_msr(open
     console.tell(replace(race, alerts=(replace(lost, use_msr=True),)))
 
     assert 'USE THE MSR' in console.find('banner').whole
-    assert (
-        console.find('humans').property('tone') == console.find('track').property('tone') == 'bad'
-    )
+    assert console.find('humans').property('tone') == 'bad'
 
 
 def test_the_banner_of_race_control_is_at_the_top(opened: Any) -> None:
@@ -937,5 +935,5 @@ def test_a_command_that_is_not_possible_says_why_when_pointed_at_focused_and_pre
         console.window._display.bottom.say('')
         act()
         console.settle()
-        assert status.whole.startswith(why)
+        assert why in status.whole
     assert not console.sent
