@@ -268,7 +268,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         Result(track_open=True),
         fixed={'open': True},
         note='Opens the track to humans. Sends nothing to the karts. Teams end their programs '
-        'before they unplug (§3.A).',
+        'before they unplug.',
         loosens=True,
     ),
     CommandKind.CLOSE_TRACK: Entry(

@@ -170,7 +170,7 @@ class KartServerClient:
             self._waiting.pop(number, None)
             return None
         if answer is None:
-            raise KartServerError('the kart server is gone: use the MSR')
+            raise KartServerError('race control has lost its karts: use the MSR')
         return answer
 
     def alive(self, rival: bool) -> None:
@@ -221,7 +221,7 @@ class KartServerClient:
             # Half a message may be out: the kart server is given up, and ends by that.
             with contextlib.suppress(OSError):  # it is closed already
                 self._end.shutdown(socket.SHUT_RDWR)
-            raise KartServerError('the kart server does not take it: use the MSR') from error
+            raise KartServerError('race control hangs: use the MSR') from error
 
     # ----- the hearing thread -------------------------------------------------------------
 

@@ -179,7 +179,7 @@ class RcsNode(StrictNode):
 
     def _kart_server_ended(self, why: str) -> None:
         self._fail(
-            f'Use the MSR: the kart server has ended, and no kart is connected ({why})',
+            f'Use the MSR: race control has ended, and no kart is connected ({why})',
             KartServerError(f'the kart server has ended: {why}'),
         )
 

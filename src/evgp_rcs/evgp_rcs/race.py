@@ -1209,7 +1209,8 @@ class Race:
             return 'the track is open to humans; close it first'
         held = _held(racing)
         if held:
-            return f'release the held karts first: {held}'
+            numbers = _numbers(each.number for each in racing if each.hold is not None)
+            return f'first send KART_IN_GARAGE to {numbers}: {held}'
         moving = [each for each in racing if each.may_be_moving]
         if moving:
             return f'send RED_RED first to what may be moving: {_listed(moving)}'
@@ -1627,7 +1628,8 @@ class Race:
                 self._events.append(Event(raised, alert.text, alert.kart, alert=alert.kind))
         for key, alert in self._alerts.items():
             if key not in current:
-                text = f'No longer: {alert.text}'
+                of = f', {self.karts[alert.kart]}' if alert.kart else ''
+                text = f'Alert ended: {alert.kind.value.replace("_", " ")}{of}'
                 cleared = EventKind.ALERT_CLEARED
                 self._events.append(Event(cleared, text, alert.kart, alert=alert.kind))
         self._alerts = current

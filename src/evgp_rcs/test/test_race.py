@@ -274,7 +274,7 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
         (
             does(('KART_RED_FLAG', 2)),
             0,
-            'release the held karts first: kart 2 (Volta): RED_FLAG by an official',
+            'first send KART_IN_GARAGE to kart 2: kart 2 (Volta): RED_FLAG by an official',
         ),
         (drives_unasked, 0, 'send RED_RED first to what may be moving: kart 3 (Tesla)'),
         (does(('OPEN_TRACK', None)), 0, 'the track is open to humans; close it first'),
@@ -565,7 +565,7 @@ def test_an_alert_is_told_once_when_it_comes_and_once_when_it_goes(officials: Of
     officials.acknowledge(2)
     cleared = officials.wait(0.0).events
     assert [event.text for event in cleared if event.kind is EventKind.ALERT_CLEARED] == [
-        'No longer: Use the MSR: kart 2 (Volta) has not acknowledged RED_RED'
+        'Alert ended: RED UNACKNOWLEDGED, kart 2 (Volta)'
     ]
 
 
