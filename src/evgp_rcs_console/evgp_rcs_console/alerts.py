@@ -174,6 +174,11 @@ class AlertsArea(Card):
             notice = notices[number] if number < len(notices) else None
             f10 = notice is not None and notice.number == first
             each.show_notice(notice, 'F10' if f10 else '')
+            each.setVisible(notice is not None)
+            # Below the last one its text has all the room that there is.
+            last = number + 1 in (len(notices), PLACES)
+            end = EACH * (PLACES if last else number + 1)
+            self.put(each, 6, HEAD + number * EACH, -6, HEAD + end - 4)
         tone = Tone.GOOD
         if notices:
             unseen = any(not each.seen and each.standing for each in notices)

@@ -77,15 +77,15 @@ _ALERTS = {
 
 Said = TypeVar('Said', Race, Kart, Link, Track, Alert, Event)
 
-_ONE_NAME = re.compile(
-    '|'.join(rf'\b{each.name}\b' for each in (*State, *CommandKind) if '_' in each.name)
-)
+_NAMES = {each.name: each.name.replace('_', ' ') for each in State}
+_NAMES |= {each.name: entry.label for each, entry in CATALOGUE.items()}
+_ONE_NAME = re.compile('|'.join(rf'\b{each}\b' for each in _NAMES))
 
 
 @lru_cache(maxsize=1000)
 def spoken(sentence: str) -> str:
-    """Return a sentence of race control with each state's name as buttons and rows have it."""
-    return _ONE_NAME.sub(lambda name: name[0].replace('_', ' '), sentence)
+    """Return a sentence of race control with each name as buttons and rows have it."""
+    return _ONE_NAME.sub(lambda name: _NAMES[name[0]], sentence)
 
 
 def read_race(race: msg.Race) -> Race:

@@ -24,7 +24,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator
 import contextlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from evgp_protocol import clock
@@ -254,7 +254,9 @@ class Areas(Area):
         """Put the sheets that are open over the karts, clear of their stops."""
         for sheet in self._sheets:
             if not sheet.isHidden():
-                first, last = self.strip.geometry(), self.karts.geometry()
+                # A question leaves the strip in sight: it says what the karts do.
+                top = self._ground if sheet is self.question else self.strip
+                first, last = top.geometry(), self.karts.geometry()
                 end = last.left() + self.karts.stops_begin - look.px(GAP)
                 room = QtCore.QRect(first.topLeft(), QtCore.QPoint(end, last.bottom()))
                 sheet.lay_out(room)
@@ -482,6 +484,7 @@ class Display(QtCore.QObject):
         self.bottom = BottomLine(areas.foot.status, self.unanswered)
         self.chosen = ChosenKart(areas)
         self.alarm = Alarm(areas.alerts)
+        self._officials = areas.events.log.officials
         self._looking = looking
         self._began = clock.now()
         self._race: Race | None = None
@@ -497,7 +500,8 @@ class Display(QtCore.QObject):
         if not waiting:
             return
         while waiting:
-            self._race, self._heard_at, self._two = waiting.popleft()
+            heard, self._heard_at, self._two = waiting.popleft()
+            self._race = self._officials.in_race(heard)
             self.alarm.take_race(self._race, self._two)
             self.bottom.take_race(self._race, self._heard_at)
         self.refresh()
@@ -510,7 +514,8 @@ class Display(QtCore.QObject):
     def take_answer(self, given: Given, answer: Answer) -> None:
         """Show the answer to a command."""
         self.unanswered.answered(given)
-        self.bottom.say_answer(given, answer)
+        said = self._officials.in_text(answer.message)
+        self.bottom.say_answer(given, replace(answer, message=said))
         self.refresh()
 
     def take_pressing(self, stops: tuple[Standing, ...]) -> None:
@@ -557,7 +562,7 @@ class Display(QtCore.QObject):
         areas.track.show_screen(screen, stale)
         areas.clock.show_screen(screen, stale)
         areas.steps.show_screen(screen)
-        areas.strip.show_screen(screen, areas.events.log.officials, stale)
+        areas.strip.show_screen(screen, areas.events.log.officials.names, stale)
         areas.heats.show_heats(screen.heats)
         self.chosen.show(screen.rows, stale)
         areas.events.show_karts(screen.rows)

@@ -97,6 +97,8 @@ class Presses(QtCore.QObject):
         self._chosen.clear()
         if yes and asked is not None:
             self._send(asked)
+        elif asked is not None and asked.kart and not self._chosen.kart:
+            self._chosen.choose_in_sight(asked.kart)  # whose number was typed for the question
 
     def missed(self, target: QtWidgets.QWidget | None, aimed: Button | None) -> bool:
         """
@@ -256,18 +258,19 @@ class Mouse:
             return True
         if self._areas.is_stop(target) or chooses(target):
             return False
+        button = target if isinstance(target, QtWidgets.QAbstractButton) else None
         if age >= STALE:
-            return self._late.drop(_called(target), age)
+            return button is None or self._late.drop(_called(button), age)
         self._late.in_time()
-        if self._only_brings_forward() and isinstance(target, QtWidgets.QAbstractButton):
-            said = texts.BROUGHT_FORWARD.format(name=_called(target))
+        if self._only_brings_forward() and button is not None:
+            said = texts.BROUGHT_FORWARD.format(name=_called(button))
             self._bottom.say(said, Tone.WAIT)
             return True
         question = self._areas.question
         if target is question.yes and not question.settled:
             return True
         # The second press of a double click is not meant for what is there by now.
-        return double and isinstance(target, QtWidgets.QAbstractButton)
+        return double and button is not None
 
     def _let_go(self, age: float) -> None:
         """Have a button that was pressed in time, and released too late, do nothing."""
@@ -277,13 +280,11 @@ class Mouse:
                 self._late.drop(_called(button), age)
 
 
-def _called(widget: QtWidgets.QWidget | None) -> str:
-    """Return what a click on a widget is called when it is talked about."""
-    if isinstance(widget, CommandButton) and widget.button is not None:
-        return texts.command_name(widget.button.command, widget.button.kart)
-    if isinstance(widget, QtWidgets.QAbstractButton):
-        return widget.text().replace('&&', '&')
-    return texts.CLICK
+def _called(button: QtWidgets.QAbstractButton) -> str:
+    """Return what a button is called when it is talked about."""
+    if isinstance(button, CommandButton) and button.button is not None:
+        return texts.command_name(button.button.command, button.button.kart)
+    return button.text().replace('&&', '&')
 
 
 class Keyboard:
@@ -383,6 +384,8 @@ class Keyboard:
                 self._bottom.say(texts.TOO_EARLY.format(name=name), Tone.BAD)
             elif question.yes.isEnabled():
                 self._presses.answer(True)
+            else:
+                self._bottom.say(texts.ANSWER_NO, Tone.WAIT)
         elif name in ('Tab', 'Up', 'Down', 'Left', 'Right', 'Shift+Backtab'):
             other = question.yes if question.no.hasFocus() else question.no
             (other if other.isEnabled() else question.no).setFocus()
@@ -394,7 +397,8 @@ class Keyboard:
             self._press(stroke, at)  # a stop never waits for an answer
         elif stroke is not None:
             self._chosen.clear()
-            self._bottom.say(texts.ANSWER_FIRST, Tone.WAIT)
+            can_answer = question.yes.isEnabled()
+            self._bottom.say(texts.ANSWER_FIRST if can_answer else texts.ANSWER_NO, Tone.WAIT)
         return True
 
     def _press(self, stroke: Stroke, at: float) -> None:
@@ -424,6 +428,8 @@ class Keyboard:
                 return
         if button is not None:
             self._presses.press(button)
+        elif CommandKind.SET_HEAT in stroke.commands:
+            self._bottom.say(texts.NO_HEATS, Tone.WAIT)
 
     def _do(self, act: Act, at: float) -> None:
         if act is Act.ERASE:

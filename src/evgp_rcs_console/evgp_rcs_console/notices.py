@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 
 from evgp_rcs.official import UNNAMED
 from evgp_rcs_console import texts
-from evgp_rcs_console.snapshot import Alert, Event
+from evgp_rcs_console.snapshot import Alert, Availability, Event, Race
 
 Key = tuple[str, int]
 
@@ -63,6 +63,8 @@ class Notice:
         """Return the alert's sentence, without what the heading says."""
         # Race control begins its sentence with that, for screens that have no heading.
         text = self.alert.text.removeprefix(texts.MSR_PREFIX)
+        if not self.standing:
+            text = texts.ORDER.sub('', text, count=1) if texts.ORDER.match(text) else text
         return text[:1].upper() + text[1:]
 
     def __str__(self) -> str:
@@ -181,18 +183,69 @@ def summary(notices: Sequence[Notice], places: int) -> str:
     return '; '.join(told)
 
 
+class Officials:
+    """Who has commanded: each is called by name, unless two of one name have."""
+
+    def __init__(self) -> None:
+        """Know none."""
+        self._claims: dict[str, set[str]] = {}
+
+    def take(self, claim: str) -> None:
+        """Take who has commanded, as it was sent."""
+        if claim:
+            self._claims.setdefault(claim.partition(' (')[0], set()).add(claim)
+
+    @property
+    def names(self) -> list[str]:
+        """Return their names, in the order of their first command."""
+        return list(self._claims)
+
+    def called(self, claim: str) -> str:
+        """Return what an official is called."""
+        name = claim.partition(' (')[0]
+        return claim if len(self._claims[name]) > 1 or name == UNNAMED else name
+
+    def in_text(self, text: str) -> str:
+        """Return a sentence of race control with each official as they are called."""
+        for claims in self._claims.values():
+            for claim in claims:
+                text = text.replace(f' by {claim}', f' by {self.called(claim)}')
+        return text
+
+    def in_race(self, race: Race) -> Race:
+        """Return a snapshot with each official as they are called."""
+
+        def offered(commands: Availability) -> Availability:
+            return {
+                kind: replace(each, reason=self.in_text(each.reason))
+                for kind, each in commands.items()
+            }
+
+        karts = tuple(
+            replace(
+                kart,
+                hold_reason=self.in_text(kart.hold_reason),
+                commands=offered(kart.commands),
+            )
+            for kart in race.karts
+        )
+        cause = self.in_text(race.state_cause)
+        return replace(race, state_cause=cause, karts=karts, commands=offered(race.commands))
+
+
 class EventLog:
     """
     The newest events, in order, each with the text that is shown.
 
     :param most: maximum number of lines.
+    :ivar officials: who has commanded.
     """
 
     def __init__(self, most: int = 2000) -> None:
         """Begin with none."""
         self._lines: deque[Event] = deque(maxlen=most)
         self._last = 0
-        self._claims: dict[str, set[str]] = {}
+        self.officials = Officials()
 
     def add(self, event: Event) -> list[Event]:
         """Take an event and return the lines it adds."""
@@ -207,17 +260,9 @@ class EventLog:
 
     def _told(self, event: Event) -> str:
         """Return the sentence and who caused it: by name, where that is enough."""
-        name = event.official.partition(' (')[0]
-        claims = self._claims.setdefault(name, set())
-        claims.add(event.official)
-        if not name:
-            return event.text
-        return f'{event.text} · {event.official if len(claims) > 1 or name == UNNAMED else name}'
-
-    @property
-    def officials(self) -> list[str]:
-        """Return who has commanded, in the order of their first command."""
-        return [name for name in self._claims if name]
+        self.officials.take(event.official)
+        text = self.officials.in_text(event.text)
+        return f'{text} · {self.officials.called(event.official)}' if event.official else text
 
     def lines(self, kart: int = 0) -> list[Event]:
         """Return the lines that concern one kart (0: all lines), oldest first."""

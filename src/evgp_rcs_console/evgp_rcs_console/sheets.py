@@ -21,6 +21,7 @@ They end before the stops of the karts begin, so they cover no stop.
 from __future__ import annotations
 
 from collections.abc import Sequence
+import time
 
 from evgp_protocol import clock
 from evgp_rcs.catalogue import CATALOGUE
@@ -132,7 +133,7 @@ class Question(Sheet):
         super().__init__(parent, 'question')
         self.button: Button | None = None
         self.shown_at = 0.0
-        self._spoilt = False
+        self._spoilt_at = ''
         self._problem_text = ''
         self._settling = QtCore.QTimer(self)
         self._settling.setSingleShot(True)
@@ -157,8 +158,13 @@ class Question(Sheet):
         return bool(part.whole) if isinstance(part, Text) else not part.isHidden()
 
     def lay_out(self, room: QtCore.QRect) -> None:
-        """Take a room; a problem lies over the texts that it makes untrue."""
+        """
+        Take a room: at its end, so that the first karts stay in sight.
+
+        A problem lies over the texts that it makes untrue.
+        """
         super().lay_out(room)
+        self.move(room.left(), room.bottom() + 1 - self.height())
         top = self._consequence.geometry()
         bottom = self.no.geometry().top() - look.px(10)
         high = max(bottom - top.top(), look.px(46))
@@ -168,7 +174,7 @@ class Question(Sheet):
         """Take the command that is to be confirmed; it is shown after that."""
         self.button = button
         self.shown_at = clock.now()
-        self._spoilt = False
+        self._spoilt_at = self._problem_text = ''
         self.yes.setDown(False)  # held down since another question
         # A click on YES does not count at first: it may be the second one of a double click.
         self._settling.start(round(SEEN * 1000))
@@ -188,17 +194,12 @@ class Question(Sheet):
         """
         assert self.button is not None
         if CATALOGUE[self.button.command].stop:
-            self._problem_text = ''
             if button is not None:
                 self._show_texts(button)
-        elif button is not None and button.reason:
-            self._spoilt = True
-            self._problem_text = texts.ASK_AGAIN.format(reason=button.reason)
-        elif self._spoilt or button is None or not button.asks_the_same(self.button):
-            self._spoilt = True
-            self._problem_text = texts.ASK_CHANGED
-        else:
-            self._problem_text = ''
+        elif button is None or button.reason or not button.asks_the_same(self.button):
+            self._spoilt_at = self._spoilt_at or texts.time_of_day(time.time())
+            what = button.differs_from(self.button) if button is not None else texts.ASK_GONE
+            self._problem_text = texts.ASK_CHANGED.format(clock=self._spoilt_at, what=what)
         self._show_problem()
 
     def _show_texts(self, button: Button) -> None:

@@ -137,6 +137,8 @@ ALERT_ENDED = 'ENDED'
 ENDED_LINE = '{heading}: {text}'
 SEVERAL_ENDED = '{count} alerts: {karts}'
 MSR_PREFIX = 'Use the MSR: '
+ORDER = re.compile(r'(Use the MSR|Clear the track|Stop |RED FLAG )(\([^)]*\)|[^:(])*: ')
+"""What an alert of race control says to do, before what is so."""
 ALERTS_CHANGED = 'The alerts have just changed. Look, and press SEEN again.'
 MARK_LOST = '✗'
 MARK_YES = '✓'
@@ -204,7 +206,8 @@ NOT_ALLOWED = (
 TOO_OLD = '{name}: pressed at {clock}, while the window hung. Nothing was sent: press it again.'
 TOO_EARLY = '{name}: pressed before the question appeared. Read it, then answer.'
 ANSWER_FIRST = 'Answer the question first: Y or N'
-CLICK = 'Mouse button'
+ANSWER_NO = 'Nothing was sent: the question has changed. Press N and begin again.'
+NO_HEATS = 'The roster names no heats.'
 BARRED = '{command}: {reason}'
 AGAIN_IN = '{reason} (again in {seconds} s)'
 
@@ -214,8 +217,10 @@ ASK_YES = 'YES: {condition}'
 ASK_NO = 'NO'
 ASK_WARNING = 'Warning: {warning}.'
 ASK_CAUTION = 'The link to {karts} was poor in the last minute: a stop may come late.'
-ASK_CHANGED = 'What you are asked to confirm has changed. Press NO and begin again.'
-ASK_AGAIN = '{reason}. Press NO and begin again.'
+ASK_CHANGED = 'Changed at {clock}: {what} Press NO and begin again.'
+MSR_IN_REHEARSAL = '{banner}: the instructor uses the MSR for you. Say "MSR" first.'
+ASK_GONE = 'The command is no longer offered.'
+NO_LONGER = 'No longer so: {what}'
 
 HEATS_TITLE = 'Which heat?'
 HEATS_CONSEQUENCE = 'Puts the karts of the heat into the race, and takes all others out.'
@@ -259,7 +264,9 @@ OTHER_KEYS = (
     ('F10', 'SEEN: first alert'),
     ('F11', 'sound on, off'),
     ('A letter', 'FINISH: its kart'),
-    ('Digits, arrows', 'choose a kart'),
+    ('Click UNDO', 'take a finish back'),
+    ('Digits', 'a kart, for one command'),
+    ('Arrows', 'a kart, until another'),
     ('Backspace, Esc', 'delete a digit, all digits'),
     ('Ctrl+L', 'events: one kart, all'),
     ('Tab, Enter', 'next button, press it'),
@@ -411,6 +418,8 @@ def consequences(command: CommandKind, does: Effects, race: Race, kart: Kart | N
     """
     entry = CATALOGUE[command]
     said = [entry.note] if entry.note else []
+    if command is CommandKind.RECORD_MSR and race.banner:
+        said.append(MSR_IN_REHEARSAL.format(banner=race.banner))
     if entry.names_hold and kart is not None and kart.hold is not State.UNKNOWN:
         said.append(f'Ends the hold of {held(kart)}.')
     if does.state is not State.UNKNOWN and (does.now or kart is None):
@@ -518,11 +527,6 @@ def _count(karts: Sequence[int]) -> str:
     return '1 kart' if len(karts) == 1 else f'{len(karts) or "no"} karts'
 
 
-def by_name(cause: str) -> str:
-    """Return the cause of a state with the official's name only, without the machine."""
-    return re.sub(r' \([^()]*\)$', '', cause)
-
-
 def time_of_day(at: float) -> str:
     """Return a wall time (s), as an official reads it."""
     return time.strftime('%H:%M:%S', time.localtime(at))
@@ -542,7 +546,9 @@ def clock(seconds: float) -> str:
 
 def held(kart: Kart) -> str:
     """Return a held kart, with its hold and the reason for it."""
-    return f'{kart_name(kart)}: {STATES[kart.hold]}, {kart.hold_reason}'
+    hold = STATES[kart.hold]
+    said = kart.hold_reason.startswith(f'{hold} by ')
+    return f'{kart_name(kart)}: {kart.hold_reason if said else f"{hold}, {kart.hold_reason}"}'
 
 
 def now_so(given: Given, race: Race) -> str:

@@ -196,6 +196,25 @@ class Button:
 
         return seen(self) == seen(other)
 
+    def differs_from(self, asked: Button) -> str:
+        """Return what is otherwise than when the official was asked."""
+        if self.reason:
+            return f'{self.reason[:1].upper()}{self.reason[1:]}.'
+        now, before = self._said(), asked._said()
+        new = [each for each in now if each not in before]
+        return ' '.join(
+            new or [texts.NO_LONGER.format(what=each) for each in before if each not in now]
+        )
+
+    def _said(self) -> list[str]:
+        """Return each sentence of its question."""
+        said = [texts.ASK_WARNING.format(warning=self.warning)] if self.warning else []
+        return [
+            texts.ASK_STATE.format(condition=self.condition),
+            *said,
+            *self.consequence.splitlines(),
+        ]
+
     @property
     def is_stop(self) -> bool:
         """Return whether it is a stop."""
@@ -495,7 +514,7 @@ def _since(race: Race, age: float) -> str:
     """Return for how long the race has been in its state, by whom, and whether it is over."""
     since = texts.clock(race.state_for + age)
     if race.state_cause:
-        since = texts.STATE_CAUSE.format(since=since, cause=texts.by_name(race.state_cause))
+        since = texts.STATE_CAUSE.format(since=since, cause=race.state_cause)
     if race.state_clock:
         since = texts.STATE_AT.format(since=since, clock=race.state_clock)
     if _headline(race) != _state_cell(race.state):
@@ -567,7 +586,7 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
         left = texts.left(kart.flag_in - age)
         notes.append(texts.FLAG_IN.format(place=kart.place, seconds=left))
     if kart.hold is not State.UNKNOWN:
-        notes.append(texts.HELD.format(reason=texts.by_name(kart.hold_reason)))
+        notes.append(texts.HELD.format(reason=kart.hold_reason))
     if not kart.in_race:
         notes.append(texts.NOT_RACING)
     urgent = use_msr or (kart.in_doubt and not kart.is_stopping)

@@ -18,9 +18,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console import texts
-from evgp_rcs_console.notices import AlertBook, EventLog, summary
-from evgp_rcs_console.snapshot import Alert, Event
+from evgp_rcs_console.notices import AlertBook, EventLog, Officials, summary
+from evgp_rcs_console.snapshot import Alert, Available, Event
+from example_race import KART, RACE
 
 
 def alert(kart: int, kind: str = 'KART_LOST') -> Alert:
@@ -53,6 +55,20 @@ def test_an_alert_that_has_ended_does_not_say_to_use_the_msr() -> None:
 
     assert told(book) == ['ENDED: Kart 3 has not acknowledged RED_RED']
     assert 'MSR' not in summary(book.shown, 0)
+
+
+def test_an_alert_that_has_ended_orders_nothing_any_more() -> None:
+    for order in (
+        'Clear the track, or use the MSR',
+        'Use the MSR if it still rolls',
+        'RED FLAG (before GREEN: LEAVE)',
+        'Stop kart 3 (Volta: A) with RED RED',
+    ):
+        book = AlertBook()
+        book.update([Alert('ANY', 3, True, f'{order}: kart 3 (Volta: A): it is so')])
+        book.update([])
+
+        assert told(book) == ['ENDED: Kart 3 (Volta: A): it is so']
 
 
 def test_an_alert_that_was_seen_while_the_msr_was_on_is_new_when_it_asks_for_it_again() -> None:
@@ -205,3 +221,23 @@ def test_the_log_keeps_the_newest() -> None:
         log.add(Event(sequence, '', 0, True, str(sequence)))
 
     assert [line.text for line in log.lines()] == ['7', '8', '9']
+
+
+def test_an_official_is_called_by_name_wherever_the_race_names_one_unless_two_have_it() -> None:
+    officials = Officials()
+    held = 'ALL KILL by Anna (pc 1); RED RED by Bob (pc 2)'
+    refused = {CommandKind.KART_FINISH: Available(False, f'kart 7 (Purdue) is held: {held}')}
+    kart = replace(KART, hold_reason=held, commands=refused)
+    race = replace(RACE, karts=(kart,), commands=refused, state_cause='ALL KILL by Anna (pc 1)')
+    for claim in ('Anna (pc 1)', 'Bob (pc 2)'):
+        officials.take(claim)
+
+    named = officials.in_race(race)
+
+    told = 'ALL KILL by Anna; RED RED by Bob'
+    assert (named.state_cause, named.karts[0].hold_reason) == ('ALL KILL by Anna', told)
+    for commands in (named.commands, named.karts[0].commands):
+        assert commands[CommandKind.KART_FINISH].reason == f'kart 7 (Purdue) is held: {told}'
+    officials.take('Anna (pc 3)')
+    assert officials.in_race(race).state_cause == race.state_cause
+    assert officials.names == ['Anna', 'Bob']

@@ -67,8 +67,8 @@ def test_it_is_over_when_one_of_them_has_ended() -> None:
 
 
 def test_a_state_has_one_name_wherever_it_is_read() -> None:
-    told = 'GREEN_GREEN refused: the race is in IN_GARAGE; kart 7 (A_B) says RED_RED; ALL_KILL'
+    told = 'GREEN_GREEN refused: the race is in IN_GARAGE; kart 7 (A_B) says RED_RED; RECORD_MSR'
 
     assert spoken(told) == (
-        'GREEN GREEN refused: the race is in IN GARAGE; kart 7 (A_B) says RED RED; ALL KILL'
+        'GREEN GREEN refused: the race is in IN GARAGE; kart 7 (A_B) says RED RED; MSR WAS USED'
     )

@@ -538,7 +538,7 @@ def places(console: Console) -> dict[str, tuple[int, int, int, int]]:
     return found
 
 
-MOVES = ('number', 'question_', 'top_line', 'danger', 'help_', 'battery')
+MOVES = ('number', 'question_', 'top_line', 'danger', 'help_', 'battery', 'alert_')
 """What is no control, and shares a place with something else."""
 
 
@@ -841,12 +841,71 @@ def test_a_question_shows_what_it_would_do_and_what_speaks_against_it_and_no_mor
     }[change]
     console.tell(other)
 
-    assert console.find('question_problem').whole == texts.ASK_CHANGED
+    said = {
+        'another kart': '3 karts: 1, 2, 3',
+        'no link': 'Not connected now, gets it when it connects: kart 1.',
+        'by hand': 'I state: it was made safe.',
+        'against it': f'kart 3 ({NAME})',
+    }
+    assert said[change] in console.find('question_problem').whole
     assert not console.find('yes').isEnabled()
     for part in ('consequence', 'warning', 'statement'):
         assert not console.find(f'question_{part}').isVisible()
     console.press('Y')
     assert not console.commands
+    assert texts.ANSWER_NO in console.find('status').whole
+    console.press('F2')
+    assert texts.ANSWER_NO in console.find('status').whole
+
+
+def test_a_kart_that_was_typed_for_a_question_is_still_chosen_after_no(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(3))
+    console.press('2', 'Ctrl+G', 'N', 'Ctrl+R')
+
+    assert console.commands == [(CommandKind.KART_RED_RED, 2)]
+
+
+def test_without_heats_the_key_of_heats_says_that_there_are_none(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(1, State.IN_GARAGE, heats=()))
+    console.press('Ctrl+H')
+
+    assert texts.NO_HEATS in console.find('status').whole
+
+
+def test_a_question_leaves_the_strip_and_the_first_karts_in_sight(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(4))
+    for key in ('F2', 'F3', 'F6', 'F7', 'F9'):
+        console.press(key)
+        for name in ('strip', 'kart_1'):
+            part = console.find(name)
+            assert console.window.childAt(part.mapTo(console.window, part.rect().center())) in (
+                part,
+                *part.children(),
+            )
+        console.press('N')
+
+
+def test_a_rehearsal_says_who_uses_the_msr_there(opened: Any) -> None:
+    console = opened()
+    for banner in ('', 'REHEARSAL'):
+        console.tell(race_of(1, banner=banner))
+        console.press('F9')
+        assert ('instructor' in console.find('question_consequence').whole) is bool(banner)
+        console.press('N')
+
+
+def test_what_an_alert_says_to_do_is_not_cut(opened: Any) -> None:
+    unknown = 'race control does not know what happened before it began'
+    text = f'Clear the track, or use the MSR: {unknown}: look at every kart, then send IN GARAGE'
+    for size in SIZES:
+        console = opened(*size)
+        race = race_of(1, alerts=(Alert('TRACK_UNSAFE', 0, True, text),), banner='REHEARSAL')
+        console.tell(race)
+        console.settle(0.05)
+        assert not console.find('alert_0').cut
 
 
 def test_a_link_that_was_poor_is_named_by_the_question_and_never_keeps_the_answer_back(
