@@ -112,7 +112,15 @@ class KartServerError(RuntimeError):
 
 
 class RosHalfGoneError(RuntimeError):
-    """The ROS half was not heard for longer than `ROS_HALF_SILENCE`, or is gone."""
+    """
+    The ROS half was not heard for longer than `ROS_HALF_SILENCE`, or is gone.
+
+    :param how: what became of it; officials read it, who do not know its name.
+    """
+
+    def __init__(self, how: str) -> None:
+        """Say it in their words."""
+        super().__init__(f'the part that hears officials {how}')
 
 
 @dataclass
@@ -351,20 +359,14 @@ class KartServer:
         # While race control itself was held up, nobody could have been heard.
         silent_for = now - max(self._ros_half_heard_at, self._began_again_at)
         if silent_for > ROS_HALF_SILENCE:
-            self.end(
-                RosHalfGoneError(
-                    f'the part that hears officials was silent for {silent_for:.1f} s'
-                )
-            )
+            self.end(RosHalfGoneError(f'was silent for {silent_for:.1f} s'))
 
     def take_commands(self) -> None:
         """Judge what officials have sent, stops first; called before any other work."""
         for message in self._ros_half.receive():
             self._hear(message)
         if self._ros_half.gone:
-            self.end(
-                RosHalfGoneError(f'the part that hears officials is gone: {self._ros_half.gone}')
-            )
+            self.end(RosHalfGoneError(f'is gone: {self._ros_half.gone}'))
         if self._starting is not None and self._starting.is_late(self.now()):
             self._withdraw_start()
         while self._stops or self._commands:
@@ -395,11 +397,7 @@ class KartServer:
             if message.rival != self._race.has_rival:
                 self._take(inputs.Rival(self.now(), message.rival))
         elif isinstance(message, End):
-            self.end(
-                None
-                if message.in_order
-                else RosHalfGoneError('the part that hears officials failed')
-            )
+            self.end(None if message.in_order else RosHalfGoneError('failed'))
         else:
             raise TypeError(f'the ROS half sent {message!r}')
 

@@ -25,6 +25,7 @@ from collections import deque
 from collections.abc import Iterator
 import contextlib
 from dataclasses import dataclass, replace
+import time
 from typing import NamedTuple
 
 from evgp_protocol import clock
@@ -386,7 +387,8 @@ class BottomLine:
 
     def say(self, text: str, tone: Tone = Tone.PLAIN) -> None:
         """Say, with the time, what has just happened, in place of what was said before."""
-        self._message = Cell(texts.said_at(text), tone)
+        at = texts.time_of_day(time.time())
+        self._message = Cell(texts.SAID.format(clock=at, text=text) if text else '', tone)
         self._outcome = None
         self._changed = None
         self._pointed = None

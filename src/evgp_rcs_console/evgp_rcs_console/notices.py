@@ -64,7 +64,7 @@ class Notice:
         # Race control begins its sentence with that, for screens that have no heading.
         text = self.alert.text.removeprefix(texts.MSR_PREFIX)
         if not self.standing:
-            text = texts.ORDER.sub('', text, count=1) if texts.ORDER.match(text) else text
+            text = texts.ORDER.sub('', text)
         return text[:1].upper() + text[1:]
 
     def __str__(self) -> str:

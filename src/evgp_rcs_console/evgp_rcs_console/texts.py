@@ -137,7 +137,7 @@ ALERT_ENDED = 'ENDED'
 ENDED_LINE = '{heading}: {text}'
 SEVERAL_ENDED = '{count} alerts: {karts}'
 MSR_PREFIX = 'Use the MSR: '
-ORDER = re.compile(r'(Use the MSR|Clear the track|Stop |RED FLAG )(\([^)]*\)|[^:(])*: ')
+ORDER = re.compile(r'^(Use the MSR|Clear the track|Stop |RED FLAG )(\([^)]*\)|[^:(])*: ')
 """What an alert of race control says to do, before what is so."""
 ALERTS_CHANGED = 'The alerts have just changed. Look, and press SEEN again.'
 MARK_LOST = '✗'
@@ -530,11 +530,6 @@ def _count(karts: Sequence[int]) -> str:
 def time_of_day(at: float) -> str:
     """Return a wall time (s), as an official reads it."""
     return time.strftime('%H:%M:%S', time.localtime(at))
-
-
-def said_at(text: str) -> str:
-    """Return a text with the time of day; an empty one stays empty."""
-    return SAID.format(clock=time_of_day(time.time()), text=text) if text else ''
 
 
 def clock(seconds: float) -> str:

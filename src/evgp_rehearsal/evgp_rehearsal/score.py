@@ -209,7 +209,7 @@ def _line(took: Occurrence, commands: Sequence[_Command], truth: Truth) -> Line:
                 if command.kind is not CommandKind.RECORD_MSR:
                     break  # one command is one step; the MSR is the strongest, and all of them
         elif judged is Judgement.WRONG:
-            wrong.append(f'{command}{_why_wrong(command)}')
+            wrong.append(str(command))
             people += _lets_people_in(command) and bool(truth.movers(command.tick - ROLLS_OUT))
         elif judged is Judgement.NEEDLESS:
             needless.append(str(command))
@@ -229,12 +229,6 @@ def _line(took: Occurrence, commands: Sequence[_Command], truth: Truth) -> Line:
         tuple(sorted(stopped)),
         people,
     )
-
-
-def _why_wrong(command: _Command) -> str:
-    """Return why a command was wrong, if that cannot be seen from the window."""
-    unused = command.kind is CommandKind.RECORD_MSR
-    return ' (the instructor was not told to use the MSR)' if unused else ''
 
 
 def _deed(command: _Command, took: Occurrence) -> Deed:

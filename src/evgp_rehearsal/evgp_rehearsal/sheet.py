@@ -69,6 +69,8 @@ def table(lines: Sequence[Line]) -> Table:
         sheet.add_row(*cells)
     failed = dict.fromkeys(line.incident for line in lines if not line.passed)
     advice = [f'{name}: a good official {INCIDENTS[name].good}' for name in failed]
+    if any(each.startswith('RECORD_MSR') for line in lines for each in line.wrong):
+        advice.append('RECORD_MSR is wrong where the instructor was not told to use the MSR')
     times = 'Times run from the beginning of the incident, rounded up to half a second.'
     sheet.caption = '\n'.join([times, *advice])
     return sheet
