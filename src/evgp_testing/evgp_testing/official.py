@@ -184,8 +184,11 @@ class Official(RosSide):
             future = client.call_async(SERVICES[service].Request(**request))
             future.add_done_callback(lambda _: answered.release())
             futures.append(future)
-        count = sum(answered.acquire(timeout=self.timeout) for _ in futures)
-        assert count == len(futures), f'{service}: {count} of {len(futures)} were answered'
+        deadline = time.monotonic() + self.timeout
+        for _ in futures:
+            answered.acquire(timeout=max(0.0, deadline - time.monotonic()))
+        missing = [at for at, future in enumerate(futures) if not future.done()]
+        assert not missing, f'{service}: of {len(futures)} calls, not answered: {missing}'
         responses = [future.result() for future in futures]
         return [Answer(response.success, response.message) for response in responses]
 
