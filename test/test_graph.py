@@ -25,7 +25,8 @@ from evgp_testing.fixtures import StartBridge, StartRaceControl
 from evgp_testing.kart import Bridge
 from evgp_testing.official import Official
 from evgp_testing.process import Process
-from evgp_testing.race_control import RaceControl
+from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 from rig.console import Console
 from rig.foreign_node import Findings, ForeignNode
@@ -275,6 +276,32 @@ def test_an_official_on_the_officials_network_gets_in_and_a_stranger_on_the_kart
         console = watch(control.domain, seconds=40)  # a busy machine takes its time
         printed, _ = console.communicate(timeout=60)
     assert (console.returncode, 'Team 1' in printed) == (0, True)
+
+
+@pytest.mark.own_process
+def test_a_race_goes_on_while_the_officials_address_is_gone_and_can_be_stopped_from_its_machine(
+    networks: TwoNetworks,
+    start_race_control: StartRaceControl,
+    parts: contextlib.ExitStack,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A cable that is pulled takes the address along, where NetworkManager is in charge."""
+    with networks.own.inside():
+        monkeypatch.setenv(graph.INTERFACE, OFFICIALS)
+        control = start_race_control(in_race=[1], address=KARTS)
+        kart = parts.enter_context(
+            WireKart(address_of(1), control.port, Acknowledges.EACH_CHANGE, KARTS)
+        )
+        monkeypatch.delenv(graph.INTERFACE)
+        official = join(control, parts)
+    official.wait_for_connected(1)
+    official.bring_to(RaceState.GREEN_GREEN, 1)
+    networks.own.ip('link del officials')
+    control.wait_for_line(f'No interface of this machine has the address {OFFICIALS} now')
+    kart.wait_for_frames(100)  # in 5 s; it would be given up as deaf after 2 s
+    assert kart.state is RaceState.GREEN_GREEN
+    official.command('all_kill')
+    kart.wait_for_state(RaceState.RED_RED)
 
 
 @pytest.mark.own_process

@@ -251,14 +251,20 @@ def _fence(named: str) -> None:
                 _renew_multicast(each, bound, named)
 
 
+def has_its_address() -> bool:
+    """Return whether this machine has the address named by `INTERFACE`, if there is one."""
+    named = os.environ.get(INTERFACE, '').strip()
+    return not named or named in _interfaces()
+
+
 def trouble_of_graph(domain: int) -> str:
     """
     Return what officials should know of this process's graph, as a sentence; empty: nothing.
 
     It takes about a millisecond, and may be called in any thread.
     """
-    named = os.environ.get(INTERFACE, '').strip()
-    if named and named not in _interfaces():
+    if not has_its_address():
+        named = os.environ[INTERFACE].strip()
         return (
             f'No interface of this machine has the address {named} now, so consoles on other '
             'machines cannot reach race control: plug it in, or stop karts from this machine'
