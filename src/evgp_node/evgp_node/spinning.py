@@ -149,7 +149,7 @@ class _Server:
     If the node calls others too, nobody takes their answers.
 
     rclpy's executor makes a new one, a task and two coroutines for each callback, which is
-    0.2 ms of a stop (docs/performance.md).
+    0.2 ms of a stop (docs/decisions.md, record 6).
     """
 
     def __init__(self, node: Node) -> None:

@@ -54,7 +54,7 @@ NOT_LINKED = '✗ NO LINK'
 LINKS = {each: each.value for each in Grade} | {Grade.UNKNOWN: '✓ linked'}
 MILLISECONDS = '{count} ms'
 MAY_MOVE = 'may be moving'
-MSR_STOPS_IT = 'only the MSR stops it: go and make it safe'
+MSR_STOPS_IT = 'only the MSR stops it: make it safe once the track is open'
 HELD = 'held: {reason}'
 FLAG_IN = 'P{place}, flag in {seconds} s'
 SAYS = 'says {state}'
@@ -110,6 +110,7 @@ OTHERWISE = {
 
 HUMANS_ALLOWED = '✓ HUMANS ALLOWED ON THE TRACK'
 HUMANS_MAY_ENTER = '… Humans may enter once you open the track'
+HUMANS_MAY_ENTER_BY_MSR = '… Open the track once every kart stands'
 HUMANS_BY_MSR = '✓ HUMANS ALLOWED BY THE MSR'
 HUMANS_BY_MSR_REASON = '{reason}. Only the MSR stops {karts}: leave it on'
 HUMANS_NOT_ALLOWED = '✗ NO HUMANS ON TRACK'
@@ -257,7 +258,7 @@ NAME_PROMPT = 'Your name, for the record (Enter also sends {command}; Ctrl-C sen
 
 HELP_TITLE = 'Keys'
 HELP_CLOSE = 'CLOSE'
-KILL_KEYS = 'Space bar, F12', 'ALL KILL, always'
+KILL_KEYS = 'Space bar, F12', 'ALL KILL, unless KEYS OFF'
 CHOSEN_KART = '{commands}: chosen kart'
 OTHER_KEYS = (
     ('F8', 'day, night'),

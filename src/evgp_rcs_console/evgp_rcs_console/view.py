@@ -564,7 +564,7 @@ def _humans(race: Race) -> tuple[Cell, str]:
     karts = texts.in_doubt(race)
     if karts:
         reason = texts.HUMANS_BY_MSR_REASON.format(reason=race.track.reason, karts=karts)
-        by_msr = texts.HUMANS_BY_MSR if is_open else texts.HUMANS_MAY_ENTER
+        by_msr = texts.HUMANS_BY_MSR if is_open else texts.HUMANS_MAY_ENTER_BY_MSR
         return Cell(by_msr, Tone.WAIT), reason
     allowed = Cell(texts.HUMANS_ALLOWED, Tone.GOOD) if is_open else Cell(texts.HUMANS_MAY_ENTER)
     return allowed, race.track.reason

@@ -35,7 +35,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 STATES = [state for state in State if state is not State.UNKNOWN]
-ALLOWED = (texts.HUMANS_ALLOWED, texts.HUMANS_BY_MSR, texts.HUMANS_MAY_ENTER)
+ALLOWED = (
+    texts.HUMANS_ALLOWED,
+    texts.HUMANS_BY_MSR,
+    texts.HUMANS_MAY_ENTER,
+    texts.HUMANS_MAY_ENTER_BY_MSR,
+)
 many = settings(max_examples=300, deadline=None)
 MSR_KINDS = ('LOST_IN_MOTION', 'RED_UNACKNOWLEDGED', 'TRACK_UNSAFE', 'KART_LOST', 'NOT_READY')
 
@@ -232,7 +237,7 @@ def test_a_question_that_lets_humans_near_warns_of_what_the_screen_says(
     button = screen.button(command)
 
     assert button is not None
-    by_msr = screen.humans == Cell(texts.HUMANS_MAY_ENTER, Tone.WAIT)
+    by_msr = screen.humans == Cell(texts.HUMANS_MAY_ENTER_BY_MSR, Tone.WAIT)
     if screen.humans.tone is Tone.BAD or by_msr:
         assert button.warning
 

@@ -166,7 +166,8 @@ _ROWS = (
         'a kart stands on the track; it acknowledges all the same',
         Phase.RACE,
         _told(Call.STANDS, 'Marshal, post 1: kart {kart} stands and does not go on.', Fault.STUCK),
-        'stops this kart, or flags the race; nothing stronger (Commands: stops)',
+        'flags the race, or stops this one kart, which stands already; nothing stronger '
+        '(Commands: stops)',
         (STOP_THIS | FLAG,),
         fine=STOP_THIS | FLAG,
     ),
