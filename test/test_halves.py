@@ -326,10 +326,12 @@ def mount(folder: pathlib.Path) -> None:
         skip('a file system cannot be mounted here')
 
 
-@pytest.mark.skipif(not may_come_first(), reason='it takes root, or a limit for the user')
 def test_all_of_race_control_comes_before_other_programs_and_the_loop_of_the_karts_first(
     scene: WireRace,
 ) -> None:
+    if not may_come_first():
+        skip = pytest.fail if os.environ.get('EVGP_ALL_TESTS') else pytest.skip
+        skip('it takes root, or a limit for the user')
     control = scene.control
     processes = [control.pid, control.kart_server_pid, control.record_pid]
     taking_stops = receiving_threads(control.pid, UNICAST_CALLS + 250 * scene.domain)
