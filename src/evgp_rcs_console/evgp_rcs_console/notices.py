@@ -60,11 +60,13 @@ class Notice:
 
     @property
     def text(self) -> str:
-        """Return the alert's sentence, without what the heading says."""
+        """Return the alert's sentence, without what the heading says; ended, its name only."""
+        # Its sentence says what to do, which is over. Several that ended have one of their own.
+        if not self.standing and self.alert.kind:
+            name = self.alert.kind.replace('_', ' ')
+            return f'{name}, kart {self.alert.kart}' if self.alert.kart else name
         # Race control begins its sentence with that, for screens that have no heading.
         text = self.alert.text.removeprefix(texts.MSR_PREFIX)
-        if not self.standing:
-            text = texts.ORDER.sub('', text)
         return text[:1].upper() + text[1:]
 
     def __str__(self) -> str:

@@ -23,7 +23,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import math
-import re
 import time
 
 from evgp_protocol.link import Grade
@@ -138,8 +137,6 @@ ALERT_ENDED = 'ENDED'
 ENDED_LINE = '{heading}: {text}'
 SEVERAL_ENDED = '{count} alerts: {karts}'
 MSR_PREFIX = 'Use the MSR: '
-ORDER = re.compile(r'^(Use the MSR|Clear the track|Stop |RED FLAG )(\([^)]*\)|[^:(])*: ')
-"""What an alert of race control says to do, before what is so."""
 ALERTS_CHANGED = 'The alerts have just changed. Look, and press SEEN again.'
 MARK_LOST = '✗'
 MARK_YES = '✓'

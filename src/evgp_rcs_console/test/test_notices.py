@@ -53,22 +53,8 @@ def test_an_alert_that_has_ended_does_not_say_to_use_the_msr() -> None:
 
     book.update([])
 
-    assert told(book) == ['ENDED: Kart 3 has not acknowledged RED_RED']
+    assert told(book) == ['ENDED: RED UNACKNOWLEDGED, kart 3']
     assert 'MSR' not in summary(book.shown, 0)
-
-
-def test_an_alert_that_has_ended_orders_nothing_any_more() -> None:
-    for order in (
-        'Clear the track, or use the MSR',
-        'Use the MSR if it still rolls',
-        'RED FLAG (before GREEN: LEAVE)',
-        'Stop kart 3 (Volta: A) with RED RED',
-    ):
-        book = AlertBook()
-        book.update([Alert('ANY', 3, True, f'{order}: kart 3 (Volta: A): it is so')])
-        book.update([])
-
-        assert told(book) == ['ENDED: Kart 3 (Volta: A): it is so']
 
 
 def test_an_alert_that_was_seen_while_the_msr_was_on_is_new_when_it_asks_for_it_again() -> None:
@@ -129,7 +115,7 @@ def test_an_alert_whose_cause_is_gone_stays_until_it_is_seen() -> None:
 
     book.update([])
 
-    assert told(book) == ['ENDED: Kart 1 lost its connection']
+    assert told(book) == ['ENDED: KART LOST, kart 1']
     book.see(book.unseen[0].number)
     assert sentences(book) == []
     assert book.shown == []
