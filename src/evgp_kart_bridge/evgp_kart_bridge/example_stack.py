@@ -46,7 +46,7 @@ DRIVING = {
     RaceState.IN_GARAGE: (0.0, 8.0),
     RaceState.GRID_ACTIVE: (0.0, 8.0),
     RaceState.GREEN_GREEN: (6.0, 3.0),
-    RaceState.RED_FLAG: (0.0, 1.0),  # gently, others may be close behind: 6 s (§3.A: 10-15 s)
+    RaceState.RED_FLAG: (0.0, 0.6),  # gently, others may be close behind: 10 s (§3.A: 10-15 s)
     RaceState.RED_RED: (0.0, 8.0),
 }
 
