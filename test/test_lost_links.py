@@ -84,7 +84,8 @@ class NetworkRace:
             Official(domain).close()
         given = {'address': RACE_CONTROL, 'red_alert': 1.0}
         numbers = (FAULTY, GOOD)
-        with self.track.machine('rcs', RACE_CONTROL).inside():
+        self.own = self.track.machine('rcs', RACE_CONTROL)
+        with self.own.inside():
             self.control = parts.enter_context(
                 RaceControl(folder, domain, numbers, parameters=given, addresses=kart_address)
             )
@@ -314,6 +315,40 @@ def test_officials_are_told_of_a_link_that_answers_late_before_it_is_lost(
     assert not race.events(Event.DISCONNECTED, FAULTY, began)
     others = race.events(Event.LINK_GRADE, GOOD, began)
     assert all(each.grade == msg.LinkQuality.GOOD for each in others)
+
+
+PULLED = {
+    'no signal': ('link set eth0 down', 'link set eth0 up'),
+    'no address': (f'addr del {RACE_CONTROL}/24 dev eth0', f'addr add {RACE_CONTROL}/24 dev eth0'),
+}
+"""What becomes of race control's network when its cable is pulled, and how that is undone; the
+address goes too where NetworkManager is in charge."""
+
+
+@pytest.mark.parametrize('what', PULLED)
+def test_where_race_control_loses_its_cable_every_kart_stops_and_comes_back_held(
+    race: NetworkRace, what: str
+) -> None:
+    began = under_way(race)
+    pull, plug = PULLED[what]
+    race.own.ip(pull)
+    for kart in (FAULTY, GOOD):
+        race.wait_for(Event.DISCONNECTED, kart, began, f'kart {kart} is lost')
+        race.official.wait_for_event(
+            lambda event, kart=kart: (
+                (event.kind, event.kart, event.alert)
+                == (Event.ALERT_RAISED, kart, msg.Alert.LOST_IN_MOTION)
+            ),
+            f'kart {kart} was lost in motion',
+        )
+    race.wait_for_stopped(began)
+    race.own.ip(plug)
+    race.wait_for_back(began)
+    with race.connect(race.good_machine) as again:
+        again.wait_for_frames(3)
+        assert [state for _, state in again.changes] == [RED_RED]
+    obeyed = [state for at, state in race.faulty.obeyed if at >= began]
+    assert RaceState.GREEN_GREEN not in obeyed
 
 
 # ----- the kart's machine ------------------------------------------------------------------
