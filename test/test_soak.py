@@ -259,7 +259,8 @@ def test_race_control_breaks_no_rule_in_a_short_soak(seconds: int, chance: rando
 def test_a_race_control_with_a_fault_does_not_pass_the_soak(
     chance: random.Random, tmp_path: pathlib.Path
 ) -> None:
-    fault = FAULTS['GREEN_GREEN while a kart has not acknowledged']
+    # Each ALL_KILL shows this fault: it does not depend on how far the races get on a busy computer.
+    fault = FAULTS['ALL_KILL forgets the karts outside the race']
     assert rules.__file__ is not None
     package = pathlib.Path(rules.__file__).parent
     changed = tmp_path / 'evgp_rcs'
@@ -268,7 +269,7 @@ def test_a_race_control_with_a_fault_does_not_pass_the_soak(
     (changed / 'race.py').write_text(faulty, encoding='utf-8')
 
     done = run_soak(
-        *('--seconds', '60', '--karts', '8', '--until-violation'),
+        *('--seconds', '60', '--karts', '12', '--until-violation'),
         *('--seed', str(chance.randrange(1_000_000))),
         before_on_path=tmp_path,
     )
