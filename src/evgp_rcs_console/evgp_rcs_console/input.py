@@ -203,6 +203,9 @@ class LateInput:
         self._dropped.clear()
 
 
+MOVES = ('Tab', 'Shift+Backtab', 'Up', 'Down', 'Left', 'Right')
+"""The keys that move to another button."""
+
 FORWARD = 0.3
 """Time after which a click in a window that has come forward is meant for what is in it, in
 seconds."""
@@ -323,7 +326,7 @@ class Keyboard:
         asking = self._areas.question.isVisible()
         if age >= STALE and not self._acts_late(stroke):
             # What means nothing here, as Shift alone, is not worth a word.
-            named = stroke is not None or asking
+            named = stroke is not None or asking or name in MOVES
             return self._late.drop(name, age) if named and not repeated else True
         self._late.in_time()
         at = clock.now() - age
@@ -386,7 +389,7 @@ class Keyboard:
                 self._presses.answer(True)
             else:
                 self._bottom.say(texts.ANSWER_NO, Tone.WAIT)
-        elif name in ('Tab', 'Up', 'Down', 'Left', 'Right', 'Shift+Backtab'):
+        elif name in MOVES:
             other = question.yes if question.no.hasFocus() else question.no
             (other if other.isEnabled() else question.no).setFocus()
         elif stroke is not None and stroke.act in (Act.PRESS, Act.ERASE):

@@ -31,9 +31,9 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.commands import asks, Given
 from evgp_rcs_console.display import Inbox
-from evgp_rcs_console.freshness import AIM, InputClock, SETTLE
+from evgp_rcs_console.freshness import AIM, InputClock, SETTLE, STALE
 from evgp_rcs_console.gui import low_battery
-from evgp_rcs_console.input import FORWARD
+from evgp_rcs_console.input import FORWARD, LateInput
 from evgp_rcs_console.karts import columns
 from evgp_rcs_console.keys import FORGOTTEN
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets
@@ -117,7 +117,7 @@ class Console:
         """Press keys, by their names in Qt."""
         for name in names:
             key = QtGui.QKeySequence(name)[0]
-            for _ in range(5):  # on a busy machine the window may be held up, and says so
+            for _ in range(20):  # on a busy machine the window may be held up, and says so
                 self.tell(self._race)
                 self.window._display.bottom.say('')
                 handle = self.window.windowHandle()
@@ -787,6 +787,23 @@ def test_all_kill_by_key_whichever_widget_has_the_focus(opened: Any) -> None:
         console.press('Tab')
 
     assert {'filter', 'log', 'mute', 'kart_finish_1', 'official', 'all_kill'} <= found
+
+
+@pytest.mark.parametrize(('key', 'told'), [('F2', True), ('Tab', True), ('Shift', False)])
+def test_a_key_that_was_too_old_is_named_if_it_means_anything(
+    key: str, told: bool, opened: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    console = opened()
+    console.tell(race_of(2, State.IN_GARAGE))
+    console.window._display.bottom.say('')
+    monkeypatch.setattr(LateInput, 'age', lambda self, event: STALE)
+
+    code = QtCore.Qt.Key.Key_Shift if key == 'Shift' else QtGui.QKeySequence(key)[0].key()
+    QtTest.QTest.keyClick(console.window.windowHandle(), code)
+    console.settle()
+
+    assert bool(console.find('status').whole) is told
+    assert not console.commands
 
 
 @pytest.mark.parametrize('question', ['F2', 'F3', 'F6', 'F7', 'F9', '1 Ctrl+G'])
