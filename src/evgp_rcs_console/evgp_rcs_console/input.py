@@ -203,7 +203,7 @@ class LateInput:
         self._dropped.clear()
 
 
-MOVES = ('Tab', 'Shift+Backtab', 'Up', 'Down', 'Left', 'Right')
+MOVE_KEYS = ('Tab', 'Shift+Backtab', 'Up', 'Down', 'Left', 'Right')
 """The keys that move to another button."""
 
 FORWARD = 0.3
@@ -326,7 +326,7 @@ class Keyboard:
         asking = self._areas.question.isVisible()
         if age >= STALE and not self._acts_late(stroke):
             # What means nothing here, as Shift alone, is not worth a word.
-            named = stroke is not None or asking or name in MOVES
+            named = stroke is not None or asking or name in MOVE_KEYS
             return self._late.drop(name, age) if named and not repeated else True
         self._late.in_time()
         at = clock.now() - age
@@ -389,7 +389,7 @@ class Keyboard:
                 self._presses.answer(True)
             else:
                 self._bottom.say(texts.ANSWER_NO, Tone.WAIT)
-        elif name in MOVES:
+        elif name in MOVE_KEYS:
             other = question.yes if question.no.hasFocus() else question.no
             (other if other.isEnabled() else question.no).setFocus()
         elif stroke is not None and stroke.act in (Act.PRESS, Act.ERASE):
