@@ -259,7 +259,7 @@ def test_race_control_breaks_no_rule_in_a_short_soak(seconds: int, chance: rando
 def test_a_race_control_with_a_fault_does_not_pass_the_soak(
     chance: random.Random, tmp_path: pathlib.Path
 ) -> None:
-    # Each ALL_KILL shows this fault: it does not depend on how far the races get on a busy computer.
+    # Each ALL_KILL shows it, however far the races get on a busy computer.
     fault = FAULTS['ALL_KILL forgets the karts outside the race']
     assert rules.__file__ is not None
     package = pathlib.Path(rules.__file__).parent
