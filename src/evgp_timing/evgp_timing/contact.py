@@ -1,0 +1,50 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A light beam or a switch at the line: when a kart crosses, and not who."""
+
+from __future__ import annotations
+
+STUCK = 10.0
+"""Time for which a beam is broken after which it is no kart, seconds."""
+
+
+class Contact:
+    """
+    Makes one crossing of all that a kart does to a beam.
+
+    :param debounce: time for which the beam must have been free before a crossing, seconds. So
+        long, wheels and gaps of one kart do not count again.
+    """
+
+    def __init__(self, debounce: float) -> None:
+        """Begin as if the beam had been broken until now."""
+        self._debounce = debounce
+        self._broken_at: float | None = None
+        self._free_at = 0.0
+
+    def look(self, broken: bool, now: float) -> bool:
+        """Return whether a kart crosses now; `now` in seconds, never less than before."""
+        if self._broken_at is None:
+            self._broken_at = self._free_at = now
+        crosses = broken and now - self._broken_at >= self._debounce
+        if broken:
+            self._broken_at = now
+        else:
+            self._free_at = now
+        return crosses
+
+    def is_stuck(self, now: float) -> bool:
+        """Return whether the beam has been broken for too long."""
+        return self._broken_at is not None and now - self._free_at >= STUCK

@@ -1,0 +1,92 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""The connection to a timing device: a serial port, or TCP."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import os
+import select
+import socket
+import termios
+from typing import Protocol
+
+import serial
+
+CONNECT_TIMEOUT = 3.0
+"""Maximum time to connect to a device by TCP, seconds."""
+
+READ_BYTES = 4096
+
+
+class Device(Protocol):
+    """An open connection."""
+
+    def fileno(self) -> int:
+        """Return its file descriptor."""
+
+    def close(self) -> None:
+        """Close it."""
+
+
+def split(device: str) -> tuple[str, int] | None:
+    """
+    Return host and port of a device at TCP; None: it is a serial port, by its path.
+
+    :raises ValueError: if it is neither.
+    """
+    if device.startswith('/'):
+        return None
+    host, _, port = device.rpartition(':')
+    if not host or not port.isdecimal() or not 0 < int(port) < 65536:
+        raise ValueError(f'{device!r} is neither a path nor host:port')
+    return host, int(port)
+
+
+def connect(device: str, baud: int) -> Device:
+    """
+    Open a device.
+
+    :raises OSError: if that is not possible.
+    """
+    at = split(device)
+    if at is None:
+        try:
+            port: Device = serial.Serial(device, baud, exclusive=True)
+        except (ValueError, termios.error) as error:  # a baud rate; unplugged meanwhile
+            raise OSError(str(error)) from error
+        return port
+    connection = socket.create_connection(at, CONNECT_TIMEOUT)
+    connection.setblocking(False)
+    return connection
+
+
+def read(device: Device, timeout: float) -> bytes:
+    """
+    Return what comes within the timeout, in seconds; nothing may come.
+
+    :raises OSError: if the device is gone.
+    """
+    if not select.select([device], [], [], timeout)[0]:
+        return b''
+    data = os.read(device.fileno(), READ_BYTES)
+    if not data:
+        raise ConnectionError('the device ended the connection')
+    return data
+
+
+def control_line(device: Device, name: str) -> Callable[[], bool]:
+    """Return what says whether a control line of a serial port is active: cts, dsr, cd or ri."""
+    return lambda: bool(getattr(device, name))

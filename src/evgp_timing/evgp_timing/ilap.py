@@ -1,0 +1,83 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+I-Lap and AMBrc text: one line for each passing.
+
+    SOH @ decoder (count) transponder seconds.milliseconds (hits strength ...) CR LF
+
+with a TAB before each but SOH, @ and CR. What is in brackets is not in every device's lines. From
+public descriptions: see docs/timing.md. They disagree on what the count counts and on what the
+checksum at the end covers: neither is used.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+
+from evgp_timing.passings import Event, Passing, Refused, Sign
+
+MAX_LINE_BYTES = 120
+"""Maximum length of a line, without its begin and end."""
+
+_BEGIN, _END = b'\x01', b'\n'
+
+_PASSING = re.compile(
+    rb'@\t\d+\t(?:\d+\t)?(?P<transponder>\d{1,10})\t(?P<seconds>\d{1,10})\.(?P<fraction>\d{1,6})'
+    rb'(?:\t(?P<hits>\d{1,5})\t(?P<strength>\d{1,5}))?(?:\t[ -~\t]*)?\r?'
+)
+
+
+class LineDecoder:
+    """Finds lines in a stream. Bytes before the begin of a line are passed over."""
+
+    def __init__(self) -> None:
+        """Begin outside a line."""
+        self._line: bytes | None = None
+
+    def feed(self, data: bytes) -> list[Event]:
+        """Return what these bytes complete."""
+        found: list[Event] = []
+        for part in re.split(rb'(?=[\x01\n])', data):
+            if part.startswith(_BEGIN):
+                if self._line is not None:
+                    found.append(Refused('a line is cut short'))
+                self._line, part = b'', part[1:]
+            if self._line is None:
+                continue
+            if part.startswith(_END):
+                found.append(_read(self._line))
+                self._line = None
+            else:
+                self._line += part
+                if len(self._line) > MAX_LINE_BYTES:
+                    found.append(Refused('a line is too long'))
+                    self._line = None
+        return found
+
+
+def _read(line: bytes) -> Event:
+    """Return what a line says; the time is that since the device was started."""
+    if not line.startswith(b'@'):
+        return Sign()
+    match = _PASSING.fullmatch(line)
+    if match is None:
+        return Refused('a line is not as expected')
+    return Passing(
+        time_us=int(match['seconds']) * 1_000_000 + int(match['fraction'].ljust(6, b'0')),
+        transponder=match['transponder'].decode(),
+        hits=min(int(match['hits'] or 0), 65535),
+        strength=math.nan if match['strength'] is None else float(match['strength']),
+    )

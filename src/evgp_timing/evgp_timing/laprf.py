@@ -1,0 +1,75 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+ImmersionRC LapRF, over USB or TCP: tells karts apart by the frequency of a video transmitter.
+
+From public descriptions and captures, not from ImmersionRC: see docs/timing.md.
+"""
+
+from __future__ import annotations
+
+import math
+
+from evgp_timing.framing import Framing, Record, RecordDecoder
+from evgp_timing.passings import Event, Passing, Refused, Sign
+
+PASSING = 0xDA09
+"""Type of a record; there are more."""
+
+SLOT, RTC_TIME, NUMBER, PEAK = 0x01, 0x02, 0x21, 0x22
+"""Fields of a passing; there are more."""
+
+
+def checksum(record: bytes) -> int:
+    """Return the CRC of 16 bits known as ARC: polynomial 0x8005, reflected, begun with 0."""
+    crc = 0
+    for byte in record:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0xA001 if crc & 1 else 0)
+    return crc
+
+
+FRAMING = Framing(
+    begin=0x5A,
+    end=0x5B,
+    escape=0x5C,
+    shift=0x40,
+    head=b'\0\0\0\0',  # length, checksum
+    length_at=1,
+    checksum_at=3,
+    checksum=checksum,
+)
+
+
+def read(record: Record) -> Event:
+    """Return what a record says; the time is in microseconds since the device was started."""
+    if record.kind != PASSING:
+        return Sign()
+    number, slot = record.number(NUMBER, 4), record.number(SLOT, 1)
+    time_us, peak = record.number(RTC_TIME, 8), record.number(PEAK, 2)
+    if number is None or slot is None or time_us is None:
+        return Refused('a passing lacks its number, slot or time')
+    return Passing(
+        time_us=time_us,
+        number=number,
+        transponder=str(slot),
+        strength=math.nan if peak is None else float(peak),
+    )
+
+
+def decoder() -> RecordDecoder:
+    """Return a decoder for one connection."""
+    return RecordDecoder(FRAMING, read)

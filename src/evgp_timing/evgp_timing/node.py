@@ -1,0 +1,292 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The ``timing_source`` node: the passings of one timing device, as a ROS topic.
+
+One thread owns the device: it connects, reads, decodes and publishes. The executor's thread only
+tells how the device is, once a second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+import dataclasses
+import sys
+import threading
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from evgp_node.diagnostics import DIAGNOSTICS_QOS
+from evgp_node.graph import where_reachable
+from evgp_node.parameters import ParameterError, Parameters, StrictNode
+from evgp_node.process import OnFailure, run_node, wait_until_heard
+from evgp_node.stamps import stamp, stamp_of
+from evgp_protocol import clock
+from evgp_rcs_msgs import msg
+from evgp_timing.account import Account
+from evgp_timing.contact import Contact, STUCK
+from evgp_timing.device import connect, control_line, Device, read, split
+from evgp_timing.kinds import CONTACT, DECODERS
+from evgp_timing.passings import Event, Passing
+from rclpy.clock import Clock, ClockType
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+PASSINGS_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=200,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Of ``passings``: whoever comes later gets the last ones too. Each has a number, so that a
+passing that is heard twice counts once."""
+
+LINES = ('cts', 'dsr', 'cd', 'ri')
+"""Control lines of a serial port that a contact can be wired to."""
+
+LOOK = 0.2
+"""Maximum time until the node's thread sees that the node ends, seconds."""
+
+CONTACT_LOOK = 0.001
+"""Time between two looks at a contact, seconds."""
+
+RECONNECT_DELAYS = (0.5, 1.0, 2.0, 5.0)
+"""Time before each further attempt to connect; the last for all that follow, seconds."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TimingSettings:
+    """The parameters; `read_settings` says what they mean."""
+
+    kind: str
+    device: str
+    source: str = 'line'
+    baud: int = 9600
+    silent_after: float = 10.0
+    line: str = 'cts'
+    inverted: bool = False
+    debounce: float = 0.2
+
+
+class TimingSource(StrictNode):
+    """
+    The node of one timing device.
+
+    :param on_failure: is called, in another thread, when the node cannot go on.
+    :raises ParameterError: if a parameter is wrong.
+    """
+
+    def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
+        """Read the parameters and begin to connect."""
+        super().__init__('timing_source', **{'namespace': 'rcs', **node_options})
+        self._settings = read_settings(Parameters(self))
+        self._passings = self.create_publisher(msg.Passing, 'passings', PASSINGS_QOS)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
+        self._account = Account(clock.now())
+        self._gone = 'It is not connected yet'  # empty: it is connected
+        self._stuck = False
+        self._connections = 0
+        self._told = ''
+        self._ending = threading.Event()
+        self._on_failure = on_failure
+        self.get_logger().info(
+            f'{self._settings.source}: {self._settings.kind} at {self._settings.device}, '
+            f'to {self._passings.topic_name}'
+        )
+        self.get_logger().info(where_reachable())
+        self.create_timer(1.0, self._tell, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self._thread = threading.Thread(target=self._run, name='device', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Let go of the device, and wait until what was published is heard."""
+        self._ending.set()
+        self._thread.join()
+        wait_until_heard(self._passings)
+
+    # ----- in the thread of the device ----------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            attempts = 0
+            while not self._ending.is_set():
+                heard = self._account.heard_at
+                try:
+                    with contextlib.closing(
+                        connect(self._settings.device, self._settings.baud)
+                    ) as device:
+                        self._gone = ''
+                        self._connections += 1
+                        self._follow(device)
+                except OSError as error:
+                    self._gone = f'It is not connected: {error}'
+                attempts = 0 if self._account.heard_at != heard else attempts + 1
+                self._ending.wait(RECONNECT_DELAYS[min(attempts, len(RECONNECT_DELAYS) - 1)])
+        except BaseException as error:  # noqa: BLE001 - handed on
+            self._on_failure(error)
+
+    def _follow(self, device: Device) -> None:
+        """Publish what the device says until this node ends, or the device is gone."""
+        if self._settings.kind == CONTACT:
+            self._follow_contact(control_line(device, self._settings.line))
+            return
+        decoder, since = DECODERS[self._settings.kind](), clock.now()
+        at_tcp = split(self._settings.device) is not None
+        while not self._ending.is_set():
+            data = read(device, LOOK)
+            now = clock.now()
+            for event in decoder.feed(data):
+                self._take(event, now)
+            # A device whose plug is pulled does not end the connection.
+            if at_tcp and self._is_silent(now, since):
+                return
+
+    def _follow_contact(self, is_active: Callable[[], bool]) -> None:
+        contact = Contact(self._settings.debounce)
+        while not self._ending.is_set():
+            broken, now = is_active() is not self._settings.inverted, clock.now()
+            if contact.look(broken, now):
+                self._take(Passing(time_us=time.time_ns() // 1000), now)
+            self._stuck = contact.is_stuck(now)
+            time.sleep(CONTACT_LOOK)
+
+    def _take(self, event: Event, now: float) -> None:
+        number = self._account.take(event, now)
+        if number is None or not isinstance(event, Passing):
+            return
+        of_host = self._settings.kind == CONTACT
+        self._passings.publish(
+            msg.Passing(
+                source=self._settings.source,
+                session=self._account.session,
+                number=number,
+                transponder=event.transponder,
+                stamp=stamp_of(event.time_us * 1000),
+                clock=msg.Passing.CLOCK_OF_HOST if of_host else msg.Passing.CLOCK_OF_DEVICE,
+                hits=event.hits,
+                strength=event.strength,
+            )
+        )
+
+    # ----- in the executor's thread -------------------------------------------------------
+
+    def _tell(self) -> None:
+        now, level = clock.now(), DiagnosticStatus.ERROR
+        trouble = self._account.trouble(now)
+        if self._gone:
+            said = self._gone
+        elif self._is_silent(now):
+            said = f'It has said nothing for {self._settings.silent_after:g} s: no laps come of it'
+        elif self._stuck:
+            said = f'Its beam has been broken for {STUCK:g} s: no laps come of it'
+        elif trouble is not None:
+            level, said = DiagnosticStatus.WARN, trouble.value
+        else:
+            level, said = DiagnosticStatus.OK, 'It is connected'
+        if said != self._told:
+            self._told = said
+            if level == DiagnosticStatus.OK:
+                self.get_logger().info(f'{self._settings.source}: {said}')
+            else:
+                self.get_logger().warning(f'{self._settings.source}: {said}')
+        values = {
+            'kind': self._settings.kind,
+            'session': self._account.session,
+            'passings': self._account.taken,
+            'connections': self._connections,
+            **{each.name.lower(): count for each, count in self._account.counts.items()},
+            'last refusal': self._account.last_refusal,
+        }
+        status = DiagnosticStatus(
+            level=level,
+            name=f'timing: {self._settings.source}',
+            message=said,
+            hardware_id=self._settings.device,
+            values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
+        )
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = stamp(self.get_clock())
+        self._diagnostics.publish(array)
+
+    def _is_silent(self, now: float, since: float = 0.0) -> bool:
+        """Return whether the device should have said something, since then or at all."""
+        after = self._settings.silent_after
+        if self._settings.kind == CONTACT or not after:
+            return False
+        return now - max(self._account.heard_at, since) >= after
+
+
+def read_settings(parameters: Parameters) -> TimingSettings:
+    """
+    Declare every parameter of the node.
+
+    :raises ParameterError: if a parameter is wrong.
+    """
+    declare, default = parameters.declare, TimingSettings
+    kinds = (CONTACT, *DECODERS)
+    settings = TimingSettings(
+        kind=declare('kind', '', f'What device it is: {", ".join(kinds)}.'),
+        device=declare('device', '', 'Where it is: the path of a serial port, or host:port.'),
+        source=declare('source', default.source, 'What the source is called; it stays the same.'),
+        baud=declare('baud', default.baud, 'Baud rate of a serial port.', (300, 3_000_000)),
+        silent_after=declare(
+            'silent_after',
+            default.silent_after,
+            'Time without anything from the device until it is told, s; 0: it may be silent.',
+            (0.0, 3600.0),
+        ),
+        line=declare('line', default.line, f'Control line of a contact: {", ".join(LINES)}.'),
+        inverted=declare('inverted', default.inverted, 'The line is active while nobody crosses.'),
+        debounce=declare(
+            'debounce',
+            default.debounce,
+            'Time for which a contact must have been free before a crossing, s.',
+            (0.01, 10.0),
+        ),
+    )
+    parameters.refuse_unknown()
+    for name, value, possible in (
+        ('kind', settings.kind, kinds),
+        ('line', settings.line, LINES),
+    ):
+        if value not in possible:
+            raise ParameterError(
+                f'parameter {name}: {value!r} is not possible. Give {" or ".join(possible)}'
+            )
+    if not settings.source:
+        raise ParameterError('parameter source is empty. Give a name, as line')
+    try:
+        at = split(settings.device)
+    except ValueError as error:
+        raise ParameterError(
+            f'parameter device: {error}. Give one as /dev/ttyUSB0 or 10.1.0.20:5403'
+        ) from error
+    if settings.kind == CONTACT and at is not None:
+        raise ParameterError('parameter device: a contact is at a serial port, as /dev/ttyUSB0')
+    return settings
+
+
+def main(args: list[str] | None = None) -> int:
+    """
+    Run the node until SIGINT or SIGTERM.
+
+    :return: 0 after an orderly end, 1 after a failure, 2 if a setting is wrong.
+    """
+    return run_node('timing_source', TimingSource, (ParameterError,), args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,106 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+A MYLAPS P3 decoder without hardware: karts that go round, for rehearsals and tests.
+
+It speaks what the public descriptions say, so it cannot show that they are right.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import itertools
+import random
+import select
+import socket
+import sys
+import time
+
+from evgp_timing import p3
+
+STATUS = p3.FRAMING.encode(p3.STATUS, [(0x01, b'\x28\0'), (0x07, b'\x16\0')])
+"""A sign of life: noise and temperature."""
+
+
+def passing(number: int, transponder: int, time_us: int) -> bytes:
+    """Return the record of a passing; the time in microseconds since 1970."""
+    fields = (
+        (p3.NUMBER, number, 4),
+        (p3.TRANSPONDER, transponder, 4),
+        (p3.RTC_TIME, time_us, 8),
+        (p3.STRENGTH, 120, 2),
+        (p3.HITS, 30, 2),
+    )
+    return p3.FRAMING.encode(
+        p3.PASSING, [(name, value.to_bytes(size, 'little')) for name, value, size in fields]
+    )
+
+
+def serve(
+    server: socket.socket, transponders: list[int], lap: float, spread: float, status: float
+) -> None:
+    """Let the karts go round until the process ends, for whoever listens by then."""
+    listeners: list[socket.socket] = []
+    numbers, chance = itertools.count(1), random.Random()  # noqa: S311 - lap times
+    start = time.monotonic()
+    due: list[tuple[float, int | None]] = [(start, None)]  # None: a sign of life
+    due += [(start + 0.5 * place, each) for place, each in enumerate(transponders, 1)]
+    while True:
+        due.sort(key=lambda each: each[0])
+        at, transponder = due[0]
+        wait = max(at - time.monotonic(), 0)
+        for ready in select.select([server, *listeners], [], [], wait)[0]:
+            if ready is server:
+                listeners.append(server.accept()[0])
+                continue
+            with contextlib.suppress(OSError):
+                if ready.recv(4096):
+                    continue
+            listeners.remove(ready)
+            ready.close()
+        if time.monotonic() < at:
+            continue
+        if transponder is None:
+            data, after = STATUS, status
+        else:
+            data = passing(next(numbers), transponder, time.time_ns() // 1000)
+            after = lap * chance.uniform(1 - spread, 1 + spread)
+        due[0] = at + after, transponder
+        for each in listeners:
+            with contextlib.suppress(OSError):  # it is gone, which `recv` shows
+                each.send(data, socket.MSG_DONTWAIT)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the emulator until Ctrl-C."""
+    parser = argparse.ArgumentParser(description='A MYLAPS P3 decoder without hardware.')
+    parser.add_argument('--address', default='127.0.0.1', help='where it listens')
+    parser.add_argument('--port', type=int, default=p3.PORT, help='0: any')
+    parser.add_argument('--transponders', type=int, nargs='+', default=[1001, 1002])
+    parser.add_argument('--lap', type=float, default=20.0, help='mean time of a lap, s')
+    parser.add_argument('--spread', type=float, default=0.1, help='of lap times, as a share')
+    parser.add_argument('--status', type=float, default=4.0, help='between signs of life, s')
+    given = parser.parse_args(args)
+    with socket.create_server((given.address, given.port)) as server:
+        host, port = server.getsockname()
+        print(f'A P3 decoder listens at {host}:{port}', flush=True)
+        with contextlib.suppress(KeyboardInterrupt):
+            serve(server, given.transponders, given.lap, given.spread, given.status)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,62 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What a timing device says: passings, signs of life, and what cannot be read."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Protocol, TypeAlias
+
+
+@dataclasses.dataclass(frozen=True)
+class Passing:
+    """
+    A transponder, or whoever broke the beam, crossed the line.
+
+    :ivar time_us: when, by the clock that the device has, in microseconds.
+    :ivar number: how the device counts it, up to 2**32 - 1; 0: it does not count.
+    :ivar transponder: its number or name, as the device has it; empty: nobody knows who it was.
+    :ivar hits: how often the device saw it, up to 65535; 0: it does not say.
+    :ivar strength: of the signal, in the device's own measure; NaN: it does not say.
+    """
+
+    time_us: int
+    number: int = 0
+    transponder: str = ''
+    hits: int = 0
+    strength: float = math.nan
+
+
+@dataclasses.dataclass(frozen=True)
+class Refused:
+    """Something that cannot be read, and why not."""
+
+    reason: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Sign:
+    """Something whole that is no passing: the device is there."""
+
+
+Event: TypeAlias = Passing | Refused | Sign
+
+
+class Decoder(Protocol):
+    """Takes the bytes of one connection, however they are cut, and never raises."""
+
+    def feed(self, data: bytes) -> list[Event]:
+        """Return what these bytes complete."""

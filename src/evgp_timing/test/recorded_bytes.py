@@ -1,0 +1,84 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What devices say, by public captures and descriptions, and what it means; for tests and fuzz."""
+
+from __future__ import annotations
+
+import math
+
+from evgp_timing.kinds import DECODERS
+from evgp_timing.passings import Decoder, Event, Passing, Sign
+
+RECORDED: dict[str, list[tuple[bytes, Event]]] = {
+    # A capture of a MYLAPS decoder that github.com/vmindru/ambp3client has for its tests.
+    'p3': [
+        (bytes.fromhex(record), event)
+        for record, event in (
+            ('8e021f00f3890000020001022800070216000c01760601008104131804008f', Sign()),
+            (
+                '8e02330053c800000100010451680200030473d75600040888f2fab51e83050005'
+                '02b20006023400080200008104131804008f',
+                Passing(1551542808933000, 157777, '5691251', 52, 178.0),
+            ),
+            (
+                # Its checksum has a byte that is escaped.
+                '8e0233008dae400000010001047c680200030473d756000408882878f31e83050005'
+                '02b20006021f00080200008104131804008f',
+                Passing(1551543840549000, 157820, '5691251', 31, 178.0),
+            ),
+        )
+    ],
+    # What github.com/fpvcult/laprf has for its tests.
+    'laprf': [
+        (bytes.fromhex(record), event)
+        for record, event in (
+            ('5a1c00d52b0cda02086051fcaf01000000200800000000000000005b', Sign()),
+            (
+                '5a2900735f09da200444003c000101022104010000000208e8bdc30400000000'
+                '2202fa08230200005b',
+                Passing(79937000, 1, '2', 0, 2298.0),
+            ),
+        )
+    ],
+    # By descriptions: the lines with a count and without one.
+    'ilap': [
+        (b'\x01#\t20\t5\t33\t0\txC249\r\n', Sign()),
+        (
+            b'\x01@\t20\t7\t4242424\t123.456\t38\t112\t2\tx1A2B\r\n',
+            Passing(123456000, 0, '4242424', 38, 112.0),
+        ),
+        (b'\x01@\t204\t3000999\t98.07\r\n', Passing(98070000, 0, '3000999', 0, math.nan)),
+    ],
+}
+"""Whole records of each kind with what each says, one after the other as a device sends them."""
+
+
+def feed_all(decoder: Decoder, pieces: list[bytes]) -> list[Event]:
+    """Return all that a decoder finds in these pieces."""
+    return [event for piece in pieces for event in decoder.feed(piece)]
+
+
+def check_stream(kind: str, data: bytes, pieces: list[bytes]) -> None:
+    """
+    Hold a decoder against what it promises for any bytes, cut into these pieces.
+
+    :raises AssertionError: if how the stream is cut matters, or a record behind it is lost.
+    """
+    decoder = DECODERS[kind]()
+    found = feed_all(decoder, pieces)
+    for other in ([data], [bytes((byte,)) for byte in data]):
+        assert feed_all(DECODERS[kind](), other) == found, kind
+    for record, event in RECORDED[kind]:
+        assert decoder.feed(record)[-1:] == [event], f'{event} is lost behind {data!r}'

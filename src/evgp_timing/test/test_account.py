@@ -1,0 +1,134 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What becomes of passings: each has one identity, and what a device does wrong is told."""
+
+from __future__ import annotations
+
+from evgp_timing.account import Account, CLOCK_TOLERANCE, MAX_RATE, RECENT, REMEMBERED, Trouble
+from evgp_timing.passings import Passing, Refused, Sign
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+EVENTS = st.one_of(
+    st.builds(
+        Passing,
+        time_us=st.integers(0, 2**64 - 1) | st.integers(0, 10_000_000),
+        number=st.integers(0, 2**32 - 1) | st.integers(0, 5),
+        transponder=st.sampled_from(['1', '2']),
+    ),
+    st.just(Sign()),
+    st.just(Refused('it is broken')),
+)
+
+
+def passing(at: float, number: int = 0, transponder: str = '7') -> Passing:
+    """Return a passing at this time of the device, in seconds."""
+    return Passing(round(at * 1_000_000), number, transponder)
+
+
+def account(*events: tuple[float, Passing]) -> Account:
+    """Return an account with passings taken, each at its time."""
+    made = Account(0.0)
+    for now, event in events:
+        made.take(event, now)
+    return made
+
+
+@given(st.lists(st.tuples(st.floats(0.0, 2.0), EVENTS), max_size=100))
+def test_no_two_passings_have_one_identity_and_no_number_leaves_its_range(
+    events: list[tuple[float, Passing | Sign | Refused]],
+) -> None:
+    made, now = Account(0.0), 0.0
+    given_out: dict[tuple[str, int], Passing] = {}
+    for after, event in events:
+        now += after
+        number = made.take(event, now)
+        if number is None:
+            continue
+        assert isinstance(event, Passing)
+        assert 0 < number < 2**32
+        assert given_out.setdefault((made.session, number), event) is event
+    assert made.taken == len(given_out)
+
+
+def test_a_device_that_counts_keeps_its_numbers() -> None:
+    made = account((1.0, passing(1.0, 41)))
+    assert made.take(passing(2.0, 42), 2.0) == 42
+    assert made.trouble(2.0) is None
+
+
+def test_a_passing_said_again_is_left_out_and_told() -> None:
+    made = account((1.0, passing(1.0, 41)), (2.0, passing(2.0, 42)))
+    session = made.session
+    assert made.take(passing(1.0, 41), 3.0) is None
+    assert made.session == session
+    assert made.trouble(3.0) is Trouble.REPEATED
+    assert made.trouble(3.0 + RECENT) is None
+
+
+def test_a_count_that_begins_anew_is_another_session() -> None:
+    made = account((1.0, passing(1.0, 41)))
+    session = made.session
+    assert made.take(passing(2.0, 1), 2.0) == 1
+    assert made.session != session
+    assert made.trouble(2.0) is Trouble.RESTARTED
+
+
+def test_passings_that_were_not_received_are_counted() -> None:
+    made = account((1.0, passing(1.0, 41)), (2.0, passing(2.0, 45)))
+    assert made.counts[Trouble.MISSED] == 3
+    assert made.trouble(2.0) is Trouble.MISSED
+
+
+def test_a_device_without_a_count_begins_anew_when_its_clock_does() -> None:
+    made = account((1.0, passing(500.0)), (2.0, passing(501.0)))
+    session = made.session
+    assert made.take(passing(0.5), 3.0) == 1
+    assert made.session != session
+
+
+@pytest.mark.parametrize('jump', [CLOCK_TOLERANCE + 0.1, -CLOCK_TOLERANCE - 0.1, 1e9])
+def test_a_clock_that_jumps_is_told_once_and_the_passing_is_taken(jump: float) -> None:
+    made = account((1.0, passing(10.0, 1)))
+    assert made.take(passing(11.0 + jump, 2), 2.0) == 2
+    assert made.take(passing(12.0 + jump, 3), 3.0) == 3
+    assert made.counts[Trouble.CLOCK] == 1
+
+
+def test_passings_beyond_the_rate_are_left_out_and_counted() -> None:
+    made = Account(0.0)
+    taken = [made.take(passing(0.001 * each, each), 0.5) for each in range(1, MAX_RATE + 51)]
+    assert taken == [*range(1, MAX_RATE + 1), *[None] * 50]
+    assert made.counts[Trouble.TOO_MANY] == 50
+    assert made.counts[Trouble.MISSED] == 0
+    assert made.take(passing(1.5, MAX_RATE + 51), 1.5) == MAX_RATE + 51
+
+
+def test_what_is_remembered_is_bounded() -> None:
+    made = Account(0.0)
+    for each in range(2 * REMEMBERED):
+        made.take(passing(each, each + 1), float(each))
+    assert len(made._recent) == REMEMBERED
+
+
+def test_what_cannot_be_read_is_no_sign_of_life() -> None:
+    made = Account(1.0)
+    assert made.take(Refused('a checksum is wrong'), 5.0) is None
+    assert made.heard_at == 1.0
+    assert made.last_refusal == 'a checksum is wrong'
+    assert made.trouble(5.0) is Trouble.REFUSED
+    made.take(Sign(), 6.0)
+    assert made.heard_at == 6.0

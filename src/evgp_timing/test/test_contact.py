@@ -1,0 +1,57 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""A beam that a kart breaks: one crossing for each kart."""
+
+from __future__ import annotations
+
+from evgp_timing.contact import Contact, STUCK
+from hypothesis import given
+from hypothesis import strategies as st
+
+DEBOUNCE = 0.2
+BROKEN_OR_FREE = st.lists(st.tuples(st.floats(0.001, 1.0), st.booleans()), max_size=60)
+
+
+@given(BROKEN_OR_FREE)
+def test_a_kart_crosses_when_the_beam_was_free_for_long_enough(
+    looks: list[tuple[float, bool]],
+) -> None:
+    contact, now = Contact(DEBOUNCE), 0.0
+    contact.look(False, now)
+    last_broken = now
+    for after, broken in looks:
+        now += after
+        assert contact.look(broken, now) == (broken and now - last_broken >= DEBOUNCE)
+        last_broken = now if broken else last_broken
+
+
+def test_what_stands_in_the_beam_at_the_start_is_no_crossing() -> None:
+    contact = Contact(DEBOUNCE)
+    assert not contact.look(True, 100.0)
+    assert not contact.look(True, 100.1)
+    assert not contact.look(False, 100.2)
+    assert contact.look(True, 101.0)
+
+
+def test_a_beam_that_stays_broken_is_told_until_it_is_free() -> None:
+    contact = Contact(DEBOUNCE)
+    assert not contact.is_stuck(0.0)
+    contact.look(False, 0.0)
+    contact.look(True, 1.0)
+    assert not contact.is_stuck(STUCK - 0.1)
+    contact.look(True, STUCK)
+    assert contact.is_stuck(STUCK)
+    contact.look(False, STUCK + 1)
+    assert not contact.is_stuck(STUCK + 1)

@@ -1,0 +1,162 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Bytes to passings: what was recorded of devices, any bytes, and bytes that were broken."""
+
+from __future__ import annotations
+
+import itertools
+
+from evgp_timing import laprf, p3
+from evgp_timing.framing import Framing, MAX_RECORD_BYTES, Record, RecordDecoder
+from evgp_timing.ilap import LineDecoder, MAX_LINE_BYTES
+from evgp_timing.kinds import DECODERS
+from evgp_timing.passings import Passing, Refused, Sign
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+from recorded_bytes import check_stream, feed_all, RECORDED
+
+every_kind = pytest.mark.parametrize('kind', DECODERS)
+every_framing = pytest.mark.parametrize('framing', [p3.FRAMING, laprf.FRAMING])
+
+FIELDS = st.lists(
+    st.tuples(st.integers(0, 255), st.binary(max_size=20)), unique_by=lambda field: field[0]
+)
+
+
+def cut(data: bytes, at: list[int]) -> list[bytes]:
+    """Return a stream in pieces, cut at these places."""
+    places = [0, *sorted(min(each, len(data)) for each in at), len(data)]
+    return [data[a:b] for a, b in itertools.pairwise(places)]
+
+
+def test_every_kind_has_recorded_bytes() -> None:
+    assert RECORDED.keys() == DECODERS.keys()
+
+
+@every_kind
+def test_what_was_recorded_of_a_device_says_what_it_means(kind: str) -> None:
+    for record, event in RECORDED[kind]:
+        assert DECODERS[kind]().feed(record) == [event]
+
+
+@every_kind
+@given(
+    chosen=st.lists(st.integers(0, 2), max_size=5),
+    garbage=st.lists(st.binary(max_size=40), min_size=5, max_size=5),
+    at=st.lists(st.integers(0, 400), max_size=8),
+)
+def test_garbage_between_records_loses_none_that_is_whole(
+    kind: str, chosen: list[int], garbage: list[bytes], at: list[int]
+) -> None:
+    sent = [RECORDED[kind][each % len(RECORDED[kind])] for each in chosen]
+    data = b''.join(noise + record for noise, (record, _) in zip(garbage, sent, strict=False))
+    found = feed_all(DECODERS[kind](), cut(data, at))
+    passings = [each for each in found if isinstance(each, Passing)]
+    assert passings == [event for _, event in sent if isinstance(event, Passing)]
+
+
+@every_kind
+@given(data=st.binary(max_size=300), at=st.lists(st.integers(0, 300), max_size=8))
+def test_how_a_stream_is_cut_does_not_matter(kind: str, data: bytes, at: list[int]) -> None:
+    check_stream(kind, data, cut(data, at))
+
+
+@pytest.mark.parametrize('kind', ['p3', 'laprf'])
+def test_a_record_with_a_changed_byte_is_no_passing(kind: str) -> None:
+    record, _ = RECORDED[kind][-1]
+    for place, byte in itertools.product(range(len(record)), range(256)):
+        changed = record[:place] + bytes((byte,)) + record[place + 1 :]
+        found = DECODERS[kind]().feed(changed)
+        assert changed == record or all(isinstance(each, Refused) for each in found)
+
+
+@every_framing
+@given(kind=st.integers(0, 0xFFFF), fields=FIELDS)
+def test_what_is_encoded_is_decoded(
+    framing: Framing, kind: int, fields: list[tuple[int, bytes]]
+) -> None:
+    opened: list[Record] = []
+
+    def keep(record: Record) -> Sign:
+        opened.append(record)
+        return Sign()
+
+    data = framing.encode(kind, fields)
+    assert data.count(framing.begin) == data.count(framing.end) == 1
+    assert RecordDecoder(framing, keep).feed(data) == [Sign()]
+    assert opened == [Record(kind, dict(fields))]
+
+
+@every_framing
+@pytest.mark.parametrize(
+    'inside',
+    [b'', bytes(3), bytes(MAX_RECORD_BYTES + 5)],
+    ids=['empty', 'too short', 'too long'],
+)
+def test_a_record_that_cannot_be_one_is_refused_once(framing: Framing, inside: bytes) -> None:
+    data = bytes((framing.begin, *inside, framing.end))
+    (refused,) = RecordDecoder(framing, lambda _: Sign()).feed(data)
+    assert isinstance(refused, Refused)
+
+
+@every_framing
+def test_a_field_longer_than_its_record_is_refused(framing: Framing) -> None:
+    record = bytearray(framing.encode(1, [(1, b'abc')]))
+    record[-5] = 200
+    at = slice(framing.checksum_at, framing.checksum_at + 2)
+    record[at] = b'\0\0'
+    record[at] = framing.checksum(bytes(record)).to_bytes(2, 'little')
+    assert isinstance(framing.open(bytes(record)), Refused)
+
+
+@pytest.mark.parametrize(
+    ('framing', 'kind', 'fields'),
+    [
+        (p3.FRAMING, p3.PASSING, [(p3.NUMBER, bytes(4)), (p3.TRANSPONDER, bytes(4))]),
+        (p3.FRAMING, p3.PASSING, [(p3.NUMBER, bytes(9)), (p3.TRANSPONDER, b''), (4, bytes(8))]),
+        (laprf.FRAMING, laprf.PASSING, [(laprf.SLOT, b'\1')]),
+    ],
+)
+def test_a_passing_without_number_time_or_transponder_is_refused(
+    framing: Framing, kind: int, fields: list[tuple[int, bytes]]
+) -> None:
+    decoder = p3.decoder() if framing is p3.FRAMING else laprf.decoder()
+    (refused,) = decoder.feed(framing.encode(kind, fields))
+    assert isinstance(refused, Refused)
+
+
+@pytest.mark.parametrize(
+    'line',
+    [
+        b'@\t20\t7\t4242424',
+        b'@\t20\t7\t4242424\t123',
+        b'@\t20\t7\tname\t123.456',
+        b'@\t20\t7\t4242424\t-1.000',
+        b'@\t20\t7\t4242424\tnan\t1\t1',
+        b'@',
+        b'@' * (MAX_LINE_BYTES + 1),
+    ],
+)
+def test_a_line_that_is_no_passing_is_refused_once(line: bytes) -> None:
+    (refused,) = LineDecoder().feed(b'\x01' + line + b'\r\n')
+    assert isinstance(refused, Refused)
+
+
+def test_a_line_that_is_cut_short_is_refused_and_the_next_is_read() -> None:
+    record, event = RECORDED['ilap'][1]
+    refused, passing = LineDecoder().feed(record[:-4] + record)
+    assert isinstance(refused, Refused)
+    assert passing == event

@@ -1,0 +1,348 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The node `timing_source` on real ports: a device's passings are heard, and how it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import contextlib
+import os
+import signal
+import socket
+import tty
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from evgp_node.process import WRONG_SETTING
+from evgp_node.stamps import stamp_of
+from evgp_rcs_msgs import msg
+from evgp_testing.domains import Domain, free_port
+from evgp_testing.process import executable, Process, Program
+from evgp_testing.ros_side import RosSide
+from evgp_timing import node
+from evgp_timing.kinds import DECODERS
+from evgp_timing.p3_emulator import passing, STATUS
+from evgp_timing.passings import Passing
+import pytest
+from rclpy.parameter import Parameter
+from recorded_bytes import RECORDED
+
+Start = Callable[..., Process]
+
+
+class Listener(RosSide):
+    """Race control's ear, and that of whoever looks at diagnostics."""
+
+    def __init__(self, domain: int, name: str = 'listener') -> None:
+        """Subscribe."""
+        super().__init__(name, domain)
+        self.passings: list[msg.Passing] = []
+        self.status: DiagnosticStatus | None = None
+        self.node.create_subscription(msg.Passing, '/rcs/passings', self._hear, node.PASSINGS_QOS)
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._see, 10)
+        self.spin()
+
+    def _hear(self, heard: msg.Passing) -> None:
+        with self.news:
+            self.passings.append(heard)
+            self.news.notify_all()
+
+    def _see(self, array: DiagnosticArray) -> None:
+        with self.news:
+            (self.status,) = array.status
+            self.news.notify_all()
+
+    def wait_for_passings(self, count: int) -> list[msg.Passing]:
+        """Return the first so many passings."""
+        self.wait_until(
+            lambda: len(self.passings) >= count, lambda: f'{count} passings: {self.passings}'
+        )
+        return self.passings[:count]
+
+    def wait_for_status(self, level: bytes, **values: str) -> DiagnosticStatus:
+        """Return the status once it has this level and these values."""
+
+        def found() -> DiagnosticStatus | None:
+            if self.status is None or self.status.level != level:
+                return None
+            told = {each.key: each.value for each in self.status.values}
+            return self.status if values.items() <= told.items() else None
+
+        status = self.wait_until(found, lambda: f'{level!r} {values}: {self.status}')
+        assert status is not None
+        return status
+
+
+@pytest.fixture
+def domain(parts: contextlib.ExitStack) -> int:
+    """Return a ROS domain that nobody else uses."""
+    return parts.enter_context(Domain()).number
+
+
+@pytest.fixture
+def listener(parts: contextlib.ExitStack, domain: int) -> Listener:
+    """Return somebody who hears all."""
+    return parts.enter_context(Listener(domain))
+
+
+@pytest.fixture
+def start(parts: contextlib.ExitStack, domain: int) -> Start:
+    """Return a function that starts the node with these parameters."""
+
+    def start(**parameters: object) -> Process:
+        return parts.enter_context(Process('evgp_timing', 'timing_source', domain, parameters))
+
+    return start
+
+
+@pytest.fixture
+def server() -> Iterator[socket.socket]:
+    """Return where a decoder listens."""
+    with socket.create_server(('127.0.0.1', free_port())) as listening:
+        listening.settimeout(30)
+        yield listening
+
+
+@pytest.fixture
+def terminal() -> Iterator[tuple[int, str]]:
+    """Return the device's end of a serial line, and the path of the other end."""
+    device, line = os.openpty()
+    tty.setraw(line)
+    yield device, os.ttyname(line)
+    for each in (device, line):
+        with contextlib.suppress(OSError):
+            os.close(each)
+
+
+def at(server: socket.socket) -> str:
+    """Return where a server listens, as the parameter has it."""
+    return '{}:{}'.format(*server.getsockname())
+
+
+def comparable(heard: msg.Passing) -> tuple[object, ...]:
+    """Return what a passing has of its device."""
+    return (
+        heard.transponder,
+        heard.stamp,
+        heard.hits,
+        repr(heard.strength),
+        heard.clock,
+        heard.kart,
+    )
+
+
+def expected(event: Passing) -> tuple[object, ...]:
+    """Return what is to be heard of a passing."""
+    when = stamp_of(event.time_us * 1000)
+    clock = msg.Passing.CLOCK_OF_DEVICE
+    return event.transponder, when, event.hits, repr(event.strength), clock, 0
+
+
+@pytest.mark.parametrize('kind', DECODERS)
+def test_what_a_device_sends_is_heard_as_it_came_also_by_who_comes_later(
+    kind: str,
+    start: Start,
+    listener: Listener,
+    domain: int,
+    terminal: tuple[int, str],
+    server: socket.socket,
+    parts: contextlib.ExitStack,
+) -> None:
+    """Lines and LapRF over a real pseudo-terminal, P3 over real TCP; each record in two pieces."""
+    sent = [event for _, event in RECORDED[kind] if isinstance(event, Passing)]
+    line, path = terminal
+    start(kind=kind, device=at(server) if kind == 'p3' else path, source='north')
+    if kind == 'p3':
+        line = os.dup(parts.enter_context(server.accept()[0]).fileno())
+        parts.callback(os.close, line)
+    else:
+        listener.wait_for_status(DiagnosticStatus.OK)
+    for record, _ in RECORDED[kind]:
+        for piece in (record[:7], record[7:]):
+            os.write(line, piece)
+
+    heard = listener.wait_for_passings(len(sent))
+    later = parts.enter_context(Listener(domain, 'later')).wait_for_passings(len(sent))
+    for each in (heard, later):
+        assert [comparable(one) for one in each] == [expected(event) for event in sent]
+    assert {each.source for each in heard} == {'north'}
+    identities = [(each.session, each.number) for each in heard]
+    assert identities == [(each.session, each.number) for each in later]
+    assert len(set(identities)) == len(sent)
+
+
+def test_a_decoder_that_is_gone_is_told_and_read_again_once_it_is_back(
+    start: Start, listener: Listener, server: socket.socket
+) -> None:
+    start(kind='p3', device=at(server))
+    with server.accept()[0] as decoder:
+        decoder.sendall(passing(41, 1001, 1_000_000))
+        listener.wait_for_passings(1)
+    with server.accept()[0] as decoder:
+        decoder.sendall(passing(42, 1001, 2_000_000) * 2)
+        first, second = listener.wait_for_passings(2)
+        assert (first.number, second.number) == (41, 42)
+        assert first.session == second.session
+        listener.wait_for_status(DiagnosticStatus.WARN, repeated='1', connections='2')
+        address = server.getsockname()
+        server.close()
+    status = listener.wait_for_status(DiagnosticStatus.ERROR, passings='2')
+    assert status.hardware_id == '{}:{}'.format(*address)
+    with socket.create_server(address) as again:
+        again.settimeout(30)
+        with again.accept()[0] as decoder:
+            decoder.sendall(passing(1, 1001, 3_000_000))  # it was switched off
+            third = listener.wait_for_passings(3)[2]
+            assert third.number == 1
+            assert third.session != second.session
+            listener.wait_for_status(DiagnosticStatus.WARN, restarted='1')
+
+
+def test_a_silent_decoder_is_told_and_connected_to_again(
+    start: Start, listener: Listener, server: socket.socket
+) -> None:
+    start(kind='p3', device=at(server), silent_after=1.0)
+    with server.accept()[0]:
+        listener.wait_for_status(DiagnosticStatus.ERROR)
+        with server.accept()[0] as decoder:  # by itself
+            while not (listener.status and listener.status.level == DiagnosticStatus.OK):
+                decoder.sendall(STATUS)
+                with contextlib.suppress(TimeoutError):
+                    decoder.settimeout(0.2)
+                    decoder.recv(1)
+
+
+def test_bytes_that_cannot_be_read_are_counted_and_the_next_passing_is_heard(
+    start: Start, listener: Listener, server: socket.socket
+) -> None:
+    start(kind='p3', device=at(server))
+    broken = bytearray(passing(1, 1001, 1_000_000))
+    broken[12] ^= 1
+    with server.accept()[0] as decoder:
+        decoder.sendall(bytes(broken) + b'noise\x8e' + passing(2, 1001, 2_000_000))
+        (heard,) = listener.wait_for_passings(1)
+        assert heard.number == 2
+        listener.wait_for_status(DiagnosticStatus.WARN, refused='2')
+
+
+def test_a_flood_of_passings_is_bounded_and_counted(
+    start: Start, listener: Listener, server: socket.socket
+) -> None:
+    start(kind='p3', device=at(server))
+    with server.accept()[0] as decoder:
+        decoder.sendall(b''.join(passing(each, 1001, each) for each in range(1, 2001)))
+        listener.wait_until(
+            lambda: (
+                listener.status
+                and _count(listener.status, 'passings') + _count(listener.status, 'too_many')
+                == 2000
+            ),
+            lambda: f'2000 passings: {listener.status}',
+        )
+        listener.wait_for_status(DiagnosticStatus.WARN, missed='0')
+
+
+def _count(status: DiagnosticStatus, key: str) -> int:
+    return int(next(each.value for each in status.values if each.key == key))
+
+
+def test_the_emulator_is_heard_like_a_decoder(
+    start: Start, listener: Listener, parts: contextlib.ExitStack
+) -> None:
+    emulator = parts.enter_context(
+        Program(
+            'p3_emulator',
+            [
+                executable('evgp_timing', 'p3_emulator'),
+                *('--port', '0', '--lap', '0.5', '--status', '0.2'),
+                *('--transponders', '1001', '1002'),
+            ],
+            end='INT',
+        )
+    )
+    port = emulator.wait_for_line(r'listens at 127\.0\.0\.1:(\d+)')[1]
+    start(kind='p3', device=f'127.0.0.1:{port}')
+    heard = listener.wait_for_passings(6)
+    assert {each.transponder for each in heard} == {'1001', '1002'}
+    numbers = [each.number for each in heard]
+    assert numbers == list(range(numbers[0], numbers[0] + 6))
+    listener.wait_for_status(DiagnosticStatus.OK)
+    emulator.signal(signal.SIGINT)
+    assert emulator.wait() == 0
+
+
+class Line:
+    """A serial port in whose place a test is: there is no control line without hardware."""
+
+    def __init__(self) -> None:
+        """Begin with nobody at the line."""
+        self.cts = False
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+def test_a_contact_makes_a_passing_of_nobody_known(
+    monkeypatch: pytest.MonkeyPatch, listener: Listener, domain: int
+) -> None:
+    line, failures = Line(), []
+    monkeypatch.setattr(node, 'connect', lambda *_: line)
+    side = RosSide('beside', domain)
+    source = node.TimingSource(
+        failures.append,
+        context=side.context,
+        use_global_arguments=False,
+        parameter_overrides=[
+            Parameter('kind', value='contact'),
+            Parameter('device', value='/dev/ttyS0'),
+            Parameter('debounce', value=0.05),
+        ],
+    )
+    try:
+        listener.wait_until_polled(
+            lambda: listener.node.count_publishers('/rcs/passings') == 1, 'the source'
+        )
+        for count in (1, 2):
+            # A crossing needs a line that was free for so long.
+            while len(listener.passings) < count:
+                line.cts = not line.cts
+                with listener.news:
+                    listener.news.wait(0.1)
+            line.cts = False
+        first, second = listener.wait_for_passings(2)
+    finally:
+        source.close()
+        source.destroy_node()
+        side.close()
+    assert (first.number, second.number) == (1, 2)
+    assert (first.kart, first.transponder) == (0, '')
+    assert first.clock == msg.Passing.CLOCK_OF_HOST
+    assert not failures
+
+
+def test_a_port_without_control_lines_is_told_and_the_node_goes_on(
+    start: Start, listener: Listener, terminal: tuple[int, str]
+) -> None:
+    source = start(kind='contact', device=terminal[1])
+    listener.wait_for_status(DiagnosticStatus.ERROR, connections='2')
+    assert source.close() == 0
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'said'),
+    [
+        ({}, 'parameter kind'),
+        ({'kind': 'p4', 'device': '10.0.0.1:5403'}, "parameter kind: 'p4'"),
+        ({'kind': 'p3'}, 'parameter device'),
+        ({'kind': 'p3', 'device': '10.0.0.1'}, 'parameter device'),
+        ({'kind': 'contact', 'device': '10.0.0.1:5403'}, 'parameter device'),
+        ({'kind': 'contact', 'device': '/dev/ttyS0', 'line': 'rts'}, 'parameter line'),
+        ({'kind': 'p3', 'device': '10.0.0.1:5403', 'baut': 9600}, 'did you mean baud?'),
+    ],
+)
+def test_a_wrong_setting_is_named_and_ends_the_node(
+    start: Start, parameters: dict[str, object], said: str
+) -> None:
+    source = start(**parameters)
+    assert source.wait() == WRONG_SETTING
+    assert said in source.output
