@@ -5,7 +5,7 @@
 #
 #   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
 #   ARGS='...'          passed on by bench, bridge, console, ctl, demo, fuzz, inspect-kart, inspect-rcs,
-#                       record, rehearsal, soak, survey, test and test-long
+#                       record, rehearsal, soak, survey, test, test-long and timing
 #   WORKERS=8           number of tests that run at the same time; most of the time, most of them wait
 WORKERS := 8
 
@@ -21,7 +21,7 @@ PARAMS := src/evgp_rcs/config/rcs.yaml
 # This machine's own address on the officials' network; empty: the officials are at this machine
 # only. Our programs stay on the machine otherwise, whatever ROS is told: docs/security.md.
 OFFICIALS := $(EVGP_GRAPH_INTERFACE)
-run console ctl: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
+run console ctl timing: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
 
 # This machine's own address on the karts' network; empty: what PARAMS says. With OFFICIALS, race
 # control must know it, so that karts never reach the officials' network.
@@ -41,7 +41,11 @@ bench demo fuzz rehearsal screenshots soak test test-long: export ROS_AUTOMATIC_
 HOST :=
 ODOM :=
 
-.PHONY: help setup demo rehearsal test test-long bench soak fuzz run roster record console ctl bridge \
+# A timing device: contact, ilap, laprf or p3, and where it is (docs/timing.md).
+KIND :=
+DEVICE :=
+
+.PHONY: help setup demo rehearsal test test-long bench soak fuzz run roster record console ctl bridge timing \
   inspect-kart inspect-rcs survey screenshots lines lint format clean
 
 help:
@@ -51,9 +55,10 @@ help:
 	@echo 'make test-long  set up and run the long tests       (ARGS="-k roster")'
 	@echo 'make soak    race control under random faults and commands (ARGS="--seconds 60")'
 	@echo 'make bench   measure speed and cost                 (ARGS="stop --karts 20")'
-	@echo 'make fuzz    fuzz the decoder and the roster loader, guided by coverage'
+	@echo 'make fuzz    fuzz the decoders and the roster loader, guided by coverage'
 	@echo 'make run     start race control for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml OFFICIALS=10.1.0.5 ADDRESS=10.0.0.1)'
 	@echo 'make roster  check a list of karts, without starting anything (ROSTER=karts.yaml)'
+	@echo 'make timing  read a timing device at the line         (KIND=p3 DEVICE=10.1.0.20:5403 OFFICIALS=10.1.0.7)'
 	@echo 'make record  print what happened in the last run     (ARGS="--list", ARGS="--help")'
 	@echo "make bridge  on a kart: start its bridge              (HOST=10.0.0.1 ODOM=/odom ARGS='-p ...')"
 	@echo "make inspect-kart  is this kart fit to race? Needs no set-up  (ARGS='--number 7')"
@@ -126,6 +131,12 @@ bridge:
 	  install/evgp_kart_bridge/lib/evgp_kart_bridge/kart_bridge_node --ros-args \
 	  -p 'host:=$(HOST)' \
 	  $(if $(ODOM),-r '~/odom:=$(ODOM)' -p odometry_required:=true) $(ARGS)
+
+# It comes back after a crash; not where a setting is wrong.
+timing:
+	$(IN_WORKSPACE) python -m evgp_node.restarting \
+	  install/evgp_timing/lib/evgp_timing/timing_source --ros-args \
+	  -p 'kind:=$(KIND)' -p 'device:=$(DEVICE)' $(ARGS)
 
 # Needs nothing but Python: on the computer of whoever inspects karts, nothing may be set up.
 inspect-kart:

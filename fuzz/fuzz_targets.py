@@ -20,6 +20,8 @@ import zlib
 from evgp_protocol import frames
 from evgp_protocol.states import RaceState
 from evgp_rcs import roster
+from evgp_timing.kinds import DECODERS
+from recorded_bytes import check_stream
 import yaml
 
 Event = frames.StateFrame | frames.MalformedFrame
@@ -130,7 +132,22 @@ def check_roster(data: bytes) -> None:
     assert _load(again.encode()) == loaded, 'a roster written anew is another one'
 
 
-TARGETS: dict[str, Callable[[bytes], None]] = {'decoder': check_decoder, 'roster': check_roster}
+def check_timing(data: bytes) -> None:
+    """
+    Feed the bytes to the decoder of every timing device, however the stream is cut.
+
+    :raises AssertionError: if a promise of `evgp_timing` is broken; whatever else is raised, too.
+    """
+    pieces = _cut(data, random.Random(zlib.crc32(data)))
+    for kind in DECODERS:
+        check_stream(kind, data, pieces)
+
+
+TARGETS: dict[str, Callable[[bytes], None]] = {
+    'decoder': check_decoder,
+    'roster': check_roster,
+    'timing': check_timing,
+}
 """Every target by its name, which is also that of its corpus."""
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Fuzz the decoder and the roster loader, guided by coverage (Atheris): ``make fuzz``.
+Fuzz the decoders and the roster loader, guided by coverage (Atheris): ``make fuzz``.
 
     make fuzz                                   each target for a minute
     make fuzz ARGS='--seconds 600 decoder'      one target, for longer
@@ -24,16 +24,19 @@ import sys
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 HERE = ROOT / 'fuzz'
 FOUND = ROOT / '.fuzz'
-NAMES = ('decoder', 'roster')
+NAMES = ('decoder', 'roster', 'timing')
 
 
 def fuzz(name: str, options: list[str]) -> None:
     """Fuzz one target in this process, which libFuzzer ends."""
+    # What devices were recorded to say, which the package's tests have.
+    sys.path.append(str(ROOT / 'src' / 'evgp_timing' / 'test'))
     # Imported here, since only the process that fuzzes is to be instrumented.
     import atheris
 
     with atheris.instrument_imports(
-        include=['evgp_protocol.frames', 'evgp_rcs.roster', 'yaml'], enable_loader_override=False
+        include=['evgp_protocol.frames', 'evgp_rcs.roster', 'evgp_timing', 'yaml'],
+        enable_loader_override=False,
     ):
         import fuzz_targets
     atheris.Setup([sys.argv[0], *options], fuzz_targets.TARGETS[name])

@@ -31,12 +31,18 @@ from evgp_rcs.race import RaceTimes
 from evgp_rcs.settings import read_settings as read_race_control_settings
 from evgp_rcs_console.view import BEGINS_WITHIN
 from evgp_rehearsal.rehearse_kart import SILENCE
+from evgp_timing.account import MAX_RATE, RECENT
+from evgp_timing.contact import STUCK
+from evgp_timing.node import read_settings as read_timing_settings
+from evgp_timing.node import RECONNECT_DELAYS
+from evgp_timing.p3 import PORT as P3_PORT
 import pytest
 import yaml
 
 ROOT = pathlib.Path(__file__).parents[1]
 RACE_CONTROL = 'src/evgp_rcs/config/rcs.yaml'
 BRIDGE = 'src/evgp_kart_bridge/config/kart_bridge.yaml'
+TIMING = 'src/evgp_timing/config/timing_source.yaml'
 ROSTER = ROOT / 'src/evgp_rcs/config/karts.yaml'
 
 Limits = tuple[float, float] | None
@@ -70,10 +76,15 @@ race_control = declared(read_race_control_settings, roster=str(ROSTER))
 race_control.declare('accept_open_graph', False, 'by the node itself')
 race_control.declare('banner', '', 'by the node itself')
 bridge = declared(read_bridge_settings, host='10.0.0.1')
+timing = declared(read_timing_settings, kind='p3', device='10.1.0.20:5403')
 NODES = pytest.mark.parametrize(
     ('node', 'config', 'section'),
-    [(race_control, RACE_CONTROL, '## rcs'), (bridge, BRIDGE, '## kart_bridge')],
-    ids=['race control', 'bridge'],
+    [
+        (race_control, RACE_CONTROL, '## rcs'),
+        (bridge, BRIDGE, '## kart_bridge'),
+        (timing, TIMING, '## timing_source'),
+    ],
+    ids=['race control', 'bridge', 'timing source'],
 )
 
 
@@ -169,6 +180,12 @@ WRITTEN = [
     ('docs/wire.md', r'heard_at >= ([\d.]+):', SILENCE_OF_RACE_CONTROL),
     ('docs/wire.md', r'That is (\d+) missed frames', RATE * SILENCE_OF_RACE_CONTROL),
     ('docs/wire.md', r'silent for (\d+) s after its TCP', QUIET),
+    ('docs/timing.md', r'TCP, port (\d+)', P3_PORT),
+    ('docs/timing.md', r'said nothing for (\d+) s', timing.defaults['silent_after']),
+    ('docs/timing.md', r'more than (\d+) passings', MAX_RATE),
+    ('docs/timing.md', r'been broken for (\d+) s', STUCK),
+    ('docs/timing.md', r'again every (\d+) s', RECONNECT_DELAYS[-1]),
+    ('docs/ros-interface.md', r'WARN for (\d+) s after it did', RECENT),
     ('docs/network.md', r'A frame is sent every ([\d.]+) s', BEAT),
     ('docs/network.md', r'hears (?:none|nothing) for ([\d.]+) s', SILENCE_OF_RACE_CONTROL),
     ('docs/network.md', r'not answered for ([\d.]+) s', race_control.defaults['send_timeout']),

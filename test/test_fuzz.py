@@ -15,6 +15,8 @@ from typing import Any
 
 from evgp_protocol import frames
 from evgp_rcs import roster
+from evgp_timing import framing
+from evgp_timing.passings import Sign
 import fuzz_targets
 import pytest
 
@@ -32,7 +34,7 @@ def test_every_promise_holds_for_the_corpus(name: str, path: pathlib.Path) -> No
     reason='there is no wheel of Atheris for this machine',
 )
 @pytest.mark.parametrize('runs', [300, pytest.param(3000, marks=pytest.mark.long)])
-@pytest.mark.parametrize('name', ['decoder', 'roster'])
+@pytest.mark.parametrize('name', ['decoder', 'roster', 'timing'])
 def test_nothing_is_found_in_a_fixed_number_of_executions(
     name: str, runs: int, tmp_path: pathlib.Path
 ) -> None:
@@ -89,6 +91,9 @@ class Forgetful(frames.FrameDecoder):
         ),
         ('roster', roster._Parser, '_heat_name', lambda self, node: f' {node.value}'),
         ('roster', roster._Parser, '_note', lambda self, where, reason: [][0]),
+        ('timing', framing.MarkedDecoder, 'feed', lambda self, data: [Sign()]),
+        ('timing', framing, 'MAX_RECORD_BYTES', 20),
+        ('timing', framing.Framing, 'open', lambda self, record: [][len(record)]),
         ('roster', roster._Parser, '_in_words', lambda self, fault: f'roster:1: {fault.reason}\n'),
     ],
 )

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+import contextlib
 from fnmatch import fnmatchcase
 import os
 import pathlib
@@ -18,6 +19,7 @@ from evgp_testing.domains import Domain
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
 from evgp_testing.official import SERVICES
 from evgp_testing.process import Process
+from evgp_testing.ros_side import RosSide
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
@@ -127,6 +129,28 @@ def test_watching_takes_no_more_than_watchers_are_allowed(
     assert asked == allowed('/watchers', 'services', 'request') == set()
     assert published <= allowed('/watchers', 'topics', 'publish')
     assert subscribed <= allowed('/watchers', 'topics', 'subscribe')
+
+
+def test_a_timing_source_does_no_more_than_it_is_allowed(
+    domain: int, parts: contextlib.ExitStack
+) -> None:
+    looking = parts.enter_context(RosSide('looking', domain))
+    node, named = looking.node, ('timing_source', '/rcs')
+    given = {'kind': 'p3', 'device': '127.0.0.1:1'}
+    parts.enter_context(Process('evgp_timing', 'timing_source', domain, given))
+    topics = {'/rcs/passings', '/diagnostics', '/rosout', '/parameter_events'}
+
+    def published() -> set[str]:
+        if named not in node.get_node_names_and_namespaces():
+            return set()
+        return {name for name, _ in node.get_publisher_names_and_types_by_node(*named)}
+
+    looking.wait_until_polled(lambda: published() >= topics, 'the source in the graph')
+    assert published() == topics == allowed('/timing', 'topics', 'publish')
+    subscribed = {name for name, _ in node.get_subscriber_names_and_types_by_node(*named)}
+    assert subscribed <= allowed('/timing', 'topics', 'subscribe')
+    assert {name for name, _ in node.get_client_names_and_types_by_node(*named)} == set()
+    assert allowed('/timing', 'services', 'request') == set()
 
 
 @pytest.fixture

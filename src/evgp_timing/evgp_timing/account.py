@@ -42,7 +42,7 @@ class Trouble(enum.Enum):
 
     TOO_MANY = f'It sends more than {MAX_RATE} passings a second. The rest are left out'
     MISSED = 'Passings of it were not received: its count has gaps. Look at the laps'
-    RESTARTED = 'It began to count anew. It may have been switched off: look at the laps'
+    RESTARTED = 'It began anew: switched off, or its clock was set back. Look at the laps'
     CLOCK = 'Its clock jumped, or its passings came late. Look at the lap times'
     REPEATED = 'It sends passings again. They count once'
     REFUSED = 'Some of what it sends cannot be read. Look at its cable, its kind and the baud rate'

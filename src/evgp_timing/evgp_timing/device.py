@@ -25,7 +25,7 @@ from typing import Protocol
 
 import serial
 
-CONNECT_TIMEOUT = 3.0
+CONNECT_TIMEOUT = 2.0
 """Maximum time to connect to a device by TCP, seconds."""
 
 READ_BYTES = 4096

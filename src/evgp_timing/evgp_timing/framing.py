@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Records between two marks, escaped, with a checksum and fields: what P3 and LapRF have in common.
+What stands between two marks in a stream; and records, which P3 and LapRF have in common.
 
 A record is a mark, a header with length, checksum and type, fields (name, length, value), and a
 mark. Numbers are little-endian. The checksum is that of the record before it is escaped, with
@@ -24,11 +24,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 import dataclasses
+import re
 
 from evgp_timing.passings import Event, Refused
 
 MAX_RECORD_BYTES = 1024
-"""Maximum length of a record before it is escaped; those known have less than a hundred bytes."""
+"""Maximum length between two marks; records known have less than two hundred bytes."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,64 +78,72 @@ class Framing:
         )
         return bytes((self.begin, *(each for pair in inside for each in pair), self.end))
 
-    def open(self, record: bytes) -> Record | Refused:
-        """Return what is in a record that is not escaped any more, with its marks."""
+    def open(self, inside: bytes) -> Record | Refused:
+        """Return the record that stands between two marks, escaped."""
+        plain = re.sub(
+            re.escape(bytes((self.escape,))) + rb'(.)',
+            lambda pair: bytes(((pair[1][0] - self.shift) % 256,)),
+            inside,
+            flags=re.DOTALL,
+        )
+        record = bytearray((self.begin, *plain, self.end))
         at, last = 1 + len(self.head) + 2, len(record) - 1
         if last < at:
             return Refused('a record is too short')
-        checksum = slice(self.checksum_at, self.checksum_at + 2)
-        blank = bytearray(record)
-        blank[checksum] = b'\0\0'
-        if self.checksum(bytes(blank)) != int.from_bytes(record[checksum], 'little'):
+        place = slice(self.checksum_at, self.checksum_at + 2)
+        checksum, record[place] = record[place], b'\0\0'
+        if self.checksum(bytes(record)) != int.from_bytes(checksum, 'little'):
             return Refused('a checksum is wrong')
         fields: dict[int, bytes] = {}
         kind = int.from_bytes(record[at - 2 : at], 'little')
         while at < last:
-            begin = at + 2
-            end = begin + record[at + 1]
+            begin, end = at + 2, at + 2 + record[at + 1]
             if end > last:
                 return Refused('a field is longer than its record')
-            fields[record[at]] = record[begin:end]
+            fields[record[at]] = bytes(record[begin:end])
             at = end
         return Record(kind, fields)
 
+    def decoder(self, read: Callable[[Record], Event]) -> MarkedDecoder:
+        """Return a decoder for one connection; `read` says what a whole record means."""
 
-class RecordDecoder:
+        def read_inside(inside: bytes) -> Event:
+            opened = self.open(inside)
+            return opened if isinstance(opened, Refused) else read(opened)
+
+        return MarkedDecoder(self.begin, self.end, read_inside)
+
+
+class MarkedDecoder:
     """
-    Finds records in a stream. Bytes outside a record are passed over.
+    Finds what stands between two marks in a stream. Bytes outside of them are passed over.
 
-    :param read: what a whole record says.
+    :param read: what the bytes between two marks say.
     """
 
-    def __init__(self, framing: Framing, read: Callable[[Record], Event]) -> None:
-        """Begin outside a record."""
-        self._framing = framing
+    def __init__(self, begin: int, end: int, read: Callable[[bytes], Event]) -> None:
+        """Begin outside."""
+        self._begin, self._end = bytes((begin,)), bytes((end,))
+        self._marks = re.compile(b'(?=[%b])' % re.escape(self._begin + self._end))
         self._read = read
-        self._record = bytearray()
-        self._escaped = False
+        self._inside: bytes | None = None
 
     def feed(self, data: bytes) -> list[Event]:
         """Return what these bytes complete."""
-        framing = self._framing
         found: list[Event] = []
-        for byte in data:
-            if byte == framing.begin:
-                if self._record:
+        for part in self._marks.split(data):
+            if part.startswith(self._begin):
+                if self._inside is not None:
                     found.append(Refused('a record is cut short'))
-                self._record = bytearray((byte,))
-                self._escaped = False
-            elif not self._record:
+                self._inside, part = b'', part[1:]
+            if self._inside is None:
                 continue
-            elif byte == framing.end:
-                opened = framing.open(bytes((*self._record, byte)))
-                found.append(opened if isinstance(opened, Refused) else self._read(opened))
-                self._record.clear()
-            elif len(self._record) == MAX_RECORD_BYTES:
+            if part.startswith(self._end):
+                found.append(self._read(self._inside))
+                self._inside = None
+                continue
+            self._inside += part
+            if len(self._inside) > MAX_RECORD_BYTES:
                 found.append(Refused('a record is too long'))
-                self._record.clear()
-            elif byte == framing.escape and not self._escaped:
-                self._escaped = True
-            else:
-                self._record.append((byte - framing.shift) % 256 if self._escaped else byte)
-                self._escaped = False
+                self._inside = None
         return found

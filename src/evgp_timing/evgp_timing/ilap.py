@@ -27,12 +27,8 @@ from __future__ import annotations
 import math
 import re
 
+from evgp_timing.framing import MarkedDecoder
 from evgp_timing.passings import Event, Passing, Refused, Sign
-
-MAX_LINE_BYTES = 120
-"""Maximum length of a line, without its begin and end."""
-
-_BEGIN, _END = b'\x01', b'\n'
 
 _PASSING = re.compile(
     rb'@\t\d+\t(?:\d+\t)?(?P<transponder>\d{1,10})\t(?P<seconds>\d{1,10})\.(?P<fraction>\d{1,6})'
@@ -40,35 +36,7 @@ _PASSING = re.compile(
 )
 
 
-class LineDecoder:
-    """Finds lines in a stream. Bytes before the begin of a line are passed over."""
-
-    def __init__(self) -> None:
-        """Begin outside a line."""
-        self._line: bytes | None = None
-
-    def feed(self, data: bytes) -> list[Event]:
-        """Return what these bytes complete."""
-        found: list[Event] = []
-        for part in re.split(rb'(?=[\x01\n])', data):
-            if part.startswith(_BEGIN):
-                if self._line is not None:
-                    found.append(Refused('a line is cut short'))
-                self._line, part = b'', part[1:]
-            if self._line is None:
-                continue
-            if part.startswith(_END):
-                found.append(_read(self._line))
-                self._line = None
-            else:
-                self._line += part
-                if len(self._line) > MAX_LINE_BYTES:
-                    found.append(Refused('a line is too long'))
-                    self._line = None
-        return found
-
-
-def _read(line: bytes) -> Event:
+def read(line: bytes) -> Event:
     """Return what a line says; the time is that since the device was started."""
     if not line.startswith(b'@'):
         return Sign()
@@ -81,3 +49,8 @@ def _read(line: bytes) -> Event:
         hits=min(int(match['hits'] or 0), 65535),
         strength=math.nan if match['strength'] is None else float(match['strength']),
     )
+
+
+def decoder() -> MarkedDecoder:
+    """Return a decoder for one connection."""
+    return MarkedDecoder(0x01, 0x0A, read)

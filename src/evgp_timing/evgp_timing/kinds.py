@@ -25,7 +25,7 @@ CONTACT = 'contact'
 """The one kind that has no decoder: a control line of a serial port."""
 
 DECODERS: dict[str, Callable[[], Decoder]] = {
-    'ilap': ilap.LineDecoder,
+    'ilap': ilap.decoder,
     'laprf': laprf.decoder,
     'p3': p3.decoder,
 }

@@ -20,16 +20,26 @@ From public descriptions and captures, not from ImmersionRC: see docs/timing.md.
 
 from __future__ import annotations
 
+import enum
 import math
 
-from evgp_timing.framing import Framing, Record, RecordDecoder
+from evgp_timing.framing import Framing, MarkedDecoder, Record
 from evgp_timing.passings import Event, Passing, Refused, Sign
 
-PASSING = 0xDA09
-"""Type of a record; there are more."""
 
-SLOT, RTC_TIME, NUMBER, PEAK = 0x01, 0x02, 0x21, 0x22
-"""Fields of a passing; there are more."""
+class Kind(enum.IntEnum):
+    """Types of records; there are more."""
+
+    PASSING = 0xDA09
+
+
+class Field(enum.IntEnum):
+    """Fields of a passing; there are more."""
+
+    SLOT = 0x01
+    RTC_TIME = 0x02
+    NUMBER = 0x21
+    PEAK = 0x22
 
 
 def checksum(record: bytes) -> int:
@@ -42,7 +52,7 @@ def checksum(record: bytes) -> int:
     return crc
 
 
-FRAMING = Framing(
+LAPRF = Framing(
     begin=0x5A,
     end=0x5B,
     escape=0x5C,
@@ -56,10 +66,10 @@ FRAMING = Framing(
 
 def read(record: Record) -> Event:
     """Return what a record says; the time is in microseconds since the device was started."""
-    if record.kind != PASSING:
+    if record.kind != Kind.PASSING:
         return Sign()
-    number, slot = record.number(NUMBER, 4), record.number(SLOT, 1)
-    time_us, peak = record.number(RTC_TIME, 8), record.number(PEAK, 2)
+    number, slot = record.number(Field.NUMBER, 4), record.number(Field.SLOT, 1)
+    time_us, peak = record.number(Field.RTC_TIME, 8), record.number(Field.PEAK, 2)
     if number is None or slot is None or time_us is None:
         return Refused('a passing lacks its number, slot or time')
     return Passing(
@@ -70,6 +80,6 @@ def read(record: Record) -> Event:
     )
 
 
-def decoder() -> RecordDecoder:
+def decoder() -> MarkedDecoder:
     """Return a decoder for one connection."""
-    return RecordDecoder(FRAMING, read)
+    return LAPRF.decoder(read)

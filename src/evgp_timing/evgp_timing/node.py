@@ -57,7 +57,7 @@ passing that is heard twice counts once."""
 LINES = ('cts', 'dsr', 'cd', 'ri')
 """Control lines of a serial port that a contact can be wired to."""
 
-LOOK = 0.2
+DEVICE_LOOK = 0.2
 """Maximum time until the node's thread sees that the node ends, seconds."""
 
 CONTACT_LOOK = 0.001
@@ -146,7 +146,7 @@ class TimingSource(StrictNode):
         decoder, since = DECODERS[self._settings.kind](), clock.now()
         at_tcp = split(self._settings.device) is not None
         while not self._ending.is_set():
-            data = read(device, LOOK)
+            data = read(device, DEVICE_LOOK)
             now = clock.now()
             for event in decoder.feed(data):
                 self._take(event, now)

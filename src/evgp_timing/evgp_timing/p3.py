@@ -20,36 +20,44 @@ From public descriptions and captures, not from MYLAPS: see docs/timing.md.
 
 from __future__ import annotations
 
+import binascii
+import enum
 import math
 
-from evgp_timing.framing import Framing, Record, RecordDecoder
+from evgp_timing.framing import Framing, MarkedDecoder, Record
 from evgp_timing.passings import Event, Passing, Refused, Sign
 
 PORT = 5403
 """TCP port at which a decoder listens."""
 
-PASSING, STATUS = 0x0001, 0x0002
-"""Types of records; there are more."""
 
-NUMBER, TRANSPONDER, RTC_TIME, STRENGTH, HITS = 0x01, 0x03, 0x04, 0x05, 0x06
-"""Fields of a passing; there are more."""
+class Kind(enum.IntEnum):
+    """Types of records; there are more."""
+
+    PASSING = 0x0001
+    STATUS = 0x0002
+
+
+class Field(enum.IntEnum):
+    """Fields of a passing; there are more."""
+
+    NUMBER = 0x01
+    TRANSPONDER = 0x03
+    RTC_TIME = 0x04
+    STRENGTH = 0x05
+    HITS = 0x06
 
 
 def checksum(record: bytes) -> int:
     """
     Return the CRC of 16 bits: polynomial 0x1021, begun with 0xFFFF, each byte added at the end.
 
-    It is not CCITT's usual one, which adds each byte at the beginning.
+    CCITT's usual one adds each byte at the beginning, and so is two bytes ahead of it.
     """
-    crc = 0xFFFF
-    for byte in record:
-        for _ in range(8):
-            crc = crc << 1 ^ (0x11021 if crc & 0x8000 else 0)
-        crc ^= byte
-    return crc
+    return binascii.crc_hqx(b'\xff\xff' + record[:-2], 0) ^ int.from_bytes(record[-2:], 'big')
 
 
-FRAMING = Framing(
+P3 = Framing(
     begin=0x8E,
     end=0x8F,
     escape=0x8D,
@@ -63,21 +71,21 @@ FRAMING = Framing(
 
 def read(record: Record) -> Event:
     """Return what a record says; the time is in microseconds since 1970, by its own clock."""
-    if record.kind != PASSING:
+    if record.kind != Kind.PASSING:
         return Sign()
-    number, transponder = record.number(NUMBER, 4), record.number(TRANSPONDER, 4)
-    time_us, strength = record.number(RTC_TIME, 8), record.number(STRENGTH, 2)
+    number, transponder = record.number(Field.NUMBER, 4), record.number(Field.TRANSPONDER, 4)
+    time_us, strength = record.number(Field.RTC_TIME, 8), record.number(Field.STRENGTH, 2)
     if number is None or transponder is None or time_us is None:
         return Refused('a passing lacks its number, transponder or time')
     return Passing(
         time_us=time_us,
         number=number,
         transponder=str(transponder),
-        hits=record.number(HITS, 2) or 0,
+        hits=record.number(Field.HITS, 2) or 0,
         strength=math.nan if strength is None else float(strength),
     )
 
 
-def decoder() -> RecordDecoder:
+def decoder() -> MarkedDecoder:
     """Return a decoder for one connection."""
-    return RecordDecoder(FRAMING, read)
+    return P3.decoder(read)

@@ -31,21 +31,21 @@ import time
 
 from evgp_timing import p3
 
-STATUS = p3.FRAMING.encode(p3.STATUS, [(0x01, b'\x28\0'), (0x07, b'\x16\0')])
+STATUS = p3.P3.encode(p3.Kind.STATUS, [(0x01, b'\x28\0'), (0x07, b'\x16\0')])
 """A sign of life: noise and temperature."""
 
 
 def passing(number: int, transponder: int, time_us: int) -> bytes:
     """Return the record of a passing; the time in microseconds since 1970."""
     fields = (
-        (p3.NUMBER, number, 4),
-        (p3.TRANSPONDER, transponder, 4),
-        (p3.RTC_TIME, time_us, 8),
-        (p3.STRENGTH, 120, 2),
-        (p3.HITS, 30, 2),
+        (p3.Field.NUMBER, number, 4),
+        (p3.Field.TRANSPONDER, transponder, 4),
+        (p3.Field.RTC_TIME, time_us, 8),
+        (p3.Field.STRENGTH, 120, 2),
+        (p3.Field.HITS, 30, 2),
     )
-    return p3.FRAMING.encode(
-        p3.PASSING, [(name, value.to_bytes(size, 'little')) for name, value, size in fields]
+    return p3.P3.encode(
+        p3.Kind.PASSING, [(name, value.to_bytes(size, 'little')) for name, value, size in fields]
     )
 
 

@@ -18,9 +18,8 @@ from __future__ import annotations
 
 import itertools
 
-from evgp_timing import laprf, p3
-from evgp_timing.framing import Framing, MAX_RECORD_BYTES, Record, RecordDecoder
-from evgp_timing.ilap import LineDecoder, MAX_LINE_BYTES
+from evgp_timing import ilap, laprf, p3
+from evgp_timing.framing import Framing, MAX_RECORD_BYTES, Record
 from evgp_timing.kinds import DECODERS
 from evgp_timing.passings import Passing, Refused, Sign
 from hypothesis import given
@@ -29,7 +28,7 @@ import pytest
 from recorded_bytes import check_stream, feed_all, RECORDED
 
 every_kind = pytest.mark.parametrize('kind', DECODERS)
-every_framing = pytest.mark.parametrize('framing', [p3.FRAMING, laprf.FRAMING])
+every_framing = pytest.mark.parametrize('framing', [p3.P3, laprf.LAPRF])
 
 FIELDS = st.lists(
     st.tuples(st.integers(0, 255), st.binary(max_size=20)), unique_by=lambda field: field[0]
@@ -96,7 +95,7 @@ def test_what_is_encoded_is_decoded(
 
     data = framing.encode(kind, fields)
     assert data.count(framing.begin) == data.count(framing.end) == 1
-    assert RecordDecoder(framing, keep).feed(data) == [Sign()]
+    assert framing.decoder(keep).feed(data) == [Sign()]
     assert opened == [Record(kind, dict(fields))]
 
 
@@ -108,32 +107,38 @@ def test_what_is_encoded_is_decoded(
 )
 def test_a_record_that_cannot_be_one_is_refused_once(framing: Framing, inside: bytes) -> None:
     data = bytes((framing.begin, *inside, framing.end))
-    (refused,) = RecordDecoder(framing, lambda _: Sign()).feed(data)
+    (refused,) = framing.decoder(lambda _: Sign()).feed(data)
     assert isinstance(refused, Refused)
 
 
 @every_framing
 def test_a_field_longer_than_its_record_is_refused(framing: Framing) -> None:
-    record = bytearray(framing.encode(1, [(1, b'abc')]))
-    record[-5] = 200
+    whole = framing.encode(1, [(1, b'abc')])
+    record = bytearray(whole)
+    record[-5] = 200  # the length of the field
     at = slice(framing.checksum_at, framing.checksum_at + 2)
     record[at] = b'\0\0'
     record[at] = framing.checksum(bytes(record)).to_bytes(2, 'little')
-    assert isinstance(framing.open(bytes(record)), Refused)
+    assert isinstance(framing.open(whole[1:-1]), Record)
+    assert isinstance(framing.open(bytes(record[1:-1])), Refused)
 
 
 @pytest.mark.parametrize(
     ('framing', 'kind', 'fields'),
     [
-        (p3.FRAMING, p3.PASSING, [(p3.NUMBER, bytes(4)), (p3.TRANSPONDER, bytes(4))]),
-        (p3.FRAMING, p3.PASSING, [(p3.NUMBER, bytes(9)), (p3.TRANSPONDER, b''), (4, bytes(8))]),
-        (laprf.FRAMING, laprf.PASSING, [(laprf.SLOT, b'\1')]),
+        (p3.P3, p3.Kind.PASSING, [(p3.Field.NUMBER, bytes(4)), (p3.Field.TRANSPONDER, bytes(4))]),
+        (
+            p3.P3,
+            p3.Kind.PASSING,
+            [(p3.Field.NUMBER, bytes(9)), (p3.Field.TRANSPONDER, b''), (4, bytes(8))],
+        ),
+        (laprf.LAPRF, laprf.Kind.PASSING, [(laprf.Field.SLOT, b'\1')]),
     ],
 )
 def test_a_passing_without_number_time_or_transponder_is_refused(
     framing: Framing, kind: int, fields: list[tuple[int, bytes]]
 ) -> None:
-    decoder = p3.decoder() if framing is p3.FRAMING else laprf.decoder()
+    decoder = p3.decoder() if framing is p3.P3 else laprf.decoder()
     (refused,) = decoder.feed(framing.encode(kind, fields))
     assert isinstance(refused, Refused)
 
@@ -147,16 +152,16 @@ def test_a_passing_without_number_time_or_transponder_is_refused(
         b'@\t20\t7\t4242424\t-1.000',
         b'@\t20\t7\t4242424\tnan\t1\t1',
         b'@',
-        b'@' * (MAX_LINE_BYTES + 1),
+        b'@' * (MAX_RECORD_BYTES + 1),
     ],
 )
 def test_a_line_that_is_no_passing_is_refused_once(line: bytes) -> None:
-    (refused,) = LineDecoder().feed(b'\x01' + line + b'\r\n')
+    (refused,) = ilap.decoder().feed(b'\x01' + line + b'\r\n')
     assert isinstance(refused, Refused)
 
 
 def test_a_line_that_is_cut_short_is_refused_and_the_next_is_read() -> None:
     record, event = RECORDED['ilap'][1]
-    refused, passing = LineDecoder().feed(record[:-4] + record)
+    refused, passing = ilap.decoder().feed(record[:-4] + record)
     assert isinstance(refused, Refused)
     assert passing == event
