@@ -93,7 +93,7 @@ class Forgetful(frames.FrameDecoder):
         ('roster', roster._Parser, '_note', lambda self, where, reason: [][0]),
         ('timing', framing.MarkedDecoder, 'feed', lambda self, data: [Sign()]),
         ('timing', framing, 'MAX_RECORD_BYTES', 20),
-        ('timing', framing.Framing, 'open', lambda self, record: [][len(record)]),
+        ('timing', framing.Framing, 'unpack', lambda self, record: [][len(record)]),
         ('roster', roster._Parser, '_in_words', lambda self, fault: f'roster:1: {fault.reason}\n'),
     ],
 )

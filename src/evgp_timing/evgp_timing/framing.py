@@ -45,6 +45,11 @@ class Record:
         return int.from_bytes(value, 'little') if len(value) == size else None
 
 
+def _two(at: int) -> slice:
+    """Return the place of two bytes."""
+    return slice(at, at + 2)
+
+
 @dataclasses.dataclass(frozen=True)
 class Framing:
     """
@@ -68,9 +73,9 @@ class Framing:
         """Return a record as it goes over the line."""
         body = b''.join(bytes((name, len(value))) + value for name, value in fields)
         record = bytearray((self.begin, *self.head, *kind.to_bytes(2, 'little'), *body, self.end))
-        record[self.length_at : self.length_at + 2] = len(record).to_bytes(2, 'little')
+        record[_two(self.length_at)] = len(record).to_bytes(2, 'little')
         checksum = self.checksum(bytes(record)).to_bytes(2, 'little')
-        record[self.checksum_at : self.checksum_at + 2] = checksum
+        record[_two(self.checksum_at)] = checksum
         special = (self.begin, self.end, self.escape)
         inside = (
             (self.escape, byte + self.shift) if byte in special else (byte,)
@@ -78,7 +83,7 @@ class Framing:
         )
         return bytes((self.begin, *(each for pair in inside for each in pair), self.end))
 
-    def open(self, inside: bytes) -> Record | Refused:
+    def unpack(self, inside: bytes) -> Record | Refused:
         """Return the record that stands between two marks, escaped."""
         plain = re.sub(
             re.escape(bytes((self.escape,))) + rb'(.)',
@@ -90,12 +95,12 @@ class Framing:
         at, last = 1 + len(self.head) + 2, len(record) - 1
         if last < at:
             return Refused('a record is too short')
-        place = slice(self.checksum_at, self.checksum_at + 2)
+        place = _two(self.checksum_at)
         checksum, record[place] = record[place], b'\0\0'
         if self.checksum(bytes(record)) != int.from_bytes(checksum, 'little'):
             return Refused('a checksum is wrong')
         fields: dict[int, bytes] = {}
-        kind = int.from_bytes(record[at - 2 : at], 'little')
+        kind = int.from_bytes(record[_two(at - 2)], 'little')
         while at < last:
             begin, end = at + 2, at + 2 + record[at + 1]
             if end > last:
@@ -108,8 +113,8 @@ class Framing:
         """Return a decoder for one connection; `read` says what a whole record means."""
 
         def read_inside(inside: bytes) -> Event:
-            opened = self.open(inside)
-            return opened if isinstance(opened, Refused) else read(opened)
+            record = self.unpack(inside)
+            return record if isinstance(record, Refused) else read(record)
 
         return MarkedDecoder(self.begin, self.end, read_inside)
 
