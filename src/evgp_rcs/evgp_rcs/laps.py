@@ -1,0 +1,539 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Laps: from passings of the timing line to laps, results and places.
+
+A passing is evidence. It is kept as it came, and each is judged by the rule below (``Mark``).
+An official may strike one out and put it back, and give a transponder to a kart; then all are
+judged again. Nothing here knows what a kart is sent.
+
+A passing counts for a kart that started the race, if it comes after GREEN_GREEN and before the
+kart's finish, its leaving or the end of the race, before the kart has all its laps, and no nearer
+to the last one that counted than `min_lap_time`. What comes within `clock_tolerance` after the
+finish still counts: an official who sees the kart cross may be quicker than the source.
+
+When it crossed: the first passing of a source and session crossed when it came. From there on
+the source's clock counts, as long as it agrees with the times of arrival to `clock_tolerance`.
+A passing that does not agree crossed when it came, and its source is counted from it anew. So the
+difference between two crossings of one source has the source's precision, and no clock that is
+set or runs away can make a lap that the times of arrival do not.
+
+Pure, and immutable: each change is another ``Laps``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+import dataclasses
+from dataclasses import dataclass, field
+import enum
+import functools
+import itertools
+import math
+from typing import Any, NamedTuple
+
+MOST_A_SECOND = 200
+"""Maximum number of passings taken of one source in a second."""
+
+MOST_A_RACE = 20_000
+"""Maximum number of passings taken of one source in a race."""
+
+MOST_SOURCES = 8
+"""Maximum number of sources of which passings are taken in a race."""
+
+ALL_SOURCES, FURTHER_SOURCES = 'all sources', 'further sources'
+"""Of whom too many passings came, if it is not one source."""
+
+MOST_SEEN = 100_000
+"""Number of identities that are known again, over all races."""
+
+
+class Format(enum.Enum):
+    """What a race is about, which decides the places."""
+
+    RACE = 'race'
+    TIME_TRIAL = 'time_trial'
+    PRACTICE = 'practice'
+
+
+class Identity(NamedTuple):
+    """Which passing it is: the same one, however often it is said."""
+
+    source: str
+    session: str
+    number: int
+
+    def __str__(self) -> str:
+        """Return it as officials name it."""
+        return f'{self.source} {self.number}'
+
+
+class Passing(NamedTuple):
+    """
+    A passing as it came; the meanings are those of ``evgp_rcs_msgs/Passing``.
+
+    :param stamp_ns: when it crossed, in ns since the epoch of the source's clock.
+    :param strength: None: the source does not say.
+    """
+
+    source: str
+    session: str
+    number: int
+    kart: int = 0
+    transponder: str = ''
+    stamp_ns: int = 0
+    clock: int = 0
+    hits: int = 0
+    strength: float | None = None
+
+    @property
+    def identity(self) -> Identity:
+        """Return which one it is."""
+        return Identity(*self[:3])
+
+
+class Mark(enum.Enum):
+    """
+    What became of a passing.
+
+    ``DOUBTFUL``: too near to the last one that counted. ``UNKNOWN``: nobody has its transponder.
+    ``NOT_COUNTED``: not of a kart that races at that time, or it has all its laps.
+    """
+
+    COUNTED = 'counted'
+    DOUBTFUL = 'doubtful'
+    STRUCK = 'struck out'
+    UNKNOWN = 'unknown'
+    NOT_COUNTED = 'not counted'
+
+
+class Crossing(NamedTuple):
+    """
+    A passing in its place in the race, in seconds since GREEN_GREEN.
+
+    :param came: when it came.
+    :param at: when it crossed.
+    """
+
+    passing: Passing
+    came: float
+    at: float
+
+
+class Penalty(NamedTuple):
+    """What an official took from a kart's result, why, and who."""
+
+    kart: int
+    seconds: int
+    laps: int
+    disqualified: bool
+    reason: str
+    official: str
+
+    def __str__(self) -> str:
+        """Return what it costs, and why."""
+        costs = [f'+{self.seconds} s'] * bool(self.seconds) + [f'-{self.laps} laps'] * bool(
+            self.laps
+        )
+        costs += ['disqualified'] * self.disqualified
+        return f'{", ".join(costs)}: {self.reason}'
+
+
+class Status(enum.Enum):
+    """How a kart stands in the results; from ``DNF`` on it has no place."""
+
+    RUNNING = 'RUNNING'
+    CLASSIFIED = 'CLASSIFIED'
+    DNF = 'DNF'
+    NOT_CLASSIFIED = 'NOT_CLASSIFIED'
+    DISQUALIFIED = 'DISQUALIFIED'
+
+
+class KartResult(NamedTuple):
+    """
+    The result of one kart.
+
+    :param place: from 1; karts that are equal share one; 0: none.
+    :param laps: those that count, after penalties.
+    :param total: in a race from GREEN_GREEN to the last crossing, else the sum of the laps; with
+        the seconds of penalties, in s. None: no lap.
+    :param lap_times: of every lap, in s.
+    :param penalties: in the order in which they were given.
+    """
+
+    kart: int
+    place: int
+    status: Status
+    laps: int
+    total: float | None
+    lap_times: tuple[float, ...]
+    penalties: tuple[Penalty, ...]
+
+    @property
+    def best(self) -> float | None:
+        """Return its best lap, in s; None: no lap."""
+        return min(self.lap_times, default=None)
+
+
+class Owner(NamedTuple):
+    """Whose a transponder is."""
+
+    transponder: str
+    kart: int
+
+
+class LapsMemory(NamedTuple):
+    """
+    What outlives race control of the laps of a race; the meanings are those of ``Laps``.
+
+    :param crossed: of each kart the times that counted.
+    """
+
+    format: Format
+    wanted: int
+    crossed: Mapping[int, tuple[float, ...]]
+    finished: tuple[int, ...]
+    penalties: tuple[Penalty, ...]
+
+
+class Taken(NamedTuple):
+    """
+    What became of a passing that came.
+
+    :param lap: the number of the lap that it ended; 0: none.
+    :param seconds: the time of that lap.
+    """
+
+    passing: Passing
+    kart: int
+    mark: Mark
+    lap: int = 0
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class LapSettings:
+    """
+    How laps are counted.
+
+    :param min_lap_time: a passing nearer to the last one that counted is doubtful, s.
+    :param first_crossing: the first crossing `starts` lap 1, or `ends` it.
+    :param clock_tolerance: how far a source's clock may be from the times of arrival, s.
+    :param auto_finish: a kart whose last lap is counted is given FINISH by race control.
+    """
+
+    min_lap_time: float = 5.0
+    first_crossing: str = 'starts'
+    clock_tolerance: float = 0.5
+    auto_finish: bool = False
+
+
+class _Rate(NamedTuple):
+    """How many passings of a source were taken: since the beginning of a second, and in all."""
+
+    since: float = -math.inf
+    lately: int = 0
+    taken: int = 0
+
+
+@dataclass(frozen=True)
+class Laps:
+    """
+    The laps of one race.
+
+    :param wanted: how many laps each kart drives; 0: no number is set.
+    :param green: when GREEN_GREEN was given, on the clock of the rules (s).
+    :param karts: those that started.
+    :param transponders: whose each is.
+    :param ended: when the race was stopped or over, in seconds since GREEN_GREEN.
+    :param finished: when each kart finished, likewise; ``left``: when it left the race.
+    :param struck: the passings that were struck out, and why.
+    :param before: what counted before race control was restarted.
+    :param counted: of each kart the times that counted, s since GREEN_GREEN.
+    :param marks: what became of each crossing.
+    :param unknown: the transponders that no kart has; ``clocks``: the sources whose clocks did
+        not agree; ``over``: how many passings were too many, by source.
+    """
+
+    settings: LapSettings
+    format: Format
+    wanted: int
+    green: float
+    karts: tuple[int, ...]
+    transponders: Mapping[str, int] = field(default_factory=dict)
+    ended: float = math.inf
+    finished: Mapping[int, float] = field(default_factory=dict)
+    left: Mapping[int, float] = field(default_factory=dict)
+    crossings: tuple[Crossing, ...] = ()
+    struck: Mapping[Identity, str] = field(default_factory=dict)
+    penalties: tuple[Penalty, ...] = ()
+    before: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
+    counted: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
+    marks: tuple[Mark, ...] = ()
+    unknown: frozenset[str] = frozenset()
+    clocks: frozenset[str] = frozenset()
+    over: Mapping[str, int] = field(default_factory=dict)
+    rates: Mapping[str, _Rate] = field(default_factory=dict)
+    anchors: Mapping[tuple[str, str], Crossing] = field(default_factory=dict)
+
+    # ----- what happens -------------------------------------------------------------------
+
+    def take(
+        self, passings: Iterable[Passing], now: float, dropped: int = 0
+    ) -> tuple[Laps, list[Taken]]:
+        """
+        Take passings that come now, each for the first time, and say what became of them.
+
+        :param dropped: how many more came, of whatever sources.
+        """
+        came = now - self.green
+        crossings: list[Crossing] = []
+        rates, over, anchors = dict(self.rates), dict(self.over), dict(self.anchors)
+        clocks = set(self.clocks)
+        if dropped:
+            over[ALL_SOURCES] = over.get(ALL_SOURCES, 0) + dropped
+        for passing in passings:
+            source = passing.source
+            rate = rates.get(source, _Rate() if len(rates) < MOST_SOURCES else _FULL)
+            if came - rate.since >= 1.0:
+                rate = rate._replace(since=came, lately=0)
+            if rate.lately >= MOST_A_SECOND or rate.taken >= MOST_A_RACE:
+                name = source if source in rates else FURTHER_SOURCES
+                over[name] = over.get(name, 0) + 1
+                continue
+            rates[source] = rate._replace(lately=rate.lately + 1, taken=rate.taken + 1)
+            crossing = Crossing(passing, came, came)
+            anchor = anchors.setdefault((source, passing.session), crossing)
+            at = anchor.at + (passing.stamp_ns - anchor.passing.stamp_ns) / 1e9
+            if abs(at - came) <= self.settings.clock_tolerance:
+                crossing = crossing._replace(at=at)
+            else:
+                anchors[source, passing.session] = crossing
+                if came <= self.ended:
+                    clocks.add(source)
+            crossings.append(crossing)
+        laps = dataclasses.replace(
+            self, rates=rates, over=over, anchors=anchors, clocks=frozenset(clocks)
+        )
+        return laps._judge(crossings)
+
+    def _judge(self, crossings: Sequence[Crossing]) -> tuple[Laps, list[Taken]]:
+        """Judge further crossings, in the order in which they came."""
+        counted = dict(self.counted)
+        unknown = set(self.unknown)
+        taken = []
+        for crossing in crossings:
+            passing = crossing.passing
+            kart = self.kart_of(passing)
+            mark = self._mark(crossing, kart, counted.get(kart, ()))
+            lap, seconds = 0, 0.0
+            if mark is Mark.COUNTED:
+                times = counted[kart] = (*counted.get(kart, ()), crossing.at)
+                lap = len(times) - 1
+                seconds = times[-1] - times[-2] if lap else 0.0
+            elif mark is Mark.UNKNOWN:
+                unknown.add(passing.transponder)
+            taken.append(Taken(passing, kart, mark, lap, seconds))
+        return (
+            dataclasses.replace(
+                self,
+                crossings=(*self.crossings, *crossings),
+                counted=counted,
+                marks=(*self.marks, *(each.mark for each in taken)),
+                unknown=frozenset(unknown),
+            ),
+            taken,
+        )
+
+    def _mark(self, crossing: Crossing, kart: int, times: tuple[float, ...]) -> Mark:
+        if crossing.passing.identity in self.struck:
+            return Mark.STRUCK
+        if not kart and crossing.came <= self.ended:
+            return Mark.UNKNOWN
+        finish = self.finished.get(kart, math.inf) + self.settings.clock_tolerance
+        until = min(self.ended, finish, self.left.get(kart, math.inf))
+        too_late = crossing.came > until or (self.wanted and len(times) > self.wanted)
+        if kart not in self.karts or too_late:
+            return Mark.NOT_COUNTED
+        if times and crossing.at - times[-1] < self.settings.min_lap_time:
+            return Mark.DOUBTFUL
+        return Mark.COUNTED
+
+    def kart_of(self, passing: Passing) -> int:
+        """Return whose passing it is; 0: nobody knows."""
+        if passing.kart:
+            return passing.kart
+        if passing.transponder:
+            return self.transponders.get(passing.transponder, 0)
+        # A beam sees only that somebody crosses: where one kart races, it is that one.
+        return self.karts[0] if len(self.karts) == 1 else 0
+
+    def again(self, **changes: Any) -> Laps:
+        """Return what comes of all passings if these fields are others; so each race begins."""
+        ends = self.settings.first_crossing == 'ends'
+        begun = {kart: self.before.get(kart, (0.0,) * ends) for kart in self.karts}
+        fresh = dataclasses.replace(
+            self, counted=begun, crossings=(), marks=(), unknown=frozenset(), **changes
+        )
+        return fresh._judge(self.crossings)[0]
+
+    def strike(self, identity: Identity, why: str) -> Laps:
+        """Strike a passing out."""
+        return self.again(struck={**self.struck, identity: why})
+
+    def restore(self, identity: Identity) -> Laps:
+        """Put a passing back."""
+        return self.again(struck={key: why for key, why in self.struck.items() if key != identity})
+
+    def finish(self, kart: int, now: float) -> Laps:
+        """Take note that a kart has finished."""
+        return dataclasses.replace(self, finished={**self.finished, kart: now - self.green})
+
+    def undo_finish(self, kart: int) -> Laps:
+        """Take note that it has not: what came since counts."""
+        return self.again(finished={key: at for key, at in self.finished.items() if key != kart})
+
+    def leave(self, kart: int, now: float) -> Laps:
+        """Take note that a kart is out of the race."""
+        return dataclasses.replace(self, left={**self.left, kart: now - self.green})
+
+    def end(self, now: float) -> Laps:
+        """Take note that the race was stopped, or is over; what comes now does not count."""
+        return dataclasses.replace(self, ended=min(self.ended, now - self.green))
+
+    def penalise(self, penalty: Penalty) -> Laps:
+        """Add a penalty."""
+        return dataclasses.replace(self, penalties=(*self.penalties, penalty))
+
+    def undo_penalty(self, kart: int) -> Laps:
+        """Take the last penalty of a kart back."""
+        last = max(number for number, each in enumerate(self.penalties) if each.kart == kart)
+        kept = (*self.penalties[:last], *self.penalties[last + 1 :])
+        return dataclasses.replace(self, penalties=kept)
+
+    # ----- what there is to see -----------------------------------------------------------
+
+    def knows(self, identity: Identity) -> bool:
+        """Return whether the passing is of this race."""
+        return any(each.passing.identity == identity for each in self.crossings)
+
+    def is_done(self, kart: int) -> bool:
+        """Return whether a kart has all its laps."""
+        return bool(self.wanted) and len(self.counted.get(kart, ())) > self.wanted
+
+    @functools.cached_property
+    def trouble(self) -> str:
+        """Return what an official should know of the sources, as a sentence; empty: nothing."""
+        phrases = []
+        if self.clocks:
+            who = _some(self.clocks)
+            phrases.append(f'the clock of {who} jumps, and the times of arrival count')
+        for source, count in sorted(self.over.items()):
+            phrases.append(f'{count} passings of {source} were too many and are not counted')
+        if self.unknown - {''}:
+            phrases.append(f'no kart has the transponder {_some(self.unknown - {""})}')
+        if '' in self.unknown:
+            phrases.append('somebody crossed the line, and nothing says who')
+        return f'Look at the laps: {"; ".join(phrases)}' if phrases else ''
+
+    @functools.cached_property
+    def results(self) -> tuple[KartResult, ...]:
+        """Return the result of every kart, best first."""
+        return ranked(self.format, [self._result(kart) for kart in self.karts])
+
+    def _result(self, kart: int) -> KartResult:
+        times = self.counted.get(kart, ())
+        lap_times = tuple(after - before for before, after in itertools.pairwise(times))
+        penalties = tuple(each for each in self.penalties if each.kart == kart)
+        laps = max(0, len(lap_times) - sum(each.laps for each in penalties))
+        total = None
+        if lap_times:
+            begun = 0.0 if self.format is Format.RACE else times[0]
+            total = times[-1] - begun + sum(each.seconds for each in penalties)
+        running = self.ended == math.inf and kart not in self.left
+        if any(each.disqualified for each in penalties):
+            status = Status.DISQUALIFIED
+        elif kart in self.finished or self.is_done(kart):
+            status = Status.CLASSIFIED
+        elif running:
+            status = Status.RUNNING
+        elif not lap_times:
+            status = Status.NOT_CLASSIFIED
+        else:
+            status = Status.CLASSIFIED if self.format is Format.PRACTICE else Status.DNF
+        return KartResult(kart, 0, status, laps, total, lap_times, penalties)
+
+    # ----- what outlives race control -----------------------------------------------------
+
+    def memory(self) -> LapsMemory:
+        """Return what must outlive race control."""
+        finished = tuple(self.finished)
+        return LapsMemory(self.format, self.wanted, self.counted, finished, self.penalties)
+
+    @staticmethod
+    def recall(memory: LapsMemory, settings: LapSettings, now: float) -> Laps:
+        """Return the laps of a race that ended with race control; no passing counts any more."""
+        return Laps(
+            settings,
+            memory.format,
+            memory.wanted,
+            green=now,
+            karts=tuple(memory.crossed),
+            ended=-math.inf,
+            finished=dict.fromkeys(memory.finished, 0.0),
+            penalties=memory.penalties,
+            before=memory.crossed,
+            counted=memory.crossed,
+        )
+
+
+_FULL = _Rate(taken=MOST_A_RACE)
+
+_GROUP = {Status.DNF: 1, Status.NOT_CLASSIFIED: 2, Status.DISQUALIFIED: 3}
+
+
+def ranked(format_: Format, results: Iterable[KartResult]) -> tuple[KartResult, ...]:
+    """
+    Return results in their order, with places; to the millisecond equal ones share a place.
+
+    Race: by laps, then by total time. Time trial: the same, then by the best lap. Practice: by
+    the best lap. Whoever did not finish, was not classified or is disqualified comes last.
+    """
+
+    def key(result: KartResult) -> tuple[float, ...]:
+        group, best, total = _GROUP.get(result.status, 0), _ms(result.best), _ms(result.total)
+        if format_ is Format.PRACTICE:
+            return group, best
+        trial = best if format_ is Format.TIME_TRIAL else 0.0
+        return group, -result.laps, total, trial
+
+    placed: list[KartResult] = []
+    for number, result in enumerate(sorted(results, key=key), 1):
+        place = number if result.lap_times and result.status not in _GROUP else 0
+        if place and placed and key(placed[-1]) == key(result):
+            place = placed[-1].place
+        placed.append(result._replace(place=place))
+    return tuple(placed)
+
+
+def _ms(seconds: float | None) -> float:
+    return math.inf if seconds is None else round(seconds * 1000)
+
+
+def _some(names: Iterable[str]) -> str:
+    """Return a few names."""
+    shown = sorted(names)
+    more = f' and {len(shown) - 3} more' if len(shown) > 3 else ''
+    return ', '.join(shown[:3]) + more

@@ -1,0 +1,431 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Laps of random passings, against the rule of docs/rules.md."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+import itertools
+from typing import Any
+
+from evgp_rcs.encoding import read, written
+from evgp_rcs.laps import (
+    Format,
+    KartResult,
+    Laps,
+    LapSettings,
+    LapsMemory,
+    Mark,
+    MOST_A_RACE,
+    MOST_A_SECOND,
+    MOST_SOURCES,
+    Passing,
+    Penalty,
+    ranked,
+    Status,
+)
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+GREEN = 100.0
+KARTS = (1, 2, 3)
+TRANSPONDERS = {'t1': 1, 't2': 2}
+SETTINGS = LapSettings()
+PLACED = (Status.RUNNING, Status.CLASSIFIED)
+
+# Steps of time that bring a passing near to the limit, and such that do not.
+STEPS = st.one_of(st.sampled_from((0.0, 0.4, 4.9, 5.0, 5.1)), st.floats(0.0, 40.0))
+# How far a stamp is from the time of arrival, in s: nothing, a delay, a clock that jumps.
+OFFSETS = st.one_of(
+    st.sampled_from((0.0, -0.3, -600.0, 600.0, -1.7e9)), st.floats(-0.45, 0.0, allow_nan=False)
+)
+
+
+@dataclass
+class Story:
+    """A race as it was told: all that happened, with its time since GREEN_GREEN."""
+
+    laps: Laps
+    now: float = 0.0
+    told: list[tuple[float, Passing]] = field(default_factory=list)
+
+    def passing(self, source: str, kart: int, transponder: str, offset: float) -> None:
+        stamp = round((2e9 + self.now + offset) * 1e9)
+        number = len(self.told) + 1
+        each = Passing(source, 'today', number, kart, transponder, stamp_ns=stamp)
+        self.told.append((self.now, each))
+        self.laps, _ = self.laps.take([each], GREEN + self.now)
+
+
+PASSINGS = st.tuples(
+    STEPS,
+    st.sampled_from(('line', 'line', 'beam')),
+    st.sampled_from((0, 1, 1, 2, 3, 9)),
+    st.sampled_from(('', 't1', 't2', 't9')),
+    OFFSETS,
+)
+
+
+def race(wanted: int = 0, format_: Format = Format.RACE, **settings: Any) -> Laps:
+    own = dataclasses.replace(SETTINGS, **settings)
+    return Laps(own, format_, wanted, GREEN, KARTS, TRANSPONDERS).again()
+
+
+@st.composite
+def stories(draw: st.DrawFn) -> Story:
+    wanted = draw(st.integers(0, 4))
+    story = Story(race(wanted, first_crossing=draw(st.sampled_from(('starts', 'ends')))))
+    for each in draw(st.lists(st.one_of(PASSINGS, st.sampled_from('fleu')), max_size=30)):
+        kart = draw(st.sampled_from(KARTS))
+        if isinstance(each, tuple):
+            story.now += each[0]
+            story.passing(*each[1:])
+        elif each == 'f' and kart not in story.laps.finished:
+            story.laps = story.laps.finish(kart, GREEN + story.now)
+        elif each == 'l' and kart not in story.laps.left:
+            story.laps = story.laps.leave(kart, GREEN + story.now)
+        elif each == 'u':
+            story.laps = story.laps.undo_finish(kart)
+        elif story.now > 60.0:
+            story.laps = story.laps.end(GREEN + story.now)
+    return story
+
+
+def owner(passing: Passing, transponders: dict[str, int] = TRANSPONDERS) -> int:
+    return passing.kart or transponders.get(passing.transponder, 0)
+
+
+def judged(story: Story) -> list[tuple[float, Passing, Mark]]:
+    """Return when each passing came, on the clock of the race, which one, and its mark."""
+    laps = story.laps
+    return [
+        (crossing.came, crossing.passing, mark)
+        for crossing, mark in zip(laps.crossings, laps.marks, strict=True)
+    ]
+
+
+@given(stories())
+def test_every_passing_is_kept_as_it_came_and_has_one_mark(story: Story) -> None:
+    assert [each.passing for each in story.laps.crossings] == [each for _, each in story.told]
+    counted = [owner(each) for _, each, mark in judged(story) if mark is Mark.COUNTED]
+    ends = story.laps.settings.first_crossing == 'ends'
+    assert {kart: len(times) for kart, times in story.laps.counted.items()} == {
+        kart: counted.count(kart) + ends for kart in KARTS
+    }
+
+
+@given(stories())
+def test_whoever_is_known_to_nobody_is_shown_as_such_and_no_kart_outside_the_race_counts(
+    story: Story,
+) -> None:
+    for at, passing, mark in judged(story):
+        known = owner(passing)
+        if known not in KARTS:
+            late = at > story.laps.ended
+            assert mark is (Mark.NOT_COUNTED if known or late else Mark.UNKNOWN)
+        else:
+            assert mark is not Mark.UNKNOWN
+
+
+@given(stories())
+def test_no_passing_counts_after_the_end_the_leaving_the_finish_or_the_last_lap(
+    story: Story,
+) -> None:
+    laps = story.laps
+    for at, passing, mark in judged(story):
+        kart = owner(passing)
+        ends = [laps.ended, laps.left.get(kart, at), laps.finished.get(kart, at) + 0.5]
+        assert mark is not Mark.COUNTED or at <= min(ends)
+    if laps.wanted:
+        assert all(len(times) <= laps.wanted + 1 for times in laps.counted.values())
+
+
+@given(stories())
+def test_two_that_count_are_at_least_the_least_lap_time_apart_and_one_that_is_nearer_is_doubtful(
+    story: Story,
+) -> None:
+    for times in story.laps.counted.values():
+        assert all(b - a >= 5.0 for a, b in itertools.pairwise(times))
+    last: dict[int, float] = {}
+    for at, passing, mark in judged(story):
+        kart = owner(passing)
+        if mark is Mark.COUNTED:
+            last[kart] = at
+        elif mark is Mark.DOUBTFUL:
+            # Each of the two crossed at most a tolerance from when it came.
+            begun = last.get(kart, 0.0)
+            assert at - begun < 5.0 + 2 * 0.5
+
+
+@given(stories())
+def test_no_clock_makes_a_lap_that_the_times_of_arrival_do_not(story: Story) -> None:
+    came: dict[int, list[float]] = {kart: [] for kart in KARTS}
+    for at, passing, mark in judged(story):
+        if mark is Mark.COUNTED:
+            came[owner(passing)].append(at)
+    for kart, arrivals in came.items():
+        crossed = story.laps.counted[kart][-len(arrivals) :] if arrivals else ()
+        assert all(abs(a - b) <= 0.5 + 1e-6 for a, b in zip(arrivals, crossed, strict=True))
+
+
+@given(
+    steps=st.lists(st.floats(6.0, 60.0), min_size=2, max_size=10),
+    delays=st.lists(st.floats(0.0, 0.49), min_size=10, max_size=10),
+    offset=st.integers(-(10**9), 10**9),
+)
+def test_a_clock_that_agrees_gives_the_lap_times_to_the_nanosecond_whatever_it_shows(
+    steps: list[float], delays: list[float], offset: int
+) -> None:
+    laps = race()
+    crossed = list(itertools.accumulate(steps))
+    for number, (at, delay) in enumerate(zip(crossed, delays, strict=False), 1):
+        stamp = 2 * 10**18 + offset * 10**9 + round(at * 1e9)
+        laps, _ = laps.take([Passing('line', 's', number, 1, '', stamp)], GREEN + at + delay)
+
+    (result,) = (each for each in laps.results if each.kart == 1)
+    assert result.lap_times == pytest.approx(steps[1:], abs=1e-6)
+    assert not laps.trouble
+
+
+@given(
+    st.sampled_from((-86_400.0, -600.0, 600.0, 86_400.0)),
+    st.floats(6.0, 40.0),
+)
+def test_a_clock_that_jumps_is_told_by_the_name_of_its_source_and_the_arrival_counts(
+    jump: float, step: float
+) -> None:
+    fresh = Story(race())
+    fresh.passing('line', 1, '', 0.0)
+    fresh.now += step
+    fresh.passing('line', 1, '', jump)
+
+    assert fresh.laps.clocks == {'line'}
+    assert 'line' in fresh.laps.trouble
+    (one, two) = fresh.laps.counted[1]
+    assert two - one == pytest.approx(step)
+
+
+@given(stories(), st.data())
+def test_a_passing_that_is_struck_out_does_not_count_and_put_back_all_is_as_before(
+    story: Story, data: st.DataObject
+) -> None:
+    if not story.told:
+        return
+    _, passing = data.draw(st.sampled_from(story.told))
+    struck = story.laps.strike(passing.identity, 'nobody crossed')
+
+    number = [each for _, each in story.told].index(passing)
+    assert struck.marks[number] is Mark.STRUCK
+    assert struck.crossings == story.laps.crossings
+    again = struck.restore(passing.identity)
+    whole = story.laps.again()
+    assert (again.marks, again.counted) == (whole.marks, whole.counted)
+
+
+@given(stories(), st.sampled_from(KARTS))
+def test_a_transponder_that_is_given_later_counts_as_if_the_kart_had_it_from_the_start(
+    story: Story, kart: int
+) -> None:
+    late = story.laps.again(transponders={**TRANSPONDERS, 't9': kart})
+    early = dataclasses.replace(late, crossings=(), rates={}, anchors={})
+    early = dataclasses.replace(early.again(), clocks=frozenset())
+    for at, passing in story.told:
+        early, _ = early.take([passing], GREEN + at)
+    for (at, passing), crossing in zip(story.told, story.laps.crossings, strict=True):
+        assert crossing.came == pytest.approx(at)
+        assert owner(passing, {**TRANSPONDERS, 't9': kart}) == late.kart_of(passing)
+    assert (early.marks, early.counted) == (late.marks, late.counted)
+    assert 't9' not in late.trouble
+
+
+@given(stories(), st.sampled_from(KARTS))
+def test_a_finish_that_is_undone_at_once_changes_nothing(story: Story, kart: int) -> None:
+    there_and_back = story.laps.undo_finish(kart).finish(kart, GREEN + story.now)
+    undone = there_and_back.undo_finish(kart)
+    before = story.laps.undo_finish(kart)
+    assert (undone.marks, undone.counted) == (before.marks, before.counted)
+
+
+def test_a_passing_that_comes_just_after_the_finish_still_counts() -> None:
+    """An official who sees the kart cross is quicker than the source."""
+    story = Story(race(1))
+    story.passing('line', 1, '', 0.0)
+    story.now = 20.0
+    story.laps = story.laps.finish(1, GREEN + 20.0)
+    story.now = 20.3
+    story.passing('line', 1, '', -0.3)
+
+    assert story.laps.is_done(1)
+
+
+def test_somebody_who_crosses_is_the_only_kart_of_the_race() -> None:
+    alone = dataclasses.replace(race(), karts=(2,)).again()
+    beam = Passing('beam', 's', 1)
+
+    (taken,) = alone.take([beam], GREEN + 10.0)[1]
+    assert (taken.kart, taken.mark) == (2, Mark.COUNTED)
+    laps, (taken,) = race().take([beam], GREEN + 10.0)
+    assert (taken.kart, taken.mark) == (0, Mark.UNKNOWN)
+    assert laps.trouble
+
+
+def test_with_the_first_crossing_ending_lap_1_its_time_is_from_green() -> None:
+    laps = race(first_crossing='ends')
+    laps, (taken,) = laps.take([Passing('line', 's', 1, 1)], GREEN + 12.0)
+    assert (taken.lap, taken.seconds) == (1, pytest.approx(12.0))
+    _, (early,) = race(first_crossing='ends').take([Passing('line', 's', 1, 1)], GREEN + 2.0)
+    assert early.mark is Mark.DOUBTFUL
+
+
+# ----- bounds -------------------------------------------------------------------------------
+
+
+def test_what_is_too_many_in_a_second_is_counted_told_and_not_kept() -> None:
+    flood = [Passing('line', 's', number, 1) for number in range(1, 1001)]
+    laps, taken = race().take(flood, GREEN + 1.0)
+    laps, more = laps.take([Passing('line', 's', 2000, 2)], GREEN + 2.0)
+
+    assert len(taken) == MOST_A_SECOND
+    assert laps.over == {'line': 1000 - MOST_A_SECOND}
+    assert str(1000 - MOST_A_SECOND) in laps.trouble
+    assert [each.mark for each in more] == [Mark.COUNTED]
+
+
+def test_what_is_too_many_in_a_race_is_counted_and_another_source_is_heard() -> None:
+    laps = race()
+    for second in range(MOST_A_RACE // MOST_A_SECOND + 1):
+        numbers = range(second * MOST_A_SECOND, (second + 1) * MOST_A_SECOND)
+        flood = [Passing('line', 's', number, 9) for number in numbers]
+        laps, _ = laps.take(flood, GREEN + second + 1.0)
+    laps, taken = laps.take([Passing('beam', 's', 1, 1)], GREEN + 2000.0)
+
+    assert laps.over == {'line': MOST_A_SECOND}
+    assert [each.mark for each in taken] == [Mark.COUNTED]
+
+
+def test_further_sources_than_a_race_can_have_are_told() -> None:
+    many = [Passing(f'source {number}', 's', 1, 1) for number in range(MOST_SOURCES + 3)]
+    laps, taken = race().take(many, GREEN + 1.0)
+
+    assert len(taken) == MOST_SOURCES
+    assert sum(laps.over.values()) == 3
+    assert laps.trouble
+
+
+# ----- results ------------------------------------------------------------------------------
+
+
+PENALTIES = st.builds(
+    Penalty,
+    st.just(1),
+    st.integers(0, 60),
+    st.integers(0, 3),
+    st.booleans(),
+    st.just('short cut'),
+    st.just('Anna'),
+)
+RESULTS = st.lists(
+    st.builds(
+        KartResult,
+        st.integers(1, 99),
+        st.just(0),
+        st.sampled_from(Status),
+        st.integers(0, 3),
+        st.sampled_from((30.0, 30.0001, 31.0)),
+        st.lists(st.sampled_from((9.0, 9.5, 10.0)), max_size=3).map(tuple),
+        st.just(()),
+    ).map(lambda each: each if each.lap_times else each._replace(laps=0, total=None)),
+    max_size=8,
+)
+
+
+@given(RESULTS, st.sampled_from(Format))
+def test_places_begin_with_1_and_whoever_is_better_is_before(
+    results: list[KartResult], format_: Format
+) -> None:
+    found = ranked(format_, results)
+
+    assert sorted(each.kart for each in found) == sorted(each.kart for each in results)
+    placed = [each for each in found if each.place]
+    for each in found:
+        assert bool(each.place) == (each.status in PLACED and bool(each.lap_times))
+        better = sum(_is_better(other, each, format_) for other in placed)
+        assert each.place in (0, better + 1)
+    assert [each for each in found if each.status in PLACED] == [*found][
+        : sum(each.status in PLACED for each in found)
+    ]
+
+
+def _is_better(one: KartResult, other: KartResult, format_: Format) -> bool:
+    """Return whether one is before another, by the rule."""
+
+    def ms(seconds: float | None) -> int:
+        return 10**9 if seconds is None else round(seconds * 1000)
+
+    if format_ is Format.PRACTICE:
+        return ms(one.best) < ms(other.best)
+    if one.laps != other.laps:
+        return one.laps > other.laps
+    if ms(one.total) != ms(other.total):
+        return ms(one.total) < ms(other.total)
+    return format_ is Format.TIME_TRIAL and ms(one.best) < ms(other.best)
+
+
+@given(stories(), PENALTIES)
+def test_a_penalty_makes_no_result_better_and_is_taken_back_whole(
+    story: Story, penalty: Penalty
+) -> None:
+    before = {each.kart: each for each in story.laps.results}
+    punished = story.laps.penalise(penalty)
+    after = {each.kart: each for each in punished.results}
+
+    assert after[1].laps == max(0, before[1].laps - penalty.laps)
+    if before[1].total is not None:
+        assert after[1].total == before[1].total + penalty.seconds
+    assert (after[1].status is Status.DISQUALIFIED) == penalty.disqualified
+    assert not after[1].place or after[1].place >= before[1].place
+    assert punished.undo_penalty(1).results == story.laps.results
+
+
+@given(stories())
+def test_who_did_not_finish_is_known_once_the_race_has_ended(story: Story) -> None:
+    laps = story.laps.end(GREEN + story.now)
+    for each in laps.results:
+        done = laps.is_done(each.kart) or each.kart in laps.finished
+        if done:
+            assert each.status is Status.CLASSIFIED
+        else:
+            assert each.status is (Status.DNF if each.lap_times else Status.NOT_CLASSIFIED)
+    practice = dataclasses.replace(laps, format=Format.PRACTICE)
+    assert all(each.status is not Status.DNF for each in practice.results)
+
+
+@given(stories(), PENALTIES)
+def test_after_a_restart_the_results_are_back_and_nothing_more_counts(
+    story: Story, penalty: Penalty
+) -> None:
+    ended = story.laps.penalise(penalty).end(GREEN + story.now)
+    text = written(ended.memory())
+
+    recalled = Laps.recall(read(LapsMemory, text), SETTINGS, 5000.0)
+
+    assert recalled.results == ended.results
+    later, taken = recalled.take([Passing('line', 's', 1, 1)], 5010.0)
+    assert [each.mark for each in taken] == [Mark.NOT_COUNTED]
+    assert later.results == ended.results
+    assert later.again(transponders={'t9': 2}).results == ended.results
+    assert not later.trouble
