@@ -10,10 +10,11 @@ import pathlib
 import re
 import subprocess
 import sys
+from typing import get_type_hints
 
 from evgp_node.services import service_class
 from evgp_rcs.catalogue import CATALOGUE, CommandKind, Entry, kinds_by_service, Result
-from evgp_rcs.race import COMMANDS
+from evgp_rcs.race import Command, COMMANDS
 from evgp_rcs_msgs import msg
 import pytest
 import race_oracle
@@ -34,6 +35,10 @@ def fields_of(entry: Entry) -> dict[str, str]:
         fields['hold'] = 'evgp_rcs_msgs/RaceState'
     if entry.names_heat:
         fields['heat'] = 'string'
+    # Under the same names, and of the same types, as the rules have them.
+    of_command = {str: 'string', bool: 'boolean', int: 'uint32'}
+    hints = get_type_hints(Command)
+    fields |= {name: of_command[hints[name]] for name in entry.takes}
     return fields
 
 

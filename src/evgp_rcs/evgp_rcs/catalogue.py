@@ -52,6 +52,11 @@ class CommandKind(enum.Enum):
     KART_IN_GARAGE = 'KART_IN_GARAGE'
     JOIN_RACE = 'JOIN_RACE'
     LEAVE_RACE = 'LEAVE_RACE'
+    STRIKE_PASSING = 'STRIKE_PASSING'
+    RESTORE_PASSING = 'RESTORE_PASSING'
+    GIVE_TRANSPONDER = 'GIVE_TRANSPONDER'
+    PENALISE = 'PENALISE'
+    UNDO_PENALTY = 'UNDO_PENALTY'
 
     __hash__ = object.__hash__  # as RaceState has it
 
@@ -95,6 +100,9 @@ class Entry:
     :param names_karts: the request names the karts that the official saw (`karts`).
     :param names_hold: the request names the hold that the official saw (`hold`).
     :param names_heat: the request names a heat (`heat`).
+    :param takes: further fields of the request, as ``Command`` has them.
+    :param of_laps: bookkeeping of laps and results, which no kart sees. ``~/race`` does not offer
+        it, and it has no button.
     :param stop: it stops karts: never refused for a kart of the roster, and never behind another.
     :param loosens: it starts or releases karts, or lets humans near: refused whenever it is in
         doubt what officials see.
@@ -113,6 +121,8 @@ class Entry:
     names_karts: bool = False
     names_hold: bool = False
     names_heat: bool = False
+    takes: tuple[str, ...] = ()
+    of_laps: bool = False
     stop: bool = False
     loosens: bool = False
 
@@ -120,7 +130,7 @@ class Entry:
     def service_type(self) -> str:
         """Return the type of the service: of its own, if its request names more than a kart."""
         name = 'KartCommand' if self.to_one_kart else 'RaceCommand'
-        names = self.names_karts or self.names_hold or self.names_heat
+        names = self.names_karts or self.names_hold or self.names_heat or self.takes
         if self.fixed or self.statement or names:
             name = self.service.title().replace('_', '').replace('/', '')
         return f'evgp_rcs_msgs/srv/{name}'
@@ -278,6 +288,45 @@ CATALOGUE: dict[CommandKind, Entry] = {
         Result(track_open=False),
         fixed={'open': False},
         undoes=CommandKind.OPEN_TRACK,
+    ),
+    CommandKind.STRIKE_PASSING: Entry(
+        'STRIKE PASSING',
+        'strike a passing of the timing line out: it does not count',
+        'set_passing_struck',
+        fixed={'struck': True},
+        takes=('source', 'session', 'number', 'reason'),
+        of_laps=True,
+    ),
+    CommandKind.RESTORE_PASSING: Entry(
+        'RESTORE PASSING',
+        'put a passing back that was struck out',
+        'set_passing_struck',
+        fixed={'struck': False},
+        takes=('source', 'session', 'number', 'reason'),
+        of_laps=True,
+    ),
+    CommandKind.GIVE_TRANSPONDER: Entry(
+        'GIVE TRANSPONDER',
+        'a transponder is of this kart; its passings in this race count for it',
+        'kart/give_transponder',
+        to_one_kart=True,
+        takes=('transponder',),
+        of_laps=True,
+    ),
+    CommandKind.PENALISE: Entry(
+        'PENALISE',
+        'add seconds to the result of a kart, take laps away, or disqualify it',
+        'kart/penalise',
+        to_one_kart=True,
+        takes=('seconds', 'laps', 'disqualified', 'reason'),
+        of_laps=True,
+    ),
+    CommandKind.UNDO_PENALTY: Entry(
+        'UNDO PENALTY',
+        'take the last penalty of a kart back',
+        'kart/undo_penalty',
+        to_one_kart=True,
+        of_laps=True,
     ),
 }
 """Every command of an official, stops first."""

@@ -37,6 +37,7 @@ import zlib
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.encoding import DAMAGED, read, reader, written
+from evgp_rcs.laps import Passing
 from evgp_rcs.link_quality import LinkQuality
 from evgp_rcs.race import (
     Command,
@@ -69,6 +70,7 @@ class Entrant(NamedTuple):
     team: str
     in_race: bool
     inspected: str = ''
+    transponders: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +89,13 @@ class Setup:
     def race(self) -> Race:
         """Return a race that has just begun."""
         karts = [
-            Kart(kart.number, kart.team, kart.in_race, inspected=kart.inspected)
+            Kart(
+                kart.number,
+                kart.team,
+                kart.in_race,
+                inspected=kart.inspected,
+                transponders=kart.transponders,
+            )
             for kart in self.karts
         ]
         return Race(karts, self.times, self.now, self.heats)
@@ -102,7 +110,11 @@ class Setup:
         try:
             setup = read(Setup, text)
             names = [heat.name for heat in setup.heats]
-            names += [name for kart in setup.karts for name in (kart.team, kart.inspected)]
+            names += [
+                name
+                for kart in setup.karts
+                for name in (kart.team, kart.inspected, *kart.transponders)
+            ]
             ''.join(names).encode()
             numbers = [number for heat in setup.heats for number in heat.karts]
             numbers += [kart.number for kart in setup.karts]
@@ -169,6 +181,14 @@ class Measured(NamedTuple):
     link: LinkQuality
 
 
+class Passed(NamedTuple):
+    """What sources saw at the timing line; ``dropped`` more were too many to be taken."""
+
+    at: float
+    passings: tuple[Passing, ...]
+    dropped: int
+
+
 class Tick(NamedTuple):
     """Time passed."""
 
@@ -218,6 +238,7 @@ Input = (
     | Heard
     | Delivered
     | Measured
+    | Passed
     | Tick
     | HeldUp
     | Rival
@@ -238,6 +259,8 @@ def feed(given: Input, race: Race) -> Outcome:
             return race.delivered(kart, serial, answered, at)
         case Measured(at, kart, link):
             return race.measured(kart, link, at)
+        case Passed(at, passings, dropped):
+            return race.passed(passings, dropped, at)
         case Commanded(at, command, came):
             return race.command(command, at, came)
         case Connected(at, kart):

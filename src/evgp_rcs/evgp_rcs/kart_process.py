@@ -54,7 +54,8 @@ def setup_of(begin: Begin, now: float) -> Setup:
     entries = begin.roster.entries
     return Setup(
         tuple(
-            Entrant(entry.number, entry.team, entry.in_race, entry.inspected) for entry in entries
+            Entrant(entry.number, entry.team, entry.in_race, entry.inspected, entry.transponders)
+            for entry in entries
         ),
         begin.times,
         begin.roster.heats,

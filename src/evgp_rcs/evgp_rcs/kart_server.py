@@ -208,7 +208,7 @@ class KartServer:
         self._connections = {number: _Allowance(*CONNECTIONS) for number in race.karts}
         self._too_often = {number: _Allowance(1) for number in race.karts}
         self._rubbish = {number: _Allowance(5) for number in race.karts}
-        self._reports = {number: _Allowance(20) for number in race.karts}
+        self._reports = {number: _Allowance(20) for number in (0, *race.karts)}
         self._beat_at = 0.0
         self._began_again_at = 0.0
         self._shown_at = 0.0

@@ -206,6 +206,7 @@ class LapsMemory(NamedTuple):
     crossed: Mapping[int, tuple[float, ...]]
     finished: tuple[int, ...]
     penalties: tuple[Penalty, ...]
+    heat: str
 
 
 class Taken(NamedTuple):
@@ -257,6 +258,7 @@ class Laps:
     :param green: when GREEN_GREEN was given, on the clock of the rules (s).
     :param karts: those that started.
     :param transponders: whose each is.
+    :param heat: the name of the heat that was in the race; empty: none was.
     :param ended: when the race was stopped or over, in seconds since GREEN_GREEN.
     :param finished: when each kart finished, likewise; ``left``: when it left the race.
     :param struck: the passings that were struck out, and why.
@@ -273,6 +275,7 @@ class Laps:
     green: float
     karts: tuple[int, ...]
     transponders: Mapping[str, int] = field(default_factory=dict)
+    heat: str = ''
     ended: float = math.inf
     finished: Mapping[int, float] = field(default_factory=dict)
     left: Mapping[int, float] = field(default_factory=dict)
@@ -479,8 +482,14 @@ class Laps:
 
     def memory(self) -> LapsMemory:
         """Return what must outlive race control."""
-        finished = tuple(self.finished)
-        return LapsMemory(self.format, self.wanted, self.counted, finished, self.penalties)
+        return LapsMemory(
+            self.format,
+            self.wanted,
+            self.counted,
+            tuple(self.finished),
+            self.penalties,
+            self.heat,
+        )
 
     @staticmethod
     def recall(memory: LapsMemory, settings: LapSettings, now: float) -> Laps:
@@ -491,6 +500,7 @@ class Laps:
             memory.wanted,
             green=now,
             karts=tuple(memory.crossed),
+            heat=memory.heat,
             ended=-math.inf,
             finished=dict.fromkeys(memory.finished, 0.0),
             penalties=memory.penalties,

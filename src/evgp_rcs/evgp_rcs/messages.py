@@ -158,7 +158,10 @@ def race_message(
             )
             for alert in race.alerts
         ],
-        heats=[msg.Heat(name=heat.name, karts=heat.karts) for heat in race.heats],
+        heats=[
+            msg.Heat(name=heat.name, karts=heat.karts, format=heat.format.value, laps=heat.laps)
+            for heat in race.heats
+        ],
         banner=banner,
     )
 
@@ -184,6 +187,7 @@ def _event(stamped: StampedEvent) -> msg.RaceEvent:
         official=event.official,
         alert=_ALERT[event.alert] if event.alert is not None else 0,
         after=event.after,
+        lap=event.lap,
         grade=_GRADE[event.grade] if event.grade is not None else 0,
     )
 

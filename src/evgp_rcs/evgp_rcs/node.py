@@ -52,7 +52,7 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs.channel import ANSWER_TIMEOUT
 from evgp_rcs.kart_client import KartServerClient
 from evgp_rcs.kart_server import KartServerError
-from evgp_rcs.official import heard
+from evgp_rcs.official import heard, tidy
 from evgp_rcs.race import Answer, Command
 from evgp_rcs.rival import (
     claim_the_graph,
@@ -302,6 +302,8 @@ def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
         if all(getattr(request, name) == value for name, value in CATALOGUE[each].fixed.items())
     )
     entry = CATALOGUE[kind]
+    taken: dict[str, Any] = {name: getattr(request, name) for name in entry.takes}
+    taken |= {name: tidy(text) for name, text in taken.items() if isinstance(text, str)}
     return Command(
         kind,
         request.kart if entry.to_one_kart else 0,
@@ -310,6 +312,7 @@ def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
         state_of(request.hold) if entry.names_hold else None,
         request.heat if entry.names_heat else '',
         heard(request.official),
+        **taken,
     )
 
 

@@ -49,6 +49,10 @@ connection, or an official made it safe by hand. A lost connection never does.
 What happened before race control began counts as the worst it could be, unless the record proves
 that the last run ended in good order with nothing under way (``recover``).
 
+Laps are bookkeeping (``laps``): the race has one value of them, which its own times and the
+passings of the timing line change. No order, hold or doubt follows from them; with `auto_finish`
+a kart's last lap is a FINISH of it, which is a stop in the end.
+
 Section numbers (§) are those of the EVGP proposal.
 """
 
@@ -64,6 +68,17 @@ from typing import NamedTuple
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState, stricter
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.laps import (
+    Format,
+    Identity,
+    Laps,
+    LapSettings,
+    LapsMemory,
+    MOST_SEEN,
+    Owner,
+    Passing,
+    Penalty,
+)
 from evgp_rcs.link_quality import LinkQuality
 
 IN_GARAGE = RaceState.IN_GARAGE
@@ -92,6 +107,8 @@ class EventKind(enum.Enum):
     ALL_ACKNOWLEDGED = 'ALL_ACKNOWLEDGED'
     WITHDRAWN = 'WITHDRAWN'
     RESULTS = 'RESULTS'
+    PASSING = 'PASSING'
+    LAP = 'LAP'
     ENDED = 'ENDED'
 
 
@@ -109,6 +126,7 @@ class AlertKind(enum.Enum):
     RECORD_FAILING = 'RECORD_FAILING'
     TWO_RACE_CONTROLS = 'TWO_RACE_CONTROLS'
     LINK_POOR = 'LINK_POOR'
+    LAPS_SOURCE = 'LAPS_SOURCE'
 
 
 MSR_ALERTS = frozenset(
@@ -148,6 +166,11 @@ class Command(NamedTuple):
     :param hold: for the release of one kart: its hold, as the official saw it; ``None`` for none.
     :param heat: for SET_HEAT: the name of the heat.
     :param official: who gives it, by their own word (``official``). No rule depends on it.
+    :param source: for STRIKE_PASSING and RESTORE_PASSING: with ``session`` and ``number``, which
+        passing.
+    :param transponder: for GIVE_TRANSPONDER: which.
+    :param seconds: for PENALISE: seconds to add; ``laps``: laps to take; ``disqualified``.
+    :param reason: for a correction or a penalty: why.
     """
 
     kind: CommandKind
@@ -157,14 +180,33 @@ class Command(NamedTuple):
     hold: RaceState | None = None
     heat: str = ''
     official: str = ''
+    source: str = ''
+    session: str = ''
+    number: int = 0
+    transponder: str = ''
+    seconds: int = 0
+    laps: int = 0
+    disqualified: bool = False
+    reason: str = ''
+
+    @property
+    def passing(self) -> Identity:
+        """Return which passing it is about."""
+        return Identity(self.source, self.session, self.number)
 
 
 @dataclass(frozen=True)
 class Heat:
-    """Karts that race together, by a name of the roster; their numbers in ascending order."""
+    """
+    Karts that race together, by a name of the roster; their numbers in ascending order.
+
+    :param format: what their race is about; ``laps``: how many they drive; 0: no number is set.
+    """
 
     name: str
     karts: tuple[int, ...]
+    format: Format = Format.RACE
+    laps: int = 0
 
 
 @dataclass(frozen=True)
@@ -197,9 +239,11 @@ class Event(NamedTuple):
     :param command: for a change of state, the command that caused it; None: no command did.
     :param official: who gave the command, by their own word (``official``).
     :param alert: for an alert that was raised or has ended, which.
-    :param after: for DELIVERED: time from the order to the answer of the kart's kernel, s.
+    :param after: for DELIVERED: time from the order to the answer of the kart's kernel, s; for
+        LAP: the time of the lap, s.
     :param grade: for LINK_GRADE: how good the link is from then on.
     :param hold: the hold of this kart then; of kart 0, the one that every kart had.
+    :param lap: for LAP: its number, from 1.
     :param race: the number of the race that was under way; 0: none was.
     :param heat: the name of the heat that was last put into the race; empty: none was.
     """
@@ -215,6 +259,7 @@ class Event(NamedTuple):
     alert: AlertKind | None = None
     after: float = 0.0
     grade: Grade | None = None
+    lap: int = 0
     hold: RaceState | None = None
     race: int = 0
     heat: str = ''
@@ -299,9 +344,9 @@ class TrackAccess:
 
 
 @dataclass(frozen=True)
-class RaceTimes:
+class RaceTimes(LapSettings):
     """
-    The times of the rules, in seconds.
+    The times of the rules, in seconds, and how laps are counted.
 
     :param finish_delays: for place 1, 2, … how long a kart that finished drives on before its
         RED_FLAG (§4.B FINISH); the last one serves all further places. Longest first, so that
@@ -363,6 +408,7 @@ class Kart:
     :param held_alone: an official held this kart alone; until its release.
     :param withdrawn: it withdrew an acknowledgement of the present order.
     :param inspected: the date of its inspection, as the roster has it; empty: none.
+    :param transponders: those that the roster says it has.
     :param ordered_at: when its present order was given, s; `delivered_at`: when its kernel had
         answered that, and `acknowledged_at`: when it first acknowledged it; None: not yet.
     :param link: how good its link is; None: not measured on this connection. No rule asks for it,
@@ -394,6 +440,7 @@ class Kart:
     acknowledged_at: float | None = None
     link: LinkQuality | None = None
     link_poor_at: float | None = None
+    transponders: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         """Return how officials call this kart."""
@@ -440,6 +487,8 @@ class RaceMemory:
     :param karts: each kart of the roster, by its number.
     :param track_open: officials have opened the track.
     :param msr_used: an official has stated that the MSR was used.
+    :param laps: of the race that was started last.
+    :param given: the transponders that officials gave to karts.
     :param final: race control ended in good order with this: nothing happened since.
     """
 
@@ -447,6 +496,8 @@ class RaceMemory:
     karts: Mapping[int, KartMemory]
     track_open: bool = False
     msr_used: bool = False
+    laps: LapsMemory | None = None
+    given: tuple[Owner, ...] = ()
     final: bool = False
 
     @property
@@ -497,10 +548,11 @@ class Race:
     """
     The state of one race and of every kart of the roster (§3, §4.B).
 
-    Feed it with ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``, with what
-    becomes of a start that waits (``start_becomes``), and with what is wrong around it
-    (``held_up``, ``rival``, ``record_trouble``); each returns the orders to send and the events
-    that happened. Times are seconds of one monotonic clock and never go back.
+    Feed it with ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``, with the
+    passings of the timing line (``passed``), with what becomes of a start that waits
+    (``start_becomes``), and with what is wrong around it (``held_up``, ``rival``,
+    ``record_trouble``); each returns the orders to send and the events that happened. Times are
+    seconds of one monotonic clock and never go back.
 
     :param karts: every kart of the roster, each number once.
     :param times: the times of the rules.
@@ -524,6 +576,11 @@ class Race:
                 raise ValueError(f'kart {kart.number} is in the roster twice')
             self.karts[kart.number] = kart
             kart.sent_since = now
+        self.given: tuple[Owner, ...] = ()
+        """The transponders that officials gave to karts."""
+        self.laps: Laps | None = None
+        """Of the race that was started last, until the next GRID_ACTIVE; None: of none."""
+        self._seen: dict[Identity, None] = {}
         self.heats = tuple(heats)
         self.state = IN_GARAGE
         self.state_since = now
@@ -567,7 +624,8 @@ class Race:
         if self.start is not None:
             return self.start.memory
         karts = {number: _remembered(kart) for number, kart in self.karts.items()}
-        return RaceMemory(self.state, karts, self.track_open, self.msr_used)
+        laps = None if self.laps is None else self.laps.memory()
+        return RaceMemory(self.state, karts, self.track_open, self.msr_used, laps, self.given)
 
     def recover(self, memory: RaceMemory | None, now: float) -> Outcome:
         """
@@ -584,6 +642,10 @@ class Race:
         :param memory: what is known; None: nothing is.
         """
         final = memory is not None and memory.final
+        if memory is not None:
+            self.given = memory.given
+            if memory.laps is not None:
+                self.laps = Laps.recall(memory.laps, self.times, now)
         self.track_open = memory is None or memory.track_open or not final
         if memory is not None and final and memory.at_rest:
             return self._outcome()
@@ -652,7 +714,9 @@ class Race:
         }
         until = now + self.times.journal_timeout
         self.starts += 1
-        self.start = Start(self.starts, command, came, until, RaceMemory(GREEN_GREEN, karts))
+        laps = self._laps_from(now).memory()
+        memory = RaceMemory(GREEN_GREEN, karts, laps=laps, given=self.given)
+        self.start = Start(self.starts, command, came, until, memory)
         return self._outcome(start=self.start)
 
     def start_becomes(self, phase: StartPhase, number: int, now: float) -> Outcome:
@@ -858,6 +922,46 @@ class Race:
             self._events.append(Event(kind, text, number, grade=link.grade))
         return self._outcome()
 
+    def passed(self, passings: Iterable[Passing], dropped: int, now: float) -> Outcome:
+        """
+        Take what sources saw at the timing line.
+
+        It sends no kart anything; but with `auto_finish` a kart finishes with its last lap.
+
+        :param dropped: how many further ones came that were too many to be taken.
+        """
+        fresh = {each.identity: each for each in passings if each.identity not in self._seen}
+        self._seen |= dict.fromkeys(fresh)
+        while len(self._seen) > MOST_SEEN:
+            del self._seen[next(iter(self._seen))]
+        if self.laps is None:
+            for passing in fresh.values():
+                self._tell_passing(passing, passing.kart, 'no race was started')
+            return self._outcome()
+        self.laps, taken = self.laps.take(fresh.values(), now, dropped)
+        for passing, number, mark, lap, seconds in taken:
+            self._tell_passing(passing, number, mark.value)
+            if not lap:
+                continue
+            kart = self.karts[number]
+            text = f'{_capital(kart)}: lap {lap} in {seconds:.3f} s'
+            if self.laps.is_done(number):
+                text += ', its last lap'
+            self._events.append(Event(EventKind.LAP, text, number, after=seconds, lap=lap))
+            last = Command(CommandKind.KART_FINISH, number, official=AUTO_FINISH)
+            if self.times.auto_finish and self.laps.is_done(number) and not self._refusal(last):
+                self._decide(last, '', now)
+        self._tell_alerts(now)
+        return self._outcome()
+
+    def _tell_passing(self, passing: Passing, number: int, mark: str) -> None:
+        who = str(self.karts.get(number, f'kart {number}')) if number else 'somebody'
+        if passing.transponder:
+            who += f' (transponder {passing.transponder})'
+        text = f'{_capital(who)} crossed the line, seen by {passing.identity}: {mark}'
+        known = number if number in self.karts else 0
+        self._events.append(Event(EventKind.PASSING, text, known, chatter=True))
+
     def rival(self, present: bool, now: float) -> Outcome:
         """Take note that another race control runs among the same officials, or is gone."""
         self.has_rival = present
@@ -1002,6 +1106,8 @@ class Race:
 
     def _go(self, state: RaceState, now: float, why: str = '') -> None:
         if state is not self.state:
+            if self.laps is not None:
+                self.laps = self.laps.end(now)
             self.state = state
             self.state_since = now
             self.state_cause = why or self._cause()
@@ -1051,6 +1157,7 @@ class Race:
             self.start = self.start._replace(phase=StartPhase.OUTLIVED)
         self.msr_used = False
         self.starters = ()
+        self.laps = None
         self.places_given = 0
         for each in self.karts.values():
             each.place = 0
@@ -1060,6 +1167,7 @@ class Race:
     def _green_green(self, command: Command, now: float) -> str:
         self.starters = tuple(each.number for each in self.racing())
         self._go(GREEN_GREEN, now)
+        self.laps = self._laps_from(now)
         return f'GREEN_GREEN is sent to {_receivers(self.racing())}'
 
     def _race_over(self, command: Command, now: float) -> str:
@@ -1122,6 +1230,8 @@ class Race:
         kart.place = self.places_given
         delay = self.times.finish_delay(kart.place)
         kart.finish_due = now + delay
+        if self.laps is not None:
+            self.laps = self.laps.finish(kart.number, now)
         text = f'{_capital(kart)} finished in place {kart.place}'
         return f'{text}; RED_FLAG follows in {delay:g} s'
 
@@ -1129,6 +1239,8 @@ class Race:
         kart = self.karts[command.kart]
         place, kart.place = kart.place, 0
         self.places_given -= 1
+        if self.laps is not None:
+            self.laps = self.laps.undo_finish(kart.number)
         moved_up = [each for each in self.karts.values() if each.place > place]
         for each in moved_up:
             each.place -= 1
@@ -1151,6 +1263,8 @@ class Race:
         out = kart.in_race and self.state is not IN_GARAGE
         if out:
             kart.in_race = False
+            if self.laps is not None:
+                self.laps = self.laps.leave(kart.number, now)
         self._redirect(kart, now)
         return f'{_capital(kart)} is released to IN_GARAGE' + (
             ' and is out of the race' if out else ''
@@ -1185,6 +1299,33 @@ class Race:
             text += f'; not connected: {_listed(absent)}'
         held = _held(chosen)
         return text + (f'; still held: {held}' if held else '')
+
+    def _correct_passing(self, command: Command, now: float) -> str:
+        assert self.laps is not None
+        if command.kind is CommandKind.RESTORE_PASSING:
+            self.laps = self.laps.restore(command.passing)
+            return f'Passing {command.passing} counts again, if the rules let it'
+        self.laps = self.laps.strike(command.passing, command.reason)
+        return f'Passing {command.passing} is struck out: {command.reason}'
+
+    def _give_transponder(self, command: Command, now: float) -> str:
+        kept = tuple(each for each in self.given if each.transponder != command.transponder)
+        self.given = (*kept, Owner(command.transponder, command.kart))
+        if self.laps is not None:
+            self.laps = self.laps.again(transponders=self._transponders())
+        return f"Transponder {command.transponder} is {self.karts[command.kart]}'s"
+
+    def _penalise(self, command: Command, now: float) -> str:
+        assert self.laps is not None
+        terms = (command.kart, command.seconds, command.laps, command.disqualified)
+        penalty = Penalty(*terms, command.reason, command.official)
+        self.laps = self.laps.penalise(penalty)
+        return f'{_capital(self.karts[command.kart])}: {penalty}'
+
+    def _undo_penalty(self, command: Command, now: float) -> str:
+        assert self.laps is not None
+        self.laps = self.laps.undo_penalty(command.kart)
+        return f'The last penalty of {self.karts[command.kart]} is taken back'
 
     # ----- why a command is refused: one phrase, or nothing -------------------------------
 
@@ -1338,6 +1479,20 @@ class Race:
             return f'the race is in {self.state.value}; a heat is put into the race in IN_GARAGE'
         return ''
 
+    def _no_laps(self, command: Command) -> str:
+        return '' if self.laps is not None else 'no race was started'
+
+    def _no_penalty(self, command: Command) -> str:
+        kart = self.karts[command.kart]
+        if self.laps is None or kart.number not in self.laps.karts:
+            return f'{kart} has not started in this race'
+        return ''
+
+    def _no_undo_penalty(self, command: Command) -> str:
+        penalties = () if self.laps is None else self.laps.penalties
+        kart = self.karts[command.kart]
+        return '' if kart.number in {each.kart for each in penalties} else f'{kart} has no penalty'
+
     def _uninspected(self, karts: Iterable[Kart]) -> str:
         if not self.times.require_inspection:
             return ''
@@ -1383,6 +1538,8 @@ class Race:
         entry = CATALOGUE[command.kind]
         if entry.names_heat:
             return self._no_such_heat(command.heat)
+        if entry.of_laps:
+            return self._no_such_correction(command)
         if entry.names_hold:
             return self._held_otherwise(self.karts[command.kart], command.hold)
         return self._not_as_seen(command) if entry.names_karts else ''
@@ -1393,6 +1550,26 @@ class Race:
                 return self._uninspected(self.karts[number] for number in heat.karts)
         names = ', '.join(f'"{heat.name}"' for heat in self.heats)
         return f'the roster has no heat {name[:40]!r}; it has {names}'
+
+    def _no_such_correction(self, command: Command) -> str:
+        takes = CATALOGUE[command.kind].takes
+        if 'number' in takes:
+            assert self.laps is not None
+            if not self.laps.knows(command.passing):
+                return f'this race has no passing {command.passing}'
+            if command.kind is CommandKind.STRIKE_PASSING and not command.reason:
+                return 'say why'
+            struck = command.passing in self.laps.struck
+            if struck is (command.kind is CommandKind.STRIKE_PASSING):
+                return f'passing {command.passing} is {"" if struck else "not "}struck out'
+        if 'transponder' in takes and not command.transponder:
+            return 'name the transponder'
+        if 'seconds' in takes:
+            if not (command.seconds or command.laps or command.disqualified):
+                return 'say what it costs: seconds, laps, or the place'
+            if not command.reason:
+                return 'say why'
+        return ''
 
     def _held_otherwise(self, kart: Kart, seen: RaceState | None) -> str:
         if seen is kart.hold:
@@ -1427,6 +1604,18 @@ class Race:
         return '' if kart.stands else f'{kart} was made safe by hand'
 
     # ----- derived ------------------------------------------------------------------------
+
+    def _laps_from(self, green: float) -> Laps:
+        """Return the laps of a race that begins at this time, with the karts that are in it."""
+        heat = next((heat for heat in self.heats if heat.name == self.heat), Heat('', ()))
+        karts = tuple(each.number for each in self.racing())
+        race = (self.times, heat.format, heat.laps, green, karts)
+        return Laps(*race, self._transponders(), heat.name).again()
+
+    def _transponders(self) -> dict[str, int]:
+        """Return whose each transponder is: the roster's, then what officials gave."""
+        roster = {name: kart.number for kart in self.karts.values() for name in kart.transponders}
+        return roster | dict(self.given)
 
     def racing(self) -> Iterator[Kart]:
         """Yield the karts of the race, in the order of the roster."""
@@ -1608,6 +1797,8 @@ class Race:
                 'released; every stop works, but only for the karts that are connected to the '
                 'race control that receives it',
             )
+        if self.laps is not None and self.laps.trouble:
+            yield AlertKind.LAPS_SOURCE, None, None, self.laps.trouble
         if self.record_fails:
             yield AlertKind.RECORD_FAILING, None, None, self.record_fails
 
@@ -1684,6 +1875,9 @@ _NEXT: dict[RaceState, tuple[CommandKind, str]] = {
     RED_RED: (CommandKind.IN_GARAGE, ' when the track is safe for humans'),
 }
 """What may follow once every kart has acknowledged a state, and on which condition."""
+
+AUTO_FINISH = 'auto finish'
+"""Who gives a FINISH that the organiser lets race control give (`auto_finish`)."""
 
 NOT_IN_ROSTER = 'not in the roster any more'
 
@@ -1809,5 +2003,11 @@ COMMANDS: dict[CommandKind, Rule] = {
     CommandKind.SET_HEAT: Rule(Race._set_heat, Race._no_set_heat, is_command=False),
     CommandKind.OPEN_TRACK: Rule(Race._open_track, Race._no_open_track, is_command=False),
     CommandKind.CLOSE_TRACK: Rule(Race._close_track, is_command=False),
+    # Bookkeeping of laps.
+    CommandKind.STRIKE_PASSING: Rule(Race._correct_passing, Race._no_laps, is_command=False),
+    CommandKind.RESTORE_PASSING: Rule(Race._correct_passing, Race._no_laps, is_command=False),
+    CommandKind.GIVE_TRANSPONDER: Rule(Race._give_transponder, is_command=False),
+    CommandKind.PENALISE: Rule(Race._penalise, Race._no_penalty, is_command=False),
+    CommandKind.UNDO_PENALTY: Rule(Race._undo_penalty, Race._no_undo_penalty, is_command=False),
 }
 """What every command of §4.B does, when it is refused, and what the official must state."""

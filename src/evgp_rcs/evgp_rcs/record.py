@@ -44,14 +44,14 @@ import time
 from typing import Any, IO
 
 from evgp_protocol import clock, states
-from evgp_rcs import catalogue, race
+from evgp_rcs import catalogue, laps, race
 from evgp_rcs.encoding import DAMAGED, read, reader, written
 from evgp_rcs.folder import rcs_folder
 from evgp_rcs.inputs import Block, joined, Setup
 from evgp_rcs.orderly_end import OrderlyEnd
 from evgp_rcs.race import Event, EventKind, RaceMemory, StampedEvent
 
-SCHEMA_VERSION = 6
+SCHEMA_VERSION = 7
 
 INPUTS_EVERY = 1.0
 """Maximum time that inputs without events wait for others, in seconds. A disk that must confirm
@@ -89,8 +89,10 @@ CREATE TABLE event (
     hold TEXT, -- how the kart is held, of kart 0 every kart: a RaceState; null: not
     race INTEGER NOT NULL, -- the number of the race in the run; 0: none is under way
     heat TEXT NOT NULL, -- the heat that was last put into the race; empty: none
-    after REAL NOT NULL, -- of DELIVERED, time from the order to the answer of the kart's kernel, s
+    after REAL NOT NULL, -- of DELIVERED, time from the order to the answer of the kart's kernel,
+        -- of LAP, its time, s
     grade TEXT, -- of LINK_GRADE, a name of Grade
+    lap INTEGER NOT NULL, -- of LAP, the number of the lap; else 0
     PRIMARY KEY (session, sequence)
 ) WITHOUT ROWID;
 CREATE TABLE input (
@@ -133,7 +135,8 @@ def rules_version() -> str:
     """
     try:
         texts = [
-            pathlib.Path(str(each.__file__)).read_bytes() for each in (race, catalogue, states)
+            pathlib.Path(str(each.__file__)).read_bytes()
+            for each in (race, laps, catalogue, states)
         ]
     except OSError:
         return ''
@@ -484,6 +487,7 @@ class RecordedEvent:
     heat: str = ''
     after: float = 0.0
     grade: str | None = None
+    lap: int = 0
 
     @staticmethod
     def of(stamped: StampedEvent) -> RecordedEvent:

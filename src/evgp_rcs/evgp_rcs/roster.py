@@ -31,6 +31,7 @@ import pathlib
 import re
 from typing import TypeVar
 
+from evgp_rcs.laps import Format
 from evgp_rcs.race import Heat
 import yaml
 
@@ -43,12 +44,16 @@ MAX_NUMBER = 9999
 # What still fits beside the buttons of a GUI.
 MAX_TEAM_LENGTH = 64
 MAX_HEAT_LENGTH = 32
+MAX_TRANSPONDER_LENGTH = 32
+MOST_LAPS = 999
 # A file with more faults is not a roster.
 MOST_FAULTS = 100
 
 _FIELDS = ('number', 'team', 'address', 'in_race')
 
-_OPTIONAL = ('inspected',)
+_OPTIONAL = ('inspected', 'transponders')
+
+_OF_A_HEAT = ('format', 'laps')
 
 _INT = 'tag:yaml.org,2002:int'
 _BOOL = 'tag:yaml.org,2002:bool'
@@ -73,6 +78,7 @@ class RosterEntry:
     One kart: its number (1 to 9999), team, IPv4 address, and if it is in the first race.
 
     :ivar inspected: the date of its inspection, YYYY-MM-DD; empty: it has none.
+    :ivar transponders: those it carries; no other kart has one of them.
     """
 
     number: int
@@ -80,6 +86,7 @@ class RosterEntry:
     address: str
     in_race: bool
     inspected: str = ''
+    transponders: tuple[str, ...] = ()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -87,7 +94,8 @@ class Roster:
     """
     The karts of the event, at least one, and its heats, in the order of the file.
 
-    No number, address or name of a heat is in it twice; a heat has only karts of the roster.
+    No number, address, transponder or name of a heat is in it twice; a heat has only karts of the
+    roster.
     """
 
     entries: tuple[RosterEntry, ...]
@@ -235,6 +243,7 @@ class _Parser:
         """Yield the karts of the list, each checked by itself and against those before it."""
         lines_of_numbers = self._lines_of_numbers
         owners: dict[str, tuple[str, int]] = {}
+        carriers: dict[str, tuple[str, int]] = {}
         for position, node in enumerate(nodes, start=1):
             kart = f'kart entry {position}'
             known = self._number_in(node)
@@ -255,19 +264,54 @@ class _Parser:
                 kart = f'kart {number}'
             team = self._tried(self._team, fields.get('team'), kart)
             address = self._tried(self._address, fields.get('address'), kart)
-            if address in owners:
-                owner, line = owners[address]
-                self._note(
-                    fields['address'],
-                    f"{kart}: address {address} is already {owner}'s (line {line}); "
-                    'give every kart its own address',
-                )
-            elif address is not None:
-                owners[address] = kart, _line(fields['address'])
+            if address is not None:
+                self._own(owners, address, fields['address'], kart, 'address')
             in_race = self._tried(self._in_race, fields.get('in_race'), kart)
             inspected = self._tried(self._inspected, fields.get('inspected'), kart)
+            transponders = self._tried(
+                self._transponders, fields.get('transponders'), kart, carriers
+            )
             if not (number is None or team is None or address is None or in_race is None):
-                yield RosterEntry(number, team, address, in_race, inspected or '')
+                yield RosterEntry(
+                    number, team, address, in_race, inspected or '', transponders or ()
+                )
+
+    def _own(
+        self,
+        owners: dict[str, tuple[str, int]],
+        name: str,
+        node: yaml.Node,
+        kart: str,
+        what: str,
+    ) -> None:
+        """Note whose something is that only one kart can have, or that it is another's."""
+        if name in owners:
+            owner, line = owners[name]
+            whose = f"is already {owner}'s (line {line}); give every kart its own {what}"
+            self._note(node, f'{kart}: {what} {name} {whose}')
+        else:
+            owners[name] = kart, _line(node)
+
+    def _transponders(
+        self, node: yaml.Node, kart: str, carriers: dict[str, tuple[str, int]]
+    ) -> tuple[str, ...]:
+        right = 'give a list, such as [4711, 4712], or leave it out'
+        if not isinstance(node, yaml.SequenceNode) or not node.value:
+            raise _fault(node, f'{kart}: transponders {_shown(node)} is no list; {right}')
+        for each in node.value:
+            if not (
+                isinstance(each, yaml.ScalarNode)
+                and each.value.strip()
+                and each.value.isprintable()
+                and len(each.value) <= MAX_TRANSPONDER_LENGTH
+            ):
+                raise _fault(
+                    each,
+                    f'{kart}: transponder {_shown(each)} is no name; give 1 to '
+                    f'{MAX_TRANSPONDER_LENGTH} printable characters, as the device has it',
+                )
+            self._own(carriers, str(each.value).strip(), each, kart, 'transponder')
+        return tuple(str(each.value).strip() for each in node.value)
 
     def _heats(self, node: yaml.Node) -> Iterator[Heat]:
         """Yield the heats, each checked by itself and against the karts."""
@@ -289,9 +333,33 @@ class _Parser:
                     )
                 lines.setdefault(name, _line(key))
             heat = f'heat {name!r}' if name is not None else 'this heat'
+            format_, laps = Format.RACE, 0
+            if isinstance(value, yaml.MappingNode):
+                fields = self._tried(self._fields, value, ('karts',), heat, _OF_A_HEAT) or {}
+                format_ = self._tried(self._format, fields.get('format'), heat) or format_
+                laps = self._tried(self._laps, fields.get('laps'), heat) or laps
+                value = fields.get('karts', value)
+                if isinstance(value, yaml.MappingNode):
+                    continue  # it has none, which is noted
             karts = self._heat_karts(value, heat)
             if name is not None and karts:
-                yield Heat(name, tuple(sorted(karts)))
+                yield Heat(name, tuple(sorted(karts)), format_, laps)
+
+    def _format(self, node: yaml.Node, heat: str) -> Format:
+        try:
+            return Format(node.value)
+        except ValueError as error:
+            known = ', '.join(each.value for each in Format)
+            fault = f'{heat}: format {_shown(node)} is none; give one of {known}'
+            raise _fault(node, fault) from error
+
+    def _laps(self, node: yaml.Node, heat: str) -> int:
+        if node.tag == _INT and re.fullmatch('[1-9][0-9]{0,2}', node.value):
+            return int(node.value)
+        raise _fault(
+            node,
+            f'{heat}: laps {_shown(node)} is not valid; give 1 to {MOST_LAPS}, or leave it out',
+        )
 
     def _heat_name(self, node: yaml.Node) -> str:
         if isinstance(node, yaml.ScalarNode):
@@ -473,7 +541,11 @@ def _broken(text: str, error: yaml.MarkedYAMLError) -> _FaultError:
     # A field without a space after its colon is no field, and the next line does not fit.
     for number in range(at, max(at - 2, -1), -1):
         field = _FIELD.match(lines[number])
-        if field and field['glued'] and field['name'] in (*_FIELDS, *_OPTIONAL, 'karts', 'heats'):
+        if (
+            field
+            and field['glued']
+            and field['name'] in (*_FIELDS, *_OPTIONAL, *_OF_A_HEAT, 'karts', 'heats')
+        ):
             right = f'{field["name"]}: {field["glued"]}{field["rest"]}'.rstrip()
             return _FaultError(number + 1, f'has no space after the colon; write {right[:60]!r}')
     field, before = _FIELD.match(shown), _FIELD.match(lines[at - 1]) if at else None

@@ -32,8 +32,9 @@ Offer = tuple[CommandKind, int, str, str, tuple[int, ...], float | None]
 """The fields of an ``Availability``, as a plain tuple: packing takes a tenth of the time, and a
 hundred karts have 700 of them."""
 
-_TO_ONE_KART = tuple(kind for kind, entry in CATALOGUE.items() if entry.to_one_kart)
-_TO_ALL = tuple(kind for kind, entry in CATALOGUE.items() if not entry.to_one_kart)
+_OFFERED = tuple(kind for kind, entry in CATALOGUE.items() if not entry.of_laps)
+_TO_ONE_KART = tuple(kind for kind in _OFFERED if CATALOGUE[kind].to_one_kart)
+_TO_ALL = tuple(kind for kind in _OFFERED if not CATALOGUE[kind].to_one_kart)
 
 
 class KartSnapshot(NamedTuple):

@@ -64,7 +64,12 @@ EVENTS_QOS = QoSProfile(
 )
 """Of ``~/events``: a late subscriber gets the last 200 messages, each of some events."""
 
-OF_EACH_KART = (EventKind.KART_STATE, EventKind.DELIVERED, EventKind.ACKNOWLEDGED)
+OF_EACH_KART = (
+    EventKind.KART_STATE,
+    EventKind.DELIVERED,
+    EventKind.ACKNOWLEDGED,
+    EventKind.PASSING,
+)
 """Not in the log: the command says what karts are sent, other events that all answer or not."""
 
 BATCH = 100

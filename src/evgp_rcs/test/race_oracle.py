@@ -39,6 +39,7 @@ from typing import Any, NamedTuple
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
+from evgp_rcs.laps import Format, Passing
 from evgp_rcs.link_quality import NOT_MEASURED
 
 GREEN_GREEN = RaceState.GREEN_GREEN
@@ -68,6 +69,8 @@ RACE_COMMANDS = (
     'SET_HEAT',
     'OPEN_TRACK',
     'CLOSE_TRACK',
+    'STRIKE_PASSING',
+    'RESTORE_PASSING',
 )
 KART_COMMANDS = (
     *KART_STOPS,
@@ -76,6 +79,17 @@ KART_COMMANDS = (
     'KART_IN_GARAGE',
     'JOIN_RACE',
     'LEAVE_RACE',
+    'GIVE_TRANSPONDER',
+    'PENALISE',
+    'UNDO_PENALTY',
+)
+# Bookkeeping of laps and results.
+OF_LAPS = (
+    'STRIKE_PASSING',
+    'RESTORE_PASSING',
+    'GIVE_TRANSPONDER',
+    'PENALISE',
+    'UNDO_PENALTY',
 )
 # Bookkeeping that is no command to karts: §4.B's "last button pressed" does not mean these.
 NO_BUTTON = (
@@ -85,6 +99,7 @@ NO_BUTTON = (
     'SET_HEAT',
     'OPEN_TRACK',
     'CLOSE_TRACK',
+    *OF_LAPS,
 )
 # What starts karts, releases them or lets humans near, and what of it names the karts concerned.
 LOOSENING = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE', 'KART_IN_GARAGE', 'OPEN_TRACK')
@@ -152,6 +167,9 @@ PROPERTIES = {
     'alerts-act': 'S: looking, and alerts, change nothing',
     'false-news': 'what is announced as possible now is possible now',
     'stuck': 'the officials can bring every state home, karts answering or not',
+    'passing-acts': 'S: a passing sends no kart anything and changes no kart; but an auto finish',
+    'laps-act': 'S: a correction, a transponder or a penalty changes nothing but the results',
+    'lap-count': 'the laps that count are those of docs/rules.md',
     'abstraction': 'states that the search takes for one behave as one',
 }
 """Every property the oracle looks for, under the name by which a violation is reported."""
@@ -199,7 +217,11 @@ class StartView(NamedTuple):
 
 
 class View(NamedTuple):
-    """What the oracle sees of the race."""
+    """
+    What the oracle sees of the race.
+
+    :param timed: the karts whose laps are counted; ``penalties``: of each penalty, whose it is.
+    """
 
     state: RaceState
     track_open: bool
@@ -213,6 +235,8 @@ class View(NamedTuple):
     starters: tuple[int, ...]
     paused: float
     start: StartView | None
+    timed: tuple[int, ...]
+    penalties: tuple[int, ...]
     karts: tuple[KartView, ...]
 
 
@@ -238,6 +262,41 @@ class KartFacts(NamedTuple):
     poor: bool = False
 
 
+class LapFacts(NamedTuple):
+    """
+    What the oracle remembers of the laps of a race, in seconds since GREEN_GREEN.
+
+    :param passings: of each its number, the kart it names (0: it has the transponder), and when.
+    :param out: of each kart that finished or left, until when its passings count.
+    """
+
+    green: float
+    wanted: int
+    karts: tuple[int, ...]
+    times: Any
+    passings: tuple[tuple[int, int, float], ...] = ()
+    struck: frozenset[int] = frozenset()
+    out: tuple[tuple[int, str, float], ...] = ()
+    ended: float = math.inf
+
+    def crossed(self, kart: int, owner: int) -> list[float]:
+        """Return when a kart crossed the line, as far as that counts."""
+        times = [0.0] if self.times.first_crossing == 'ends' else []
+        until = min([self.ended, *(at for number, _, at in self.out if number == kart)])
+        for number, named, at in self.passings:
+            mine = (named or owner) == kart and kart in self.karts
+            full = self.wanted and len(times) > self.wanted
+            if not mine or number in self.struck or at > until or full:
+                continue
+            if not times or at - times[-1] >= self.times.min_lap_time:
+                times.append(at)
+        return times
+
+    def is_done(self, kart: int, owner: int) -> bool:
+        """Return whether a kart has all its laps."""
+        return bool(self.wanted) and len(self.crossed(kart, owner)) > self.wanted
+
+
 class Facts(NamedTuple):
     """
     What the oracle remembers: of the race, and of each kart.
@@ -245,12 +304,19 @@ class Facts(NamedTuple):
     :param grid_last: GRID_ACTIVE was the last button.
     :param paused: until when what loosens is refused.
     :param outlived: the start that waits was given for an earlier GRID_ACTIVE.
+    :param wanted: the laps of the heat that is in the race.
+    :param owner: whose the transponder is; 0: nobody's.
+    :param seen: the numbers of all passings.
     """
 
     grid_last: bool
     paused: float
     karts: tuple[KartFacts, ...]
     outlived: bool = False
+    wanted: int = 0
+    owner: int = 0
+    seen: frozenset[int] = frozenset()
+    laps: LapFacts | None = None
 
 
 class Input(NamedTuple):
@@ -258,6 +324,7 @@ class Input(NamedTuple):
     One input: a command, a connection change, something a kart says, or time.
 
     :param kind: which command; of a journal 'stale' if it is not what the start waits for.
+    :param serial: of what a kart says; of a passing or its correction, its number.
     :param statement: what is stated; of a rival that it is there, of the record that it fails, of
         a journal that it was written, of a link that is measured that it is poor.
     :param karts: which karts a start or release is for, as the official saw it.
@@ -327,8 +394,10 @@ def look(race: Any) -> View:
     start = race.start
     if start is not None:
         start = StartView(start.command.karts, start.came, start.until)
+    laps = race.laps
+    timed = () if laps is None else (laps.karts, tuple([each.kart for each in laps.penalties]))
     around = bool(race.record_fails), race.heats, race.starters, race.paused_until, start
-    return View(*_RACE(race), *around, karts)
+    return View(*_RACE(race), *around, *(timed or ((), ())), karts)
 
 
 def remember(view: View) -> Facts:
@@ -451,6 +520,11 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
         return Judgement(True)
     if kind == 'SET_HEAT':
         return Judgement(state is IN_GARAGE and bool(view.heats))
+    if kind in ('STRIKE_PASSING', 'RESTORE_PASSING'):
+        return Judgement(bool(view.timed))
+    if kind in OF_LAPS:
+        whose = {'PENALISE': view.timed, 'UNDO_PENALTY': view.penalties}
+        return Judgement(number in whose.get(kind, (number,)))
     kart = next(kart for kart in view.karts if kart.number == number)
     if kind == 'KART_FINISH':
         drives = kart.in_race and kart.connected and kart.hold is None
@@ -510,6 +584,8 @@ def fate(
     :param opinion: what ``judge`` says of the command, if that is known.
     """
     waits = given.what == 'command' and given.kind == 'GREEN_GREEN'
+    if given.what == 'passing':
+        return 'finishes' if _finishes(view, facts, given, now) else ''
     if given.what != 'command':
         start = view.start
         if start is None:
@@ -531,6 +607,7 @@ def fate(
         and _is_as_seen(view, given)
         and _heat_exists(view, given)
         and not _heat_is_barred(view, given)
+        and _corrects(facts, given)
     ):
         return 'refused'
     return 'waits' if waits else 'accepted'
@@ -538,6 +615,34 @@ def fate(
 
 def _heat_exists(view: View, given: Input) -> bool:
     return given.kind != 'SET_HEAT' or given.heat in [heat.name for heat in view.heats]
+
+
+def _corrects(facts: Facts, given: Input) -> bool:
+    """Return whether there is what a correction corrects."""
+    if given.kind not in ('STRIKE_PASSING', 'RESTORE_PASSING'):
+        return True
+    laps = facts.laps
+    known = laps is not None and given.serial in [number for number, _, _ in laps.passings]
+    return known and (given.serial in laps.struck) == (given.kind == 'RESTORE_PASSING')
+
+
+def _with_passing(facts: Facts, given: Input, now: float) -> Facts:
+    """Return what is remembered with a passing; one that is said again is known."""
+    laps = facts.laps
+    if laps is not None and given.serial not in facts.seen:
+        passing = (given.serial, given.kart, now - laps.green)
+        laps = laps._replace(passings=(*laps.passings, passing))
+    return facts._replace(laps=laps, seen=facts.seen | {given.serial})
+
+
+def _finishes(view: View, facts: Facts, given: Input, now: float) -> bool:
+    """Return whether race control gives a kart FINISH because of this passing."""
+    then = _with_passing(facts, given, now).laps
+    whose = given.kart or facts.owner
+    if then is None or facts.laps is None or not then.times.auto_finish:
+        return False
+    done = then.is_done(whose, facts.owner) and not facts.laps.is_done(whose, facts.owner)
+    return done and judge(view, facts, 'KART_FINISH', whose).allowed
 
 
 def _is_barred(view: View, given: Input) -> bool:
@@ -599,8 +704,10 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
     :param becomes: what becomes of the command, or of the start that waits (``fate``).
     """
     state, track_open, msr_used, over, places, restarted, rival, trouble = view[:8]
-    heats, starters, paused, start, karts = view[8:]
+    heats, starters, paused, start, timed, penalties, karts = view[8:]
     what, kind, number = given.what, given.kind, given.kart
+    if becomes == 'finishes':
+        what, kind, becomes = 'command', 'KART_FINISH', 'accepted'
     if kind in STOPS:
         paused = max(paused, now + times.pause)
     elif what == 'held up':
@@ -641,7 +748,7 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
         rival = given.statement
     elif what == 'record':
         trouble = given.statement
-    elif what in OF_A_START or what in OF_A_LINK:
+    elif what in OF_A_START or what in OF_A_LINK or what == 'passing':
         pass
     elif what == 'held up':
         for each in after:
@@ -669,11 +776,12 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
         mine[0]['alone'] = True
     elif kind == 'GRID_ACTIVE':
         state, msr_used, places, starters = GRID_ACTIVE, False, 0, ()
+        timed, penalties = (), ()
         for each in after:
             each['place'] = 0
     elif kind == 'GREEN_GREEN':
         state = GREEN_GREEN
-        starters = tuple(kart.number for kart in karts if kart.in_race)
+        timed = starters = tuple(kart.number for kart in karts if kart.in_race)
     elif kind == 'RACE_OVER':
         state, over, starters = RED_RED, True, ()
     elif kind == 'IN_GARAGE':
@@ -710,6 +818,13 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
             each['in_race'] = each['number'] in chosen
     elif kind == 'OPEN_TRACK':
         track_open = True
+    elif kind == 'PENALISE':
+        penalties = (*penalties, number)
+    elif kind == 'UNDO_PENALTY':
+        last = len(penalties) - penalties[::-1].index(number) - 1
+        penalties = penalties[:last] + penalties[last + 1 :]
+    elif kind in OF_LAPS:
+        pass
     else:
         assert kind == 'CLOSE_TRACK', given
         if track_open:
@@ -718,7 +833,7 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
     _settle(state, after, anew, now)
     seen = tuple([_kart_view(each.values()) for each in after])
     race = (state, track_open, msr_used, over, places, restarted, rival, trouble)
-    return View(*race, heats, starters, paused, start, seen)
+    return View(*race, heats, starters, paused, start, timed, penalties, seen)
 
 
 def _settle(state: RaceState, karts: list[dict[str, Any]], anew: int, now: float) -> None:
@@ -780,6 +895,11 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
         alerts.add(('TWO_RACE_CONTROLS', 0))
     if view.trouble:
         alerts.add(('RECORD_FAILING', 0))
+    laps = facts.laps
+    if laps is not None and not facts.owner:
+        unknown = [each for each in laps.passings if not each[1] and each[0] not in laps.struck]
+        if any(at <= laps.ended for _, _, at in unknown):
+            alerts.add(('LAPS_SOURCE', 0))
     return alerts
 
 
@@ -807,6 +927,9 @@ def learn(
     gridded = given.kind == 'GRID_ACTIVE' and success
     outlived = after.start is not None and before.start is not None
     outlived = outlived and (facts.outlived or gridded)
+    facts = _learn_laps(before, facts, given, becomes, after, now, times)
+    if becomes == 'finishes':
+        grid_last = False
     karts = []
     for old, kart, memory in zip(before.karts, after.karts, facts.karts, strict=True):
         ready, lost, phase, missing, stood, poor = memory
@@ -852,7 +975,46 @@ def learn(
             phase = 2
         ready = ready and kart.sent is GRID_ACTIVE
         karts.append(KartFacts(ready, lost, phase, missing, stood, poor))
-    return Facts(grid_last, paused, tuple(karts), outlived)
+    return Facts(grid_last, paused, tuple(karts), outlived, *facts[4:])
+
+
+def _learn_laps(
+    before: View, facts: Facts, given: Input, becomes: str, after: View, now: float, times: Any
+) -> Facts:
+    """Return what the oracle remembers of the laps after an input."""
+    if given.what == 'passing':
+        facts = _with_passing(facts, given, now)
+    kind, kart = given.kind, given.kart
+    if becomes == 'finishes':
+        kind, kart = 'KART_FINISH', kart or facts.owner
+    elif given.what == 'command' and becomes != 'accepted':
+        return facts
+    if kind == 'SET_HEAT':
+        (wanted,) = (heat.laps for heat in before.heats if heat.name == given.heat)
+        return facts._replace(wanted=wanted)
+    if kind == 'GIVE_TRANSPONDER':
+        return facts._replace(owner=kart)
+    if kind == 'GRID_ACTIVE':
+        return facts._replace(laps=None)
+    if kind == 'GREEN_GREEN':
+        return facts._replace(laps=LapFacts(now, facts.wanted, after.timed, times))
+    laps = facts.laps
+    if laps is None:
+        return facts
+    since = now - laps.green
+    if kind == 'KART_FINISH':
+        laps = laps._replace(out=(*laps.out, (kart, 'finish', since + times.clock_tolerance)))
+    elif kind == 'KART_UNDO_FINISH':
+        laps = laps._replace(out=tuple(each for each in laps.out if each[:2] != (kart, 'finish')))
+    elif kind == 'KART_IN_GARAGE' and before.state is not IN_GARAGE:
+        laps = laps._replace(out=(*laps.out, (kart, 'left', since)))
+    elif kind == 'STRIKE_PASSING':
+        laps = laps._replace(struck=laps.struck | {given.serial})
+    elif kind == 'RESTORE_PASSING':
+        laps = laps._replace(struck=laps.struck - {given.serial})
+    if after.state is not GREEN_GREEN:
+        laps = laps._replace(ended=min(laps.ended, since))
+    return facts._replace(laps=laps)
 
 
 # ----- the properties ---------------------------------------------------------------------
@@ -869,6 +1031,12 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
             given.hold,
             given.heat,
             OFFICIAL,
+            'line',
+            str(given.serial),
+            given.serial,
+            'T',
+            seconds=5,
+            reason='so it was',
         )
         return race.command(command, now, given.came)
     if given.what == 'held up':
@@ -889,6 +1057,11 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
         return race.measured(given.kart, NOT_MEASURED._replace(grade=grade, worst_answer=0.0), now)
     if given.what == 'delivered':
         return race.delivered(given.kart, given.serial, now, now)
+    if given.what == 'passing':
+        # Each of a session of its own: the time of arrival is the time.
+        named = (given.kart, '') if given.kart else (0, 'T')
+        passing = Passing('line', str(given.serial), given.serial, *named)
+        return race.passed([passing], 0, now)
     if given.what == 'rival':
         return race.rival(given.statement, now)
     if given.what == 'record':
@@ -954,6 +1127,11 @@ def check_input(
         given = of_start(before.start)
         what, kind = given.what, given.kind
     _check_safety(before, facts, given, outcome, after, now, race.times.settle)
+    if what == 'passing' and (outcome.orders or (after != before and becomes != 'finishes')):
+        raise RuleBrokenError('passing-acts', f'{given}: {before} became {after} with {outcome}')
+    same = after._replace(penalties=before.penalties) == before
+    if kind in OF_LAPS and (outcome.orders or not same):
+        raise RuleBrokenError('laps-act', f'{given}: {before} became {after} with {outcome}')
     _check_cause(race, before, given, outcome, after)
     memory = learn(before, facts, given, becomes, after, now, race.times)
     if what in ('connected', 'disconnected'):
@@ -963,10 +1141,13 @@ def check_input(
             {(alert.kind.name, alert.kart) for alert in race.alerts(now)},
         )
     _check_memory(after, memory)
+    _check_laps(race, memory)
     _check_results(race, before, given, outcome, after)
     if kind == 'SET_HEAT':
         _check_heat(before, given, outcome, after)
     left = before._replace(start=None) if started else before
+    if becomes == 'finishes':
+        given = given._replace(kart=given.kart or facts.owner)
     expected = expect(left, given, now, race.times, becomes)
     for kart, wanted in zip(after.karts, expected.karts, strict=True):
         if kart.sent is not wanted.sent:
@@ -1239,9 +1420,12 @@ def check_recovery(
 
     proved = known and final
     if proved and home:
-        if outcome.orders or after != fresh._replace(track_open=view.track_open):
+        kept = {'timed': view.timed, 'penalties': view.penalties}
+        if outcome.orders or after != fresh._replace(track_open=view.track_open, **kept):
             raise broken()
         return
+    if (after.timed, after.penalties) != ((view.timed, view.penalties) if known else ((), ())):
+        raise broken('laps: ')
     opened = view.track_open or not proved
     if outcome.orders or after[:4] != (RED_RED, opened, known and view.msr_used, False):
         raise broken()
@@ -1313,6 +1497,17 @@ def _check_memory(after: View, facts: Facts) -> None:
             raise RuleBrokenError('red-to-green', f'{kart} {memory}')
         if memory.lost and not (kart.hold is RED_RED and kart.sent is RED_RED):
             raise RuleBrokenError('hold-forgotten', f'lost, but {kart}')
+
+
+def _check_laps(race: Any, facts: Facts) -> None:
+    """Check that the laps are counted that the oracle counts."""
+    laps = facts.laps
+    if laps is None or not laps.passings:
+        return
+    for kart in laps.karts:
+        found, wanted = race.laps.counted[kart], laps.crossed(kart, facts.owner)
+        if list(found) != wanted:
+            raise RuleBrokenError('lap-count', f'kart {kart}: {found}, expected {wanted}')
 
 
 def _check_refusal(race: Any, given: Input, opinion: Judgement, outcome: Any, late: bool) -> None:
@@ -1531,8 +1726,11 @@ class Search:
     :param begin: where: in the 'garage', on the 'grid' or in 'green' with every kart of the race
         connected and its word given, after a 'crash' in mid-race or a 'crash on the grid', or
         where all is 'unknown'.
+    :param then: what happens before the search begins.
     :param uninspected: the karts whose inspection the roster does not have.
     :param without: commands to one kart that are not given.
+    :param laps: a source sees karts cross the line, and officials correct that; the karts of the
+        race are a heat of one lap.
     :param waits: starts wait for the disk, commands come before they are judged, and race control
         is held up. If not, what a start waits for is so at once, and there is no pause.
     """
@@ -1550,6 +1748,8 @@ class Search:
         begin: str = 'garage',
         without: Container[str] = (),
         waits: bool = False,
+        laps: bool = False,
+        then: Iterable[Input] = (),
     ) -> None:
         """Set the karts up and bring them to where the search begins."""
         self.rules = rules
@@ -1565,6 +1765,7 @@ class Search:
                 'pause_after_held_up': 2.0,
                 'journal_timeout': 1.0,
                 'settle': 1.0,
+                'min_lap_time': 1.0,
                 **(times or {}),
             }
         )
@@ -1578,13 +1779,16 @@ class Search:
         ]
         numbers = [kart.number for kart in karts]
         heats = [
-            rules.Heat(f'heat {chosen}', chosen)
+            rules.Heat(f'heat {chosen}', chosen, Format.RACE, int(laps))
             for size in range(1, len(numbers) + 1)
             for chosen in itertools.combinations(numbers, size)
         ]
         self.race = rules.Race(karts, self.times, heats=heats)
         self.begin = begin
-        self.commands = [(kind, 0) for kind in RACE_COMMANDS if track or kind != 'OPEN_TRACK']
+        without = {*without, *(() if track else ('OPEN_TRACK',)), *(() if laps else OF_LAPS)}
+        self.laps = laps
+        self.then = then
+        self.commands = [(kind, 0) for kind in RACE_COMMANDS if kind not in without]
         for kind in KART_COMMANDS:
             if kind not in without:
                 self.commands.extend((kind, kart.number) for kart in karts)
@@ -1624,8 +1828,16 @@ class Search:
             view.trouble,
             max(view.paused - now, 0.0),
             waiting,
+            self.laps and self._lap_key(view, facts, now),
         )
         return (self._names.setdefault(race, len(self._names)), *karts)
+
+    @staticmethod
+    def _lap_key(view: View, facts: Facts, now: float) -> tuple[Any, ...]:
+        """Return all that is known of the laps: there is no end of it, and of such a search."""
+        laps = facts.laps
+        since = laps is not None and (now - laps.green, laps.passings, laps.struck, laps.out)
+        return facts.wanted, facts.owner, len(facts.seen), view.timed, view.penalties, since
 
     def _kart_key(
         self,
@@ -1698,6 +1910,9 @@ class Search:
             return recall(look(self.race), 0.0)
         facts = remember(look(self.race))
         way = []
+        if self.laps:
+            chosen = tuple(n for n in self.numbers if self.race.karts[n].in_race)
+            way.append(Input('command', 'SET_HEAT', heat=f'heat {chosen}'))
         if self.begin in ('grid', 'green'):
             way += [Input('connected', '', number) for number in self.numbers]
             way.append(Input('command', 'GRID_ACTIVE', 0, True))
@@ -1706,7 +1921,7 @@ class Search:
             ]
         if self.begin == 'green':
             way.append(Input('command', 'GREEN_GREEN'))
-        for given in way:
+        for given in (*way, *self.then):
             before = look(self.race)
             _, facts, _ = self._take(before, facts, as_seen(before, given), 0.0)
         return facts
@@ -1812,7 +2027,7 @@ class Search:
                     yield Input('command', kind, heat=heat.name), now
                 yield Input('command', kind, heat='no such heat'), now
                 continue
-            right = as_seen(view, Input('command', kind, number, True))
+            right = as_seen(view, Input('command', kind, number, True, len(facts.seen)))
             if opinion.allowed and opinion.needs_statement:
                 yield right._replace(statement=False), now
             yield right, now
@@ -1839,6 +2054,10 @@ class Search:
             for there in (True, False):
                 yield Input('rival', statement=there), now
                 yield Input('record', statement=there), now
+        if self.laps:
+            for number in (0, *self.numbers):
+                yield Input('passing', '', number, serial=len(facts.seen) + 1), now
+            yield Input('passing', '', self.numbers[0], serial=len(facts.seen)), now
         if self.waits:
             yield Input('held up'), now
         if view.start is not None:

@@ -27,7 +27,7 @@ from typing import Any, get_args, get_type_hints
 
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
-from evgp_rcs import inputs, kart_process, kart_server
+from evgp_rcs import inputs, kart_process, kart_server, laps
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.encoding import read, written
 from evgp_rcs.inputs import Block, decode, encode, InputsError, joined, Log, Setup
@@ -66,6 +66,35 @@ COMMANDS = st.builds(
     hold=st.none() | STATES,
     heat=TEXTS,
     official=TEXTS,
+    source=TEXTS,
+    number=NUMBERS,
+    seconds=NUMBERS,
+    laps=NUMBERS,
+    disqualified=FLAGS,
+)
+PENALTIES = st.builds(
+    laps.Penalty, NUMBERS, NUMBERS, NUMBERS, disqualified=FLAGS, reason=TEXTS, official=TEXTS
+)
+LAPS = st.builds(
+    laps.LapsMemory,
+    format=st.sampled_from(laps.Format),
+    wanted=NUMBERS,
+    crossed=st.dictionaries(KARTS, st.lists(TIMES).map(tuple)),
+    finished=st.lists(KARTS).map(tuple),
+    penalties=st.lists(PENALTIES).map(tuple),
+    heat=TEXTS,
+)
+PASSINGS = st.builds(
+    laps.Passing,
+    source=TEXTS,
+    session=TEXTS,
+    number=NUMBERS,
+    kart=KARTS,
+    transponder=TEXTS,
+    stamp_ns=NUMBERS,
+    clock=NUMBERS,
+    hits=NUMBERS,
+    strength=st.none() | TIMES,
 )
 MEMORIES = st.builds(
     RaceMemory,
@@ -73,6 +102,8 @@ MEMORIES = st.builds(
     karts=st.dictionaries(KARTS, st.builds(KartMemory, place=NUMBERS)),
     track_open=FLAGS,
     msr_used=FLAGS,
+    laps=st.none() | LAPS,
+    given=st.lists(st.builds(laps.Owner, TEXTS, KARTS)).map(tuple),
     final=FLAGS,
 )
 ORDERS = st.builds(Order, kart=KARTS, state=STATES, serial=KARTS)
@@ -95,6 +126,7 @@ ENTRIES = st.one_of(
     st.builds(inputs.Heard, TIMES, KARTS, KARTS, STATES),
     st.builds(inputs.Delivered, TIMES, KARTS, KARTS, TIMES),
     st.builds(inputs.Measured, TIMES, KARTS, LINKS),
+    st.builds(inputs.Passed, TIMES, st.lists(PASSINGS).map(tuple), NUMBERS),
     st.builds(inputs.Tick, TIMES),
     st.builds(inputs.HeldUp, TIMES, TIMES),
     st.builds(inputs.Rival, TIMES, FLAGS),

@@ -136,6 +136,15 @@ def test_the_nearest_states_of_two_karts_with_pauses_and_starts_that_wait_for_th
     assert search.run(1_500).pairs_compared > 50
 
 
+# Every passing is remembered, so this search has no end; what a passing must not do, the nearest
+# states show, and random races.
+@pytest.mark.parametrize('auto_finish', [True, False])
+def test_the_nearest_states_of_karts_whose_laps_are_counted(auto_finish: bool) -> None:
+    times = {'auto_finish': auto_finish}
+    search = oracle.Search(race, racing=1, outside=1, begin='green', laps=True, times=times)
+    assert search.run(300).states == 300
+
+
 # Karts join and leave, so it must not matter who is in the race to begin with.
 @pytest.mark.long
 @pytest.mark.timeout(1800)

@@ -33,7 +33,11 @@ pytestmark = [pytest.mark.usefixtures('others_first'), pytest.mark.timeout(900)]
 
 REQUIRED = {'require_inspection': True}
 AT_ONCE = {'settle': 0.0}
+LAPS = {'auto_finish': True}
 ALL_OF_ONE = oracle.KART_COMMANDS
+CROSSES = oracle.Input('passing', '', 1, serial=1)
+STOPPED = oracle.Input('command', 'KART_RED_RED', 1, True)
+MARKED = oracle.Input('command', 'KART_FINISH', 1, True)
 
 World = tuple[int, dict[str, Any]]
 
@@ -41,6 +45,11 @@ World = tuple[int, dict[str, Any]]
 def world(most: int, racing: int, outside: int, begin: str = 'garage', **more: object) -> World:
     """Return a small world, and the number of its states that are searched."""
     return most, {'racing': racing, 'outside': outside, 'begin': begin, **more}
+
+
+def lapping(*then: oracle.Input, **more: object) -> World:
+    """Return a world in which one kart races, and this has happened."""
+    return world(60, 1, 0, 'green', laps=True, then=then, **more)
 
 
 # Each fault is found in one of them well before so many states.
@@ -60,6 +69,13 @@ WORLDS = {
     'two in green': world(300, 2, 0, 'green'),
     'two on the grid': world(100, 2, 0, 'grid'),
     'two': world(150, 2, 0),
+    'laps': world(120, 1, 0, 'green', laps=True, times=LAPS),
+    'laps by hand': world(120, 1, 0, 'green', laps=True),
+    'laps of a kart that is held': lapping(CROSSES, STOPPED, times=LAPS),
+    'laps of a kart that was released': lapping(STOPPED, STOPPED._replace(kind='KART_IN_GARAGE')),
+    'laps with a finish undone': lapping(MARKED, MARKED._replace(kind='KART_UNDO_FINISH')),
+    'laps outside': world(5, 1, 1, 'green', laps=True),
+    'laps on the grid': world(60, 1, 0, 'grid', laps=True, times=AT_ONCE),
     'uninspected outside': world(60, 1, 1, times=REQUIRED, uninspected=(2,)),
     'uninspected': world(60, 1, 1, times=REQUIRED, uninspected=(1,)),
 }
@@ -494,6 +510,53 @@ the statement that the MSR was used ends without a record: availability [around]
     _no_in_garage: self._no_record() if self.msr_used else =>
 a race cannot go home without a record: availability [around]
     _no_in_garage: if self.msr_used else '' =>
+a kart finishes with its last lap though nobody set it: passing-acts [laps by hand]
+    passed: self.times.auto_finish and =>
+a kart does not finish with its last lap though it is set: effect [laps]
+    passed: self._decide(last, '', now) => pass
+a kart that is held finishes with its last lap: effect, passing-acts [laps of a kart that is
+    held]
+    passed: and not self._refusal(last) =>
+a passing sends a kart RED_FLAG: passing-acts, sent-wrong, order-wrong [laps by hand]
+    passed: kart = self.karts[number] => kart = self.karts[number] ¶ self._hold(kart, RED_FLAG,
+        'crossed the line', now)
+a passing ends a hold: passing-acts, hold-forgotten, red-loosened [laps by hand]
+    passed: self._seen |= => for each in self.karts.values(): ¶> self._unhold(each) ¶ self._seen |=
+a passing counts for an acknowledgement: passing-acts, ack-from-nothing [laps by hand]
+    passed: self._seen |= => for each in self.karts.values(): ¶> each.acknowledged = each.connected
+        ¶ self._seen |=
+a passing that is said again counts again: lap-count [laps by hand]
+    passed: if each.identity not in self._seen =>
+laps are counted after the race was stopped: lap-count, alerts [laps by hand]
+    _go: self.laps = self.laps.end(now) => pass
+laps are counted after the finish: lap-count [laps by hand]
+    _kart_finish: self.laps = self.laps.finish(kart.number, now) => pass
+a finish that is undone leaves the laps at an end: lap-count [laps with a finish undone]
+    _kart_undo_finish: self.laps = self.laps.undo_finish(kart.number) => pass
+a kart that was taken out of the race goes on with its laps: lap-count [laps of a kart that was
+    released]
+    _release_kart: self.laps = self.laps.leave(kart.number, now) => pass
+a passing that is struck out counts: lap-count, alerts [laps by hand]
+    _correct_passing: self.laps = self.laps.strike(command.passing, command.reason) => pass
+a passing that is put back does not count: lap-count, availability, alerts [laps by hand]
+    _correct_passing: self.laps = self.laps.restore(command.passing) => pass
+a passing that nobody saw is struck out: availability [laps by hand]
+    _no_such_correction: not self.laps.knows(command.passing) => False
+a transponder that is given counts from now on only: lap-count, alerts [laps by hand]
+    _give_transponder: self.laps.again( => dataclasses.replace(self.laps,
+a transponder takes GREEN_GREEN away: available-from, availability [laps on the grid]
+    COMMANDS: Rule(Race._give_transponder, is_command=False) => Rule(Race._give_transponder)
+a penalty stops the kart: laps-act, sent-wrong, order-wrong, red-loosened [laps by hand]
+    _penalise: self.laps = self.laps.penalise(penalty) => self.laps = self.laps.penalise(penalty) ¶
+        self._hold(self.karts[command.kart], RED_RED, 'penalty', now)
+a kart is penalised that did not start: availability [laps outside]
+    _no_penalty: or kart.number not in self.laps.karts =>
+a penalty is taken back that there is not: availability [laps by hand]
+    _no_undo_penalty: if kart.number in {each.kart for each in penalties} else => if self.laps else
+a restart forgets the laps: restart [laps by hand]
+    recover: self.laps = Laps.recall(memory.laps, self.times, now) => pass
+an unknown transponder raises no alert: alerts [laps by hand]
+    _current_alerts: self.laps is not None and self.laps.trouble => False
 """
 )
 """Each fault under what it would mean on the track."""

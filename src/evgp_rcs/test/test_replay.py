@@ -30,6 +30,7 @@ from evgp_rcs import inputs
 from evgp_rcs import race as rules
 from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.inputs import Block, Entrant, Log, Setup
+from evgp_rcs.laps import Passing
 from evgp_rcs.race import (
     Command,
     Event,
@@ -51,8 +52,15 @@ KARTS = range(1, 5)
 BEGAN = 1_780_135_500_000_000_000
 SETUP = Setup(
     tuple(Entrant(number, f'Team {number}', number < 4) for number in KARTS),
-    RaceTimes(finish_delays=(0.5,), finish_stop=2.0, pause=0.3, pause_after_held_up=0.5),
-    (Heat('first', (1, 2)), Heat('second', (3, 4))),
+    RaceTimes(
+        min_lap_time=0.5,
+        auto_finish=True,
+        finish_delays=(0.5,),
+        finish_stop=2.0,
+        pause=0.3,
+        pause_after_held_up=0.5,
+    ),
+    (Heat('first', (1, 2), laps=2), Heat('second', (3, 4))),
     now=1000.1,
 )
 
@@ -127,7 +135,11 @@ class Running:
             return inputs.Connected(self.now, kart.number)
         if what < 0.53:
             return inputs.Disconnected(self.now, kart.number, 'it was closed')
-        if what < 0.55:
+        if what < 0.54:
+            number = self.chance.randrange(40)
+            passing = Passing('line', 'today', number, self.chance.randrange(6), stamp_ns=number)
+            return inputs.Passed(self.now, (passing,), 0)
+        if what < 0.56:
             rare: tuple[inputs.Input, ...] = (
                 inputs.HeldUp(self.now, 1.5),
                 inputs.Rival(self.now, not self.race.has_rival),
@@ -158,6 +170,13 @@ class Running:
             self.race.karts[kart].hold if one else None,
             self.chance.choice(('first', 'second', 'none')),
             self.chance.choice(('', 'Anna', '<b>')),
+            'line',
+            'today',
+            self.chance.randrange(40),
+            transponder='4711',
+            seconds=5,
+            disqualified=self.chance.random() < 0.1,
+            reason='a short cut',
         )
         return inputs.Commanded(self.now, command, self.now - self.chance.choice((0.0, 0.1)))
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 import pathlib
 import re
 
+from evgp_rcs.laps import Format
 from evgp_rcs.race import Heat
 from evgp_rcs.roster import load_roster, MAX_BYTES, parse_roster, Roster, RosterEntry, RosterError
 from evgp_rcs.roster_check import main as check_roster
@@ -133,7 +134,7 @@ def test_every_way_to_say_false_in_yaml_keeps_a_kart_out_of_the_race(word: str) 
 def test_an_unknown_field_is_refused_with_those_there_are() -> None:
     assert fault_of_two_karts_with('    in_race', '    colour: red\n    in_race') == (
         "karts.yaml:5: kart 1 has the unknown field 'colour'; "
-        "it has 'number', 'team', 'address', 'in_race', 'inspected'"
+        "it has 'number', 'team', 'address', 'in_race', 'inspected', 'transponders'"
     )
 
 
@@ -457,3 +458,39 @@ def test_the_day_of_an_inspection_may_be_there_or_not() -> None:
 def test_an_inspection_that_is_no_day_is_refused_with_its_line(written: str) -> None:
     with pytest.raises(RosterError, match=r'karts\.yaml:6: kart 1: inspected'):
         parse_roster(f'{ONE_KART}    inspected: {written}\n', 'karts.yaml')
+
+
+def test_a_kart_may_have_transponders_as_the_device_names_them() -> None:
+    text = f'{ONE_KART}    transponders: [4711, "0815", AB-1]\n'
+    (kart,) = parse_roster(text, 'karts.yaml').entries
+    assert kart.transponders == ('4711', '0815', 'AB-1')
+
+
+@pytest.mark.parametrize('written', ['4711', '[]', '[[1]]', '[""]', '{a: 1}', '["a\\tb"]'])
+def test_transponders_that_are_no_list_of_names_are_refused(written: str) -> None:
+    with pytest.raises(RosterError, match=r'karts\.yaml:6: kart 1: transponder'):
+        parse_roster(f'{ONE_KART}    transponders: {written}\n', 'karts.yaml')
+
+
+def test_a_transponder_of_two_karts_is_refused_and_both_are_named() -> None:
+    second = ONE_KART.partition('\n')[2].replace('number: 1', 'number: 2')
+    second = second.replace('10.0.0.1', '10.0.0.2')
+    carries = '    transponders: [4711]\n'
+    with pytest.raises(RosterError, match=r"kart 2: transponder 4711 is already kart 1's"):
+        parse_roster(f'{ONE_KART}{carries}{second}{carries}', 'karts.yaml')
+
+
+def test_a_heat_may_have_a_format_and_a_number_of_laps() -> None:
+    heats = 'heats:\n  A: {karts: [1], format: time_trial, laps: 5}\n  B: [1]\n'
+    first, second = parse_roster(f'{ONE_KART}{heats}', 'karts.yaml').heats
+    assert (first.karts, first.format, first.laps) == ((1,), Format.TIME_TRIAL, 5)
+    assert (second.format, second.laps) == (Format.RACE, 0)
+
+
+@pytest.mark.parametrize(
+    'written',
+    ['{laps: 5}', '{karts: [1], format: rally}', '{karts: [1], laps: 0}', '{karts: [1], lap: 3}'],
+)
+def test_a_heat_with_a_wrong_field_is_refused(written: str) -> None:
+    with pytest.raises(RosterError, match=r"karts\.yaml:7: heat 'A'"):
+        parse_roster(f'{ONE_KART}heats:\n  A: {written}\n', 'karts.yaml')

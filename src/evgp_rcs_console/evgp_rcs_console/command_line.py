@@ -80,6 +80,22 @@ STATEMENTS: dict[CommandKind, tuple[str, str, bool]] = {
 """The flag of each statement: its name, its help, and whether the command always needs it."""
 
 
+TAKEN: dict[str, tuple[type, str]] = {
+    'source': (str, 'which passing: who saw it, as the results have it'),
+    'session': (str, 'in which session of the source'),
+    'number': (int, 'and its number in it'),
+    'transponder': (str, 'its number or name, as the timing device has it'),
+    'seconds': (int, 'seconds to add to its time'),
+    'laps': (int, 'laps to take away'),
+    'disqualified': (bool, 'disqualify it'),
+    'reason': (str, 'why, for the record'),
+}
+"""The further fields of requests (``Entry.takes``): the type and the help of each."""
+
+NAMES_WHAT = ('source', 'session', 'number', 'transponder')
+"""Those of them that are always given; the others are options."""
+
+
 def no_answer(command: CommandKind, waited: float, details: str) -> str:
     """
     Return what to say when race control has not answered in time.
@@ -149,6 +165,15 @@ def parser() -> argparse.ArgumentParser:
                 nargs='*',
                 help='the karts that you mean; without any, it lists them and sends nothing',
             )
+        for field in entry.takes:
+            kind, meaning = TAKEN[field]
+            if field in NAMES_WHAT:
+                each.add_argument(field, type=_count if kind is int else kind, help=meaning)
+            elif kind is bool:
+                each.add_argument(f'--{field}', action='store_true', help=meaning)
+            else:
+                taken = _count if kind is int else kind
+                each.add_argument(f'--{field}', type=taken, default=kind(), help=meaning)
         if command in STATEMENTS:
             flag, statement, needed = STATEMENTS[command]
             each.add_argument(
@@ -172,4 +197,12 @@ def _kart_number(text: str) -> int:
     return number
 
 
+def _count(text: str) -> int:
+    number = int(text)
+    if not 0 <= number < 2**32:
+        raise ValueError
+    return number
+
+
+_count.__name__ = 'whole number'
 _kart_number.__name__ = 'kart number'  # argparse says: invalid kart number value: 'x'

@@ -28,6 +28,7 @@ Pure: snapshots and times go in.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from evgp_protocol.clock import now
@@ -47,6 +48,7 @@ class Given:
     :param hold: for the release of one kart: the hold that the official saw.
     :param heat: for putting a heat into the race: its name.
     :param official: who gave it, as sent to race control.
+    :param taken: the further fields of its request (``Entry.takes``).
     :param at: when it was given, by the clock that counts a suspend, in seconds.
     """
 
@@ -57,6 +59,7 @@ class Given:
     hold: State = State.UNKNOWN
     heat: str = ''
     official: str = ''
+    taken: Mapping[str, int | bool | str] = field(default_factory=dict)
     at: float = field(default_factory=now)
 
 
@@ -72,6 +75,7 @@ def request(given: Given) -> dict[str, int | bool | str | list[int] | State]:
     fields: dict[str, int | bool | str | list[int] | State] = {
         'official': given.official,
         **entry.fixed,
+        **given.taken,
     }
     if entry.to_one_kart:
         fields['kart'] = given.kart

@@ -169,6 +169,7 @@ def _give(
         hold,
         getattr(wanted, 'heat', ''),
         Signature(wanted.official).claim,
+        {name: getattr(wanted, name) for name in entry.takes},
     )
     client.give(given)
     hearing.wait_for(lambda: hearing.answer is not None, until)

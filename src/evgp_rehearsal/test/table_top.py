@@ -110,7 +110,7 @@ class TableTop:
         offered = [
             (kind, number)
             for kind, entry in CATALOGUE.items()
-            if not entry.names_heat
+            if not (entry.names_heat or entry.of_laps)
             for number in (race.karts if entry.to_one_kart else [0])
             if race.availability(kind, number, now).available
         ]

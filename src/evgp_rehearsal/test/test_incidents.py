@@ -54,7 +54,7 @@ class Frantic:
                 [
                     Act(kind, kart)
                     for kind, entry in CATALOGUE.items()
-                    if not entry.names_heat  # there are none
+                    if not (entry.names_heat or entry.of_laps)  # there are none
                     for kart in (sorted(view.karts) if entry.to_one_kart else [0])
                 ]
             )

@@ -54,10 +54,12 @@ STRICTNESS: dict[str, int] = {
 }
 REDS = ('RED_FLAG', 'RED_RED')
 
+OF_LAPS = tuple(kind for kind, entry in CATALOGUE.items() if entry.of_laps)
 MEMBERSHIP = (CommandKind.SET_HEAT, CommandKind.JOIN_RACE, CommandKind.LEAVE_RACE)
 # They are no commands to karts: they leave GRID_ACTIVE the last one (§4.B).
 BOOKKEEPING = (
     *MEMBERSHIP,
+    *OF_LAPS,
     CommandKind.OPEN_TRACK,
     CommandKind.CLOSE_TRACK,
     CommandKind.KART_UNDO_FINISH,
@@ -625,6 +627,7 @@ SEEN: dict[CommandKind, Callable[[Judge, float, Call], None]] = {
     CommandKind.CLOSE_TRACK: Judge._unseen,
     CommandKind.KART_FINISH: Judge._unseen,
     CommandKind.KART_UNDO_FINISH: Judge._unseen,
+    **dict.fromkeys(OF_LAPS, Judge._unseen),
 }
 """What is judged of each command that is accepted and stops nobody."""
 

@@ -54,6 +54,8 @@ LESSER = frozenset(
         EventKind.ACKNOWLEDGED,
         EventKind.LINK_GRADE,
         EventKind.REPORTED,
+        EventKind.PASSING,
+        EventKind.LAP,
         EventKind.CONNECTED,
         EventKind.MALFORMED,
         EventKind.REFUSED_CONNECTION,

@@ -63,6 +63,8 @@ KINDS = {
     'ALERT_CLEARED': 'Alert ended',
     'ALL_ACKNOWLEDGED': 'Every kart has acknowledged',
     'RESULTS': 'Results',
+    'PASSING': 'Seen at the line',
+    'LAP': 'Lap',
     'ENDED': 'Race control ends',
 }
 """What each kind of event is called."""
