@@ -16,8 +16,9 @@
 What the processes of race control say to each other, over local socket pairs.
 
 The *kart server* (``kart_process``) has one pair with the *ROS half* (``node``) and one with the
-*record* (``record_process``). Each message is one of the classes below or a ``Snapshot``, pickled,
-behind its length. All are this package and nobody else can reach a pair, so pickle is safe here.
+*record* (``record_process``). Each message is one of the classes below, a ``Snapshot`` or
+``Standings``, pickled, behind its length. All are this package and nobody else can reach a pair,
+so pickle is safe here.
 
 No ROS, no thread, no clock.
 """
@@ -36,6 +37,7 @@ from typing import Any, NamedTuple
 
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_rcs.inputs import Block, Setup
+from evgp_rcs.laps import Passing
 from evgp_rcs.race import Answer, Command, RaceMemory, RaceTimes, StampedEvent
 from evgp_rcs.roster import Roster
 
@@ -97,6 +99,13 @@ class Request(NamedTuple):
     came: float
 
 
+class Passings(NamedTuple):
+    """What sources saw at the timing line; ``dropped`` more were too many to be taken."""
+
+    passings: tuple[Passing, ...]
+    dropped: int
+
+
 @dataclass(frozen=True)
 class Alive:
     """The ROS half goes on and hears officials. Also: whether it hears another race control."""
@@ -137,6 +146,11 @@ class Answered(NamedTuple):
 
     number: int
     answer: Answer
+
+
+@dataclass(frozen=True)
+class PassingsTaken:
+    """The next `Passings` may come: no more than one waits, so that they never fill the pair."""
 
 
 class Happened(NamedTuple):

@@ -50,11 +50,14 @@ from evgp_rcs.channel import (
     Happened,
     LocalEnd,
     pack,
+    Passings,
+    PassingsTaken,
     Request,
     ServerSettings,
 )
 from evgp_rcs.hearing import Heard
 from evgp_rcs.kart_link import in_words, KartLink
+from evgp_rcs.laps import Laps
 from evgp_rcs.link_quality import LinkQuality
 from evgp_rcs.race import (
     Answer,
@@ -67,7 +70,7 @@ from evgp_rcs.race import (
     StartPhase,
 )
 from evgp_rcs.record_process import RecordProcess
-from evgp_rcs.snapshot import snapshot_of
+from evgp_rcs.snapshot import snapshot_of, standings_of
 
 HELD_UP = 1.0
 """Delay of a beat after which race control counts as held up, in seconds."""
@@ -87,6 +90,9 @@ GATHER = 0.005
 """Time for which events are gathered until they are handed on, in seconds. When a hundred karts
 acknowledge, each by itself would keep all processes busy; and what officials are told would be in
 the way of the answer to the stop that made it happen."""
+
+RESULTS_EVERY = 1.0
+"""Minimum time between two messages with the results, in seconds."""
 
 SHOW_AFTER = 0.01
 """Time after something has happened until a snapshot shows it, in seconds; for the same reason."""
@@ -214,6 +220,8 @@ class KartServer:
         self._shown_at = 0.0
         self._showing = False
         self._shown_pause = 0.0
+        self._shown_laps: Laps | None = None
+        self._results_at = -RESULTS_EVERY
         self._loop: asyncio.AbstractEventLoop | None = None
         self._closing: asyncio.Event | None = None
         self._failure: BaseException | None = None
@@ -393,6 +401,9 @@ class KartServer:
                 lambda answer: self._ros_half.send(pack(Answered(number, answer))),
                 message.came,
             )
+        elif isinstance(message, Passings):
+            assert self._loop is not None
+            self._loop.call_soon(self._take_passings, message)
         elif isinstance(message, Alive):
             if message.rival != self._race.has_rival:
                 self._take(inputs.Rival(self.now(), message.rival))
@@ -400,6 +411,12 @@ class KartServer:
             self.end(None if message.in_order else RosHalfGoneError('failed'))
         else:
             raise TypeError(f'the ROS half sent {message!r}')
+
+    def _take_passings(self, message: Passings) -> None:
+        """Take what sources saw at the timing line, after what officials have sent."""
+        self.take_commands()
+        self._take(inputs.Passed(self.now(), *message))
+        self._ros_half.send(pack(PassingsTaken()))
 
     def _is_ending(self) -> bool:
         return self._closing is not None and self._closing.is_set()
@@ -524,6 +541,10 @@ class KartServer:
         if not self._ros_half.unsent:
             self._log.add(inputs.Shown(now))
             self._ros_half.send(pack(snapshot_of(self._race, now)))
+            laps, due = self._race.laps, now - self._results_at >= RESULTS_EVERY
+            if laps is not self._shown_laps and due:
+                self._shown_laps, self._results_at = laps, now
+                self._ros_half.send(pack(standings_of(self._race, now)))
         self._remember(now)
         if self._race.paused_until > max(now, self._shown_pause):
             # Then more commands are available, though nothing happens.

@@ -194,6 +194,16 @@ class Owner(NamedTuple):
     kart: int
 
 
+class Judged(NamedTuple):
+    """A passing with what became of it; ``struck``: why it was struck out."""
+
+    passing: Passing
+    kart: int
+    mark: Mark
+    at: float
+    struck: str
+
+
 class LapsMemory(NamedTuple):
     """
     What outlives race control of the laps of a race; the meanings are those of ``Laps``.
@@ -456,9 +466,28 @@ class Laps:
         """Return the result of every kart, best first."""
         return ranked(self.format, [self._result(kart) for kart in self.karts])
 
+    def last_passings(self, most: int) -> list[Judged]:
+        """Return the last passings, oldest first."""
+        shown = zip(self.crossings[-most:], self.marks[-most:], strict=True)
+        return [
+            Judged(
+                each.passing,
+                self.kart_of(each.passing),
+                mark,
+                each.at,
+                self.struck.get(each.passing.identity, ''),
+            )
+            for each, mark in shown
+        ]
+
+    def lap_times(self, kart: int) -> tuple[float, ...]:
+        """Return the times of the laps of a kart, in s."""
+        times = self.counted.get(kart, ())
+        return tuple(after - before for before, after in itertools.pairwise(times))
+
     def _result(self, kart: int) -> KartResult:
         times = self.counted.get(kart, ())
-        lap_times = tuple(after - before for before, after in itertools.pairwise(times))
+        lap_times = self.lap_times(kart)
         penalties = tuple(each for each in self.penalties if each.kart == kart)
         laps = max(0, len(lap_times) - sum(each.laps for each in penalties))
         total = None

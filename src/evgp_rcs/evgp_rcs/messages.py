@@ -32,9 +32,11 @@ from evgp_node.states import state_message
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.laps import Judged, KartResult, Mark, Passing, Penalty, Status
 from evgp_rcs.link_quality import NOT_MEASURED
+from evgp_rcs.official import tidy
 from evgp_rcs.race import AlertKind, EventKind, StampedEvent
-from evgp_rcs.snapshot import KartSnapshot, Offer, Snapshot
+from evgp_rcs.snapshot import KartSnapshot, Offer, Snapshot, Standings
 from evgp_rcs_msgs import msg
 
 NS = 1_000_000_000
@@ -51,6 +53,8 @@ _COMMAND = _constants(CommandKind, msg.CommandAvailability)
 _EVENT = _constants(EventKind, msg.RaceEvent)
 _ALERT = _constants(AlertKind, msg.Alert)
 _GRADE = _constants(Grade, msg.LinkQuality)
+_MARK = _constants(Mark, msg.JudgedPassing)
+_STATUS = _constants(Status, msg.KartResult)
 _STATE = {state: state_message(state) for state in (None, *RaceState)}
 
 
@@ -131,6 +135,10 @@ def race_message(
             place=kart.place,
             flag_at=wall(kart.finish_due),
             inspected=kart.inspected,
+            laps=kart.laps,
+            last_lap=_known(kart.last_lap),
+            best_lap=_known(kart.best_lap),
+            last_lap_done=kart.last_lap_done,
             commands=[availability(each) for each in kart.commands],
         )
 
@@ -163,6 +171,91 @@ def race_message(
             for heat in race.heats
         ],
         banner=banner,
+    )
+
+
+def passing_of(message: msg.Passing) -> Passing:
+    """
+    Return a passing of a message, whatever is in it.
+
+    What a message can say and the record cannot keep is what says nothing: a strength that is no
+    number, a time before 1970. Names are one line that can be printed.
+    """
+    return Passing(
+        tidy(message.source),
+        tidy(message.session),
+        message.number,
+        message.kart,
+        tidy(message.transponder),
+        max(0, message.stamp.sec * NS + message.stamp.nanosec),
+        message.clock,
+        message.hits,
+        message.strength if math.isfinite(message.strength) else None,
+    )
+
+
+def _passing_message(passing: Passing) -> msg.Passing:
+    return msg.Passing(
+        source=passing.source,
+        session=passing.session,
+        number=passing.number,
+        kart=passing.kart,
+        transponder=passing.transponder,
+        stamp=stamp_of(passing.stamp_ns),
+        clock=passing.clock,
+        hits=passing.hits,
+        strength=_known(passing.strength),
+    )
+
+
+def results_message(standings: Standings, wall_ns: int, teams: Mapping[int, str]) -> msg.Results:
+    """
+    Return the results as a message.
+
+    :param wall_ns: the wall time of them (ns since the epoch).
+    :param teams: the team of each kart of the roster.
+    """
+
+    def penalty(each: Penalty) -> msg.Penalty:
+        return msg.Penalty(
+            seconds=each.seconds,
+            laps=each.laps,
+            disqualified=each.disqualified,
+            reason=each.reason,
+            official=each.official,
+        )
+
+    def result(each: KartResult) -> msg.KartResult:
+        return msg.KartResult(
+            kart=each.kart,
+            team=teams.get(each.kart, ''),
+            place=each.place,
+            status=_STATUS[each.status],
+            laps=each.laps,
+            total=_known(each.total),
+            best=_known(each.best),
+            last=_known(each.lap_times[-1] if each.lap_times else None),
+            lap_times=each.lap_times,
+            penalties=[penalty(one) for one in each.penalties],
+        )
+
+    def judged(each: Judged) -> msg.JudgedPassing:
+        return msg.JudgedPassing(
+            passing=_passing_message(each.passing),
+            kart=each.kart,
+            mark=_MARK[each.mark],
+            at=each.at,
+            struck=each.struck,
+        )
+
+    return msg.Results(
+        stamp=stamp_of(wall_ns),
+        heat=standings.heat,
+        format=standings.format.value,
+        laps=standings.wanted,
+        karts=[result(each) for each in standings.results],
+        passings=[judged(each) for each in standings.passings],
+        older=standings.older,
     )
 
 

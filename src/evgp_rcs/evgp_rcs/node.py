@@ -21,6 +21,7 @@ one starts it, and neither outlives the other. Each thread here has its own work
 - three threads take officials' service calls, hand each to the kart server and wait for its
   answer: one for what stops karts, one for GREEN_GREEN, which may wait for the disk, and one for
   the rest. So no stop waits behind another call;
+- the line's thread (``line``) hands on what the sources of passings say;
 - the client's thread (``kart_client``) hears the kart server;
 - one calls this node again and again, as an official's program would, gives the kart server a sign
   of life as long as the calls come in, and looks after the graph;
@@ -52,6 +53,7 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs.channel import ANSWER_TIMEOUT
 from evgp_rcs.kart_client import KartServerClient
 from evgp_rcs.kart_server import KartServerError
+from evgp_rcs.line import Line
 from evgp_rcs.official import heard, tidy
 from evgp_rcs.race import Answer, Command
 from evgp_rcs.rival import (
@@ -144,9 +146,11 @@ class RcsNode(StrictNode):
             on_snapshot=self._teller.race,
             on_end=self._kart_server_ended,
         )
+        self._line = Line(self, self._server)
         self._offer_services()
         self._server.start()
         self._teller.start()
+        self._line.start()
         self._asking.start()
         self.get_logger().info(
             f'Race control listens for {len(begin.roster.entries)} karts at '
@@ -166,6 +170,7 @@ class RcsNode(StrictNode):
                 self.get_logger().error(
                     f'Officials cannot be told that race control ends: {error}'
                 )
+        self._line.stop()
         self._server.stop(in_order=not self._failure)
         self._teller.stop()
         self._closing.set()

@@ -1305,7 +1305,8 @@ class Race:
         if command.kind is CommandKind.RESTORE_PASSING:
             self.laps = self.laps.restore(command.passing)
             return f'Passing {command.passing} counts again, if the rules let it'
-        self.laps = self.laps.strike(command.passing, command.reason)
+        why = f'{command.reason}, by {command.official}' if command.official else command.reason
+        self.laps = self.laps.strike(command.passing, why)
         return f'Passing {command.passing} is struck out: {command.reason}'
 
     def _give_transponder(self, command: Command, now: float) -> str:

@@ -25,8 +25,9 @@ from typing import NamedTuple
 
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.laps import Format, Judged, KartResult
 from evgp_rcs.link_quality import LinkQuality, POOR_LATELY
-from evgp_rcs.race import Alert, Heat, Race, TrackAccess
+from evgp_rcs.race import Alert, Heat, Kart, Race, TrackAccess
 
 Offer = tuple[CommandKind, int, str, str, tuple[int, ...], float | None]
 """The fields of an ``Availability``, as a plain tuple: packing takes a tenth of the time, and a
@@ -42,6 +43,8 @@ class KartSnapshot(NamedTuple):
     One kart; the meanings are those of ``Kart``.
 
     :param poor_lately: its link was poor in the last ``POOR_LATELY``.
+    :param laps: of the race that was started last; ``last_lap_done``: it has all of them, and no
+        place.
     """
 
     number: int
@@ -64,7 +67,27 @@ class KartSnapshot(NamedTuple):
     acknowledged_at: float | None
     link: LinkQuality | None
     poor_lately: bool
+    laps: int
+    last_lap: float | None
+    best_lap: float | None
+    last_lap_done: bool
     commands: list[Offer]
+
+
+class Standings(NamedTuple):
+    """
+    The results of the race that was started last; the meanings are those of ``Laps``.
+
+    :param passings: the last ones; ``older``: how many came before.
+    """
+
+    at: float
+    heat: str
+    format: Format
+    wanted: int
+    results: tuple[KartResult, ...]
+    passings: list[Judged]
+    older: int
 
 
 class Snapshot(NamedTuple):
@@ -87,7 +110,10 @@ class Snapshot(NamedTuple):
     heats: tuple[Heat, ...]
 
 
-_OF_KART = attrgetter(*KartSnapshot._fields[:-2])
+_OF_KART = attrgetter(*KartSnapshot._fields[:-6])
+
+MOST_PASSINGS = 200
+"""Maximum number of passings that the results show."""
 
 
 def snapshot_of(race: Race, now: float) -> Snapshot:
@@ -103,6 +129,7 @@ def snapshot_of(race: Race, now: float) -> Snapshot:
                 (
                     *_OF_KART(kart),
                     kart.link_poor_at is not None and now - kart.link_poor_at < POOR_LATELY,
+                    *_laps_of(race, kart),
                     [race.availability(kind, number, now)[:] for kind in _TO_ONE_KART],
                 )
             )
@@ -113,3 +140,20 @@ def snapshot_of(race: Race, now: float) -> Snapshot:
         race.alerts(now),
         race.heats,
     )
+
+
+def _laps_of(race: Race, kart: Kart) -> tuple[int, float | None, float | None, bool]:
+    times = () if race.laps is None else race.laps.lap_times(kart.number)
+    if race.laps is None or not times:
+        return 0, None, None, False
+    return len(times), times[-1], min(times), race.laps.is_done(kart.number) and not kart.place
+
+
+def standings_of(race: Race, now: float) -> Standings:
+    """Return the results at this time, in seconds."""
+    laps = race.laps
+    if laps is None:
+        return Standings(now, '', Format.RACE, 0, (), [], 0)
+    passings = laps.last_passings(MOST_PASSINGS)
+    older = len(laps.crossings) - len(passings)
+    return Standings(now, laps.heat, laps.format, laps.wanted, laps.results, passings, older)

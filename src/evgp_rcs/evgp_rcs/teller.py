@@ -39,11 +39,12 @@ from evgp_rcs.messages import (
     failure_alert,
     graph_alert,
     race_message,
+    results_message,
 )
 from evgp_rcs.official import said_by
 from evgp_rcs.race import Event, EventKind, StampedEvent
 from evgp_rcs.roster import Roster
-from evgp_rcs.snapshot import Snapshot
+from evgp_rcs.snapshot import Snapshot, Standings
 from evgp_rcs_msgs import msg
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -55,6 +56,9 @@ RACE_QOS = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 """Of ``~/race``: a late subscriber gets the present race at once."""
+
+RESULTS_QOS = RACE_QOS
+"""Of ``~/results``, likewise."""
 
 EVENTS_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
@@ -98,11 +102,13 @@ class Teller:
         self._node = node
         self._on_failure = on_failure
         self._banner = banner
+        self._teams = {entry.number: entry.team for entry in roster.entries}
         self._addresses = {entry.number: entry.address for entry in roster.entries}
         self._race = node.create_publisher(msg.Race, '~/race', RACE_QOS)
+        self._results = node.create_publisher(msg.Results, '~/results', RESULTS_QOS)
         self._events = node.create_publisher(msg.RaceEvents, '~/events', EVENTS_QOS)
         self._diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
-        self._happened: queue.SimpleQueue[list[StampedEvent] | Snapshot | str | None]
+        self._happened: queue.SimpleQueue[list[StampedEvent] | Snapshot | Standings | str | None]
         self._happened = queue.SimpleQueue()
         self._graph_alerts: list[msg.Alert] = []
         self._thread = threading.Thread(target=self._run, name='teller', daemon=True)
@@ -116,8 +122,8 @@ class Teller:
         """Take events, from any thread."""
         self._happened.put(events)
 
-    def race(self, race: Snapshot) -> None:
-        """Take a snapshot of the race, from any thread."""
+    def race(self, race: Snapshot | Standings) -> None:
+        """Take a snapshot of the race, or its results, from any thread."""
         self._happened.put(race)
 
     def graph_trouble(self, text: str) -> None:
@@ -164,11 +170,14 @@ class Teller:
             while not self._happened.empty():
                 came.append(self._happened.get())
             newest: Snapshot | None = None
+            results: Standings | None = None
             for news in came:
                 if news is None:
                     ended = True
                 elif isinstance(news, Snapshot):
                     newest = news
+                elif isinstance(news, Standings):
+                    results = news
                 elif isinstance(news, str):
                     self._take_graph_trouble(news)
                 else:
@@ -177,6 +186,9 @@ class Teller:
                 self._tell([waiting.popleft() for _ in range(min(BATCH, len(waiting)))])
             if newest is not None:
                 self._tell_race(newest)
+            if results is not None:
+                wall_ns = time.time_ns() - round((clock.now() - results.at) * 1e9)
+                self._results.publish(results_message(results, wall_ns, self._teams))
 
     def _take_graph_trouble(self, text: str) -> None:
         self._shown = ()

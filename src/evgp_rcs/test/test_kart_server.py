@@ -33,9 +33,16 @@ from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs import kart_server
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.channel import Alive, Happened, ServerSettings, Unpacker
+from evgp_rcs.channel import (
+    Alive,
+    Happened,
+    Passings,
+    PassingsTaken,
+    ServerSettings,
+    Unpacker,
+)
 from evgp_rcs.hearing import FLOOD_BYTES
-from evgp_rcs.inputs import Block
+from evgp_rcs.inputs import Block, Commanded, decode, Passed
 from evgp_rcs.kart_link import KartLink
 from evgp_rcs.kart_server import (
     HELD_UP,
@@ -45,6 +52,7 @@ from evgp_rcs.kart_server import (
     RosHalfGoneError,
     Waiting,
 )
+from evgp_rcs.laps import Format, Laps, Passing
 from evgp_rcs.race import (
     Answer,
     Command,
@@ -57,7 +65,7 @@ from evgp_rcs.race import (
     RaceTimes,
     StampedEvent,
 )
-from evgp_rcs.snapshot import Snapshot
+from evgp_rcs.snapshot import Snapshot, Standings
 from evgp_testing.wire_kart import kart_socket, read_to_end, read_until
 import pytest
 
@@ -94,6 +102,7 @@ class Running:
         self.record_trouble = ''
         self.gone = ''
         self.unsent = 0
+        self.messages: list[object] = []
         self._given: queue.SimpleQueue[Callable[[], object]] = queue.SimpleQueue()
         self._said: queue.SimpleQueue[object] = queue.SimpleQueue()
         self._news = threading.Condition()
@@ -182,6 +191,7 @@ class Running:
         stamped: list[StampedEvent] = []
         with self._news:
             for message in Unpacker().feed(data):
+                self.messages.append(message)
                 if isinstance(message, Snapshot):
                     self._shown += 1
                     self._shown_at = message.at
@@ -1014,3 +1024,57 @@ def test_a_kart_server_that_was_held_up_does_not_take_the_ros_half_for_silent(
     running.wait_for(EventKind.CONNECTED, 1)
     assert running.give(CommandKind.CLOSE_TRACK).success
     assert running.failure is None
+
+
+# ----- the timing line ----------------------------------------------------------------------
+
+
+def passings(*numbers: int) -> Passings:
+    return Passings(tuple(Passing('line', 'today', number, 1) for number in numbers), 0)
+
+
+def heard_of(running: Running, kind: type[Any]) -> list[Any]:
+    """Return what the ROS half was sent of this kind, once there is any."""
+    with running._news:
+
+        def found() -> list[Any]:
+            return [each for each in running.messages if isinstance(each, kind)]
+
+        assert running._news.wait_for(lambda: bool(found()), TIMEOUT)
+        return found()
+
+
+def test_passings_are_taken_one_batch_after_the_other_and_told(run: Run) -> None:
+    running = run()
+    running.say(passings(1, 2))
+    assert heard_of(running, PassingsTaken) == [PassingsTaken()]
+    running.wait_for(EventKind.PASSING, 1, 2)
+    entries = [each for block in running.log for each in decode(block.data)]
+    (taken,) = (each for each in entries if isinstance(each, Passed))
+    assert [each.number for each in taken.passings] == [1, 2]
+
+
+def test_a_stop_that_comes_behind_passings_is_judged_before_them(
+    run: Run, connect: Connect
+) -> None:
+    running = run(NO_BEAT)
+    client = connect(running, 1)
+    read_until(client, IN_GARAGE)
+    stop = Command(CommandKind.ALL_KILL, official='Anna')
+    running._said.put(passings(1))
+    running.submit(stop).result(TIMEOUT)
+    heard_of(running, PassingsTaken)
+    running.race_was_shown(1)
+    entries = [each for block in running.log for each in decode(block.data)]
+    kinds = [type(each) for each in entries if isinstance(each, Passed | Commanded)]
+    assert kinds == [Commanded, Passed]
+
+
+def test_results_are_sent_once_there_are_laps_and_not_more_than_once_a_second(run: Run) -> None:
+    running = run()
+    with running._news:
+        running.race.laps = Laps(running.race.times, Format.RACE, 0, clock.now(), (1,)).again()
+    for number in range(1, 6):
+        running.say(passings(number))
+    (first,) = heard_of(running, Standings)[:1]
+    assert [each.kart for each in first.results] == [1]
