@@ -146,6 +146,8 @@ def _kart(kart: msg.KartStatus, stamp: float) -> Kart:
         sent_for=stamp - _seconds(kart.sent_since),
         settles_in=max(0.0, _seconds(kart.settles_at) - stamp),
         flag_in=max(0.0, _seconds(kart.flag_at) - stamp),
+        last_lap=kart.last_lap if kart.laps else None,
+        best_lap=kart.best_lap if kart.laps else None,
         link=_read(Link, kart.link, grade=_GRADES.get(kart.link.grade, Grade.UNKNOWN)),
         commands=_availability(kart.commands, stamp),
     )

@@ -82,6 +82,7 @@ class Kart:
 
     :param settles_in: time from the snapshot until its stop counts, if it stands by its word, in
         seconds; 0 when nothing is pending.
+    :param last_lap: in seconds; None: it has no lap. ``best_lap``, likewise.
     :param flag_in: time from the snapshot until its finish becomes a RED_FLAG, in seconds; 0 when
         none is due.
     """
@@ -103,6 +104,10 @@ class Kart:
     settles_in: float = 0.0
     flag_in: float = 0.0
     link: Link = Link()
+    laps: int = 0
+    last_lap: float | None = None
+    best_lap: float | None = None
+    last_lap_done: bool = False
 
     @property
     def in_doubt(self) -> bool:

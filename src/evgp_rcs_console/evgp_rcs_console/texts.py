@@ -56,6 +56,9 @@ MAY_MOVE = 'may be moving'
 MSR_STOPS_IT = 'only the MSR stops it: make it safe once the track is open'
 HELD = 'held: {reason}'
 FLAG_IN = 'P{place}, flag in {seconds} s'
+LAST_LAP_DONE = 'last lap done: FINISH'
+FINISH_NOW = 'FINISH {karts}: last lap done'
+LAPS = 'lap {count}: {last:.3f} s, best {best:.3f} s'
 SAYS = 'says {state}'
 WAITING = '… not yet'
 SETTLING = '… wait {seconds} s'
@@ -298,6 +301,13 @@ def kart_name(kart: Kart) -> str:
 def inspected(kart: Kart) -> str:
     """Return when a kart was inspected; empty if the roster has no date."""
     return f'inspected {kart.inspected}' if kart.inspected else ''
+
+
+def laps(kart: Kart) -> str:
+    """Return how many laps a kart has driven, and its times; empty: it has none."""
+    if kart.last_lap is None or kart.best_lap is None:
+        return ''
+    return LAPS.format(count=kart.laps, last=kart.last_lap, best=kart.best_lap)
 
 
 def command_name(command: CommandKind, kart: int = 0) -> str:

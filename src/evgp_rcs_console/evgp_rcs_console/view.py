@@ -326,7 +326,8 @@ class Screen:
     :param tally: how many karts of the race are driving, stopped and so on; empty if there are
         none.
     :param missing: which karts of the race have not yet done what they are sent.
-    :param reminder: that each kart must have begun to drive by now; empty if none must.
+    :param reminder: who is to be given FINISH; or that each kart must have begun to drive by now;
+        empty if none must.
     :param heat_button: opens the choice of a heat; None if the roster names none.
     :param heats: one button for each heat of the roster.
     :param places: the places of the race, or of the last one; empty if there are none.
@@ -475,7 +476,7 @@ def show(race: Race, age: float, pending: Pending, danger: Danger | None = None)
         heat=texts.heat_in_race(race),
         tally=texts.tally(race.karts),
         missing=texts.missing(race.karts),
-        reminder='' if danger is not None else _reminder(race, age),
+        reminder='' if danger is not None else _finish_now(race) or _reminder(race, age),
         heat_button=buttons.race(CommandKind.SET_HEAT) if race.heats else None,
         heats=tuple(buttons.heat(heat) for heat in race.heats),
         places=_places(race),
@@ -570,6 +571,12 @@ def _humans(race: Race) -> tuple[Cell, str]:
     return allowed, race.track.reason
 
 
+def _finish_now(race: Race) -> str:
+    """Return which karts are to be given FINISH, with its letter in their rows."""
+    done = [str(kart.number) for kart in race.karts if kart.last_lap_done]
+    return texts.FINISH_NOW.format(karts=', '.join(done)) if done else ''
+
+
 def _places(race: Race) -> str:
     """Return the places, the first one first."""
     finished = sorted((kart for kart in race.karts if kart.place), key=lambda kart: kart.place)
@@ -585,13 +592,15 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
     if kart.flag_follows:
         left = texts.left(kart.flag_in - age)
         notes.append(texts.FLAG_IN.format(place=kart.place, seconds=left))
+    if kart.last_lap_done:
+        notes.append(texts.LAST_LAP_DONE)
     if kart.hold is not State.UNKNOWN:
         notes.append(texts.HELD.format(reason=kart.hold_reason))
     if not kart.in_race:
         notes.append(texts.NOT_RACING)
     urgent = use_msr or (kart.in_doubt and not kart.is_stopping)
-    # The inspection is shown only where there is nothing that an official must read.
-    note = ', '.join(notes) or texts.inspected(kart)
+    # Laps and the inspection are shown only where there is nothing that an official must read.
+    note = ', '.join(notes) or texts.laps(kart) or texts.inspected(kart)
     missing = Tone.WAIT if kart.in_race else Tone.FAINT  # in the garage it may still come
     if kart.may_be_moving or (kart.in_race and race.state is not State.IN_GARAGE):
         missing = Tone.BAD
@@ -618,13 +627,19 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
         waits=kart.connected and asks and not done,
         says=says,
         place=f'P{kart.place}' if kart.place else '',
-        note=Cell(note, Tone.BAD if urgent and notes else Tone.FAINT),
+        note=Cell(note, _note_tone(kart, urgent and bool(notes))),
         buttons=tuple(
             finish if command is finish.command else buttons.kart(command, kart)
             for command in (_offered(each, race, kart) for each in KART_COMMANDS)
         ),
         finish=finish,
     )
+
+
+def _note_tone(kart: Kart, urgent: bool) -> Tone:
+    if urgent:
+        return Tone.BAD
+    return Tone.WAIT if kart.last_lap_done else Tone.FAINT
 
 
 def _link(kart: Kart, missing: Tone) -> Cell:

@@ -694,3 +694,29 @@ def test_the_strip_tells_who_is_missing_and_the_row_that_the_msr_is_needed() -> 
     assert [row.use_msr for row in screen.rows] == [False, True]
     assert screen.rows[1].note.text.startswith(texts.USE_MSR)
     assert screen.rows[1].note.tone is Tone.BAD
+
+
+# ----- laps ---------------------------------------------------------------------------------
+
+
+def test_a_row_shows_the_laps_where_nothing_is_more_urgent() -> None:
+    timed = replace(KART, laps=4, last_lap=12.3456, best_lap=11.9, inspected='2026-05-01')
+    held = replace(timed, hold=State.RED_FLAG, hold_reason='RED_FLAG by Anna')
+
+    (row,) = show(replace(RACE, karts=(timed,)), 0.0, {}).rows
+    assert row.note.text == texts.LAPS.format(count=4, last=12.3456, best=11.9)
+    (row,) = show(replace(RACE, karts=(held,)), 0.0, {}).rows
+    assert texts.HELD.format(reason=held.hold_reason) in row.note.text
+
+
+def test_a_kart_whose_last_lap_is_done_is_named_in_the_strip_and_in_its_row() -> None:
+    done = replace(KART, laps=6, last_lap=12.0, best_lap=11.0, last_lap_done=True)
+    race = replace(RACE, state=State.GREEN_GREEN, state_for=90.0, karts=(done,))
+
+    screen = show(race, 0.0, {})
+
+    assert screen.reminder == texts.FINISH_NOW.format(karts='7')
+    assert texts.LAST_LAP_DONE in screen.rows[0].note.text
+    assert screen.rows[0].note.tone is Tone.WAIT
+    assert screen.reminder in '\n'.join(table(screen, ()))
+    assert not show(race, 0.0, {}, SILENT).reminder
