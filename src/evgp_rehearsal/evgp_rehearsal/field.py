@@ -25,7 +25,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field
 import enum
+import math
 import random
+from typing import NamedTuple
 
 from evgp_protocol.states import RaceState
 from evgp_rehearsal.plan import Ability, Plan
@@ -60,6 +62,8 @@ class Fault(enum.Enum):
     IGNORES_RED = enum.auto()  # it drives on, whatever it is sent; only the MSR stops it
     CREEPS = enum.auto()  # it moves on the grid
     NEVER_READY = enum.auto()  # it does not acknowledge GRID_ACTIVE
+    UNSEEN = enum.auto()  # the timing line misses it when it crosses next
+    SEEN_ELSEWHERE = enum.auto()  # the timing line says that it crosses where it does not
 
 
 class Connected(enum.Enum):
@@ -86,6 +90,8 @@ class Call(enum.Enum):
     SPUN = enum.auto()
     STOP_ALL = enum.auto()
     FLAG_ALL = enum.auto()
+    NOT_COUNTED = enum.auto()
+    NOT_THERE = enum.auto()
 
 
 @dataclass(frozen=True)
@@ -96,6 +102,20 @@ class Message:
     call: Call
     kart: int
     text: str
+
+
+class Crossing(NamedTuple):
+    """
+    A kart crosses the timing line, or seems to.
+
+    :param at: the time since the field began, in seconds.
+    :param seen: the line sees it; ``real``: it happens.
+    """
+
+    at: float
+    kart: int
+    seen: bool
+    real: bool
 
 
 @dataclass
@@ -196,7 +216,7 @@ class Field:
     ``tick`` counts the steps, ``finish`` is the distance of the last lap's end, in metres.
     ``moving`` has every change of whether a kart moves, ``crossed`` the karts that have driven
     their laps, ``grids`` when one was put onto the grid, each with its tick: the truth that the
-    score goes by.
+    score goes by. ``crossings`` has every crossing of the line, and what the line takes for one.
 
     :param numbers: the karts of it that are simulated; the others are somebody else's.
     """
@@ -214,6 +234,7 @@ class Field:
         self.moving: list[tuple[int, int, bool]] = []
         self.crossed: list[tuple[int, int]] = []
         self.grids: list[int] = []
+        self.crossings: list[Crossing] = []
         every = {number: _spread(plan, self.rng) for number in plan.numbers}
         simulated = plan.numbers if numbers is None else numbers
         self.karts = {number: SimulatedKart(number, every[number]) for number in simulated}
@@ -262,7 +283,29 @@ class Field:
                 self.moving.append((self.tick, number, kart.moves))
             if before < self.finish <= kart.distance:
                 self.crossed.append((self.tick, number))
+            self._look_at_the_line(kart, before)
         return said
+
+    def _look_at_the_line(self, kart: SimulatedKart, before: float) -> None:
+        length = self.plan.track.length
+        lap = math.floor(kart.distance / length)
+        line = lap * length
+        if before < line <= kart.distance:
+            back = (kart.distance - line) / kart.speed
+            seen = Fault.UNSEEN not in kart.faults
+            at = self.tick * TICK_LENGTH - back
+            self.crossings.append(Crossing(at, kart.number, seen, real=True))
+            if not seen:
+                kart.faults.discard(Fault.UNSEEN)
+                text = f'Timekeeper: kart {kart.number} has crossed the line, and was not counted.'
+                self.say(Call.NOT_COUNTED, kart.number, text)
+        half = line + length / 2
+        if before < half <= kart.distance and Fault.SEEN_ELSEWHERE in kart.faults:
+            kart.faults.discard(Fault.SEEN_ELSEWHERE)
+            at = self.tick * TICK_LENGTH
+            self.crossings.append(Crossing(at, kart.number, seen=True, real=False))
+            text = f'Timekeeper: kart {kart.number} was counted, but it is not at the line.'
+            self.say(Call.NOT_THERE, kart.number, text)
 
     def racing(self) -> list[SimulatedKart]:
         """Return the karts that are sent GREEN_GREEN: no incident of a race is about another."""

@@ -16,8 +16,10 @@
 
 from __future__ import annotations
 
+import itertools
+
 from evgp_protocol.states import RaceState
-from evgp_rehearsal.field import Fault, Field, TICK_LENGTH
+from evgp_rehearsal.field import Call, Fault, Field, TICK_LENGTH
 from evgp_rehearsal.plan import Plan, PlanError, read_plan, Track
 import pytest
 
@@ -126,3 +128,33 @@ def test_karts_differ_by_the_seed_and_by_nothing_else() -> None:
 def test_a_plan_that_is_not_possible_is_refused(text: str) -> None:
     with pytest.raises(PlanError):
         read_plan(text)
+
+
+def test_the_line_sees_each_kart_cross_it_at_its_time() -> None:
+    field = the_field(2)
+    send(field, RaceState.GREEN_GREEN)
+    run(field, 60.0)
+
+    for number, kart in field.karts.items():
+        seen = [each for each in field.crossings if each.kart == number]
+        assert len(seen) == 1 + int(kart.distance // SQUARE.length)
+        assert all(each.seen and each.real for each in seen)
+        top = SQUARE.length / kart.ability.top
+        laps = [late.at - early.at for early, late in itertools.pairwise(seen)]
+        assert laps[1:] == pytest.approx([top] * len(laps[1:]))
+
+
+def test_a_passing_that_the_line_misses_or_makes_up_is_told_over_the_radio() -> None:
+    field = the_field(2)
+    send(field, RaceState.GREEN_GREEN)
+    run(field, 5.0)
+    field.karts[1].faults.add(Fault.UNSEEN)
+    field.karts[2].faults.add(Fault.SEEN_ELSEWHERE)
+    run(field, 20.0)
+
+    odd = {(each.kart, each.seen, each.real) for each in field.crossings if each.seen != each.real}
+    assert odd == {(1, False, True), (2, True, False)}
+    assert {(each.call, each.kart) for each in field.messages} == {
+        (Call.NOT_COUNTED, 1),
+        (Call.NOT_THERE, 2),
+    }
