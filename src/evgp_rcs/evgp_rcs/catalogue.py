@@ -52,6 +52,7 @@ class CommandKind(enum.Enum):
     KART_IN_GARAGE = 'KART_IN_GARAGE'
     JOIN_RACE = 'JOIN_RACE'
     LEAVE_RACE = 'LEAVE_RACE'
+    COUNT_PASSING = 'COUNT_PASSING'
     STRIKE_PASSING = 'STRIKE_PASSING'
     RESTORE_PASSING = 'RESTORE_PASSING'
     GIVE_TRANSPONDER = 'GIVE_TRANSPONDER'
@@ -288,6 +289,13 @@ CATALOGUE: dict[CommandKind, Entry] = {
         Result(track_open=False),
         fixed={'open': False},
         undoes=CommandKind.OPEN_TRACK,
+    ),
+    CommandKind.COUNT_PASSING: Entry(
+        'COUNT PASSING',
+        'an official saw this kart cross the timing line',
+        'kart/count_passing',
+        to_one_kart=True,
+        of_laps=True,
     ),
     CommandKind.STRIKE_PASSING: Entry(
         'STRIKE PASSING',

@@ -74,6 +74,7 @@ from evgp_rcs.laps import (
     Laps,
     LapSettings,
     LapsMemory,
+    Mark,
     MOST_SEEN,
     Owner,
     Passing,
@@ -938,7 +939,13 @@ class Race:
             for passing in fresh.values():
                 self._tell_passing(passing, passing.kart, 'no race was started')
             return self._outcome()
-        self.laps, taken = self.laps.take(fresh.values(), now, dropped)
+        self._take_passings(fresh.values(), dropped, now)
+        self._tell_alerts(now)
+        return self._outcome()
+
+    def _take_passings(self, passings: Iterable[Passing], dropped: int, now: float) -> list[Mark]:
+        assert self.laps is not None
+        self.laps, taken = self.laps.take(passings, now, dropped)
         for passing, number, mark, lap, seconds in taken:
             self._tell_passing(passing, number, mark.value)
             if not lap:
@@ -951,8 +958,7 @@ class Race:
             last = Command(CommandKind.KART_FINISH, number, official=AUTO_FINISH)
             if self.times.auto_finish and self.laps.is_done(number) and not self._refusal(last):
                 self._decide(last, '', now)
-        self._tell_alerts(now)
-        return self._outcome()
+        return [each.mark for each in taken]
 
     def _tell_passing(self, passing: Passing, number: int, mark: str) -> None:
         who = str(self.karts.get(number, f'kart {number}')) if number else 'somebody'
@@ -1300,6 +1306,15 @@ class Race:
         held = _held(chosen)
         return text + (f'; still held: {held}' if held else '')
 
+    def _count_passing(self, command: Command, now: float) -> str:
+        assert self.laps is not None
+        number = 1 + sum(each.passing.source == BY_HAND for each in self.laps.crossings)
+        # Of a session of its own, so that the time of the command is the time.
+        seen = Passing(BY_HAND, str(number), number, command.kart)
+        marks = self._take_passings([seen], 0, now)
+        became = marks[0].value if marks else 'not taken, too many passings come'
+        return f'{_capital(self.karts[command.kart])} crossed the line: {became}'
+
     def _correct_passing(self, command: Command, now: float) -> str:
         assert self.laps is not None
         if command.kind is CommandKind.RESTORE_PASSING:
@@ -1483,7 +1498,7 @@ class Race:
     def _no_laps(self, command: Command) -> str:
         return '' if self.laps is not None else 'no race was started'
 
-    def _no_penalty(self, command: Command) -> str:
+    def _not_started(self, command: Command) -> str:
         kart = self.karts[command.kart]
         if self.laps is None or kart.number not in self.laps.karts:
             return f'{kart} has not started in this race'
@@ -1880,6 +1895,9 @@ _NEXT: dict[RaceState, tuple[CommandKind, str]] = {
 AUTO_FINISH = 'auto finish'
 """Who gives a FINISH that the organiser lets race control give (`auto_finish`)."""
 
+BY_HAND = 'official'
+"""The source of passings that officials count (COUNT_PASSING)."""
+
 NOT_IN_ROSTER = 'not in the roster any more'
 
 MARKED_AS_FINISHED = 'marked as finished'
@@ -2005,10 +2023,11 @@ COMMANDS: dict[CommandKind, Rule] = {
     CommandKind.OPEN_TRACK: Rule(Race._open_track, Race._no_open_track, is_command=False),
     CommandKind.CLOSE_TRACK: Rule(Race._close_track, is_command=False),
     # Bookkeeping of laps.
+    CommandKind.COUNT_PASSING: Rule(Race._count_passing, Race._not_started, is_command=False),
     CommandKind.STRIKE_PASSING: Rule(Race._correct_passing, Race._no_laps, is_command=False),
     CommandKind.RESTORE_PASSING: Rule(Race._correct_passing, Race._no_laps, is_command=False),
     CommandKind.GIVE_TRANSPONDER: Rule(Race._give_transponder, is_command=False),
-    CommandKind.PENALISE: Rule(Race._penalise, Race._no_penalty, is_command=False),
+    CommandKind.PENALISE: Rule(Race._penalise, Race._not_started, is_command=False),
     CommandKind.UNDO_PENALTY: Rule(Race._undo_penalty, Race._no_undo_penalty, is_command=False),
 }
 """What every command of §4.B does, when it is refused, and what the official must state."""

@@ -79,12 +79,14 @@ KART_COMMANDS = (
     'KART_IN_GARAGE',
     'JOIN_RACE',
     'LEAVE_RACE',
+    'COUNT_PASSING',
     'GIVE_TRANSPONDER',
     'PENALISE',
     'UNDO_PENALTY',
 )
 # Bookkeeping of laps and results.
 OF_LAPS = (
+    'COUNT_PASSING',
     'STRIKE_PASSING',
     'RESTORE_PASSING',
     'GIVE_TRANSPONDER',
@@ -523,7 +525,8 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     if kind in ('STRIKE_PASSING', 'RESTORE_PASSING'):
         return Judgement(bool(view.timed))
     if kind in OF_LAPS:
-        whose = {'PENALISE': view.timed, 'UNDO_PENALTY': view.penalties}
+        started = dict.fromkeys(('COUNT_PASSING', 'PENALISE'), view.timed)
+        whose = {**started, 'UNDO_PENALTY': view.penalties}
         return Judgement(number in whose.get(kind, (number,)))
     kart = next(kart for kart in view.karts if kart.number == number)
     if kind == 'KART_FINISH':
@@ -610,6 +613,8 @@ def fate(
         and _corrects(facts, given)
     ):
         return 'refused'
+    if given.kind == 'COUNT_PASSING' and _finishes(view, facts, given, now):
+        return 'finishes'
     return 'waits' if waits else 'accepted'
 
 
@@ -628,11 +633,13 @@ def _corrects(facts: Facts, given: Input) -> bool:
 
 def _with_passing(facts: Facts, given: Input, now: float) -> Facts:
     """Return what is remembered with a passing; one that is said again is known."""
-    laps = facts.laps
-    if laps is not None and given.serial not in facts.seen:
-        passing = (given.serial, given.kart, now - laps.green)
+    laps, serial = facts.laps, given.serial
+    if given.what == 'command' and laps is not None:
+        serial = -1 - len(laps.passings)  # nobody says it again, nor corrects it
+    if laps is not None and serial not in facts.seen:
+        passing = (serial, given.kart, now - laps.green)
         laps = laps._replace(passings=(*laps.passings, passing))
-    return facts._replace(laps=laps, seen=facts.seen | {given.serial})
+    return facts._replace(laps=laps, seen=facts.seen | ({serial} if serial > 0 else frozenset()))
 
 
 def _finishes(view: View, facts: Facts, given: Input, now: float) -> bool:
@@ -982,7 +989,8 @@ def _learn_laps(
     before: View, facts: Facts, given: Input, becomes: str, after: View, now: float, times: Any
 ) -> Facts:
     """Return what the oracle remembers of the laps after an input."""
-    if given.what == 'passing':
+    counted = given.kind == 'COUNT_PASSING' and becomes != 'refused'
+    if given.what == 'passing' or counted:
         facts = _with_passing(facts, given, now)
     kind, kart = given.kind, given.kart
     if becomes == 'finishes':
@@ -1130,7 +1138,7 @@ def check_input(
     if what == 'passing' and (outcome.orders or (after != before and becomes != 'finishes')):
         raise RuleBrokenError('passing-acts', f'{given}: {before} became {after} with {outcome}')
     same = after._replace(penalties=before.penalties) == before
-    if kind in OF_LAPS and (outcome.orders or not same):
+    if kind in OF_LAPS and (outcome.orders or not (same or becomes == 'finishes')):
         raise RuleBrokenError('laps-act', f'{given}: {before} became {after} with {outcome}')
     _check_cause(race, before, given, outcome, after)
     memory = learn(before, facts, given, becomes, after, now, race.times)

@@ -511,15 +511,15 @@ the statement that the MSR was used ends without a record: availability [around]
 a race cannot go home without a record: availability [around]
     _no_in_garage: if self.msr_used else '' =>
 a kart finishes with its last lap though nobody set it: passing-acts [laps by hand]
-    passed: self.times.auto_finish and =>
+    _take_passings: self.times.auto_finish and =>
 a kart does not finish with its last lap though it is set: effect [laps]
-    passed: self._decide(last, '', now) => pass
+    _take_passings: self._decide(last, '', now) => pass
 a kart that is held finishes with its last lap: effect, passing-acts [laps of a kart that is
     held]
-    passed: and not self._refusal(last) =>
+    _take_passings: and not self._refusal(last) =>
 a passing sends a kart RED_FLAG: passing-acts, sent-wrong, order-wrong [laps by hand]
-    passed: kart = self.karts[number] => kart = self.karts[number] ¶ self._hold(kart, RED_FLAG,
-        'crossed the line', now)
+    _take_passings: kart = self.karts[number] => kart = self.karts[number] ¶ self._hold(kart,
+        RED_FLAG, 'crossed the line', now)
 a passing ends a hold: passing-acts, hold-forgotten, red-loosened [laps by hand]
     passed: self._seen |= => for each in self.karts.values(): ¶> self._unhold(each) ¶ self._seen |=
 a passing counts for an acknowledgement: passing-acts, ack-from-nothing [laps by hand]
@@ -536,8 +536,14 @@ a finish that is undone leaves the laps at an end: lap-count [laps with a finish
 a kart that was taken out of the race goes on with its laps: lap-count [laps of a kart that was
     released]
     _release_kart: self.laps = self.laps.leave(kart.number, now) => pass
+a passing that an official counts is forgotten: lap-count [laps by hand]
+    _count_passing: self._take_passings([seen], 0, now) => []
+a passing that an official counts sends a kart RED_FLAG: laps-act, sent-wrong, order-wrong [laps
+    by hand]
+    _count_passing: marks = => self._hold(self.karts[command.kart], RED_FLAG, 'counted', now) ¶
+        marks =
 a passing that is struck out counts: lap-count, alerts [laps by hand]
-    _correct_passing: self.laps = self.laps.strike(command.passing, command.reason) => pass
+    _correct_passing: self.laps = self.laps.strike(command.passing, why) => pass
 a passing that is put back does not count: lap-count, availability, alerts [laps by hand]
     _correct_passing: self.laps = self.laps.restore(command.passing) => pass
 a passing that nobody saw is struck out: availability [laps by hand]
@@ -550,7 +556,7 @@ a penalty stops the kart: laps-act, sent-wrong, order-wrong, red-loosened [laps 
     _penalise: self.laps = self.laps.penalise(penalty) => self.laps = self.laps.penalise(penalty) ¶
         self._hold(self.karts[command.kart], RED_RED, 'penalty', now)
 a kart is penalised that did not start: availability [laps outside]
-    _no_penalty: or kart.number not in self.laps.karts =>
+    _not_started: or kart.number not in self.laps.karts =>
 a penalty is taken back that there is not: availability [laps by hand]
     _no_undo_penalty: if kart.number in {each.kart for each in penalties} else => if self.laps else
 a restart forgets the laps: restart [laps by hand]
