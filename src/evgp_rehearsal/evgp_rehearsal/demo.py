@@ -40,7 +40,7 @@ from evgp_rcs.record import RecordedEvent
 from evgp_rcs_msgs import msg
 from evgp_rehearsal import sheet
 from evgp_rehearsal.conduct import Finding
-from evgp_rehearsal.event import BANNER, Rehearsal
+from evgp_rehearsal.event import BANNER, HEAT, Rehearsal
 from evgp_rehearsal.field import Fault
 from evgp_rehearsal.officials import Act
 from evgp_rehearsal.plan import Ability, Plan, Track
@@ -56,9 +56,12 @@ from rich.text import Text
 PLAN = Plan(
     Track(((0.0, 0.0), (9.0, 0.0), (9.0, 4.0), (0.0, 4.0))),
     Ability(acceleration=4.0, flag_braking=3.0),
-    laps=1,
+    laps=3,
 )
-"""One short lap."""
+"""Three short laps."""
+
+LEAST_LAP = 1.0
+"""`min_lap_time` of so short a lap, in seconds."""
 
 BRIDGED = (4, 5, 6)
 """The karts with the real bridge and the example stack; the others are simulated."""
@@ -116,7 +119,7 @@ class Show:
             team.timeout = TIMEOUT
             team.wait_for_speed(lambda speed: True)
         self.official.bring_to(RaceState.IN_GARAGE)
-        self.official.command('set_in_race', kart=OUTSIDE, in_race=False)
+        self.official.command('set_heat', heat=HEAT)
         self._wait_for(RaceState.IN_GARAGE, PLAN.numbers)
 
     def race(self) -> None:
@@ -142,12 +145,26 @@ class Show:
                 )
             assert crossed, 'no kart crosses the line'
             official.command('kart/finish', kart=crossed[0][1])
+        self._laps()
         for kart in BRIDGED:
             official.command('kart/finish', kart=kart)
             time.sleep(GAP)
         official.wait_for_race(lambda race: race.over, 'the race goes over by itself')
         self.found.append(Finding(True, 'the race went over by itself'))
         self._to_garage(STARTERS)
+
+    def _laps(self) -> None:
+        """Wait until the laps of the simulated karts are counted."""
+        timed = [kart for kart in STARTERS if kart not in BRIDGED]
+        race = self.official.wait_for_race(
+            lambda race: all(
+                kart.laps == PLAN.laps for kart in race.karts if kart.number in timed
+            ),
+            f'{PLAN.laps} laps of karts {timed} are counted',
+        )
+        best = min(kart.best_lap for kart in race.karts if kart.number in timed)
+        text = f'{PLAN.laps} laps of karts {timed} were counted, the best in {best:.3f} s'
+        self.found.append(Finding(True, text))
 
     def kill(self) -> None:
         """Drive a race in which a kart spins, and the official presses ALL_KILL."""
@@ -268,10 +285,10 @@ def _show(console: Console, mute: int, record: pathlib.Path | None) -> list[Find
     wire = Judge([kart for kart in PLAN.numbers if kart not in BRIDGED], (), time.monotonic())
     with contextlib.ExitStack() as stack:
         folder = pathlib.Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        parameters = {'finish_delays': list(FINISH_DELAYS)}
+        parameters = {'finish_delays': list(FINISH_DELAYS), 'min_lap_time': LEAST_LAP}
         with contextlib.ExitStack() as running:
             rehearsal = running.enter_context(
-                Rehearsal(PLAN, folder, len(BRIDGED), judge=wire, parameters=parameters)
+                Rehearsal(PLAN, folder, len(BRIDGED), False, wire, parameters, STARTERS)
             )
             show = Show(console, rehearsal, mute)
             for kart in BRIDGED:

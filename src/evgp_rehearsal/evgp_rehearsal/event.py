@@ -27,28 +27,33 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 import contextlib
 import dataclasses
+import math
 import os
 import pathlib
+import secrets
 import signal
 import threading
 import time
 
+from evgp_node.stamps import stamp_of
 from evgp_node.states import state_of
 from evgp_protocol import clock
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.laps import Passing
 from evgp_rcs.race import AlertKind
 from evgp_rcs.record import events, open_read_only, RecordedEvent, sessions
 from evgp_rcs_msgs import msg
 from evgp_rehearsal.field import Connected, Failure, Field, TICK_LENGTH
 from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS, Phase
+from evgp_rehearsal.line import TimingLine
 from evgp_rehearsal.officials import Act, AnOfficial, KartView, look, LOOKS, Steward, View
 from evgp_rehearsal.plan import Plan
 from evgp_rehearsal.score import Line, Occurrence, score, STEWARD, Truth
 from evgp_testing.domains import Domain
 from evgp_testing.judge import Judge
 from evgp_testing.kart import Bridge, ExampleStack
-from evgp_testing.official import Answer, Official
+from evgp_testing.official import Answer, latched, Official
 from evgp_testing.part import Part
 from evgp_testing.process import Process
 from evgp_testing.race_control import address_of, RaceControl
@@ -59,6 +64,9 @@ BANNER = 'REHEARSAL'
 
 AWAY = 1.0
 """Time from the death of race control to its new start, in seconds."""
+
+HEAT = 'rehearsal'
+"""The heat of the roster, with the plan's laps."""
 
 CONNECT_AGAIN = 10
 """Ticks between two tries of a kart to connect."""
@@ -117,6 +125,7 @@ class Rehearsal(Part):
     :param window: whether to open the officials' window.
     :param judge: is told what the simulated karts hear and say, and every command.
     :param parameters: more parameters of race control.
+    :param heat: the karts of its heat; None: all.
     """
 
     def __init__(
@@ -127,6 +136,7 @@ class Rehearsal(Part):
         window: bool = False,
         judge: Judge | None = None,
         parameters: Mapping[str, object] | None = None,
+        heat: Sequence[int] | None = None,
     ) -> None:
         """Start race control and let the karts connect."""
         # Also of the nodes in this process: nobody else's race is seen or commanded.
@@ -149,6 +159,7 @@ class Rehearsal(Part):
         self.links: dict[int, DrivenKart | WireKart] = {}
         self._judge = judge
         self._parameters = parameters or {}
+        self._heat = list(plan.numbers if heat is None else heat)
         self._tried = dict.fromkeys(self.field.karts, -CONNECT_AGAIN)
         with contextlib.ExitStack() as stack:
             # A process ends with the thread that started it (evgp_testing.process), and this one
@@ -160,6 +171,10 @@ class Rehearsal(Part):
             self.control = self._race_control(0)
             stack.callback(lambda: self.control.close())
             self.official = stack.enter_context(Official(self.domain, STEWARD, judge))
+            self._line = TimingLine(secrets.token_hex(4))
+            self._passings = self.official.node.create_publisher(
+                msg.Passing, '/rcs/passings', latched(200)
+            )
             race = self.official.wait_for_race(lambda race: True, 'a first look at the race')
             self._check_own(race)
             for number in bridges:
@@ -250,6 +265,10 @@ class Rehearsal(Part):
         request: dict[str, object] = {'official': name, **entry.fixed}
         if entry.to_one_kart:
             request['kart'] = act.kart
+        if act.kind is CommandKind.STRIKE_PASSING:
+            source, session, number, *_ = self._line.made_up[act.kart]
+            request |= {'source': source, 'session': session, 'number': number}
+            request['reason'] = 'nobody crossed'
         if entry.statement:
             request[entry.statement] = entry.statement != 'made_safe_by_hand'
         return self.official.call(entry.service, **request)
@@ -297,6 +316,7 @@ class Rehearsal(Part):
             return race is not None and in_garage and not race.track.open
 
         self.attend(Steward(RaceState.IN_GARAGE), STEWARD, there, GET_THERE)
+        self.official.command('set_heat', heat=HEAT)
 
     def play(self, name: str, official: AnOfficial, kart: int = 0) -> Line:
         """
@@ -377,6 +397,7 @@ class Rehearsal(Part):
             with self.lock:
                 said = self.field.step()
                 self._times.append(clock.now())
+                passings = self._line.read(self.field, time.time_ns() - self._field_ns())
                 failures, self.field.failures = self.field.failures, []
                 self._time_is_up()
                 self._cue()
@@ -385,11 +406,16 @@ class Rehearsal(Part):
                 link = self.links.get(number)
                 if isinstance(link, DrivenKart):
                     link.acknowledge(state)
+            for passing in passings:
+                self._passings.publish(_passing_message(passing))
             for number, kart in self.field.karts.items():
                 self._connect(number, kart.link(self.field.tick))
             for each in failures:
                 self._happen(each)
             self._keep_race_control()
+
+    def _field_ns(self) -> int:
+        return round(self.field.tick * TICK_LENGTH * 1e9)
 
     def _connect(self, number: int, wanted: Connected) -> None:
         link = self.links.get(number)
@@ -486,6 +512,7 @@ class Rehearsal(Part):
                 **self._parameters,
             },
             teams=self._teams(),
+            heats={HEAT: {'karts': self._heat, 'laps': self.plan.laps}},
         )
 
     def _teams(self) -> dict[int, str]:
@@ -500,6 +527,18 @@ class Rehearsal(Part):
     def _close_window(self) -> None:
         if self.window is not None:
             self.window.close()
+
+
+def _passing_message(passing: Passing) -> msg.Passing:
+    return msg.Passing(
+        source=passing.source,
+        session=passing.session,
+        number=passing.number,
+        kart=passing.kart,
+        stamp=stamp_of(passing.stamp_ns),
+        clock=msg.Passing.CLOCK_OF_HOST,
+        strength=math.nan,
+    )
 
 
 def recorded(folder: pathlib.Path) -> list[RecordedEvent]:

@@ -302,6 +302,24 @@ _ROWS = (
         fine=STOP_THIS,
         limit=40.0,
     ),
+    Incident(
+        'missed_passing',
+        'the timing line misses a kart',
+        Phase.RACE,
+        _fault(Fault.UNSEEN),
+        'counts the passing by hand; stops nobody (Corrections of laps: COUNT_PASSING)',
+        (_this(K.COUNT_PASSING),),
+        limit=90.0,
+    ),
+    Incident(
+        'false_passing',
+        'the timing line sees a kart that is elsewhere',
+        Phase.RACE,
+        _fault(Fault.SEEN_ELSEWHERE),
+        'strikes the passing out; stops nobody (Corrections of laps: STRIKE_PASSING)',
+        (_all(K.STRIKE_PASSING),),
+        limit=90.0,
+    ),
 )
 
 INCIDENTS = {row.name: row for row in _ROWS}

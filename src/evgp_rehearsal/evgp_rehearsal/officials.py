@@ -74,13 +74,20 @@ class View:
 
 @dataclass(frozen=True)
 class Act:
-    """What an official does: a command, or (None) the button of the MSR."""
+    """
+    What an official does: a command, or (None) the button of the MSR.
+
+    :param kart: of STRIKE_PASSING: whose last passing that is none.
+    """
 
     kind: CommandKind | None
     kart: int = 0
 
 
 USE_THE_MSR = Act(None)
+
+
+_CORRECTIONS = {Call.NOT_COUNTED: K.COUNT_PASSING, Call.NOT_THERE: K.STRIKE_PASSING}
 
 
 class AnOfficial(Protocol):
@@ -140,6 +147,7 @@ class Good:
         """Have done nothing yet."""
         self._recorded = False
         self._started = False
+        self._corrected: list[Message] = []
 
     def act(self, view: View) -> Act | None:
         """Return the most urgent thing to do."""
@@ -171,6 +179,10 @@ class Good:
                 return Act(K.ALL_KILL)
             if each.call is Call.STANDS and not view.karts[each.kart].sent.is_red:
                 return Act(K.KART_RED_RED, each.kart)
+            correction = _CORRECTIONS.get(each.call)
+            if correction is not None and each not in self._corrected:
+                self._corrected.append(each)
+                return Act(correction, each.kart)
         return None
 
     def _eyes(self, view: View) -> Act | None:

@@ -265,7 +265,11 @@ def _judge(
     return Judgement.NEEDLESS
 
 
-_HARMLESS = (CommandKind.CLOSE_TRACK, CommandKind.KART_FINISH)
+_HARMLESS = (
+    CommandKind.CLOSE_TRACK,
+    CommandKind.KART_FINISH,
+    *(kind for kind, entry in CATALOGUE.items() if entry.of_laps),
+)
 
 
 def _places(command: _Command) -> bool:

@@ -28,6 +28,7 @@ from evgp_rcs.race import Command, Kart, Outcome, Race, RaceTimes, StampedEvent,
 from evgp_rcs.record import RecordedEvent
 from evgp_rehearsal.field import Connected, Failure, Field, TICK_LENGTH
 from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS
+from evgp_rehearsal.line import TimingLine
 from evgp_rehearsal.officials import Act, AnOfficial, look, LOOKS, Steward, View
 from evgp_rehearsal.plan import Plan
 from evgp_rehearsal.score import Line, Occurrence, score, STEWARD, Truth
@@ -52,6 +53,7 @@ class TableTop:
         self.race = self._race()
         self.events: list[RecordedEvent] = []
         self.back_at = 0
+        self.line = TimingLine('today')
         self._links = dict.fromkeys(self.plan.numbers, Connected.NOBODY)
 
     @property
@@ -75,6 +77,7 @@ class TableTop:
             if self._links[number] is Connected.KART:
                 serial = self.race.karts[number].serial
                 self._take(self.race.heard(number, serial, state, self.now))
+        self._take(self.race.passed(self.line.read(self.field), 0, self.now))
         self._take(self.race.tick(self.now))
         for number, link in self._links.items():
             if link is Connected.KART:
@@ -98,6 +101,11 @@ class TableTop:
             hold,
             official=official,
         )
+        if act.kind is CommandKind.STRIKE_PASSING:
+            source, session, passing, *_ = self.line.made_up[act.kart]
+            command = command._replace(
+                kart=0, source=source, session=session, number=passing, reason='nobody crossed'
+            )
         outcome = self.race.command(command, self.now)
         self._take(outcome)
         if outcome.start is not None:

@@ -33,6 +33,9 @@ SETTLE_TIME = 0.5
 """Time for which a kart must stand in tests, in seconds; they have many races."""
 
 
+Heats = Mapping[str, Iterable[int] | Mapping[str, object]]
+
+
 def address_of(number: int) -> str:
     """Return the loopback address of a kart (1 to 60000), by which race control knows it."""
     if number < 255:
@@ -45,7 +48,7 @@ def write_roster(
     in_race: Iterable[int],
     others: Iterable[int] = (),
     teams: Mapping[int, str] | None = None,
-    heats: Mapping[str, Iterable[int]] | None = None,
+    heats: Heats | None = None,
     addresses: Callable[[int], str] = address_of,
 ) -> pathlib.Path:
     """Write a roster into a folder, and return its path; see ``RaceControl``."""
@@ -62,7 +65,10 @@ def write_roster(
         ]
     }
     if heats:
-        content['heats'] = {name: list(chosen) for name, chosen in heats.items()}
+        content['heats'] = {
+            name: dict(chosen) if isinstance(chosen, Mapping) else list(chosen)
+            for name, chosen in heats.items()
+        }
     roster = folder / 'karts.yaml'
     roster.write_text(yaml.safe_dump(content, sort_keys=False), encoding='utf-8')
     return roster
@@ -97,7 +103,7 @@ class RaceControl(Process):
     :param parameters: more ROS parameters of the node.
     :param teams: the names of teams, by the numbers of their karts.
     :param arguments: more ROS arguments of the node.
-    :param heats: the heats of the roster, each of its karts.
+    :param heats: the heats of the roster, each of its karts, or of what else the roster has of it.
     :param addresses: returns the address of a kart in the roster.
     :param proven: where there is no record yet, make one of a run that ended in good order, so
         that race control begins in IN_GARAGE. Else it begins in RED_RED, as the very first one.
@@ -112,7 +118,7 @@ class RaceControl(Process):
         parameters: Mapping[str, object] | None = None,
         teams: Mapping[int, str] | None = None,
         arguments: tuple[str, ...] = (),
-        heats: Mapping[str, Iterable[int]] | None = None,
+        heats: Heats | None = None,
         addresses: Callable[[int], str] = address_of,
         proven: bool = True,
         program: str = 'rcs_node',

@@ -1,0 +1,62 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The timing line of a field: which passings it says there are.
+
+Pure. It knows each kart, misses some crossings and makes some up, as the field has it.
+"""
+
+from __future__ import annotations
+
+from evgp_rcs.laps import Passing
+from evgp_rehearsal.field import Field
+
+SOURCE = 'line'
+"""Its name, as a source of passings."""
+
+
+class TimingLine:
+    """
+    The line, as far as it was read.
+
+    :param session: another for each run.
+    :ivar made_up: the last passing of each kart that is none.
+    """
+
+    def __init__(self, session: str) -> None:
+        """Have said nothing yet."""
+        self._session = session
+        self._read = 0
+        self._said = 0
+        self.made_up: dict[int, Passing] = {}
+
+    def read(self, field: Field, field_ns: int = 0) -> list[Passing]:
+        """
+        Return what is new.
+
+        :param field_ns: when the field began, in ns since the epoch of the line's clock.
+        """
+        new, self._read = field.crossings[self._read :], len(field.crossings)
+        passings = []
+        for at, kart, seen, real in new:
+            if not seen:
+                continue
+            self._said += 1
+            stamp = field_ns + round(at * 1e9)
+            passing = Passing(SOURCE, self._session, self._said, kart, stamp_ns=stamp)
+            passings.append(passing)
+            if not real:
+                self.made_up[kart] = passing
+        return passings
