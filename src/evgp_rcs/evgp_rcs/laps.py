@@ -47,11 +47,15 @@ from typing import Any, NamedTuple
 MOST_A_SECOND = 200
 """Maximum number of passings taken of one source in a second."""
 
-MOST_A_RACE = 20_000
+MOST_A_RACE = 5_000
 """Maximum number of passings taken of one source in a race."""
 
-MOST_SOURCES = 8
-"""Maximum number of sources of which passings are taken in a race."""
+MOST_SOURCES = 4
+"""Maximum number of sources of which passings are taken in a race, besides officials: a correction
+judges all of them again, for which a stop waits (some 2 ms for a thousand)."""
+
+BY_HAND = 'official'
+"""The source of passings that officials count (COUNT_PASSING)."""
 
 ALL_SOURCES, FURTHER_SOURCES = 'all sources', 'further sources'
 """Of whom too many passings came, if it is not one source."""
@@ -319,7 +323,9 @@ class Laps:
             over[ALL_SOURCES] = over.get(ALL_SOURCES, 0) + dropped
         for passing in passings:
             source = passing.source
-            rate = rates.get(source, _Rate() if len(rates) < MOST_SOURCES else _FULL)
+            others = len(rates) - (BY_HAND in rates)
+            is_taken = source == BY_HAND or others < MOST_SOURCES
+            rate = rates.get(source, _Rate() if is_taken else _FULL)
             if came - rate.since >= 1.0:
                 rate = rate._replace(since=came, lately=0)
             if rate.lately >= MOST_A_SECOND or rate.taken >= MOST_A_RACE:

@@ -69,6 +69,7 @@ from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState, stricter
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.laps import (
+    BY_HAND,
     Format,
     Identity,
     Laps,
@@ -1894,9 +1895,6 @@ _NEXT: dict[RaceState, tuple[CommandKind, str]] = {
 
 AUTO_FINISH = 'auto finish'
 """Who gives a FINISH that the organiser lets race control give (`auto_finish`)."""
-
-BY_HAND = 'official'
-"""The source of passings that officials count (COUNT_PASSING)."""
 
 NOT_IN_ROSTER = 'not in the roster any more'
 

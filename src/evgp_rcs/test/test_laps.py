@@ -23,6 +23,7 @@ from typing import Any
 
 from evgp_rcs.encoding import read, written
 from evgp_rcs.laps import (
+    BY_HAND,
     Format,
     KartResult,
     Laps,
@@ -317,13 +318,15 @@ def test_what_is_too_many_in_a_race_is_counted_and_another_source_is_heard() -> 
     assert [each.mark for each in taken] == [Mark.COUNTED]
 
 
-def test_further_sources_than_a_race_can_have_are_told() -> None:
+def test_further_sources_than_a_race_can_have_are_told_and_officials_still_count() -> None:
     many = [Passing(f'source {number}', 's', 1, 1) for number in range(MOST_SOURCES + 3)]
     laps, taken = race().take(many, GREEN + 1.0)
 
     assert len(taken) == MOST_SOURCES
     assert sum(laps.over.values()) == 3
     assert laps.trouble
+    _, counted = laps.take([Passing(BY_HAND, '1', 1, 2)], GREEN + 10.0)
+    assert [each.mark for each in counted] == [Mark.COUNTED]
 
 
 # ----- results ------------------------------------------------------------------------------
