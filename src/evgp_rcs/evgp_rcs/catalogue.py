@@ -103,7 +103,7 @@ class Entry:
     :param names_heat: the request names a heat (`heat`).
     :param takes: further fields of the request, as ``Command`` has them.
     :param of_laps: bookkeeping of laps and results, which no kart sees. ``~/race`` does not offer
-        it, and it has no button.
+        it.
     :param stop: it stops karts: never refused for a kart of the roster, and never behind another.
     :param loosens: it starts or releases karts, or lets humans near: refused whenever it is in
         doubt what officials see.

@@ -166,6 +166,7 @@ def race_message(
             )
             for alert in race.alerts
         ],
+        laps=race.laps,
         heats=[
             msg.Heat(name=heat.name, karts=heat.karts, format=heat.format.value, laps=heat.laps)
             for heat in race.heats

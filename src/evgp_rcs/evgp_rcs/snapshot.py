@@ -96,6 +96,7 @@ class Snapshot(NamedTuple):
 
     :param at: the time, on the clock of the rules, in seconds.
     :param commands: the commands that are not to one kart.
+    :param laps: how many the race that was started last has; 0: no number is set.
     """
 
     at: float
@@ -107,6 +108,7 @@ class Snapshot(NamedTuple):
     commands: list[Offer]
     track: TrackAccess
     alerts: list[Alert]
+    laps: int
     heats: tuple[Heat, ...]
 
 
@@ -138,6 +140,7 @@ def snapshot_of(race: Race, now: float) -> Snapshot:
         [race.availability(kind, 0, now)[:] for kind in _TO_ALL],
         race.track_access(),
         race.alerts(now),
+        0 if race.laps is None else race.laps.wanted,
         race.heats,
     )
 

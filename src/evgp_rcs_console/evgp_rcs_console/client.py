@@ -17,7 +17,7 @@ The console's ROS side: hears the race, and gives commands, in threads of its ow
 
 Two threads, so that nothing a screen does ever waits for ROS:
 
-- the executor's thread hears `rcs/race` and `rcs/events` and the answers to commands;
+- the executor's thread hears `rcs/race`, `rcs/events`, `rcs/results` and the answers to commands;
 - the sender's thread takes commands from a queue and calls the services. It also presses each stop
   again and again, once asked for, until race control has accepted it (``standing``).
 
@@ -31,6 +31,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import fields
 from functools import lru_cache
 import ipaddress
+import math
 import queue
 import re
 import threading
@@ -43,6 +44,8 @@ from evgp_node.spinning import Spinning
 from evgp_protocol.clock import duration, now
 from evgp_protocol.link import Grade, GRADES
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.laps import Judged, KartResult, Mark, Penalty, Status
+from evgp_rcs.messages import passing_of
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import Given, PRESS_AGAIN, request, Standing, StandingStops
 from evgp_rcs_console.snapshot import (
@@ -55,6 +58,7 @@ from evgp_rcs_console.snapshot import (
     Kart,
     Link,
     Race,
+    Results,
     State,
     Track,
 )
@@ -74,8 +78,10 @@ _ALERTS = {
     if name.isupper() and isinstance(value := getattr(msg.Alert, name), int)
 }
 
+_STATUS = {int(getattr(msg.KartResult, each.name)): each for each in Status}
+_MARKS = {int(getattr(msg.JudgedPassing, each.name)): each for each in Mark}
 
-Said = TypeVar('Said', Race, Kart, Link, Track, Alert, Event)
+Said = TypeVar('Said', Race, Kart, Link, Track, Alert, Event, Results)
 
 _NAMES = {each.name: each.name.replace('_', ' ') for each in State}
 _NAMES |= {each.name: entry.label for each, entry in CATALOGUE.items()}
@@ -115,6 +121,34 @@ def read_event(event: msg.RaceEvent) -> Event:
         official=event.official,
         is_command=event.kind == msg.RaceEvent.COMMAND,
         prompt=event.kind == msg.RaceEvent.DELIVERED and event.after < GRADES[Grade.FAIR],
+    )
+
+
+def read_results(results: msg.Results) -> Results:
+    """Return the results of a message."""
+    return _read(
+        Results,
+        results,
+        karts=tuple(_result(each) for each in results.karts),
+        passings=tuple(
+            Judged(passing_of(each.passing), each.kart, _MARKS[each.mark], each.at, each.struck)
+            for each in results.passings
+        ),
+    )
+
+
+def _result(result: msg.KartResult) -> KartResult:
+    return KartResult(
+        result.kart,
+        result.place,
+        _STATUS[result.status],
+        result.laps,
+        None if math.isnan(result.total) else result.total,
+        tuple(result.lap_times),
+        tuple(
+            Penalty(result.kart, one.seconds, one.laps, one.disqualified, one.reason, one.official)
+            for one in result.penalties
+        ),
     )
 
 
@@ -237,6 +271,9 @@ class Listener(Protocol):
     def on_event(self, event: Event) -> None:
         """Take an event."""
 
+    def on_results(self, results: Results) -> None:
+        """Take the results as they stand now."""
+
     def on_answer(self, given: Given, answer: Answer) -> None:
         """Take the answer to a command, also that none came; of a stop, the one that counts."""
 
@@ -276,6 +313,7 @@ class Client:
         self.node.create_subscription(
             msg.RaceEvents, 'rcs/events', self._hear_events, latched(200)
         )
+        self.node.create_subscription(msg.Results, 'rcs/results', self._hear_results, latched(1))
         self.topic: str = self.node.resolve_topic_name('rcs/race')
         self._sources = Sources()
         self._given: queue.SimpleQueue[Given | None] = queue.SimpleQueue()
@@ -410,6 +448,9 @@ class Client:
     def _hear_events(self, message: msg.RaceEvents) -> None:
         for event in message.events:
             self._listener.on_event(read_event(event))
+
+    def _hear_results(self, message: msg.Results) -> None:
+        self._listener.on_results(read_results(message))
 
     def _fail(self, error: BaseException) -> None:
         # Nothing is heard from now on: the screen says so, and stops are pressed on.

@@ -40,7 +40,7 @@ from evgp_rcs_console.command_line import (
 )
 from evgp_rcs_console.commands import effects, Given, nobody_is_heard, Standing
 from evgp_rcs_console.settings import Signature
-from evgp_rcs_console.snapshot import Answer, Available, Event, Kart, Race, State
+from evgp_rcs_console.snapshot import Answer, Available, Event, Kart, Race, Results, State
 from evgp_rcs_console.view import danger, is_gone, show, silence, table
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
@@ -75,6 +75,9 @@ class Hearing:
         with self.news:
             self.events.append(event)
             self.news.notify_all()
+
+    def on_results(self, results: Results) -> None:
+        """Leave the results to the window."""
 
     def on_answer(self, given: Given, answer: Answer) -> None:
         """Keep the answer."""

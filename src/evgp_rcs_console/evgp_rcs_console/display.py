@@ -29,7 +29,7 @@ import time
 from typing import NamedTuple
 
 from evgp_protocol import clock
-from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.alerts import Alarm, AlertsArea, EACH, HEAD, PLACES
 from evgp_rcs_console.commands import Given, Outcome, Standing, Unanswered
@@ -51,8 +51,8 @@ from evgp_rcs_console.panels import (
     TrackPanel,
 )
 from evgp_rcs_console.qt import QtCore, QtGui, QtWidgets, Signal
-from evgp_rcs_console.sheets import Heats, Help, Question, Sheet, YourName
-from evgp_rcs_console.snapshot import Answer, Event, Race
+from evgp_rcs_console.sheets import Heats, Help, Question, ResultsSheet, Sheet, WhyStruck, YourName
+from evgp_rcs_console.snapshot import Answer, Event, Race, Results
 from evgp_rcs_console.style import GAP, look
 from evgp_rcs_console.view import (
     Button,
@@ -186,7 +186,16 @@ class Areas(Area):
         self.help = Help(self)
         self.heats = Heats(self, press)
         self.your_name = YourName(self)
-        self._sheets: tuple[Sheet, ...] = (self.question, self.help, self.heats, self.your_name)
+        self.results = ResultsSheet(self)
+        self.why_struck = WhyStruck(self)
+        self._sheets: tuple[Sheet, ...] = (
+            self.question,
+            self.help,
+            self.heats,
+            self.results,
+            self.why_struck,
+            self.your_name,
+        )
         self._style: object = None
 
     def _arrange(self, top: float) -> None:
@@ -255,8 +264,9 @@ class Areas(Area):
         """Put the sheets that are open over the karts, clear of their stops."""
         for sheet in self._sheets:
             if not sheet.isHidden():
-                # A question leaves the strip in sight: it says what the karts do.
-                top = self._ground if sheet is self.question else self.strip
+                # These leave the strip in sight: it says what the karts do.
+                leaves = sheet in (self.question, self.results)
+                top = self._ground if leaves else self.strip
                 first, last = top.geometry(), self.karts.geometry()
                 end = last.left() + self.karts.stops_begin - look.px(GAP)
                 room = QtCore.QRect(first.topLeft(), QtCore.QPoint(end, last.bottom()))
@@ -294,6 +304,7 @@ class Inbox(QtCore.QObject):
     came = Signal()
     """A snapshot; it may have been taken already, together with an earlier one."""
     event = Signal(object)
+    results = Signal(object)
     answer = Signal(object, object)
     pressing = Signal(object)
 
@@ -310,6 +321,10 @@ class Inbox(QtCore.QObject):
     def on_event(self, event: Event) -> None:
         """Hand over an event."""
         self.event.emit(event)
+
+    def on_results(self, results: Results) -> None:
+        """Hand over the results."""
+        self.results.emit(results)
 
     def on_answer(self, given: Given, answer: Answer) -> None:
         """Hand over an answer."""
@@ -403,7 +418,7 @@ class BottomLine:
         mark = texts.DONE if answer.success else texts.REFUSED
         tone = Tone.GOOD if answer.success else Tone.BAD
         self.say(f'{mark}{answer.message}', tone)
-        if answer.success:
+        if answer.success and not CATALOGUE[given.command].of_laps:  # no snapshot tells of those
             self._outcome = Outcome(given, clock.now())
 
     def take_race(self, race: Race, at: float) -> None:
@@ -490,6 +505,7 @@ class Display(QtCore.QObject):
         self._looking = looking
         self._began = clock.now()
         self._race: Race | None = None
+        self._results = Results()
         self._two = False
         self._heard_at = 0.0
         self._shown_at = 0.0
@@ -512,6 +528,11 @@ class Display(QtCore.QObject):
         """Show an event; that an order arrived in time would only hide others."""
         if not event.prompt:
             self.areas.events.add(event)
+
+    def take_results(self, results: Results) -> None:
+        """Show the results as they stand now."""
+        self._results = results
+        self._show_results()
 
     def take_answer(self, given: Given, answer: Answer) -> None:
         """Show the answer to a command."""
@@ -566,6 +587,8 @@ class Display(QtCore.QObject):
         areas.steps.show_screen(screen)
         areas.strip.show_screen(screen, areas.events.log.officials.names, stale)
         areas.heats.show_heats(screen.heats)
+        if areas.results.isVisible():
+            self._show_results()
         self.chosen.show(screen.rows, stale)
         areas.events.show_karts(screen.rows)
         self.alarm.show(known=not stale)
@@ -574,6 +597,16 @@ class Display(QtCore.QObject):
             areas.question.update_button(screen.button(asked.command, asked.kart))
         self._show_kill()
         self.bottom.show()
+
+    @property
+    def barred(self) -> str:
+        """Return why only stops can be pressed; empty if race control says what is possible."""
+        danger_now = self._danger(clock.now())
+        return danger_now.barred if danger_now is not None else ''
+
+    def _show_results(self) -> None:
+        teams = {kart.number: kart.team for kart in (self._race or NOTHING).karts}
+        self.areas.results.show_results(self._results, teams, bool(self.barred))
 
     def _see(self, screen: Screen, now: float) -> None:
         """Keep what the official saw until now; close the choice of heats if they have changed."""

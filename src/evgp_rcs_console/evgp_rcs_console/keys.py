@@ -28,7 +28,7 @@ import string
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import asks
-from evgp_rcs_console.view import Cell, CHOSEN_KART_KEYS, FINISH_KEYS, KEYS, Tone
+from evgp_rcs_console.view import Cell, CHOSEN_KART_KEYS, FINISH_KEYS, KEYS, LETTER_COMMANDS, Tone
 
 _KILL_NAMES = frozenset({'Space', 'F12'})
 _KILL_CODES = frozenset({65, 96})
@@ -96,6 +96,7 @@ class Act(enum.Enum):
     UP = enum.auto()
     DOWN = enum.auto()
     LOG = enum.auto()
+    RESULTS = enum.auto()
     PRESS = enum.auto()
     ERASE = enum.auto()
     CANCEL = enum.auto()
@@ -109,6 +110,7 @@ _ACTS = {
     'Up': Act.UP,
     'Down': Act.DOWN,
     'Ctrl+L': Act.LOG,
+    'Ctrl+T': Act.RESULTS,
     'Return': Act.PRESS,
     'Enter': Act.PRESS,
     'Backspace': Act.ERASE,
@@ -125,7 +127,8 @@ class Stroke:
 
     :param commands: of these, the first for which the screen has a button is sent.
     :param to_chosen: the command goes to the chosen kart.
-    :param finish: the place in the roster of the kart that has finished; None if none has.
+    :param finish: the place in the roster of the kart that has crossed the line, or finished; None
+        if none has.
     :param digit: the digit, if it is part of a kart's number.
     :param act: what else it does.
     """
@@ -155,7 +158,7 @@ def meaning(key: str) -> Stroke | None:
     if key in _CHOSEN:
         return Stroke(_CHOSEN[key], to_chosen=True)
     if key in FINISH_KEYS:
-        return Stroke((CommandKind.KART_FINISH,), finish=FINISH_KEYS.index(key))
+        return Stroke(LETTER_COMMANDS, finish=FINISH_KEYS.index(key))
     if key in _ACTS:
         return Stroke(act=_ACTS[key])
     if len(key) == 1 and key.isdecimal():

@@ -202,8 +202,10 @@ class Strip(Painted):
         super().__init__('strip')
         self._texts = ('', '', '', '')
         self._stale = False
-        self.heat = self.put(CommandButton(pressed), -136, 0, 0, 0)
-        self.heat.quiet = True
+        results = Push('show_results', texts.RESULTS_BUTTON, 'Ctrl+T')
+        self.results = self.put(results, -124, 0, 0, 0)
+        self.heat = self.put(CommandButton(pressed), -262, 0, -124 - 2, 0)
+        self.results.quiet = self.heat.quiet = True
         self.heat.hide()
 
     def show_screen(self, screen: Screen, officials: list[str], stale: bool) -> None:
@@ -222,8 +224,8 @@ class Strip(Painted):
         """Draw it."""
         pen.box(self.rect(), look.palette.card, look.palette.line)
         room = self.rect().adjusted(look.px(12), 0, -look.px(12), 0)
-        if not self.heat.isHidden():
-            room.setRight(self.heat.geometry().left() - look.px(GAP))
+        button = self.results if self.heat.isHidden() else self.heat
+        room.setRight(button.geometry().left() - look.px(GAP))
         tally, reminder, rest, officials = self._texts
         strong = look.palette.faint if self._stale else look.palette.ink
         first, last = QtCore.QRect(room), QtCore.QRect(room)

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-The race as an official's screen needs it: what `~/race` and `~/events` say, without ROS.
+What `~/race`, `~/events` and `~/results` say, as an official's screen needs it, without ROS.
 
 Only data lives here. Times are ages in seconds at the moment race control took the snapshot, so
 that no two machines' clocks are ever compared.
@@ -28,6 +28,7 @@ import math
 
 from evgp_protocol.link import Grade
 from evgp_rcs.catalogue import CommandKind
+from evgp_rcs.laps import Judged, KartResult
 from evgp_rcs.official import said_by
 
 
@@ -166,6 +167,7 @@ class Race:
     :param state_cause: what brought the state about, and who; empty if that is not known.
     :param state_clock: when, by race control's wall clock, as hours:minutes:seconds.
     :param banner: what every screen says at its top; empty: nothing.
+    :param laps: how many laps the race that was started last has; 0: no number is set.
     """
 
     state: State
@@ -179,10 +181,16 @@ class Race:
     banner: str = ''
     state_cause: str = ''
     state_clock: str = ''
+    laps: int = 0
 
     def kart(self, number: int) -> Kart | None:
         """Return the kart with this number, if the roster has it."""
         return next((kart for kart in self.karts if kart.number == number), None)
+
+    def laps_remain(self, kart: Kart) -> bool:
+        """Return whether the crossings of a kart are still counted towards its last lap."""
+        racing = self.state is State.GREEN_GREEN and kart.in_race and not kart.place
+        return racing and kart.laps < self.laps
 
 
 @dataclass(frozen=True)
@@ -209,6 +217,22 @@ class Event:
     def told(self) -> str:
         """Return the sentence, with who caused it."""
         return said_by(self.text, self.official)
+
+
+@dataclass(frozen=True)
+class Results:
+    """
+    The results of the race that was started last; the meanings are those of `Results.msg`.
+
+    :param passings: the last ones, oldest first; ``older``: how many came before.
+    """
+
+    heat: str = ''
+    format: str = ''
+    laps: int = 0
+    karts: tuple[KartResult, ...] = ()
+    passings: tuple[Judged, ...] = ()
+    older: int = 0
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ SYMBOLS = {
 }
 """The symbol of each state: with it and a word, no state is shown by its colour alone."""
 
-SHORT_LABELS = {CommandKind.KART_UNDO_FINISH: 'UNDO'}
+SHORT_LABELS = {CommandKind.KART_UNDO_FINISH: 'UNDO', CommandKind.COUNT_PASSING: 'LAP'}
 COMMANDS_HEADING = 'Commands'
 NOT_RACING = 'not in the race'
 NOT_LINKED = '✗ NO LINK'
@@ -230,6 +230,26 @@ HEATS_CLOSE = 'CANCEL'
 HEAT = '{name}: {karts}'
 IN_RACE_NOW = '{text}  (in the race)'
 RESULTS = 'Places'
+
+RESULTS_BUTTON = 'RESULTS'
+RESULTS_TITLE = 'Results'
+NO_RESULTS = 'No results yet'
+RESULTS_LAPS = '{count} laps'
+RESULTS_HINT = (
+    'A penalty, in a terminal: rcs_ctl penalise KART --seconds 5 --reason "..."  '
+    '(--laps 1, --disqualified; undo-penalty KART)'
+)
+TO_PASSINGS = 'PASSINGS'
+OLDER = 'OLDER'
+NEXT_PAGE = 'PAGE {page} of {pages}'
+NEWEST = 'NEWEST: {count} new'
+STRIKE = 'STRIKE'
+RESTORE = 'RESTORE'
+WHY_TITLE = 'Why does it not count?'
+WHY_ABOUT = '{kart}, crossed at {at}, seen by {seen}. It is kept, and can be restored.'
+WHY_REASONS = ('Another kart crossed', 'Nobody crossed', 'Seen before the line', 'Off the track')
+PASSINGS_CHANGED = 'Nothing was sent: this passing has just changed. Look, and press again.'
+
 FIELD_KART = 'KART {number}'
 FIELD_BEGUN = '{number} …'
 FIELD_NO_KART = 'NO KART {number}'
@@ -264,12 +284,13 @@ OTHER_KEYS = (
     ('F8', 'day, night'),
     ('F10', 'SEEN: first alert'),
     ('F11', 'sound on, off'),
-    ('A letter', 'FINISH: its kart'),
+    ('A letter', 'LAP or FINISH: its kart'),
     ('Click UNDO', 'take a finish back'),
     ('Digits', 'a kart, for one command'),
     ('Arrows', 'a kart, until another'),
     ('Backspace, Esc', 'delete a digit, all digits'),
     ('Ctrl+L', 'events: one kart, all'),
+    ('Ctrl+T', 'results, passings'),
     ('Tab, Enter', 'next button, press it'),
     ('Y, N', 'answer a question'),
 )

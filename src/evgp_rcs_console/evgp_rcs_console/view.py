@@ -80,7 +80,10 @@ ANSWER_KEYS = ('Y', 'N')
 _LETTERS = tuple(letter for letter in string.ascii_uppercase if letter not in ANSWER_KEYS)
 
 FINISH_KEYS = (*_LETTERS, *(f'Shift+{letter}' for letter in _LETTERS))
-"""The keys that mark a kart as finished, by its place in the roster, so a kart keeps its key."""
+"""The keys of a kart that crosses the line, by its place in the roster: a kart keeps its key."""
+
+LETTER_COMMANDS = (CommandKind.COUNT_PASSING, CommandKind.KART_FINISH)
+"""What such a key gives: the first one that the screen has for the kart, which is in its row."""
 
 MOST_BARS = 4
 BARS = {Grade.UNKNOWN: 0, Grade.GOOD: MOST_BARS, Grade.FAIR: 2, Grade.POOR: 1}
@@ -247,7 +250,7 @@ class Row:
     :param link_time: how long the answers of its kernel take; empty if that is not known.
     :param answer: what it answered, in a word or two; empty if no answer is expected.
     :param waits: it is connected and has not yet done what it is sent.
-    :param finish: the button that its letter presses, whatever the row's button offers.
+    :param finish: FINISH, whatever the row's button offers.
     """
 
     number: int
@@ -381,6 +384,7 @@ CHOSEN_KART_KEYS = {
     'F': (CommandKind.KART_RED_FLAG,),
     'G': (CommandKind.KART_IN_GARAGE,),
     'J': (CommandKind.JOIN_RACE, CommandKind.LEAVE_RACE),
+    'E': (CommandKind.KART_FINISH,),
 }
 """The keys that, with Ctrl, command the chosen kart."""
 
@@ -605,7 +609,9 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
     if kart.may_be_moving or (kart.in_race and race.state is not State.IN_GARAGE):
         missing = Tone.BAD
     key = FINISH_KEYS[place] if place < len(FINISH_KEYS) else ''
-    finish = buttons.kart(CommandKind.KART_FINISH, kart, key)
+    counts = race.laps_remain(kart)
+    finish = buttons.kart(CommandKind.KART_FINISH, kart, '' if counts else key)
+    shown = {CommandKind.KART_FINISH: buttons.lap(kart, key) if counts else finish}
     asks = kart.sent is not State.IN_GARAGE
     done = kart.acknowledged and not kart.in_doubt
     says = ''
@@ -629,7 +635,7 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
         place=f'P{kart.place}' if kart.place else '',
         note=Cell(note, _note_tone(kart, urgent and bool(notes))),
         buttons=tuple(
-            finish if command is finish.command else buttons.kart(command, kart)
+            shown.get(command) or buttons.kart(command, kart)
             for command in (_offered(each, race, kart) for each in KART_COMMANDS)
         ),
         finish=finish,
@@ -735,6 +741,9 @@ class _Buttons:
     def kart(self, command: CommandKind, kart: Kart, key: str = '') -> Button:
         offered = kart.commands.get(command, Available(False))
         return self._button(command, kart, offered, key)
+
+    def lap(self, kart: Kart, key: str) -> Button:
+        return self._button(CommandKind.COUNT_PASSING, kart, Available(True), key)
 
     def heat(self, heat: Heat) -> Button:
         """Return the button that puts a heat into the race."""

@@ -65,6 +65,10 @@ class ConsoleWindow(Areas):
         self.question.answered.connect(presses.answer)
         self.events.toggled.connect(presses.toggle_events)
         self.foot.name_wanted.connect(presses.open_name)
+        self.strip.results.clicked.connect(presses.toggle_results)
+        self.results.corrected.connect(presses.correct)
+        self.results.changed.connect(lambda: bottom.say(texts.PASSINGS_CHANGED, Tone.WAIT))
+        self.why_struck.answered.connect(presses.strike)
         self.your_name.signed.connect(presses.sign)
         self.karts.chosen.connect(chosen.choose_in_sight)
         self.karts.wanted.connect(chosen.choose)
@@ -76,6 +80,7 @@ class ConsoleWindow(Areas):
         queued = QtCore.Qt.ConnectionType.QueuedConnection
         inbox.came.connect(self._take_races, queued)
         inbox.event.connect(display.take_event, queued)
+        inbox.results.connect(display.take_results, queued)
         inbox.answer.connect(display.take_answer, queued)
         inbox.pressing.connect(display.take_pressing, queued)
         self._timer = QtCore.QTimer(self)

@@ -18,7 +18,14 @@ from __future__ import annotations
 
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console.keys import Act, FORGOTTEN, is_kill, KartField, key_name, meaning
-from evgp_rcs_console.view import ANSWER_KEYS, CHOSEN_KART_KEYS, FINISH_KEYS, KEYS, Tone
+from evgp_rcs_console.view import (
+    ANSWER_KEYS,
+    CHOSEN_KART_KEYS,
+    FINISH_KEYS,
+    KEYS,
+    LETTER_COMMANDS,
+    Tone,
+)
 import pytest
 
 
@@ -30,7 +37,7 @@ def test_no_key_means_two_things() -> None:
         *(f'Ctrl+{letter}' for letter in CHOSEN_KART_KEYS),
         *ANSWER_KEYS,
         *(key for key in ('F1', 'F8', 'F10', 'F11', 'Up', 'Down', 'Return', 'Enter', 'Esc')),
-        *(key for key in ('Ctrl+L', 'Backspace')),
+        *(key for key in ('Ctrl+L', 'Ctrl+T', 'Backspace')),
     ]
 
     assert len(every) == len(set(every))
@@ -45,11 +52,11 @@ def test_a_key_of_all_kill_is_known_by_its_name_or_its_place(name: str, code: in
     assert is_kill(name, code)
 
 
-def test_a_letter_is_the_finish_of_the_kart_that_shows_it() -> None:
+def test_a_letter_is_the_lap_or_the_finish_of_the_kart_that_shows_it() -> None:
     stroke = meaning('C')
 
     assert stroke is not None
-    assert stroke.commands == (CommandKind.KART_FINISH,)
+    assert stroke.commands == LETTER_COMMANDS
     assert stroke.finish == 2
 
 

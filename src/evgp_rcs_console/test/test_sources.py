@@ -18,7 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from evgp_rcs_console.client import Sources, spoken, WITHIN
+from evgp_rcs.laps import Format, Judged, KartResult, Mark, Passing, Penalty, Status
+from evgp_rcs.messages import results_message
+from evgp_rcs.snapshot import Standings
+from evgp_rcs_console.client import read_results, Sources, spoken, WITHIN
+from evgp_rcs_console.snapshot import Results
 import pytest
 
 
@@ -72,3 +76,18 @@ def test_a_state_has_one_name_wherever_it_is_read() -> None:
     assert spoken(told) == (
         'GREEN GREEN refused: the race is in IN GARAGE; kart 7 (A_B) says RED RED; MSR WAS USED'
     )
+
+
+def test_results_come_out_of_a_message_as_race_control_put_them_in() -> None:
+    penalty = Penalty(7, 5, 1, True, 'cut the corner', 'Anna')
+    passing = Passing('line', 'today', 17, transponder='4711', strength=0.5)
+    results = (
+        KartResult(7, 1, Status.CLASSIFIED, 1, 64.5, (30.5, 29.0), (penalty,)),
+        KartResult(8, 0, Status.DNF, 0, None, (), ()),
+    )
+    judged = Judged(passing, 7, Mark.STRUCK, 64.5, 'nobody crossed, by Anna')
+    standings = Standings(9.0, 'Final', Format.PRACTICE, 6, results, [judged], 3)
+
+    read = read_results(results_message(standings, 0, {7: 'Purdue'}))
+
+    assert read == Results('Final', 'practice', 6, results, (judged,), 3)

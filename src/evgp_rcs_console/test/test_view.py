@@ -623,6 +623,35 @@ def test_the_letter_of_finish_never_takes_a_finish_back() -> None:
     assert not any(each.key for each in screen.rows[0].buttons if each != finish)
 
 
+def test_the_letter_counts_a_crossing_while_laps_remain_and_is_finish_after_the_last_one() -> None:
+    green = replace(RACE, state=State.GREEN_GREEN, laps=6)
+
+    def letter(race: Race, **changes: object) -> list[CommandKind]:
+        driven = replace(KART, sent=State.GREEN_GREEN, laps=5)
+        kart = replace(driven, **changes)  # type: ignore[arg-type]
+        screen = show(replace(race, karts=(kart,)), 0.0, {})
+        finish = screen.button(CommandKind.KART_FINISH, 7)
+        assert finish is not None  # by the number of the kart it is given at any time
+        assert finish.enabled
+        return [each.command for each in screen.rows[0].buttons if each.key == FINISH_KEYS[0]]
+
+    assert letter(green) == [CommandKind.COUNT_PASSING]
+    assert letter(green, laps=6) == [CommandKind.KART_FINISH]
+    assert letter(replace(green, laps=0)) == [CommandKind.KART_FINISH]
+    assert letter(replace(green, state=State.RED_FLAG)) == [CommandKind.KART_FINISH]
+    assert letter(green, in_race=False) == [CommandKind.KART_FINISH]
+    assert letter(green, place=1) == []  # it offers UNDO, which has no letter
+
+
+def test_no_crossing_is_counted_while_race_control_is_gone_or_has_not_answered_the_last() -> None:
+    kart = replace(KART, sent=State.GREEN_GREEN)
+    race = replace(RACE, state=State.GREEN_GREEN, laps=6, karts=(kart,))
+    for pending, danger_now in (({(CommandKind.COUNT_PASSING, 7): 0.1}, None), ({}, SILENT)):
+        count = show(race, 0.0, pending, danger_now).button(CommandKind.COUNT_PASSING, 7)
+        assert count is not None
+        assert not count.enabled
+
+
 # ----- the way of a race ------------------------------------------------------------------
 
 

@@ -28,6 +28,7 @@ from typing import Any
 from evgp_protocol import clock
 from evgp_protocol.link import Grade
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.laps import Judged, KartResult, Mark, Passing, Penalty, Status
 from evgp_rcs_console import style, texts
 from evgp_rcs_console.commands import asks, Given
 from evgp_rcs_console.display import Inbox
@@ -46,6 +47,7 @@ from evgp_rcs_console.snapshot import (
     Heat,
     Link,
     Race,
+    Results,
     State,
     Track,
 )
@@ -229,12 +231,34 @@ def alert(kart: int) -> Alert:
     return Alert('LOST_IN_MOTION', kart, True, text)
 
 
+def crossed(number: int, kart: int = 1, mark: Mark = Mark.COUNTED) -> Judged:
+    """Return a passing of a kart."""
+    struck = 'nobody crossed, by Anna-Katharina' if mark is Mark.STRUCK else ''
+    passing = Passing('decoder_1', 'today', number, kart, f'47{number}')
+    return Judged(passing, kart, mark, 60.0 * number + 0.123, struck)
+
+
+TIMES = (61.2345, 59.8765, 62.0)
+LOST = (Penalty(1, 5, 1, False, 'cut the corner', 'Anna'), Penalty(1, 0, 0, True, 'weight', ''))
+RESULTS = Results(
+    'Heat A',
+    'time_trial',
+    6,
+    tuple(
+        KartResult(number, number, status, 3, 4321.5, TIMES, LOST * (number == 1))
+        for number, status in zip(range(1, 21), itertools.cycle(Status), strict=False)
+    ),
+    tuple(crossed(number, number % 9, [*Mark][number % len(Mark)]) for number in range(1, 31)),
+)
+
+
 STATES = {
     'green': race_of(8),
     'one': race_of(1, State.GRID_ACTIVE),
     'sixteen': race_of(16, State.RED_FLAG),
     'killed': race_of(16, State.RED_RED, WHY, alerts=tuple(map(alert, range(1, 7)))),
     'thirty': race_of(30, State.RED_RED, WHY, alerts=(alert(1001),), banner='REHEARSAL'),
+    'laps': race_of(16, laps=6),
     'garage': race_of(9, State.IN_GARAGE, track=Track(True, True, 'all are in IN GARAGE', False)),
 }
 
@@ -265,7 +289,8 @@ def overlaps(window: Any) -> Iterator[str]:
             continue
         parts = [each for each in parent.children() if isinstance(each, (Painted, Push))]
         parts = [each for each in parts if each.isVisible() and type(each).__name__ != 'Card']
-        sheets = {'question', 'help', 'heats', 'your_name', 'question_problem'}
+        sheets = {'question', 'help', 'heats', 'results', 'why_struck', 'your_name'}
+        sheets |= {'question_problem', 'results_table'}
         parts = [each for each in parts if each.objectName() not in sheets]
         for one, other in itertools.combinations(parts, 2):
             if one.geometry().intersects(other.geometry()) and not other.testAttribute(
@@ -293,11 +318,21 @@ def test_nothing_is_cut_overlaps_or_touches_its_frame(
             f'{name}: {each}' for each in (*misfits(console.window), *overlaps(console.window))
         ]
     console.tell(STATES['green'])
-    for key in ('F2', 'F1'):
+    console.inbox.on_results(RESULTS)
+    for key in ('F2', 'F1', 'Ctrl+T'):
         console.press(key)
         console.settle(0.05)
         found += [f'{key}: {each}' for each in misfits(console.window)]
         console.press('Esc')
+    console.press('Ctrl+T')
+    console.click('results_view')
+    console.settle(AIM)
+    found += [f'passings: {each}' for each in misfits(console.window)]
+    console.click('correct_1')
+    console.settle(0.05)
+    assert console.find('why_struck').isVisible()
+    found += [f'why: {each}' for each in misfits(console.window)]
+    console.press('Esc')
     console.settle(1.2)
     found += [f'gone: {each}' for each in misfits(console.window)]
     font.setPointSizeF(before)
@@ -521,6 +556,116 @@ def test_every_stop_of_the_catalogue_looks_like_a_stop(opened: Any) -> None:
             assert stop.colours()[2]
 
 
+# ----- the results ------------------------------------------------------------------------
+
+
+def test_the_results_follow_the_race_and_cover_no_stop(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(16))
+    console.click('show_results')
+    assert texts.NO_RESULTS in console.find('results').whole
+    console.inbox.on_results(RESULTS)
+    console.settle(0.05)
+    assert 'Heat A' in console.find('results').whole
+    assert '1:01.234' not in console.find('results_table').whole  # only the last and best lap
+    assert '0:59.876' in console.find('results_table').whole
+    assert '\n12\n' not in console.find('results_table').whole
+    for kart in range(1, 17):
+        for kind in (CommandKind.KART_RED_RED, CommandKind.KART_RED_FLAG, CommandKind.KART_FINISH):
+            button = console.find(f'{kind.name.lower()}_{kart}')
+            centre = button.mapTo(console.window, button.rect().center())
+            assert console.window.childAt(centre) is button
+    for key in KILLS:
+        console.press(key)
+        assert console.commands == [KILL]
+    console.click('results_more')
+    assert '\n12\n' in console.find('results_table').whole
+    console.press('Ctrl+T')
+    assert not console.find('results').isVisible()
+
+
+def passings(console: Console) -> list[str]:
+    """Return who saw each passing that is listed."""
+    found = (console.find(f'crossing_{number}').whole for number in range(1, 11))
+    return [said.split('\n')[2].split()[1] for said in found if said]
+
+
+def test_no_passing_moves_while_others_come_and_older_ones_can_be_listed(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(2))
+    console.inbox.on_results(RESULTS)
+    console.press('Ctrl+T')
+    console.click('results_view')
+    first = [str(number) for number in range(30, 20, -1)]
+    assert passings(console) == first
+
+    console.inbox.on_results(replace(RESULTS, passings=(*RESULTS.passings, crossed(31))))
+    console.settle(0.05)
+
+    assert passings(console) == first
+    assert texts.NEWEST.format(count=1) in console.find('results_newest').whole
+    console.click('results_newest')
+    assert passings(console)[0] == '31'
+    console.click('results_more')
+    assert passings(console)[0] == '21'
+
+
+def test_a_passing_is_struck_out_for_a_reason_and_restored_without(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(2))
+    struck = Results(karts=RESULTS.karts, passings=(crossed(1), crossed(2, mark=Mark.STRUCK)))
+    console.inbox.on_results(struck)
+    console.press('Ctrl+T')
+    console.click('results_view')
+    console.settle(AIM)
+
+    console.click('correct_2')
+    assert not console.sent
+    for key in KILLS:
+        console.press(key)
+        assert console.commands == [KILL]
+    console.click('why_1')
+    console.click('correct_1')
+
+    strike, restore = console.sent
+    named = {'source': 'decoder_1', 'session': 'today'}
+    assert strike.command is CommandKind.STRIKE_PASSING
+    assert strike.taken == {**named, 'number': 1, 'reason': texts.WHY_REASONS[0]}
+    assert restore.command is CommandKind.RESTORE_PASSING
+    assert restore.taken == {**named, 'number': 2, 'reason': ''}
+
+
+def test_a_passing_that_another_official_has_just_struck_out_is_not_restored(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(2))
+    console.inbox.on_results(Results(karts=RESULTS.karts, passings=(crossed(1),)))
+    console.press('Ctrl+T')
+    console.click('results_view')
+    console.settle(AIM)
+    console.inbox.on_results(Results(passings=(crossed(1, mark=Mark.STRUCK),)))
+    console.settle()
+
+    console.find('correct_1').click()
+
+    assert not console.sent
+    assert texts.PASSINGS_CHANGED in console.find('status').whole
+
+
+def test_no_passing_is_corrected_while_race_control_is_gone(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(2))
+    mark = Mark.STRUCK
+    console.inbox.on_results(Results(karts=RESULTS.karts, passings=(crossed(1, mark=mark),)))
+    console.press('Ctrl+T')
+    console.click('results_view')
+    console.settle(1.2)
+
+    console.find('correct_1').click()
+
+    assert not console.sent
+    assert texts.GONE_REASON in console.find('status').whole
+
+
 # ----- nothing moves, and a press is for what the official saw ------------------------------
 
 
@@ -538,7 +683,7 @@ def places(console: Console) -> dict[str, tuple[int, int, int, int]]:
     return found
 
 
-MOVES = ('number', 'question_', 'top_line', 'danger', 'help_', 'battery', 'alert_')
+MOVES = ('number', 'question_', 'top_line', 'danger', 'help_', 'battery', 'alert_', 'results')
 """What is no control, and shares a place with something else."""
 
 
@@ -575,7 +720,7 @@ def test_no_control_moves_whatever_is_shown(
         console.tell(race)
         compare(f'race {number}')
     console.tell(plain)
-    for key in ('F1', 'F2', 'N', 'F11', 'F4', '5', '8', '7', 'Esc', 'F10', 'F8', 'F8'):
+    for key in ('F1', 'F2', 'N', 'F11', 'F4', '5', '8', '7', 'Esc', 'F10', 'F8', 'F8', 'Ctrl+T'):
         console.press(key)
         compare(key)
     console.settle(1.1)
@@ -981,6 +1126,52 @@ def test_a_name_is_letters_while_it_is_typed_and_every_other_key_does_what_it_do
     console.press('B')
 
     assert console.commands == [(CommandKind.KART_FINISH, 2)]
+
+
+def test_a_letter_counts_crossings_until_the_last_lap_is_done_and_then_finishes(
+    opened: Any,
+) -> None:
+    console, race = opened(), race_of(3, laps=6)
+    for laps, command in ((0, CommandKind.COUNT_PASSING), (6, CommandKind.KART_FINISH)):
+        console.tell(replace(race, karts=tuple(replace(kart, laps=laps) for kart in race.karts)))
+        console.settle(AIM)
+        console.press('B')
+        assert console.commands == [(command, 2)]
+        console.click(f'{command.name.lower()}_1')
+        assert console.commands == [(command, 1)]
+    console.tell(race)
+    console.settle(AIM)
+    console.press('3', 'Ctrl+E')
+    assert console.commands == [(CommandKind.KART_FINISH, 3)]
+
+
+def test_a_letter_that_was_meant_to_count_a_crossing_finishes_no_kart(opened: Any) -> None:
+    ends = time.monotonic() + PATIENCE
+    in_time = False
+    while not in_time and time.monotonic() < ends:
+        console, race = opened(), race_of(2, laps=6)
+        console.tell(race)
+        since = time.monotonic()
+        last = (replace(race.karts[0], laps=6, last_lap_done=True), *race.karts[1:])
+        console.tell(replace(race, karts=last))
+        key = QtCore.Qt.Key.Key_A
+        QtTest.QTest.keyClick(console.window.windowHandle(), key)
+        console.settle()
+        in_time = time.monotonic() - since < AIM
+
+    assert not console.sent
+    assert 'WAS NOT SENT' in console.find('status').whole
+
+
+def test_the_answer_to_a_crossing_stays_since_no_snapshot_tells_of_it(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(1, laps=6))
+    console.press('A')
+    console.window._display.take_answer(console.sent[0], Answer(True, 'it counts'))
+    console.settle(1.1)
+    console.tell(race_of(1, laps=6))
+
+    assert 'it counts' in console.find('status').whole
 
 
 def test_every_command_by_key_ends_the_number_that_was_typed(opened: Any) -> None:

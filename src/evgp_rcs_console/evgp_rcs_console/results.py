@@ -1,0 +1,107 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The results sheet as texts: the table, and the passings that it rests on. Pure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from evgp_rcs.laps import Judged, KartResult, Mark, Status
+from evgp_rcs_console import texts
+from evgp_rcs_console.snapshot import Results
+
+
+@dataclass(frozen=True)
+class ResultColumn:
+    """
+    A column of the results.
+
+    :param width: in pixels on a 1366 by 768 screen; 0: the width that the others leave.
+    :param cell: what it shows of a kart and its team.
+    """
+
+    heading: str
+    width: int
+    cell: Callable[[KartResult, str], str]
+
+
+COLUMNS = (
+    ResultColumn('', 28, lambda kart, team: f'{kart.place}.' if kart.place else ''),
+    ResultColumn('Kart', 40, lambda kart, team: str(kart.kart)),
+    ResultColumn('Team', 0, lambda kart, team: team),
+    ResultColumn('Laps', 36, lambda kart, team: str(kart.laps)),
+    ResultColumn('Total', 74, lambda kart, team: lap_time(kart.total)),
+    ResultColumn('Last', 66, lambda kart, team: lap_time(next(iter(kart.lap_times[-1:]), None))),
+    ResultColumn('Best', 66, lambda kart, team: lap_time(kart.best)),
+    ResultColumn('Status, penalties', 150, lambda kart, team: '; '.join(_notes(kart))),
+)
+
+STATUS = {
+    Status.RUNNING: '',
+    Status.CLASSIFIED: 'classified',
+    Status.DNF: 'did not finish',
+    Status.NOT_CLASSIFIED: 'no lap',
+    Status.DISQUALIFIED: 'disqualified',
+}
+
+
+def _notes(kart: KartResult) -> list[str]:
+    return [*filter(None, [STATUS[kart.status]]), *map(str, kart.penalties)]
+
+
+def lap_time(seconds: float | None) -> str:
+    """Return a time as minutes:seconds and thousandths; empty if there is none."""
+    if seconds is None:
+        return ''
+    minutes, thousandths = divmod(round(1000 * seconds), 60_000)
+    return f'{minutes}:{thousandths // 1000:02}.{thousandths % 1000:03}'
+
+
+def title(results: Results) -> str:
+    """Return what the results are of."""
+    if not results.karts:
+        return texts.NO_RESULTS
+    laps = texts.RESULTS_LAPS.format(count=results.laps) if results.laps else ''
+    kind = results.format.replace('_', ' ')
+    return ', '.join(filter(None, (results.heat or texts.RESULTS_TITLE, kind, laps)))
+
+
+def table(results: Results, teams: Mapping[int, str]) -> list[tuple[str, ...]]:
+    """
+    Return the table, a row for each kart, best first.
+
+    :param teams: the team of each kart of the roster.
+    """
+    return [
+        tuple(column.cell(kart, teams.get(kart.kart, '')) for column in COLUMNS)
+        for kart in results.karts
+    ]
+
+
+def crossing(judged: Judged) -> tuple[str, str, str, str]:
+    """Return when a passing was, whose it is, who saw it, and what became of it."""
+    passing = judged.passing
+    kart = texts.FIELD_KART.format(number=judged.kart) if judged.kart else '?'
+    seen = f'{passing.identity} {passing.transponder}'.rstrip()
+    mark = f'{judged.mark.value}: {judged.struck}' if judged.struck else judged.mark.value
+    return lap_time(judged.at), kart, seen, mark
+
+
+def is_struck(judged: Judged) -> bool:
+    """Return whether an official struck a passing out."""
+    return judged.mark is Mark.STRUCK
