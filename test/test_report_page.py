@@ -145,6 +145,25 @@ def test_on_a_telephone_only_wide_tables_scroll_sideways(
     assert browser.evaluate('document.documentElement.scrollWidth') == 400
 
 
+def test_the_laps_of_twenty_karts_fit_a_telephone_and_a_sheet(
+    browser: Browser, make_report: MakeReport
+) -> None:
+    paper = PaperRace({number: f'University of {number}' for number in range(1, 21)})
+    paper.connect(*paper.race.karts)
+    paper.drive()
+    for _ in range(31):
+        for number in paper.race.karts:
+            paper.wait(0.5)
+            paper.cross(number)
+    page = make_report(paper)
+    for width in (400, 820):
+        browser.resize(width, 800, mobile=width == 400)
+        browser.visit(page)
+        assert browser.evaluate("document.querySelectorAll('.chart tbody tr').length") == 30
+        assert browser.evaluate('document.documentElement.scrollWidth') == width
+    assert browser.complaints == []
+
+
 def test_a_hostile_name_is_seen_and_does_nothing(
     browser: Browser, make_report: MakeReport
 ) -> None:
@@ -259,7 +278,7 @@ def test_an_hour_with_twenty_karts_can_be_used(
     browser: Browser, make_report: MakeReport, chance: random.Random
 ) -> None:
     paper = long_event(3600.0, 20, chance, busy=10.0)
-    browser.visit(make_report(paper))
+    browser.visit(make_report(paper, '--quick'))
     assert text_of(browser, '#found') == f'{len(paper.stamped):,} events'
     whole = span(browser)
     left, top, width, _ = browser.place_of('#plot')
@@ -294,7 +313,7 @@ def test_on_paper_there_is_the_timeline_of_the_run_and_of_each_race_with_every_k
     browser: Browser, make_report: MakeReport, chance: random.Random
 ) -> None:
     paper = long_event(900.0, 25, chance)
-    browser.visit(make_report(paper))
+    browser.visit(make_report(paper, '--quick'))
     whole = span(browser)
     browser.pdf()
     greens = browser.evaluate(

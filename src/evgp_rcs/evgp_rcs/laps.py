@@ -573,6 +573,14 @@ def ranked(format_: Format, results: Iterable[KartResult]) -> tuple[KartResult, 
     return tuple(placed)
 
 
+def overall(format_: Format, results: Iterable[KartResult]) -> tuple[KartResult, ...]:
+    """Return the best result that each kart has in several races, in their order, with places."""
+    best: dict[int, KartResult] = {}
+    for result in ranked(format_, results):
+        best.setdefault(result.kart, result)
+    return ranked(format_, best.values())
+
+
 def _ms(seconds: float | None) -> float:
     return math.inf if seconds is None else round(seconds * 1000)
 

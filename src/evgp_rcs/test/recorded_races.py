@@ -22,12 +22,15 @@ import itertools
 import pathlib
 import random
 import sqlite3
+from typing import Any
 
 from evgp_protocol.link import Grade, GRADES
 from evgp_protocol.states import RaceState
+from evgp_rcs import inputs
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.encoding import written
-from evgp_rcs.inputs import Entrant, Setup
+from evgp_rcs.inputs import Entrant, Log, Setup
+from evgp_rcs.laps import Passing
 from evgp_rcs.link_quality import NOT_MEASURED
 from evgp_rcs.race import (
     Command,
@@ -62,7 +65,9 @@ class PaperRace:
         self.now = 100.0
         self.wall_offset_ns = BEGAN - round(self.now * 1e9)
         self.stamped: list[StampedEvent] = []
+        self.log = Log()
         self._sequence = itertools.count(1)
+        self._passings = itertools.count(1)
 
     @property
     def events(self) -> list[RecordedEvent]:
@@ -75,11 +80,21 @@ class PaperRace:
         entrants = tuple(Entrant(kart.number, kart.team, True) for kart in karts)
         return Setup(entrants, RaceTimes(), self.race.heats, 0.0)
 
+    def feed(self, given: inputs.Input) -> Outcome:
+        """Feed and log an input, as the kart server does it."""
+        self.log.add(given)
+        return self.take(inputs.feed(given, self.race))
+
     def take(self, outcome: Outcome) -> Outcome:
+        if outcome.orders:
+            self.log.add(inputs.Ordered(outcome.orders))
+        if outcome.events:
+            first = len(self.stamped) + 1
+            self.log.add(inputs.Told(first, first + len(outcome.events) - 1))
         self.tell(outcome.events)
         if outcome.start is not None:
-            written = StartPhase.WRITTEN, outcome.start.number, self.now
-            self.take(self.race.start_becomes(*written))
+            written = StartPhase.WRITTEN, outcome.start.number
+            self.feed(inputs.StartBecame(self.now, *written))
         return outcome
 
     def tell(self, events: Iterable[Event]) -> None:
@@ -92,33 +107,33 @@ class PaperRace:
         until = self.now + seconds
         while self.now < until:
             self.now = min(until, self.now + 0.25)
-            self.take(self.race.tick(self.now))
+            self.feed(inputs.Tick(self.now))
 
     def connect(self, *numbers: int) -> None:
         for number in numbers:
-            self.take(self.race.connected(number, self.now))
+            self.feed(inputs.Connected(self.now, number))
 
     def lose(self, number: int) -> None:
-        self.take(self.race.disconnected(number, 'the connection was reset', self.now))
+        self.feed(inputs.Disconnected(self.now, number, 'the connection was reset'))
 
     def deliver(self, number: int, after: float) -> None:
         """Have a kart's kernel answer what it is being sent, so long after it was ordered (s)."""
         kart = self.race.karts[number]
         answered = kart.ordered_at + after
         self.now = max(self.now, answered)
-        self.take(self.race.delivered(number, kart.serial, answered, self.now))
+        self.feed(inputs.Delivered(self.now, number, kart.serial, answered))
 
     def measure(self, number: int, grade: Grade) -> None:
         """Have the link to a kart be as good as that."""
         link = NOT_MEASURED._replace(grade=grade, worst_answer=GRADES.get(grade, 0.0))
-        self.take(self.race.measured(number, link, self.now))
+        self.feed(inputs.Measured(self.now, number, link))
 
     def say(self, number: int, state: RaceState | None = None) -> None:
         """Have a kart say a state: what it is being sent, if nothing else."""
         kart = self.race.karts[number]
         if state is None:
             self.deliver(number, min(0.02, self.now - kart.ordered_at))
-        self.take(self.race.heard(number, kart.serial, state or kart.sent, self.now))
+        self.feed(inputs.Heard(self.now, number, kart.serial, state or kart.sent))
 
     def stutter(self, number: int, state: RaceState) -> None:
         """Have a kart say another state, and then again the one that it is being sent."""
@@ -132,10 +147,15 @@ class PaperRace:
             if chance is not None:
                 self.now += chance.random() * within / len(karts)
             self.say(number)
-        self.take(self.race.tick(self.now))
+        self.feed(inputs.Tick(self.now))
 
     def command(
-        self, kind: CommandKind, kart: int = 0, official: str = 'Ada', heat: str = ''
+        self,
+        kind: CommandKind,
+        kart: int = 0,
+        official: str = 'Ada',
+        heat: str = '',
+        **fields: Any,
     ) -> Outcome:
         """Give a command, for what there is to see."""
         number = kart if CATALOGUE[kind].to_one_kart and kart in self.race.karts else 0
@@ -144,7 +164,13 @@ class PaperRace:
             seen = self.race.availability(kind, number, self.now).karts
         hold = self.race.karts[number].hold if number else None
         command = Command(kind, kart, True, frozenset(seen), hold, heat, official)
-        return self.take(self.race.command(command, self.now))
+        return self.feed(inputs.Commanded(self.now, command._replace(**fields), self.now))
+
+    def cross(self, kart: int = 0, transponder: str = '') -> None:
+        """Have the source `line` see somebody cross the timing line."""
+        number, stamp = next(self._passings), round(self.now * 1e9)
+        passing = Passing('line', 'today', number, kart, transponder, stamp)
+        self.feed(inputs.Passed(self.now, (passing,), 0))
 
     def drive(self) -> None:
         """Go from the garage to GREEN_GREEN; every kart is connected and acknowledges."""
@@ -163,12 +189,12 @@ class PaperRace:
         """Have race control end as it does when it is told to."""
         self.tell([Event(EventKind.ENDED, 'Race control ends because it was told to (Ctrl-C)')])
         for kart in list(self.race.karts.values()):
-            self.take(self.race.disconnected(kart.number, 'race control ends', self.now))
+            self.feed(inputs.Disconnected(self.now, kart.number, 'race control ends'))
 
     def write(self, path: pathlib.Path, in_order: bool = True) -> pathlib.Path:
         """Write what happened as a run into a record."""
         record = Record(path)
-        record.put(self.stamped)
+        record.put(self.stamped, self.log.take())
         record.end(in_order)
         with contextlib.closing(sqlite3.connect(path)) as database, database:
             database.execute(

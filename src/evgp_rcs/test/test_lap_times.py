@@ -20,81 +20,47 @@ import csv
 import io
 import json
 import pathlib
+import re
 
-from evgp_rcs import inputs
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.inputs import Block, Entrant, Log, Setup
-from evgp_rcs.laps import Format, Passing
-from evgp_rcs.race import Command, Heat, RaceTimes, StampedEvent, StartPhase
+from evgp_rcs.laps import Format
+from evgp_rcs.race import Heat
 from evgp_rcs.rcs_record import main
-from evgp_rcs.record import Record, rules_version
 import pytest
+from recorded_races import PaperRace
 
-SETUP = Setup(
-    (Entrant(1, '=Ohm', False), Entrant(2, 'Volta', False)),
-    RaceTimes(pause=0.0, settle=0.0, min_lap_time=1.0),
-    (Heat('one', (1,), Format.TIME_TRIAL, 2), Heat('two', (2,), Format.TIME_TRIAL, 2)),
-    now=100.0,
+HEATS = (
+    Heat('one', (1,), Format.TIME_TRIAL, 2),
+    Heat('two', (2,), Format.TIME_TRIAL, 2),
+    Heat('again', (1,), Format.TIME_TRIAL, 2),
 )
 
 
-class Paper:
-    """A race that is fed and logged as the kart server does it."""
-
-    def __init__(self) -> None:
-        self.race = SETUP.race()
-        self.log = Log()
-        self.now = SETUP.now
-        self.passings = 0
-        for kart in (1, 2):
-            self.feed(inputs.Connected(self.now, kart))
-
-    def feed(self, given: inputs.Input) -> None:
-        self.log.add(given)
-        outcome = inputs.feed(given, self.race)
-        if outcome.orders:
-            self.log.add(inputs.Ordered(outcome.orders))
-        if outcome.start is not None:
-            written = StartPhase.WRITTEN, outcome.start.number
-            self.feed(inputs.StartBecame(self.now, *written))
-
-    def command(self, kind: CommandKind, kart: int = 0, **fields: object) -> None:
-        offered = self.race.availability(kind, kart, self.now)
-        command = Command(kind, kart, True, frozenset(offered.karts), official='Anna')
-        self.feed(inputs.Commanded(self.now, command._replace(**fields), self.now))
-        for each in self.race.karts.values():
-            self.feed(inputs.Heard(self.now, each.number, each.serial, each.sent))
-
-    def drives(self, heat: str, kart: int, *laps: float) -> None:
-        """Have one kart drive laps alone."""
-        self.command(CommandKind.SET_HEAT, heat=heat)
-        self.command(CommandKind.GRID_ACTIVE)
-        self.command(CommandKind.GREEN_GREEN)
-        for step in (3.0, *laps):
-            self.now += step
-            self.passings += 1
-            stamp = round(self.now * 1e9)
-            passing = Passing('line', 'today', self.passings, kart, stamp_ns=stamp)
-            self.feed(inputs.Passed(self.now, (passing,), 0))
-        self.command(CommandKind.ALL_KILL)
-        self.command(CommandKind.IN_GARAGE)
+def drives(paper: PaperRace, heat: str, kart: int, *laps: float) -> None:
+    """Have one kart drive laps alone."""
+    paper.command(CommandKind.SET_HEAT, heat=heat)
+    paper.drive()
+    for step in (3.0, *laps):
+        paper.wait(step)
+        paper.cross(kart)
+    paper.command(CommandKind.ALL_KILL)
+    paper.go_home()
 
 
 @pytest.fixture
-def file(tmp_path: pathlib.Path) -> pathlib.Path:
-    """Return a record of a time trial of two karts, one after the other."""
-    paper = Paper()
-    paper.drives('one', 1, 12.5, 11.25)
-    paper.drives('two', 2, 11.0, 11.5)
-    penalty = {'seconds': 5, 'reason': 'a cone'}
-    paper.command(CommandKind.PENALISE, 2, **penalty)
-    record = Record(tmp_path / 'record.sqlite3')
-    record.begin(rules_version(), SETUP)
-    none: list[StampedEvent] = []
-    block: Block = paper.log.take()
-    record.put(none, block)
-    record.end()
-    return tmp_path / 'record.sqlite3'
+def paper() -> PaperRace:
+    """Return a time trial of two karts, one after the other."""
+    paper = PaperRace({1: '=Ohm', 2: 'Volta'}, HEATS)
+    paper.connect(1, 2)
+    drives(paper, 'one', 1, 12.5, 11.25)
+    drives(paper, 'two', 2, 11.0, 11.5)
+    paper.command(CommandKind.PENALISE, 2, 'Anna', seconds=5, reason='a cone')
+    return paper
+
+
+@pytest.fixture
+def file(paper: PaperRace, tmp_path: pathlib.Path) -> pathlib.Path:
+    return paper.write(tmp_path / 'record.sqlite3')
 
 
 def test_the_laps_are_those_that_the_rules_counted_with_a_place_over_all_races(
@@ -125,3 +91,25 @@ def test_the_csv_has_the_same_and_no_cell_that_a_spreadsheet_runs(
     assert rows[0]['lap_times'] == '12.500 11.250'
     assert rows[0]['team'] == "'=Ohm"
     assert rows[1]['penalties'].startswith("'+5 s")
+
+
+def test_of_a_kart_with_several_results_the_best_alone_has_a_place_over_all(
+    paper: PaperRace, tmp_path: pathlib.Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    drives(paper, 'again', 1, 12.0, 11.25)
+    assert main(['laps', str(paper.write(tmp_path / 'record.sqlite3')), '--json']) == 0
+
+    rows = json.loads(capsys.readouterr().out)
+
+    seen = [(row['kart'], row['total'], row['overall']) for row in rows]
+    assert seen == [(1, 23.75, 0), (2, 27.5, 2), (1, 23.25, 1)]
+
+
+def test_the_report_has_the_same_places_over_all_races(file: pathlib.Path) -> None:
+    page = file.with_name('report.html')
+    assert main(['report', str(file), '-o', str(page)]) == 0
+
+    *_, over_all = page.read_text(encoding='utf-8').split('the best result of each kart')
+
+    rows = re.findall(r'<tr><td>(\d)\.</td><td>Kart (\d)', over_all)
+    assert rows == [('1', '1'), ('2', '2')]

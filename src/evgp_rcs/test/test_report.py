@@ -693,6 +693,86 @@ def test_a_damaged_record_too_says_that_a_run_did_not_end_in_good_order(
     assert 'not ended in good order' in capsys.readouterr().out
 
 
+def table(page: str, kind: str) -> list[list[str]]:
+    """Return the cells of the only table of this kind."""
+    (found,) = re.findall(rf'<table class="{kind}">.*?<tbody>(.*?)</table>', page, re.DOTALL)
+    rows = [re.split('</t[dh]>', row)[:-1] for row in found.split('</tr>')[:-1]]
+    return [[' '.join(re.sub('<[^>]*>', '', cell).split()) for cell in row] for row in rows]
+
+
+def with_laps(paper: PaperRace) -> None:
+    """Have 7 and 8 drive two laps, where 8 overtakes; 9 does one, and is seen twice."""
+    paper.drive()
+    for crossing in ((7, 8, 9), (8, 7, 9, 9), (8, 7)):
+        for kart in crossing:
+            paper.wait(1.0)
+            paper.cross(kart)
+        paper.wait(10.0)
+    paper.cross(transponder='4711')
+    paper.command(CommandKind.KART_FINISH, 7)
+    paper.command(CommandKind.KART_FINISH, 8)
+    paper.command(CommandKind.ALL_KILL)
+
+
+def test_a_race_has_its_results_by_laps_its_lap_times_and_its_lap_chart(
+    paper: PaperRace, tmp_path: pathlib.Path
+) -> None:
+    with_laps(paper)
+    page = report(paper.write(tmp_path / 'record.sqlite3'))
+    assert 'no difference' in page
+    assert table(page, 'order results') == [
+        ['1.', 'Kart 8 (Michigan)', '2', '28.000 s', '12.000 s', '', 'CLASSIFIED'],
+        ['2.', 'Kart 7 (Purdue)', '2', '29.000 s', '14.000 s', '', 'CLASSIFIED'],
+        ['-', 'Kart 9 (Kennesaw)', '1', '16.000 s', '13.000 s', '', 'DNF'],
+    ]
+    assert [row[1] for row in table(page, 'laps')] == [
+        '1: 12.000 ★ 2: 14.000',
+        '1: 14.000 ★ 2: 14.000 ★',
+        '1: 13.000 ★',
+    ]
+    assert table(page, 'chart') == [['1', '8', '7', '9'], ['2', '8', '7']]
+    seen = [row[1:] for row in table(page, 'passings')]
+    assert seen == [
+        ['Kart 9 (Kennesaw)', 'line 7', 'doubtful'],
+        ['not known', 'line 10, transponder 4711', 'unknown'],
+    ]
+
+
+def test_a_race_has_its_corrections_until_the_next_one_begins(
+    paper: PaperRace, tmp_path: pathlib.Path
+) -> None:
+    with_laps(paper)
+    passing = {'source': 'line', 'session': 'today', 'number': 8, 'reason': 'it was 9'}
+    paper.command(CommandKind.STRIKE_PASSING, official='Grace', **passing)
+    paper.go_home()
+    paper.command(CommandKind.PENALISE, 7, seconds=5, reason='a cone')
+    paper.command(CommandKind.UNDO_PENALTY, 8)
+    paper.drive()
+    paper.command(CommandKind.PENALISE, 7, 'Eve', seconds=5, reason='another')
+    account = read(paper.events)
+    by = [[(each.command, each.official) for each in account.corrections(n)] for n in (1, 2)]
+    assert by == [
+        [('STRIKE_PASSING', 'Grace'), ('PENALISE', 'Ada')],
+        [('PENALISE', 'Eve')],
+    ]
+    first, _ = report(paper.write(tmp_path / 'record.sqlite3')).split('<h3>Race 2')
+    assert table(first, 'passings')[1][3] == 'struck out: it was 9, by Grace'
+    assert [row[5] for row in table(first, 'order results')] == ['+5 s: a cone (Ada)', '', '']
+
+
+def test_laps_that_were_not_counted_are_said_to_be_missing(
+    paper: PaperRace, tmp_path: pathlib.Path
+) -> None:
+    missing = re.compile('<li class=bad>Laps are missing')
+    record = PaperRace(TEAMS).write(tmp_path / 'none.sqlite3')
+    assert not missing.search(report(record, '--quick'))
+    with_laps(paper)
+    record = paper.write(tmp_path / 'record.sqlite3')
+    assert missing.search(report(record, '--quick'))
+    change(record, 'UPDATE session SET setup = NULL')
+    assert missing.search(report(record))
+
+
 def test_a_report_names_who_brought_the_race_to_each_state_with_what(
     written: pathlib.Path,
 ) -> None:
@@ -799,6 +879,23 @@ def test_names_of_others_are_nothing_but_text(tmp_path: pathlib.Path) -> None:
     page = report(paper.write(tmp_path / 'record.sqlite3'))
     assert page.count('<script') == 2
     assert page.count('</script') == 2
+    assert '<img' not in page
+    assert not re.search('[\u202a-\u202e\u2066-\u2069\x00\x1b]', page)
+
+
+def test_what_others_say_of_laps_is_nothing_but_text(
+    paper: PaperRace, tmp_path: pathlib.Path
+) -> None:
+    paper.drive()
+    for number, hostile in enumerate(HOSTILE, 1):
+        paper.cross(transponder=hostile)
+        passing = {'source': 'line', 'session': 'today', 'number': number}
+        paper.command(CommandKind.STRIKE_PASSING, 0, hostile, reason=hostile, **passing)
+        paper.command(CommandKind.PENALISE, 7, hostile, seconds=1, reason=hostile)
+    page = report(paper.write(tmp_path / 'record.sqlite3'))
+    assert [row[3][:11] for row in table(page, 'passings')] == ['struck out:'] * len(HOSTILE)
+    assert len(table(page, 'corrections')) == 2 * len(HOSTILE)
+    assert page.count('<script') == page.count('</script') == 2
     assert '<img' not in page
     assert not re.search('[\u202a-\u202e\u2066-\u2069\x00\x1b]', page)
 

@@ -25,10 +25,13 @@ import json
 import pathlib
 import re
 
+from evgp_rcs.laps import Laps
 from evgp_rcs.plain import plain
+from evgp_rcs.race import EventKind
 from evgp_rcs.record import is_being_written, RecordedEvent, Session
 from evgp_rcs.replay import Kept
-from evgp_rcs.report.model import Account, Part
+from evgp_rcs.report.lap_times import counted
+from evgp_rcs.report.model import Account, OF_LAPS, Part
 from evgp_rcs.report.page import page
 from evgp_rcs.report.wording import Clock
 from evgp_rcs.runs import (
@@ -59,7 +62,8 @@ def options() -> argparse.ArgumentParser:
     parser.add_argument(
         '--quick',
         action='store_true',
-        help='do not replay the run, which takes some 20 s for an hour; the report then says so',
+        help='do not replay the run, which takes some 20 s for an hour, and count no laps; the '
+        'report then says so',
     )
     parser.add_argument('--from', dest='start', metavar='TIME', help='leave out what was before')
     parser.add_argument('--to', dest='end', metavar='TIME', help='leave out what came later')
@@ -90,7 +94,8 @@ def main(arguments: Sequence[str]) -> int:
         part = _part(account, run, wanted.start, wanted.end, wanted.kart)
     except ValueError as error:
         options().error(str(error))
-    written = page(runs, kept, account, part, sums, _replay(kept, wanted.quick))
+    laps = _laps(kept, account, wanted.quick)
+    written = page(runs, kept, account, part, sums, _replay(kept, wanted.quick), laps)
     try:
         wanted.output.write_text(written, encoding='utf-8', errors='replace')
     except OSError as error:
@@ -98,6 +103,17 @@ def main(arguments: Sequence[str]) -> int:
         return FAILED
     print(f'{plain(str(wanted.output))}: run {run.number}, {len(kept.happened)} events')
     return runs.code
+
+
+def _laps(kept: Kept, account: Account, quick: bool) -> tuple[dict[int, Laps], str]:
+    """Return the laps of each race, and why some are missing; to count them takes long."""
+    seen = any(event.kind in _SEEN or event.command in OF_LAPS for event in account.events)
+    if not seen and not any(race.taken_up for race in account.races):
+        return {}, ''
+    return ({}, '--quick was given') if quick else counted(kept)
+
+
+_SEEN = {EventKind.PASSING.name, EventKind.LAP.name}
 
 
 def _replay(kept: Kept, quick: bool) -> tuple[bool, str]:

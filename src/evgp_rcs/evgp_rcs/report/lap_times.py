@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 import csv
 import io
 import json
@@ -25,7 +25,7 @@ import pathlib
 from typing import Any, get_args
 
 from evgp_rcs.inputs import entries_of, feed, Input, InputsError
-from evgp_rcs.laps import Format, Laps, ranked
+from evgp_rcs.laps import Format, Laps, overall
 from evgp_rcs.plain import plain
 from evgp_rcs.replay import Kept
 from evgp_rcs.report.results import defused
@@ -42,8 +42,8 @@ def options() -> argparse.ArgumentParser:
         'again from the passings in the record, with the corrections of officials. Without --run '
         'or --all, these are the races of all runs of the day of the newest run.',
         epilog='The column overall is the place among all races of that format that are written: '
-        'in a time trial of one kart after the other, that is the result. The columns are '
-        'explained in docs/record.md.',
+        'in a time trial of one kart after the other, that is the result. Of a kart with several '
+        'results, only the best has one. The columns are explained in docs/record.md.',
     )
     add_run_arguments(parser)
     parser.add_argument('--all', action='store_true', help='the races of every run in the record')
@@ -75,10 +75,10 @@ def main(arguments: Sequence[str]) -> int:
     rows: list[dict[str, Any]] = []
     code = runs.code
     for each in kept:
-        try:
-            rows += _rows(each)
-        except InputsError as error:
-            say(f'of run {each.run.number} not all can be read: {error}')
+        laps, lacks = counted(each)
+        rows += _rows(each, laps)
+        if lacks:
+            say(f'of run {each.run.number} not all can be read: {lacks}')
             code = PARTLY
     _place_overall(rows)
     text = json.dumps(rows, indent=1) + '\n' if wanted.json else _csv(rows)
@@ -94,33 +94,32 @@ def main(arguments: Sequence[str]) -> int:
     return code
 
 
-def races_of(kept: Kept) -> Iterator[tuple[int, Laps]]:
+def counted(kept: Kept) -> tuple[dict[int, Laps], str]:
     """
-    Yield each race of a run: its number, and its laps as they stood at last.
+    Return the laps of each race of a run, by its number, as they stood at last.
 
-    :raises InputsError: where the inputs are damaged or missing; what came before was yielded.
+    And why some are missing, as the rest of a sentence; empty: none is.
     """
     if kept.setup is None:
-        raise InputsError(kept.lacks)
+        return {}, kept.lacks
     race = kept.setup.race()
-    last: tuple[int, Laps] | None = None
+    laps = {}
     try:
         for entry in entries_of(kept.blocks):
             if isinstance(entry, _INPUTS):
                 feed(entry, race)
             if race.laps is not None:
-                last = race.grids, race.laps
-            elif last is not None:
-                yield last
-                last = None
-    finally:
-        if last is not None:
-            yield last
+                laps[race.grids] = race.laps
+    except InputsError as error:
+        return laps, str(error)
+    except Exception as error:  # noqa: BLE001 - other rules may have recorded the inputs
+        return laps, f'the rules cannot run on it ({error!r})'
+    return laps, ''
 
 
-def _rows(kept: Kept) -> Iterator[dict[str, Any]]:
+def _rows(kept: Kept, counts: Mapping[int, Laps]) -> Iterator[dict[str, Any]]:
     teams = {} if kept.setup is None else {kart.number: kart.team for kart in kept.setup.karts}
-    for number, laps in races_of(kept):
+    for number, laps in counts.items():
         for result in laps.results:
             yield {
                 'run': kept.run.number,
@@ -142,13 +141,12 @@ def _rows(kept: Kept) -> Iterator[dict[str, Any]]:
 
 
 def _place_overall(rows: list[dict[str, Any]]) -> None:
-    """Give each result its place among all of its format."""
+    """Give the best result of each kart its place among all of its format."""
     for format_ in Format:
         own = [row for row in rows if row['format'] == format_.value]
-        # The number stands for the kart, which may have several results.
-        numbered = [row['result']._replace(kart=number) for number, row in enumerate(own)]
-        for result in ranked(format_, numbered):
-            own[result.kart]['overall'] = result.place
+        for best in overall(format_, [row['result'] for row in own]):
+            same = (row for row in own if row['result']._replace(place=best.place) == best)
+            next(same)['overall'] = best.place
     for row in rows:
         del row['result']
 

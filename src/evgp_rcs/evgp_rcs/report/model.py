@@ -54,6 +54,8 @@ SENDS_RED = STOPS | {
     kind.name for kind, entry in CATALOGUE.items() if entry.result.race == (RaceState.RED_RED,)
 }
 
+OF_LAPS = frozenset(kind.name for kind, entry in CATALOGUE.items() if entry.of_laps)
+
 OF_THE_SERVER = frozenset(
     kind.name
     for kind in (
@@ -339,6 +341,16 @@ class Account:
         """Return the stops of a race, and what they told to whom; of the account of all karts."""
         events = {event.sequence: event for event in self.events}
         return [self._stop(race, events[number]) for number in race.stops if number in events]
+
+    def corrections(self, race: int) -> list[RecordedEvent]:
+        """Return what officials corrected of the laps of a race, until the next one began."""
+        found, number = [], 0
+        for event in self.events:
+            number = event.race or number  # in the garage there is none
+            is_correction = event.kind == EventKind.COMMAND.name and event.command in OF_LAPS
+            if number == race and is_correction and event.success:
+                found.append(event)
+        return found
 
     def _stop(self, race: RaceAccount, event: RecordedEvent) -> Stop:
         at = self.at(event)

@@ -22,15 +22,17 @@ page's own style and script are the only ones that its policy lets in.
 from __future__ import annotations
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 import dataclasses
 import hashlib
 from importlib import metadata
 from importlib.resources import files
+import itertools
 import time
 from typing import Any
 
 from evgp_rcs.inputs import CLOSED_BY_KART
+from evgp_rcs.laps import Format, Laps, Mark, overall
 from evgp_rcs.plain import plain
 from evgp_rcs.race import EventKind
 from evgp_rcs.replay import Kept
@@ -64,6 +66,9 @@ LESSER = frozenset(
 """The kinds of events that are left out first where there is no room for all."""
 
 
+ASKED_ABOUT = Mark.STRUCK, Mark.DOUBTFUL, Mark.UNKNOWN
+"""What became of passings that a jury asks about."""
+
 COMMAND = EventKind.COMMAND.name
 
 
@@ -82,6 +87,7 @@ def page(
     part: Part,
     sums: Sequence[tuple[str, str]],
     replay: tuple[bool, str],
+    laps: tuple[Mapping[int, Laps], str],
 ) -> str:
     """
     Return the report of a run, or of a part of it.
@@ -89,6 +95,7 @@ def page(
     :param sums: what was summed, and its SHA-256.
     :param replay: whether it was replayed to its end, and nothing differs; and what there is to
         say of that.
+    :param laps: of each race by its number; and why some are missing, empty: none is.
     """
     account = part.narrow(whole)
     clock = Clock(whole.first.wall_ns if whole.first is not None else kept.run.began_ns)
@@ -102,6 +109,11 @@ def page(
     lost = [event for event in incidents if event.kind == EventKind.DISCONNECTED.name]
     # Only the sentence of an event says why a connection is gone.
     closed = sum(event.text.endswith(CLOSED_BY_KART) for event in lost)
+    counts, uncounted = laps
+    of_formats = {
+        format_: [each.results for each in counts.values() if each.format is format_]
+        for format_ in (Format.TIME_TRIAL, Format.PRACTICE)
+    }
     on_paper = account.events
     if len(on_paper) > PAPER_ROWS:
         on_paper = [event for event in on_paper if event.kind not in LESSER][:PAPER_ROWS]
@@ -129,6 +141,20 @@ def page(
         clock=clock,
         wording=wording,
         events=events,
+        counts=counts,
+        uncounted=uncounted,
+        overall={
+            format_: overall(format_, itertools.chain(*results))
+            for format_, results in of_formats.items()
+            if len(results) > 1
+        },
+        lap_chart=_lap_chart,
+        asked_about=lambda laps: [
+            each
+            for each in laps.last_passings(len(laps.crossings))
+            if each.mark in ASKED_ABOUT
+        ],
+        crossed=lambda laps, at: clock.at(laps.green - whole.events[0].monotonic + at, 3),
         teams={lane.kart: lane.team for lane in whole.lanes},
         title=title,
         style=f'{style}@page {{ @bottom-left {{ content: "{foot}"; }} }}\n',
@@ -162,6 +188,18 @@ def _version() -> str:
         return metadata.version('evgp_rcs')
     except metadata.PackageNotFoundError:
         return 'of which the version is not known'
+
+
+def _lap_chart(laps: Laps) -> list[list[int]]:
+    """Return the karts in the order in which they ended lap 1, lap 2, and so on."""
+    most = max(map(len, laps.counted.values()), default=0)
+    return [
+        sorted(
+            (kart for kart, times in laps.counted.items() if len(times) > lap),
+            key=lambda kart: laps.counted[kart][lap],  # noqa: B023 - it is called at once
+        )
+        for lap in range(1, most)
+    ]
 
 
 def _stood(alert: Alert, whole: Account, clock: Clock) -> str:
