@@ -150,9 +150,7 @@ def page(
         },
         lap_chart=_lap_chart,
         asked_about=lambda laps: [
-            each
-            for each in laps.last_passings(len(laps.crossings))
-            if each.mark in ASKED_ABOUT
+            each for each in laps.last_passings(len(laps.crossings)) if each.mark in ASKED_ABOUT
         ],
         crossed=lambda laps, at: clock.at(laps.green - whole.events[0].monotonic + at, 3),
         teams={lane.kart: lane.team for lane in whole.lanes},
@@ -196,7 +194,7 @@ def _lap_chart(laps: Laps) -> list[list[int]]:
     return [
         sorted(
             (kart for kart, times in laps.counted.items() if len(times) > lap),
-            key=lambda kart: laps.counted[kart][lap],  # noqa: B023 - it is called at once
+            key=lambda kart: laps.counted[kart][lap],
         )
         for lap in range(1, most)
     ]
