@@ -9,7 +9,9 @@ from collections.abc import Callable, Iterator
 import contextlib
 import math
 import pathlib
+import time
 
+from evgp_node.stamps import stamp_of
 from evgp_protocol.states import RaceState
 from evgp_rcs.line import PASSINGS_QOS
 from evgp_rcs_msgs import msg
@@ -35,7 +37,7 @@ class TimingLine(RosSide):
             self.news.notify_all()
 
     def sees(self, number: int, **fields: object) -> None:
-        named = {'kart': 1, **fields}
+        named = {'kart': 1, 'stamp': stamp_of(time.time_ns()), **fields}
         self._passings.publish(msg.Passing(source='line', session='today', number=number, **named))
 
     def wait_for(self, found: Callable[[msg.Results], bool], what: str) -> msg.Results:

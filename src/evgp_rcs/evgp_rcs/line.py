@@ -45,7 +45,7 @@ PASSINGS_QOS = QoSProfile(
 MOST_WAITING = 1000
 """Maximum number of passings that wait for the kart server."""
 
-AT_ONCE = 50
+MOST_IN_A_BATCH = 50
 """Maximum number of passings in a batch. The rules take some 0.3 ms for one of that size, for
 which a stop waits."""
 
@@ -86,7 +86,7 @@ class Line:
             with contextlib.suppress(queue.Empty, KartServerError):
                 # The first that comes goes at once: its time is the time of arrival.
                 batch = [self._heard.get(timeout=1.0)]
-                while len(batch) < AT_ONCE and not self._heard.empty():
+                while len(batch) < MOST_IN_A_BATCH and not self._heard.empty():
                     batch.append(self._heard.get())
                 dropped, self._dropped = self._dropped, 0
                 self._server.passed(Passings(tuple(batch), dropped))

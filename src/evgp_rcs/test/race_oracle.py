@@ -639,7 +639,7 @@ def _with_passing(facts: Facts, given: Input, now: float) -> Facts:
     if laps is not None and serial not in facts.seen:
         passing = (serial, given.kart, now - laps.green)
         laps = laps._replace(passings=(*laps.passings, passing))
-    return facts._replace(laps=laps, seen=facts.seen | ({serial} if serial > 0 else frozenset()))
+    return facts._replace(laps=laps, seen=facts.seen | ({serial} if serial >= 0 else frozenset()))
 
 
 def _finishes(view: View, facts: Facts, given: Input, now: float) -> bool:

@@ -510,14 +510,14 @@ the statement that the MSR was used ends without a record: availability [around]
     _no_in_garage: self._no_record() if self.msr_used else =>
 a race cannot go home without a record: availability [around]
     _no_in_garage: if self.msr_used else '' =>
-a kart finishes with its last lap though nobody set it: passing-acts [laps by hand]
+a kart finishes with its last lap though nobody set it: passing-acts, laps-act [laps by hand]
     _take_passings: self.times.auto_finish and =>
 a kart does not finish with its last lap though it is set: effect [laps]
     _take_passings: self._decide(last, '', now) => pass
-a kart that is held finishes with its last lap: effect, passing-acts [laps of a kart that is
-    held]
+a kart that is held finishes with its last lap: effect, passing-acts, laps-act [laps of a kart
+    that is held]
     _take_passings: and not self._refusal(last) =>
-a passing sends a kart RED_FLAG: passing-acts, sent-wrong, order-wrong [laps by hand]
+a passing sends a kart RED_FLAG: passing-acts, laps-act, sent-wrong, order-wrong [laps by hand]
     _take_passings: kart = self.karts[number] => kart = self.karts[number] ¶ self._hold(kart,
         RED_FLAG, 'crossed the line', now)
 a passing ends a hold: passing-acts, hold-forgotten, red-loosened [laps by hand]
