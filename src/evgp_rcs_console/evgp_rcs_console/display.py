@@ -265,7 +265,7 @@ class Areas(Area):
         for sheet in self._sheets:
             if not sheet.isHidden():
                 # These leave the strip in sight: it says what the karts do.
-                leaves = sheet in (self.question, self.results)
+                leaves = sheet in (self.question, self.results, self.why_struck)
                 top = self._ground if leaves else self.strip
                 first, last = top.geometry(), self.karts.geometry()
                 end = last.left() + self.karts.stops_begin - look.px(GAP)
