@@ -13,7 +13,7 @@ import time
 
 from evgp_node.stamps import stamp_of
 from evgp_protocol.states import RaceState
-from evgp_rcs.line import PASSINGS_QOS
+from evgp_rcs.line import LINE_QOS
 from evgp_rcs_msgs import msg
 from evgp_testing.official import latched
 from evgp_testing.ros_side import RosSide
@@ -27,7 +27,7 @@ class TimingLine(RosSide):
     def __init__(self, domain: int) -> None:
         super().__init__('line', domain)
         self.results: list[msg.Results] = []
-        self._passings = self.node.create_publisher(msg.Passing, '/rcs/passings', PASSINGS_QOS)
+        self._passings = self.node.create_publisher(msg.Passing, '/rcs/passings', LINE_QOS)
         self.node.create_subscription(msg.Results, '/rcs/results', self._hear, latched(1))
         self.spin()
 

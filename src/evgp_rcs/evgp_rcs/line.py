@@ -34,7 +34,7 @@ from evgp_rcs_msgs import msg
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-PASSINGS_QOS = QoSProfile(
+LINE_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1000,
     reliability=ReliabilityPolicy.RELIABLE,
@@ -63,7 +63,7 @@ class Line:
         self._dropped = 0
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name='line', daemon=True)
-        node.create_subscription(msg.Passing, '~/passings', self._hear, PASSINGS_QOS)
+        node.create_subscription(msg.Passing, '~/passings', self._hear, LINE_QOS)
 
     def start(self) -> None:
         """Begin to hand on."""
