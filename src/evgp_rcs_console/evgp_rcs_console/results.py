@@ -12,9 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""
-The results sheet as texts: the table, and the passings that it rests on. Pure.
-"""
+"""The results sheet as texts: the table, and the passings that it rests on. Pure."""
 
 from __future__ import annotations
 
