@@ -38,7 +38,7 @@ class ResultColumn:
     cell: Callable[[KartResult, str], str]
 
 
-COLUMNS = (
+RESULT_COLUMNS = (
     ResultColumn('', 28, lambda kart, team: f'{kart.place}.' if kart.place else ''),
     ResultColumn('Kart', 40, lambda kart, team: str(kart.kart)),
     ResultColumn('Team', 0, lambda kart, team: team),
@@ -86,7 +86,7 @@ def table(results: Results, teams: Mapping[int, str]) -> list[tuple[str, ...]]:
     :param teams: the team of each kart of the roster.
     """
     return [
-        tuple(column.cell(kart, teams.get(kart.kart, '')) for column in COLUMNS)
+        tuple(column.cell(kart, teams.get(kart.kart, '')) for column in RESULT_COLUMNS)
         for kart in results.karts
     ]
 

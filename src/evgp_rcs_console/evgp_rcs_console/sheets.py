@@ -281,14 +281,14 @@ class ResultTable(Painted):
 
     def show_rows(self, rows: Sequence[tuple[str, ...]], stale: bool) -> None:
         """Show these karts."""
-        self._rows = [tuple(column.heading for column in results.COLUMNS), *rows]
+        self._rows = [tuple(column.heading for column in results.RESULT_COLUMNS), *rows]
         self._stale = stale
         self.show_it(self._rows, stale)
 
     def paint(self, pen: Pen) -> None:
         """Draw a line for each, below the headings."""
         gap, high = look.px(6), self.height() // (ROWS + 1)
-        widths = [look.px(column.width) for column in results.COLUMNS]
+        widths = [look.px(column.width) for column in results.RESULT_COLUMNS]
         rest = self.width() - sum(widths) - gap * (len(widths) - 1)
         for number, row in enumerate(self._rows):
             left = 0
