@@ -120,7 +120,7 @@ class Walk:
             for number in NUMBERS
         }
         return RaceMemory(
-            self.chance.choice(list(RaceState)), karts, perhaps(), perhaps(), perhaps()
+            self.chance.choice(list(RaceState)), karts, perhaps(), perhaps(), final=perhaps()
         )
 
     def step(self) -> None:

@@ -215,7 +215,7 @@ class LapsMemory(NamedTuple):
     :param crossed: of each kart the times that counted.
     """
 
-    format: Format
+    format: Format  # noqa: A003 - the field's name
     wanted: int
     crossed: Mapping[int, tuple[float, ...]]
     finished: tuple[int, ...]
@@ -284,7 +284,7 @@ class Laps:
     """
 
     settings: LapSettings
-    format: Format
+    format: Format  # noqa: A003 - the field's name
     wanted: int
     green: float
     karts: tuple[int, ...]
@@ -439,8 +439,8 @@ class Laps:
     def undo_penalty(self, kart: int) -> Laps:
         """Take the last penalty of a kart back."""
         last = max(number for number, each in enumerate(self.penalties) if each.kart == kart)
-        kept = (*self.penalties[:last], *self.penalties[last + 1 :])
-        return dataclasses.replace(self, penalties=kept)
+        kept = (each for number, each in enumerate(self.penalties) if number != last)
+        return dataclasses.replace(self, penalties=tuple(kept))
 
     # ----- what there is to see -----------------------------------------------------------
 

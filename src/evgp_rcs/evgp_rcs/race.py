@@ -207,7 +207,7 @@ class Heat:
 
     name: str
     karts: tuple[int, ...]
-    format: Format = Format.RACE
+    format: Format = Format.RACE  # noqa: A003 - the field's name
     laps: int = 0
 
 

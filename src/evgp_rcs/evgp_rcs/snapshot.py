@@ -83,7 +83,7 @@ class Standings(NamedTuple):
 
     at: float
     heat: str
-    format: Format
+    format: Format  # noqa: A003 - the field's name
     wanted: int
     results: tuple[KartResult, ...]
     passings: list[Judged]

@@ -829,7 +829,7 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
         penalties = (*penalties, number)
     elif kind == 'UNDO_PENALTY':
         last = len(penalties) - penalties[::-1].index(number) - 1
-        penalties = penalties[:last] + penalties[last + 1 :]
+        penalties = tuple(each for place, each in enumerate(penalties) if place != last)
     elif kind in OF_LAPS:
         pass
     else:

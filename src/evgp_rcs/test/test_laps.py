@@ -179,7 +179,8 @@ def test_no_clock_makes_a_lap_that_the_times_of_arrival_do_not(story: Story) -> 
         if mark is Mark.COUNTED:
             came[owner(passing)].append(at)
     for kart, arrivals in came.items():
-        crossed = story.laps.counted[kart][-len(arrivals) :] if arrivals else ()
+        count = len(arrivals)
+        crossed = story.laps.counted[kart][-count:] if arrivals else ()
         assert all(abs(a - b) <= 0.5 + 1e-6 for a, b in zip(arrivals, crossed, strict=True))
 
 

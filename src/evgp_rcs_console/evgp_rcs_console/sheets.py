@@ -415,7 +415,9 @@ class ResultsSheet(Sheet):
         rows = results.table(found, teams)
         pages = max(1, -(-len(rows) // ROWS))
         self._page = min(self._page, pages - 1)
-        self._table.show_rows(rows[ROWS * self._page : ROWS * (self._page + 1)], stale)
+        begin = ROWS * self._page
+        end = begin + ROWS
+        self._table.show_rows(rows[begin:end], stale)
         marks = {each.passing.identity: each for each in found.passings}
         self._listed = [marks.get(each.passing.identity, each) for each in self._listed]
         for number, row in enumerate(self._rows):
@@ -461,7 +463,8 @@ class ResultsSheet(Sheet):
 
     def _list(self, end: int) -> None:
         """List the passings before a place among those that there are, the newest first."""
-        self._listed = list(reversed(self._results.passings[max(0, end - CROSSINGS) : end]))
+        begin = max(0, end - CROSSINGS)
+        self._listed = list(reversed(self._results.passings[begin:end]))
 
 
 def _count(found: Results) -> int:

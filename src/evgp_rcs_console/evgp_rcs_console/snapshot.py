@@ -228,7 +228,7 @@ class Results:
     """
 
     heat: str = ''
-    format: str = ''
+    format: str = ''  # noqa: A003 - the field's name
     laps: int = 0
     karts: tuple[KartResult, ...] = ()
     passings: tuple[Judged, ...] = ()

@@ -48,7 +48,8 @@ class TimingLine:
 
         :param field_ns: when the field began, in ns since the epoch of the line's clock.
         """
-        new, self._read = field.crossings[self._read :], len(field.crossings)
+        read, self._read = self._read, len(field.crossings)
+        new = field.crossings[read:]
         passings = []
         for at, kart, seen, real in new:
             if not seen:

@@ -31,7 +31,7 @@ import time
 
 from evgp_timing import p3
 
-STATUS = p3.P3.encode(p3.Kind.STATUS, [(0x01, b'\x28\0'), (0x07, b'\x16\0')])
+STATUS_RECORD = p3.P3.encode(p3.Kind.STATUS, [(0x01, b'\x28\0'), (0x07, b'\x16\0')])
 """A sign of life: noise and temperature."""
 
 
@@ -74,7 +74,7 @@ def serve(
         if time.monotonic() < at:
             continue
         if transponder is None:
-            data, after = STATUS, status
+            data, after = STATUS_RECORD, status
         else:
             data = passing(next(numbers), transponder, time.time_ns() // 1000)
             after = lap * chance.uniform(1 - spread, 1 + spread)
