@@ -172,6 +172,11 @@ class PaperRace:
         passing = Passing('line', 'today', number, kart, transponder, stamp)
         self.feed(inputs.Passed(self.now, (passing,), 0))
 
+    def strike(self, number: int, reason: str, official: str) -> None:
+        """Have an official strike out what `line` saw."""
+        terms: dict[str, Any] = {'session': 'today', 'number': number, 'reason': reason}
+        self.command(CommandKind.STRIKE_PASSING, official=official, source='line', **terms)
+
     def drive(self) -> None:
         """Go from the garage to GREEN_GREEN; every kart is connected and acknowledges."""
         self.command(CommandKind.GRID_ACTIVE)

@@ -742,8 +742,7 @@ def test_a_race_has_its_corrections_until_the_next_one_begins(
     paper: PaperRace, tmp_path: pathlib.Path
 ) -> None:
     with_laps(paper)
-    passing = {'source': 'line', 'session': 'today', 'number': 8, 'reason': 'it was 9'}
-    paper.command(CommandKind.STRIKE_PASSING, official='Grace', **passing)
+    paper.strike(8, 'it was 9', 'Grace')
     paper.go_home()
     paper.command(CommandKind.PENALISE, 7, seconds=5, reason='a cone')
     paper.command(CommandKind.UNDO_PENALTY, 8)
@@ -889,8 +888,7 @@ def test_what_others_say_of_laps_is_nothing_but_text(
     paper.drive()
     for number, hostile in enumerate(HOSTILE, 1):
         paper.cross(transponder=hostile)
-        passing = {'source': 'line', 'session': 'today', 'number': number}
-        paper.command(CommandKind.STRIKE_PASSING, 0, hostile, reason=hostile, **passing)
+        paper.strike(number, hostile, hostile)
         paper.command(CommandKind.PENALISE, 7, hostile, seconds=1, reason=hostile)
     page = report(paper.write(tmp_path / 'record.sqlite3'))
     assert [row[3][:11] for row in table(page, 'passings')] == ['struck out:'] * len(HOSTILE)
