@@ -44,8 +44,7 @@ from evgp_node.spinning import Spinning
 from evgp_protocol.clock import duration, now
 from evgp_protocol.link import Grade, GRADES
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
-from evgp_rcs.laps import Judged, KartResult, Mark, Penalty, Status
-from evgp_rcs.messages import passing_of
+from evgp_rcs.laps import Judged, KartResult, Mark, Passing, Penalty, Status
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import Given, PRESS_AGAIN, request, Standing, StandingStops
 from evgp_rcs_console.snapshot import (
@@ -131,10 +130,16 @@ def read_results(results: msg.Results) -> Results:
         results,
         karts=tuple(_result(each) for each in results.karts),
         passings=tuple(
-            Judged(passing_of(each.passing), each.kart, _MARKS[each.mark], each.at, each.struck)
+            Judged(_passing(each.passing), each.kart, _MARKS[each.mark], each.at, each.struck)
             for each in results.passings
         ),
     )
+
+
+def _passing(passing: msg.Passing) -> Passing:
+    """Return what officials see of a passing."""
+    which = passing.source, passing.session, passing.number
+    return Passing(*which, passing.kart, passing.transponder)
 
 
 def _result(result: msg.KartResult) -> KartResult:

@@ -324,11 +324,12 @@ def inspected(kart: Kart) -> str:
     return f'inspected {kart.inspected}' if kart.inspected else ''
 
 
-def laps(kart: Kart) -> str:
-    """Return how many laps a kart has driven, and its times; empty: it has none."""
+def laps(kart: Kart, wanted: int) -> str:
+    """Return how many laps a kart has driven, of those of the race; empty: it has none."""
     if kart.last_lap is None or kart.best_lap is None:
         return ''
-    return LAPS.format(count=kart.laps, last=kart.last_lap, best=kart.best_lap)
+    count = f'{kart.laps} of {wanted}' if wanted else kart.laps
+    return LAPS.format(count=count, last=kart.last_lap, best=kart.best_lap)
 
 
 def command_name(command: CommandKind, kart: int = 0) -> str:

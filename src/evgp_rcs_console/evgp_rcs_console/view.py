@@ -604,7 +604,7 @@ def _row(kart: Kart, place: int, age: float, buttons: _Buttons) -> Row:
         notes.append(texts.NOT_RACING)
     urgent = use_msr or (kart.in_doubt and not kart.is_stopping)
     # Laps and the inspection are shown only where there is nothing that an official must read.
-    note = ', '.join(notes) or texts.laps(kart) or texts.inspected(kart)
+    note = ', '.join(notes) or texts.laps(kart, race.laps) or texts.inspected(kart)
     missing = Tone.WAIT if kart.in_race else Tone.FAINT  # in the garage it may still come
     if kart.may_be_moving or (kart.in_race and race.state is not State.IN_GARAGE):
         missing = Tone.BAD

@@ -80,7 +80,7 @@ def test_a_state_has_one_name_wherever_it_is_read() -> None:
 
 def test_results_come_out_of_a_message_as_race_control_put_them_in() -> None:
     penalty = Penalty(7, 5, 1, True, 'cut the corner', 'Anna')
-    passing = Passing('line', 'today', 17, transponder='4711', strength=0.5)
+    passing = Passing('line', 'today', 17, transponder='4711')
     results = (
         KartResult(7, 1, Status.CLASSIFIED, 1, 64.5, (30.5, 29.0), (penalty,)),
         KartResult(8, 0, Status.DNF, 0, None, (), ()),
