@@ -62,7 +62,7 @@ def record(line: str) -> set[str]:
 
 
 def test_every_command_of_an_official_is_offered() -> None:
-    assert {*COMMANDS, 'watch'} <= ctl('rcs_ctl ')
+    assert {*COMMANDS, 'watch', 'results'} <= ctl('rcs_ctl ')
     assert ctl('rcs_ctl kart-r') == {'kart-red-red', 'kart-red-flag'}
 
 

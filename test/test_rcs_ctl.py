@@ -483,6 +483,25 @@ def test_without_race_control_the_exit_code_says_so(words: tuple[str, ...], said
         assert 'ROS domain' in done.stdout + done.stderr
 
 
+def test_a_crossing_is_counted_and_struck_out_by_what_the_results_show(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
+) -> None:
+    control = start_race_control(in_race=(1,))
+    official = join_official(control)
+    connect_kart(control, 1, Acknowledges.EACH_CHANGE)
+    official.bring_to(RaceState.GREEN_GREEN)
+
+    assert run(control.domain, 'count-passing', '1').returncode == ACCEPTED
+    shown = run(control.domain, 'results', '--wait', str(PATIENCE))
+    assert shown.returncode == ACCEPTED
+    source, session, number = shown.stdout.splitlines()[-1].split()[3:6]
+    why = '--reason', 'a marshal crossed'
+    struck = run(control.domain, 'strike-passing', source, session, number, *why)
+    again = run(control.domain, 'strike-passing', source, session, number, *why)
+
+    assert (struck.returncode, again.returncode) == (ACCEPTED, REFUSED)
+
+
 def test_watch_shows_the_race_and_what_happens(
     start_race_control: StartRaceControl, join_official: JoinOfficial, connect_kart: ConnectKart
 ) -> None:

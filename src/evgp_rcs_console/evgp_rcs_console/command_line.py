@@ -187,6 +187,8 @@ def parser() -> argparse.ArgumentParser:
     watch.add_argument(
         '--kart', type=_kart_number, default=0, help='with --events: those of this kart only'
     )
+    results = 'show laps, places and the last passings'
+    commands.add_parser('results', help=results, parents=[waiting], description=results)
     return whole
 
 

@@ -213,7 +213,7 @@ def _answer(process: TimedProcess, wanted: argparse.Namespace, began: float) -> 
 
 def _no_answer(wanted: argparse.Namespace, waited: float) -> str:
     where = f'ROS domain {os.environ.get("ROS_DOMAIN_ID", "0")}'
-    if wanted.command == 'watch':
+    if wanted.command not in COMMANDS:
         return f'{texts.NOT_YET}: {texts.USE_MSR} (ROS hangs; {where})'
     return no_answer(COMMANDS[wanted.command], waited, f'ROS hangs; {where}')
 

@@ -26,8 +26,9 @@ import threading
 from evgp_node.graph import GraphError
 from evgp_protocol.clock import now
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.laps import Judged
 from evgp_rcs.official import tidy
-from evgp_rcs_console import texts
+from evgp_rcs_console import results, texts
 from evgp_rcs_console.client import Client, domain_of, join_graph, looking
 from evgp_rcs_console.command_line import (
     COMMANDS,
@@ -41,7 +42,7 @@ from evgp_rcs_console.command_line import (
 from evgp_rcs_console.commands import effects, Given, nobody_is_heard, Standing
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_console.snapshot import Answer, Available, Event, Kart, Race, Results, State
-from evgp_rcs_console.view import danger, is_gone, show, silence, table
+from evgp_rcs_console.view import aligned, danger, is_gone, show, silence, table
 import rclpy
 from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 
@@ -63,6 +64,7 @@ class Hearing:
         self.answer: tuple[Given, Answer] | None = None
         self.standing: tuple[Standing, ...] = ()
         self.events: list[Event] = []
+        self.results: Results | None = None
 
     def on_race(self, race: Race, at: float, two: bool) -> None:
         """Keep the newest snapshot."""
@@ -77,7 +79,10 @@ class Hearing:
             self.news.notify_all()
 
     def on_results(self, results: Results) -> None:
-        """Leave the results to the window."""
+        """Keep the results."""
+        with self.news:
+            self.results = results
+            self.news.notify_all()
 
     def on_answer(self, given: Given, answer: Answer) -> None:
         """Keep the answer."""
@@ -109,7 +114,8 @@ def attend(given: Sequence[str], wanted: argparse.Namespace, began: float, repor
         return
     hearing = Hearing()
     # Watching needs no permission to command: a spectators' screen has none.
-    commands = () if wanted.command == 'watch' else (COMMANDS[wanted.command],)
+    watches = wanted.command in ('watch', 'results')
+    commands = () if watches else (COMMANDS[wanted.command],)
     try:
         client = Client('rcs_ctl', hearing, commands=commands)
     except RCLError as error:
@@ -121,6 +127,8 @@ def attend(given: Sequence[str], wanted: argparse.Namespace, began: float, repor
     try:
         if wanted.command == 'watch':
             report(last=True, **_watch(client, hearing, wanted, until, report))
+        elif wanted.command == 'results':
+            report(last=True, **_show_results(client, hearing, until))
         else:
             told = _give(client, hearing, wanted, until, ready - began)
             report(last=True, **_under_banner(told, hearing.race))
@@ -305,6 +313,27 @@ def _watch(
         report(alive=True)
         with hearing.news:
             hearing.news.wait(1.0)
+
+
+def _show_results(client: Client, hearing: Hearing, until: float) -> Told:
+    hearing.wait_for(lambda: hearing.race is not None and hearing.results is not None, until)
+    with hearing.news:
+        race, found = hearing.race, hearing.results
+    if race is None or found is None:
+        where = f'{client.topic}, ROS domain {domain_of()}'
+        return {'code': Exit.NOT_THERE, 'error': f'{texts.NOT_YET} ({where})'}
+    teams = {kart.number: kart.team for kart in race.karts}
+    headings = tuple(column.heading for column in results.RESULT_COLUMNS)
+    lines = [results.title(found), *aligned([headings, *results.table(found, teams)])]
+    if found.passings:
+        lines += ['', texts.PASSINGS, *aligned([_passing(each) for each in found.passings])]
+    return _under_banner({'code': Exit.ACCEPTED, 'output': '\n'.join(lines)}, race)
+
+
+def _passing(judged: Judged) -> tuple[str, ...]:
+    """Return a passing with what names it in `strike-passing`."""
+    at, kart, _, mark = results.crossing(judged)
+    return at, kart, shlex.join(map(str, judged.passing.identity)), mark
 
 
 def _watch_events(

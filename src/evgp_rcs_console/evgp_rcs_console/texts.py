@@ -240,6 +240,7 @@ RESULTS_HINT = (
     '(--laps 1, --disqualified; undo-penalty KART)'
 )
 TO_PASSINGS = 'PASSINGS'
+PASSINGS = 'Passings: since GREEN_GREEN, kart, source, session and number, what became of it'
 OLDER = 'OLDER'
 NEXT_PAGE = 'PAGE {page} of {pages}'
 NEWEST = 'NEWEST: {count} new'

@@ -22,7 +22,7 @@ terminal client shows the same.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 import enum
 import math
@@ -795,6 +795,15 @@ class _Buttons:
         )
 
 
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return rows of a table as lines, each column as wide as its longest cell."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        '  '.join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+
+
 def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
     """Return the race as lines: state, track, alerts, karts, and which commands are possible."""
     lines = [
@@ -811,11 +820,7 @@ def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
     for row in screen.rows:
         cells = [(column.cell(row).text, column.below(row).text) for column in COLUMNS]
         columns.append([' '.join(filter(None, each)) for each in cells])
-    widths = [max(map(len, column)) for column in zip(*columns, strict=True)]
-    for shown in columns:
-        line = '  '.join(cell.ljust(width) for cell, width in zip(shown, widths, strict=True))
-        lines.append(line.rstrip())
-    lines.append('')
+    lines += [*aligned(columns), '']
     lines += [_line(button) for button in screen.race]
     if screen.heat_button is not None:
         lines += [_line(screen.heat_button), *(f'  {button.label}' for button in screen.heats)]
