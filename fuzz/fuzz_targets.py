@@ -120,14 +120,25 @@ def check_roster(data: bytes) -> None:
         assert heat.name.isprintable(), heat
         assert 1 <= len(heat.name.strip()) == len(heat.name) <= roster.MAX_HEAT_LENGTH, heat
     plain_roster: dict[str, object] = {
-        # A kart without an inspection has no such field.
+        # A kart without an inspection or a transponder has no such field.
         'karts': [
-            {name: value for name, value in vars(entry).items() if name != 'inspected' or value}
+            {
+                name: list(value) if isinstance(value, tuple) else value
+                for name, value in vars(entry).items()
+                if name not in ('inspected', 'transponders') or value
+            }
             for entry in entries
         ]
     }
     if loaded.heats:
-        plain_roster['heats'] = {heat.name: list(heat.karts) for heat in loaded.heats}
+        plain_roster['heats'] = {
+            heat.name: {
+                'karts': list(heat.karts),
+                'format': heat.format.value,
+                **({'laps': heat.laps} if heat.laps else {}),
+            }
+            for heat in loaded.heats
+        }
     again = yaml.safe_dump(plain_roster, allow_unicode=True, sort_keys=False)
     assert _load(again.encode()) == loaded, 'a roster written anew is another one'
 

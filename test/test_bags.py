@@ -16,7 +16,7 @@ from typing import Any
 from evgp_protocol.states import RaceState
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record import events, open_read_only
-from evgp_rcs.teller import EVENTS_QOS, RACE_QOS
+from evgp_rcs.teller import EVENTS_QOS, RACE_QOS, RESULTS_QOS
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import JoinOfficial, StartRaceControl
@@ -207,7 +207,8 @@ def test_rosbag2_is_told_of_every_latched_topic_of_race_control(
 
 
 @pytest.mark.parametrize(
-    ('topic', 'published'), [('/rcs/race', RACE_QOS), ('/rcs/events', EVENTS_QOS)]
+    ('topic', 'published'),
+    [('/rcs/race', RACE_QOS), ('/rcs/events', EVENTS_QOS), ('/rcs/results', RESULTS_QOS)],
 )
 def test_rosbag2_gets_all_that_a_latched_topic_keeps(topic: str, published: QoSProfile) -> None:
     listens = overrides()[topic]

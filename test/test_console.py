@@ -641,6 +641,42 @@ def test_screenshots_of_every_state(
     assert len(list(folder.glob('*.png'))) >= 9
 
 
+@pytest.mark.long
+def test_screenshots_of_laps_which_a_letter_counts_until_the_last_one_is_done(
+    open_console: OpenConsole,
+    join_official: JoinOfficial,
+    connect_kart: ConnectKart,
+    parts: contextlib.ExitStack,
+    tmp_path: pathlib.Path,
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    parameters = {'min_lap_time': 0.1}
+    heats = {'Final': {'karts': [1, 2], 'laps': 2}}
+    control = RaceControl(tmp_path, domain, (1, 2), (), parameters, TEAMS, heats=heats)
+    parts.callback(control.close)
+    for number in (1, 2):
+        connect_kart(control, number, EACH_CHANGE)
+    official = join_official(control)
+    official.wait_for_connected(1, 2)
+    official.command('set_heat', heat='Final')
+    official.bring_to(GREEN_GREEN)
+    console = open_console(control)
+
+    console.wait_for('kart_1', text='driving')
+    console.press('a', see='status', text='crossed the line')
+    console.press('b', see='status', text='Kart 2 .*crossed the line')
+    console.press('a', see='kart_1', text='lap 1 of 2')
+    console.press('b', see='kart_2', text='lap 1 of 2')
+    console.press('a', see='kart_1', text='last lap done')
+    console.press('ctrl+t', see='results')
+    console.press_on('results_view', see='crossing_1')
+    console.screenshot(pictures(tmp_path) / 'results.png')
+    console.press('Escape', see='results', visible=False)
+    console.press('a', see='kart_1', text='P1')
+
+    assert official.wait_for_race(lambda race: race.karts[0].place == 1, 'a place').laps == 2
+
+
 # ----- old keys and clicks ----------------------------------------------------------------
 
 

@@ -21,7 +21,7 @@ from evgp_testing.process import executable, Process, Program
 from evgp_testing.ros_side import RosSide
 from evgp_timing import node
 from evgp_timing.kinds import DECODERS
-from evgp_timing.p3_emulator import passing, STATUS
+from evgp_timing.p3_emulator import passing, STATUS_RECORD
 from evgp_timing.passings import Passing
 import pytest
 from rclpy.parameter import Parameter
@@ -206,7 +206,7 @@ def test_a_silent_decoder_is_told_and_connected_to_again(
         listener.wait_for_status(DiagnosticStatus.ERROR)
         with server.accept()[0] as decoder:  # by itself
             while not (listener.status and listener.status.level == DiagnosticStatus.OK):
-                decoder.sendall(STATUS)
+                decoder.sendall(STATUS_RECORD)
                 with contextlib.suppress(TimeoutError):
                     decoder.settimeout(0.2)
                     decoder.recv(1)

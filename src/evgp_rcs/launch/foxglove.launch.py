@@ -49,7 +49,7 @@ def generate_launch_description() -> LaunchDescription:
                         'address': '127.0.0.1',
                         'port': LaunchConfiguration('port'),
                         'capabilities': ['connectionGraph'],
-                        'topic_whitelist': ['.*/race', '.*/events', '/diagnostics'],
+                        'topic_whitelist': ['.*/race', '.*/events', '.*/results', '/diagnostics'],
                         'service_whitelist': NOTHING,
                         'param_whitelist': NOTHING,
                         'client_topic_whitelist': NOTHING,
