@@ -948,7 +948,8 @@ class Race:
         assert self.laps is not None
         self.laps, taken = self.laps.take(passings, now, dropped)
         for passing, number, mark, lap, seconds in taken:
-            self._tell_passing(passing, number, mark.value)
+            if passing.source != BY_HAND:  # the command tells it
+                self._tell_passing(passing, number, mark.value)
             if not lap:
                 continue
             kart = self.karts[number]
