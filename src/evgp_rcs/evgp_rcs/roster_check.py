@@ -60,7 +60,9 @@ def _lines(roster: Roster) -> list[str]:
         for entry in roster.entries
     ]
     for heat in roster.heats:
-        lines.append(f'heat "{heat.name}": {", ".join(map(str, heat.karts))}')
+        laps = f', {heat.laps} laps' if heat.laps else ''
+        karts = ', '.join(map(str, heat.karts))
+        lines.append(f'heat "{heat.name}": {karts} ({heat.format.value}{laps})')
     return lines
 
 

@@ -416,7 +416,7 @@ def test_a_right_roster_is_shown_with_its_karts_and_heats(
     assert [' '.join(line.split()) for line in out[1:]] == [
         'kart 1 Georgia Tech 10.0.0.1 in the first race',
         'kart 2 Purdue 10.0.0.2 not in the first race',
-        'heat "Final": 1, 2',
+        'heat "Final": 1, 2 (race)',
     ]
 
 
