@@ -23,6 +23,7 @@ import time
 from ament_index_python.packages import get_package_prefix
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
+from evgp_rcs.laps import BY_HAND
 from evgp_rcs.official import UNNAMED
 from evgp_rcs_console.client import Client, request_message
 from evgp_rcs_console.command_line import COMMANDS, STARTING, STATEMENTS
@@ -492,12 +493,18 @@ def test_a_crossing_is_counted_and_struck_out_by_what_the_results_show(
     official.bring_to(RaceState.GREEN_GREEN)
 
     assert run(control.domain, 'count-passing', '1').returncode == ACCEPTED
-    shown = run(control.domain, 'results', '--wait', str(PATIENCE))
-    assert shown.returncode == ACCEPTED
-    source, session, number = shown.stdout.splitlines()[-1].split()[3:6]
+    which: list[str] = []
+
+    def is_listed() -> bool:
+        shown = run(control.domain, 'results', '--wait', str(PATIENCE))
+        assert shown.returncode == ACCEPTED
+        which[:] = shown.stdout.splitlines()[-1].split()[3:6]
+        return which[:1] == [BY_HAND]
+
+    official.wait_until_polled(is_listed, 'the crossing among the passings')
     why = '--reason', 'a marshal crossed'
-    struck = run(control.domain, 'strike-passing', source, session, number, *why)
-    again = run(control.domain, 'strike-passing', source, session, number, *why)
+    struck = run(control.domain, 'strike-passing', *which, *why)
+    again = run(control.domain, 'strike-passing', *which, *why)
 
     assert (struck.returncode, again.returncode) == (ACCEPTED, REFUSED)
 

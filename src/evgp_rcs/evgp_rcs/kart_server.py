@@ -214,7 +214,8 @@ class KartServer:
         self._connections = {number: _Allowance(*CONNECTIONS) for number in race.karts}
         self._too_often = {number: _Allowance(1) for number in race.karts}
         self._rubbish = {number: _Allowance(5) for number in race.karts}
-        self._reports = {number: _Allowance(20) for number in (0, *race.karts)}
+        self._reports = {number: _Allowance(20) for number in race.karts}
+        self._passings = {number: _Allowance(20) for number in (0, *race.karts)}
         self._beat_at = 0.0
         self._began_again_at = 0.0
         self._shown_at = 0.0
@@ -490,11 +491,16 @@ class KartServer:
 
         :param at: the time of this input, which is theirs too: so a replay can compare it.
         """
-        told = [each for each in events if not each.chatter or self._reports[each.kart].take(at)]
+        told = [each for each in events if not each.chatter or self._may_tell(each, at)]
         if told:
             stamped = self._stamped(told, at)
             self._log.add(inputs.Told(stamped[0].sequence, stamped[-1].sequence))
             self._gather(stamped)
+
+    def _may_tell(self, event: Event, at: float) -> bool:
+        """Return whether a kart, or the timing line, may cause one more event."""
+        at_line = event.kind is EventKind.PASSING
+        return (self._passings if at_line else self._reports)[event.kart].take(at)
 
     def _tell(self, event: Event) -> None:
         """Tell what no input of the rules has made happen."""

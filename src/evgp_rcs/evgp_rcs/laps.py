@@ -47,10 +47,10 @@ from typing import Any, NamedTuple
 MOST_A_SECOND = 200
 """Maximum number of passings taken of one source in a second."""
 
-MOST_A_RACE = 5_000
+MOST_A_RACE = 4_000
 """Maximum number of passings taken of one source in a race."""
 
-MOST_SOURCES = 4
+MOST_SOURCES = 3
 """Maximum number of sources of which passings are taken in a race, besides officials: a correction
 judges all of them again, for which a stop waits (some 2 ms for a thousand)."""
 
@@ -503,15 +503,20 @@ class Laps:
         running = self.ended == math.inf and kart not in self.left
         if any(each.disqualified for each in penalties):
             status = Status.DISQUALIFIED
-        elif kart in self.finished or self.is_done(kart):
-            status = Status.CLASSIFIED
-        elif running:
+        elif running and not (kart in self.finished or self.is_done(kart)):
             status = Status.RUNNING
         elif not lap_times:
             status = Status.NOT_CLASSIFIED
+        elif kart in self.finished or self.is_done(kart):
+            status = Status.CLASSIFIED
         else:
             status = Status.CLASSIFIED if self.format is Format.PRACTICE else Status.DNF
         return KartResult(kart, 0, status, laps, total, lap_times, penalties)
+
+    @property
+    def is_recalled(self) -> bool:
+        """Return whether they are those of a race before race control was started."""
+        return self.ended == -math.inf
 
     # ----- what outlives race control -----------------------------------------------------
 

@@ -32,7 +32,7 @@ from evgp_node.states import state_message
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
-from evgp_rcs.laps import Judged, KartResult, Mark, Passing, Penalty, Status
+from evgp_rcs.laps import BY_HAND, Judged, KartResult, Mark, Passing, Penalty, Status
 from evgp_rcs.link_quality import NOT_MEASURED
 from evgp_rcs.official import tidy
 from evgp_rcs.race import AlertKind, EventKind, StampedEvent
@@ -40,6 +40,9 @@ from evgp_rcs.snapshot import KartSnapshot, Offer, Snapshot, Standings
 from evgp_rcs_msgs import msg
 
 NS = 1_000_000_000
+
+MOST_STRENGTH = 1e9
+"""The strength of a passing is below this, in the device's own measure."""
 
 ERRORS = (AlertKind.RECORD_FAILING, AlertKind.TWO_RACE_CONTROLS)
 """Alerts without the MSR that are errors in the diagnostics."""
@@ -180,10 +183,11 @@ def passing_of(message: msg.Passing) -> Passing:
     Return a passing of a message, whatever is in it.
 
     What a message can say and the record cannot keep is what says nothing: a strength that is no
-    number, a time before 1970. Names are one line that can be printed.
+    number or beyond measure, a time before 1970. Names are one line that can be printed. Nobody
+    but officials is called as they are.
     """
     return Passing(
-        tidy(message.source),
+        '' if (source := tidy(message.source)) == BY_HAND else source,
         tidy(message.session),
         message.number,
         message.kart,
@@ -191,7 +195,7 @@ def passing_of(message: msg.Passing) -> Passing:
         max(0, message.stamp.sec * NS + message.stamp.nanosec),
         message.clock,
         message.hits,
-        message.strength if math.isfinite(message.strength) else None,
+        message.strength if abs(message.strength) < MOST_STRENGTH else None,
     )
 
 

@@ -58,6 +58,7 @@ Section numbers (§) are those of the EVGP proposal.
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 import dataclasses
 from dataclasses import dataclass
@@ -582,7 +583,7 @@ class Race:
         """The transponders that officials gave to karts."""
         self.laps: Laps | None = None
         """Of the race that was started last, until the next GRID_ACTIVE; None: of none."""
-        self._seen: dict[Identity, None] = {}
+        self._seen: OrderedDict[Identity, None] = OrderedDict()
         self.heats = tuple(heats)
         self.state = IN_GARAGE
         self.state_since = now
@@ -935,7 +936,7 @@ class Race:
         fresh = {each.identity: each for each in passings if each.identity not in self._seen}
         self._seen |= dict.fromkeys(fresh)
         while len(self._seen) > MOST_SEEN:
-            del self._seen[next(iter(self._seen))]
+            self._seen.popitem(last=False)
         if self.laps is None:
             for passing in fresh.values():
                 self._tell_passing(passing, passing.kart, 'no race was started')
@@ -1582,11 +1583,15 @@ class Race:
                 return f'passing {command.passing} is {"" if struck else "not "}struck out'
         if 'transponder' in takes and not command.transponder:
             return 'name the transponder'
+        if 'transponder' in takes and len(self.given) >= MOST_GIVEN:
+            return f'{MOST_GIVEN} transponders were given; put them into the roster'
         if 'seconds' in takes:
             if not (command.seconds or command.laps or command.disqualified):
                 return 'say what it costs: seconds, laps, or the place'
             if not command.reason:
                 return 'say why'
+            if self.laps is not None and len(self.laps.penalties) >= MOST_PENALTIES:
+                return f'there are {MOST_PENALTIES} penalties already'
         return ''
 
     def _held_otherwise(self, kart: Kart, seen: RaceState | None) -> str:
@@ -1893,6 +1898,9 @@ _NEXT: dict[RaceState, tuple[CommandKind, str]] = {
     RED_RED: (CommandKind.IN_GARAGE, ' when the track is safe for humans'),
 }
 """What may follow once every kart has acknowledged a state, and on which condition."""
+
+MOST_GIVEN, MOST_PENALTIES = 500, 200
+"""Maximum number of transponders that officials give, and of penalties in a race."""
 
 AUTO_FINISH = 'auto finish'
 """Who gives a FINISH that the organiser lets race control give (`auto_finish`)."""

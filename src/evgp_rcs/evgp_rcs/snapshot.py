@@ -149,7 +149,9 @@ def _laps_of(race: Race, kart: Kart) -> tuple[int, float | None, float | None, b
     times = () if race.laps is None else race.laps.lap_times(kart.number)
     if race.laps is None or not times:
         return 0, None, None, False
-    return len(times), times[-1], min(times), race.laps.is_done(kart.number) and not kart.place
+    drives = race.state is RaceState.GREEN_GREEN and kart.in_race and kart.hold is None
+    done = drives and not kart.place and race.laps.is_done(kart.number)
+    return len(times), times[-1], min(times), done
 
 
 def standings_of(race: Race, now: float) -> Standings:

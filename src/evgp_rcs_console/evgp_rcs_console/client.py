@@ -130,7 +130,13 @@ def read_results(results: msg.Results) -> Results:
         results,
         karts=tuple(_result(each) for each in results.karts),
         passings=tuple(
-            Judged(_passing(each.passing), each.kart, _MARKS[each.mark], each.at, each.struck)
+            Judged(
+                _passing(each.passing),
+                each.kart,
+                _MARKS.get(each.mark, Mark.NOT_COUNTED),
+                each.at,
+                each.struck,
+            )
             for each in results.passings
         ),
     )
@@ -146,7 +152,7 @@ def _result(result: msg.KartResult) -> KartResult:
     return KartResult(
         result.kart,
         result.place,
-        _STATUS[result.status],
+        _STATUS.get(result.status, Status.RUNNING),
         result.laps,
         None if math.isnan(result.total) else result.total,
         tuple(result.lap_times),

@@ -319,9 +319,11 @@ def _show_results(client: Client, hearing: Hearing, until: float) -> Told:
     hearing.wait_for(lambda: hearing.race is not None and hearing.results is not None, until)
     with hearing.news:
         race, found = hearing.race, hearing.results
-    if race is None or found is None:
+    if race is None:
         where = f'{client.topic}, ROS domain {domain_of()}'
         return {'code': Exit.NOT_THERE, 'error': f'{texts.NOT_YET} ({where})'}
+    if found is None or not found.karts:
+        return _under_banner({'code': Exit.ACCEPTED, 'output': texts.NO_RESULTS}, race)
     teams = {kart.number: kart.team for kart in race.karts}
     headings = tuple(column.heading for column in results.RESULT_COLUMNS)
     lines = [results.title(found), *aligned([headings, *results.table(found, teams)])]

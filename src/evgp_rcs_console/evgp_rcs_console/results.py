@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+import math
 
 from evgp_rcs.laps import Judged, KartResult, Mark, Status
 from evgp_rcs_console import texts
@@ -64,7 +65,7 @@ def _notes(kart: KartResult) -> list[str]:
 
 def lap_time(seconds: float | None) -> str:
     """Return a time as minutes:seconds and thousandths; empty if there is none."""
-    if seconds is None:
+    if seconds is None or not math.isfinite(seconds):
         return ''
     minutes, thousandths = divmod(round(1000 * seconds), 60_000)
     return f'{minutes}:{thousandths // 1000:02}.{thousandths % 1000:03}'

@@ -24,7 +24,7 @@ import json
 import pathlib
 from typing import Any, get_args
 
-from evgp_rcs.inputs import entries_of, feed, Input, InputsError
+from evgp_rcs.inputs import entries_of, feed, Input, InputsError, Recovered
 from evgp_rcs.laps import Format, Laps, overall
 from evgp_rcs.plain import plain
 from evgp_rcs.replay import Kept
@@ -76,6 +76,8 @@ def main(arguments: Sequence[str]) -> int:
     code = runs.code
     for each in kept:
         laps, lacks = counted(each)
+        for recalled in filter(lambda laps: laps.is_recalled, laps.values()):
+            rows = _without(recalled, rows)
         rows += _rows(each, laps)
         if lacks:
             say(f'of run {each.run.number} not all can be read: {lacks}')
@@ -103,18 +105,32 @@ def counted(kept: Kept) -> tuple[dict[int, Laps], str]:
     if kept.setup is None:
         return {}, kept.lacks
     race = kept.setup.race()
-    laps = {}
+    laps: dict[int, Laps] = {}
+    known: Laps | None = None
     try:
         for entry in entries_of(kept.blocks):
             if isinstance(entry, _INPUTS):
                 feed(entry, race)
-            if race.laps is not None:
+            if isinstance(entry, Recovered) and entry.memory is not None and entry.memory.final:
+                known = race.laps  # that race was over, and its own run has it
+            if race.laps is not None and race.laps is not known:
                 laps[race.grids] = race.laps
     except InputsError as error:
         return laps, str(error)
     except Exception as error:  # noqa: BLE001 - other rules may have recorded the inputs
         return laps, f'the rules cannot run on it ({error!r})'
     return laps, ''
+
+
+def _without(recalled: Laps, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return rows without those of the same race, if it is the last one."""
+    if not rows:
+        return rows
+    last = [(row['run'], row['race']) == (rows[-1]['run'], rows[-1]['race']) for row in rows]
+    same = {row['kart'] for row, is_last in zip(rows, last, strict=True) if is_last}
+    if same != set(recalled.karts) or rows[-1]['heat'] != recalled.heat:
+        return rows
+    return [row for row, is_last in zip(rows, last, strict=True) if not is_last]
 
 
 def _rows(kept: Kept, counts: Mapping[int, Laps]) -> Iterator[dict[str, Any]]:
