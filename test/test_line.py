@@ -27,6 +27,7 @@ class TimingLine(RosSide):
     def __init__(self, domain: int) -> None:
         super().__init__('line', domain)
         self.results: list[msg.Results] = []
+        self._began_ns = time.time_ns()
         self._passings = self.node.create_publisher(msg.Passing, '/rcs/passings', LINE_QOS)
         self.node.create_subscription(msg.Results, '/rcs/results', self._hear, latched(1))
         self.spin()
@@ -37,7 +38,9 @@ class TimingLine(RosSide):
             self.news.notify_all()
 
     def sees(self, number: int, **fields: object) -> None:
-        named = {'kart': 1, 'stamp': stamp_of(time.time_ns()), **fields}
+        # By its clock 0.3 s lie between the first and the others, however fast they are said.
+        stamp = stamp_of(self._began_ns + (number > 1) * 300_000_000)
+        named = {'kart': 1, 'stamp': stamp, **fields}
         self._passings.publish(msg.Passing(source='line', session='today', number=number, **named))
 
     def wait_for(self, found: Callable[[msg.Results], bool], what: str) -> msg.Results:
