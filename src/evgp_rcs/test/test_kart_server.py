@@ -519,10 +519,12 @@ def test_while_one_kart_floods_the_others_get_their_frames_and_the_stop(
 
     def flood() -> None:
         rubbish = (b'$' * 100 + b'\x00\xff;' + encode(GREEN_GREEN) + encode(RED_RED)) * 200
-        while not over.is_set():
-            with contextlib.suppress(BlockingIOError):
-                loud.send(rubbish)
-            over.wait(0.001)
+        # On a slow computer it goes on for so long that its connection is dropped.
+        with contextlib.suppress(ConnectionError):
+            while not over.is_set():
+                with contextlib.suppress(BlockingIOError):
+                    loud.send(rubbish)
+                over.wait(0.001)
 
     flooding = threading.Thread(target=flood)
     flooding.start()
