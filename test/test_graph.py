@@ -20,7 +20,7 @@ from evgp_node import graph
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg
-from evgp_testing.domains import Domain
+from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import StartBridge, StartRaceControl
 from evgp_testing.kart import Bridge
 from evgp_testing.official import Official
@@ -206,7 +206,7 @@ def test_a_stranger_on_the_network_finds_nothing_of_a_bridge_and_changes_nothing
 ) -> None:
     start_in(environment, monkeypatch)
     with networks.own.inside():
-        bridge = start_bridge(12017)
+        bridge = start_bridge()
         neighbour = ForeignNode(bridge.domain, {}, seconds=30)
     assert '/kart_bridge/acknowledge' in neighbour.findings().answered
 
@@ -406,7 +406,7 @@ def test_a_node_with_ross_own_settings_on_this_machine_finds_race_control_and_it
 ) -> None:
     for started, service, topic in (
         (start_race_control(in_race=[1]), '/rcs/all_kill', '/rcs/race'),
-        (start_bridge(12017), '/kart_bridge/acknowledge', '/kart_bridge/race_state'),
+        (start_bridge(), '/kart_bridge/acknowledge', '/kart_bridge/race_state'),
     ):
         found = ForeignNode(started.domain, environment, seconds=30).findings()
         print(f'found after {found.after:.2f} s')
@@ -525,7 +525,7 @@ def test_no_program_starts_on_an_interface_that_is_not_there(
     monkeypatch.setenv(graph.INTERFACE, named)
     domain = parts.enter_context(Domain()).number
     control = parts.enter_context(race_control(parts, tmp_path))
-    bridge = parts.enter_context(Bridge(domain, 12017, '127.0.1.1'))
+    bridge = parts.enter_context(Bridge(domain, free_port(), '127.0.1.1'))
 
     assert (control.wait(), bridge.wait()) == (code, code)
 

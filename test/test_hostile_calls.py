@@ -159,7 +159,7 @@ def attacked(
         control = start_race_control(in_race=[1])
         return control, 'rcs', SERVICES, control.domain
     if request.param == 'kart_bridge':
-        bridge = start_bridge(12017)
+        bridge = start_bridge()
         return bridge, 'kart_bridge', OF_BRIDGE, bridge.domain
     domain = parts.enter_context(Domain()).number
     return parts.enter_context(ExampleStack(domain)), 'example_stack', {}, domain

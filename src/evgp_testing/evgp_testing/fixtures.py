@@ -102,19 +102,23 @@ def connect_kart(parts: contextlib.ExitStack) -> ConnectKart:
 
 @pytest.fixture
 def start_bridge(parts: contextlib.ExitStack) -> StartBridge:
-    """Return a function that starts a kart's bridge on a ROS domain of its own."""
-    from evgp_testing.domains import Domain
+    """
+    Return a function that starts a kart's bridge on a ROS domain of its own.
+
+    Without a port, nobody listens where it looks for race control.
+    """
+    from evgp_testing.domains import Domain, free_port
     from evgp_testing.kart import Bridge
     from evgp_testing.race_control import address_of
 
     def start(
-        port: int,
+        port: int = 0,
         number: int = 1,
         program: str = 'kart_bridge_node',
         arguments: tuple[str, ...] = (),
         **parameters: object,
     ) -> Bridge:
-        domain = parts.enter_context(Domain())
+        domain, port = parts.enter_context(Domain()), port or free_port()
         return parts.enter_context(
             Bridge(domain.number, port, address_of(number), parameters, program, arguments)
         )
