@@ -19,6 +19,11 @@ A passing is evidence. It is kept as it came, and each is judged by the rule bel
 An official may strike one out and put it back, and give a transponder to a kart; then all are
 judged again. Nothing here knows what a kart is sent.
 
+A beam sees that somebody crosses, and officials say who: a passing of officials gives the kart
+the oldest crossing of nobody known that came within the last `BEAM_PRESS` seconds. An official
+may be quicker than the beam: what it sees within `clock_tolerance` after a passing of officials
+takes its place. Either only if it counts for that kart.
+
 A passing counts for a kart that started the race, if it comes after GREEN_GREEN and before the
 kart's finish, its leaving or the end of the race, before the kart has all its laps, and no nearer
 to the last one that counted than `min_lap_time`. What comes within `clock_tolerance` after the
@@ -59,6 +64,9 @@ BY_HAND = 'official'
 
 ALL_SOURCES, FURTHER_SOURCES = 'all sources', 'further sources'
 """Of whom too many passings came, if it is not one source."""
+
+BEAM_PRESS = 3.0
+"""Time after a beam's crossing within which an official says whose it was, in seconds."""
 
 MOST_SEEN = 100_000
 """Number of identities that are known again, over all races."""
@@ -276,6 +284,7 @@ class Laps:
     :param ended: when the race was stopped or over, in seconds since GREEN_GREEN.
     :param finished: when each kart finished, likewise; ``left``: when it left the race.
     :param struck: the passings that were struck out, and why.
+    :param given: of passings that do not say who it was, the kart that officials gave them to.
     :param before: what counted before race control was restarted.
     :param counted: of each kart the times that counted, s since GREEN_GREEN.
     :param marks: what became of each crossing.
@@ -295,6 +304,7 @@ class Laps:
     left: Mapping[int, float] = field(default_factory=dict)
     crossings: tuple[Crossing, ...] = ()
     struck: Mapping[Identity, str] = field(default_factory=dict)
+    given: Mapping[Identity, int] = field(default_factory=dict)
     penalties: tuple[Penalty, ...] = ()
     before: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     counted: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
@@ -323,6 +333,10 @@ class Laps:
             over[ALL_SOURCES] = over.get(ALL_SOURCES, 0) + dropped
         for passing in passings:
             source = passing.source
+            if source == BY_HAND and (beam := self._waiting(came)):
+                laps, seen = self._give(beam, passing.kart)
+                if seen.mark is Mark.COUNTED:
+                    return laps, [seen]
             others = len(rates) - (BY_HAND in rates)
             is_taken = source == BY_HAND or others < MOST_SOURCES
             rate = rates.get(source, _Rate() if is_taken else _FULL)
@@ -346,7 +360,46 @@ class Laps:
         laps = dataclasses.replace(
             self, rates=rates, over=over, anchors=anchors, clocks=frozenset(clocks)
         )
-        return laps._judge(crossings)
+        laps, taken = laps._judge(crossings)
+        for place, (each, crossing) in enumerate(zip(taken, crossings, strict=True)):
+            if each.mark is Mark.UNKNOWN and (press := laps._press_before(crossing)):
+                struck = {
+                    **laps.struck,
+                    press.passing.identity: f'seen by {each.passing.identity}',
+                }
+                laps, seen = laps._give(crossing, press.passing.kart, struck=struck)
+                taken[place] = seen._replace(lap=0)  # told with the press
+        return laps, taken
+
+    def _waiting(self, came: float) -> Crossing | None:
+        """Return the oldest crossing of nobody known that an official may mean then."""
+        lately = (each for each in self._nobody if came - each.came <= BEAM_PRESS)
+        return next(lately, None)
+
+    def _press_before(self, crossing: Crossing) -> Crossing | None:
+        """Return the oldest passing of officials whose place a crossing of nobody known takes."""
+        found = None
+        for each, mark in zip(reversed(self.crossings), reversed(self.marks), strict=True):
+            if crossing.passing.transponder or (
+                crossing.came - each.came > self.settings.clock_tolerance
+            ):
+                break
+            if each.passing.source == BY_HAND and mark is Mark.COUNTED:
+                kart = each.passing.kart
+                others = tuple(at for at in self.counted[kart] if at != each.at)
+                if self._mark(crossing, kart, others) is Mark.COUNTED:
+                    found = each
+        return found
+
+    def _give(self, crossing: Crossing, kart: int, **changes: Any) -> tuple[Laps, Taken]:
+        """Give a crossing of nobody known to a kart."""
+        identity = crossing.passing.identity
+        laps = self.again(given={**self.given, identity: kart}, **changes)
+        before, times = len(self.counted.get(kart, ())), laps.counted.get(kart, ())
+        mark = laps.marks[laps.crossings.index(crossing)]
+        if len(times) <= max(before, 1):
+            return laps, Taken(crossing.passing, kart, mark)
+        return laps, Taken(crossing.passing, kart, mark, len(times) - 1, times[-1] - times[-2])
 
     def _judge(self, crossings: Sequence[Crossing]) -> tuple[Laps, list[Taken]]:
         """Judge further crossings, in the order in which they came."""
@@ -362,7 +415,7 @@ class Laps:
                 times = counted[kart] = (*counted.get(kart, ()), crossing.at)
                 lap = len(times) - 1
                 seconds = times[-1] - times[-2] if lap else 0.0
-            elif mark is Mark.UNKNOWN:
+            elif mark is Mark.UNKNOWN and passing.transponder:
                 unknown.add(passing.transponder)
             taken.append(Taken(passing, kart, mark, lap, seconds))
         return (
@@ -397,7 +450,8 @@ class Laps:
         if passing.transponder:
             return self.transponders.get(passing.transponder, 0)
         # A beam sees only that somebody crosses: where one kart races, it is that one.
-        return self.karts[0] if len(self.karts) == 1 else 0
+        alone = self.karts[0] if len(self.karts) == 1 else 0
+        return self.given.get(passing.identity, alone)
 
     def again(self, **changes: Any) -> Laps:
         """Return what comes of all passings if these fields are others; so each race begins."""
@@ -453,7 +507,14 @@ class Laps:
         return bool(self.wanted) and len(self.counted.get(kart, ())) > self.wanted
 
     @functools.cached_property
-    def trouble(self) -> str:
+    def _nobody(self) -> tuple[Crossing, ...]:
+        """Return the crossings that nobody knows whose they were, the first one first."""
+        marked = zip(self.crossings, self.marks, strict=True)
+        return tuple(
+            each for each, mark in marked if mark is Mark.UNKNOWN and not each.passing.transponder
+        )
+
+    def trouble(self, now: float) -> str:
         """Return what an official should know of the sources, as a sentence; empty: nothing."""
         phrases = []
         if self.clocks:
@@ -461,9 +522,9 @@ class Laps:
             phrases.append(f'the clock of {who} jumps, and the times of arrival count')
         for source, count in sorted(self.over.items()):
             phrases.append(f'{count} passings of {source} were too many and are not counted')
-        if self.unknown - {''}:
-            phrases.append(f'no kart has the transponder {_some(self.unknown - {""})}')
-        if '' in self.unknown:
+        if self.unknown:
+            phrases.append(f'no kart has the transponder {_some(self.unknown)}')
+        if self._nobody and now - self.green - self._nobody[0].came > BEAM_PRESS:
             phrases.append('somebody crossed the line, and nothing says who')
         return f'Look at the laps: {"; ".join(phrases)}' if phrases else ''
 

@@ -1820,8 +1820,8 @@ class Race:
                 'released; every stop works, but only for the karts that are connected to the '
                 'race control that receives it',
             )
-        if self.laps is not None and self.laps.trouble:
-            yield AlertKind.LAPS_SOURCE, None, None, self.laps.trouble
+        if self.laps is not None and (trouble := self.laps.trouble(now)):
+            yield AlertKind.LAPS_SOURCE, None, None, trouble
         if self.record_fails:
             yield AlertKind.RECORD_FAILING, None, None, self.record_fails
 

@@ -112,6 +112,8 @@ OF_A_START = ('journal', 'withdrawn')
 # What officials are told of a link, which changes nothing.
 OF_A_LINK = ('measured', 'delivered')
 OFFICIAL = 'Anna'
+# Whom a beam sees, and for how long an official can say who it was, in seconds.
+NOBODY, BEAM_PRESS = -1, 3.0
 
 # How much of a danger a kart may be.
 HARMLESS, ON_GRID, MOVING = range(3)
@@ -268,7 +270,8 @@ class LapFacts(NamedTuple):
     """
     What the oracle remembers of the laps of a race, in seconds since GREEN_GREEN.
 
-    :param passings: of each its number, the kart it names (0: it has the transponder), and when.
+    :param passings: of each its number, the kart it names (0: it has the transponder; or NOBODY),
+        and when. Those that officials count have numbers below 0.
     :param out: of each kart that finished or left, until when its passings count.
     """
 
@@ -281,18 +284,66 @@ class LapFacts(NamedTuple):
     out: tuple[tuple[int, str, float], ...] = ()
     ended: float = math.inf
 
+    def counting(self, kart: int, owner: int) -> list[tuple[int, float]]:
+        """Return the passings of a kart that count: their numbers, and when."""
+        times = [(0, 0.0)] if self.times.first_crossing == 'ends' else []
+        alone = self.karts[0] if len(self.karts) == 1 else NOBODY
+        for number, named, at in self.passings:
+            mine = (alone if named == NOBODY else named or owner) == kart and kart in self.karts
+            full = self.wanted and len(times) > self.wanted
+            if not mine or number in self.struck or at > self.until(kart) or full:
+                continue
+            if not times or at - times[-1][1] >= self.times.min_lap_time:
+                times.append((number, at))
+        return times
+
+    def until(self, kart: int) -> float:
+        """Return until when the passings of a kart count."""
+        return min([self.ended, *(at for number, _, at in self.out if number == kart)])
+
     def crossed(self, kart: int, owner: int) -> list[float]:
         """Return when a kart crossed the line, as far as that counts."""
-        times = [0.0] if self.times.first_crossing == 'ends' else []
-        until = min([self.ended, *(at for number, _, at in self.out if number == kart)])
-        for number, named, at in self.passings:
-            mine = (named or owner) == kart and kart in self.karts
-            full = self.wanted and len(times) > self.wanted
-            if not mine or number in self.struck or at > until or full:
-                continue
-            if not times or at - times[-1] >= self.times.min_lap_time:
-                times.append(at)
-        return times
+        return [at for _, at in self.counting(kart, owner)]
+
+    def of_nobody(self) -> list[tuple[int, int, float]]:
+        """Return the passings of which nobody knows who it was."""
+        return [
+            each
+            for each in self.passings
+            if each[1] == NOBODY
+            and each[0] not in self.struck
+            and each[2] <= self.ended
+            and len(self.karts) != 1
+        ]
+
+    def pressed(self, kart: int, owner: int, at: float) -> LapFacts:
+        """Return what is remembered once an official says that a kart crossed."""
+        beams = [each for each in self.of_nobody() if at - each[2] <= BEAM_PRESS]
+        if beams:
+            own = (beams[0][0], kart, beams[0][2])
+            then = self._replace(
+                passings=tuple(own if each == beams[0] else each for each in self.passings)
+            )
+            if (own[0], own[2]) in then.counting(kart, owner):
+                return then
+        # Nobody says it again, nor corrects it.
+        return self._replace(passings=(*self.passings, (-1 - len(self.passings), kart, at)))
+
+    def seen(self, serial: int, named: int, owner: int, at: float) -> LapFacts:
+        """Return what is remembered once a source saw somebody cross."""
+        struck = self.struck
+        presses = [each for each in self.passings if each[0] < 0]
+        for number, kart, then in presses if named == NOBODY and len(self.karts) != 1 else ():
+            counting = self.counting(kart, owner)
+            others = [other for press, other in counting if press != number]
+            counts = at <= self.until(kart) and (
+                not others or at - others[-1] >= self.times.min_lap_time
+            )
+            late = at - then > self.times.clock_tolerance
+            if counts and not late and (number, then) in counting:
+                named, struck = kart, struck | {number}
+                break
+        return self._replace(passings=(*self.passings, (serial, named, at)), struck=struck)
 
     def is_done(self, kart: int, owner: int) -> bool:
         """Return whether a kart has all its laps."""
@@ -325,7 +376,8 @@ class Input(NamedTuple):
     """
     One input: a command, a connection change, something a kart says, or time.
 
-    :param kind: which command; of a journal 'stale' if it is not what the start waits for.
+    :param kind: which command; of a journal 'stale' if it is not what the start waits for; of a
+        passing 'beam' if it does not say who it was.
     :param serial: of what a kart says; of a passing or its correction, its number.
     :param statement: what is stated; of a rival that it is there, of the record that it fails, of
         a journal that it was written, of a link that is measured that it is poor.
@@ -634,18 +686,27 @@ def _corrects(facts: Facts, given: Input) -> bool:
 def _with_passing(facts: Facts, given: Input, now: float) -> Facts:
     """Return what is remembered with a passing; one that is said again is known."""
     laps, serial = facts.laps, given.serial
-    if given.what == 'command' and laps is not None:
-        serial = -1 - len(laps.passings)  # nobody says it again, nor corrects it
+    if given.what == 'command':
+        assert laps is not None
+        return facts._replace(laps=laps.pressed(given.kart, facts.owner, now - laps.green))
     if laps is not None and serial not in facts.seen:
-        passing = (serial, given.kart, now - laps.green)
-        laps = laps._replace(passings=(*laps.passings, passing))
-    return facts._replace(laps=laps, seen=facts.seen | ({serial} if serial >= 0 else frozenset()))
+        named = NOBODY if given.kind == 'beam' else given.kart
+        laps = laps.seen(serial, named, facts.owner, now - laps.green)
+    return facts._replace(laps=laps, seen=facts.seen | {serial})
+
+
+def _whose(facts: Facts, given: Input) -> int:
+    """Return which kart it is that crosses; a beam knows it only of one that races alone."""
+    if given.kind != 'beam':
+        return given.kart or facts.owner
+    karts = () if facts.laps is None else facts.laps.karts
+    return karts[0] if len(karts) == 1 else NOBODY
 
 
 def _finishes(view: View, facts: Facts, given: Input, now: float) -> bool:
     """Return whether race control gives a kart FINISH because of this passing."""
     then = _with_passing(facts, given, now).laps
-    whose = given.kart or facts.owner
+    whose = _whose(facts, given)
     if then is None or facts.laps is None or not then.times.auto_finish:
         return False
     done = then.is_done(whose, facts.owner) and not facts.laps.is_done(whose, facts.owner)
@@ -903,9 +964,11 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
     if view.trouble:
         alerts.add(('RECORD_FAILING', 0))
     laps = facts.laps
-    if laps is not None and not facts.owner:
+    if laps is not None:
         unknown = [each for each in laps.passings if not each[1] and each[0] not in laps.struck]
-        if any(at <= laps.ended for _, _, at in unknown):
+        if not facts.owner and any(at <= laps.ended for _, _, at in unknown):
+            alerts.add(('LAPS_SOURCE', 0))
+        if any(now - laps.green - at > BEAM_PRESS for _, _, at in laps.of_nobody()):
             alerts.add(('LAPS_SOURCE', 0))
     return alerts
 
@@ -994,7 +1057,7 @@ def _learn_laps(
         facts = _with_passing(facts, given, now)
     kind, kart = given.kind, given.kart
     if becomes == 'finishes':
-        kind, kart = 'KART_FINISH', kart or facts.owner
+        kind, kart = 'KART_FINISH', _whose(facts, given)
     elif given.what == 'command' and becomes != 'accepted':
         return facts
     if kind == 'SET_HEAT':
@@ -1067,7 +1130,7 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
         return race.delivered(given.kart, given.serial, now, now)
     if given.what == 'passing':
         # Each of a session of its own: the time of arrival is the time.
-        named = (given.kart, '') if given.kart else (0, 'T')
+        named = (given.kart, '' if given.kart or given.kind == 'beam' else 'T')
         passing = Passing('line', str(given.serial), given.serial, *named)
         return race.passed([passing], 0, now)
     if given.what == 'rival':
@@ -1155,7 +1218,7 @@ def check_input(
         _check_heat(before, given, outcome, after)
     left = before._replace(start=None) if started else before
     if becomes == 'finishes':
-        given = given._replace(kart=given.kart or facts.owner)
+        given = given._replace(kart=_whose(facts, given))
     expected = expect(left, given, now, race.times, becomes)
     for kart, wanted in zip(after.karts, expected.karts, strict=True):
         if kart.sent is not wanted.sent:
@@ -2066,6 +2129,8 @@ class Search:
             for number in (0, *self.numbers):
                 yield Input('passing', '', number, serial=len(facts.seen) + 1), now
             yield Input('passing', '', self.numbers[0], serial=len(facts.seen)), now
+            if len(view.timed) > 1:
+                yield Input('passing', 'beam', serial=len(facts.seen) + 1), now
         if self.waits:
             yield Input('held up'), now
         if view.start is not None:

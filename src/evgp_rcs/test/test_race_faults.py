@@ -36,6 +36,7 @@ AT_ONCE = {'settle': 0.0}
 LAPS = {'auto_finish': True}
 ALL_OF_ONE = oracle.KART_COMMANDS
 CROSSES = oracle.Input('passing', '', 1, serial=1)
+SEEN = oracle.Input('passing', 'beam', serial=1)
 STOPPED = oracle.Input('command', 'KART_RED_RED', 1, True)
 MARKED = oracle.Input('command', 'KART_FINISH', 1, True)
 
@@ -74,6 +75,7 @@ WORLDS = {
     'laps of a kart that is held': lapping(CROSSES, STOPPED, times=LAPS),
     'laps of a kart that was released': lapping(STOPPED, STOPPED._replace(kind='KART_IN_GARAGE')),
     'laps with a finish undone': lapping(MARKED, MARKED._replace(kind='KART_UNDO_FINISH')),
+    'laps of two': world(8, 2, 0, 'green', laps=True, then=(SEEN,)),
     'laps outside': world(5, 1, 1, 'green', laps=True),
     'laps on the grid': world(60, 1, 0, 'grid', laps=True, times=AT_ONCE),
     'uninspected outside': world(60, 1, 1, times=REQUIRED, uninspected=(2,)),
@@ -538,6 +540,8 @@ a kart that was taken out of the race goes on with its laps: lap-count [laps of 
     _release_kart: self.laps = self.laps.leave(kart.number, now) => pass
 a passing that an official counts is forgotten: lap-count [laps by hand]
     _count_passing: self._take_passings([seen], 0, now) => []
+a press counts beside what the beam saw: lap-count, alerts [laps of two]
+    _count_passing: Passing(BY_HAND => Passing('hand'
 a passing that an official counts sends a kart RED_FLAG: laps-act, sent-wrong, order-wrong [laps
     by hand]
     _count_passing: marks = => self._hold(self.karts[command.kart], RED_FLAG, 'counted', now) ¶
@@ -562,7 +566,7 @@ a penalty is taken back that there is not: availability [laps by hand]
 a restart forgets the laps: restart [laps by hand]
     recover: self.laps = Laps.recall(memory.laps, self.times, now) => pass
 an unknown transponder raises no alert: alerts [laps by hand]
-    _current_alerts: self.laps is not None and self.laps.trouble => False
+    _current_alerts: self.laps is not None and (trouble := self.laps.trouble(now)) => False
 """
 )
 """Each fault under what it would mean on the track."""

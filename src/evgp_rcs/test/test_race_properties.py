@@ -281,6 +281,25 @@ class Races(RuleBasedStateMachine):
         self.let_pass(step)
         self.give(oracle.Input('passing', '', kart, serial=serial))
 
+    @rule(
+        serial=SERIALS,
+        step=st.floats(0.0, 12.0),
+        before=st.lists(KARTS, max_size=2),
+        after=st.lists(KARTS, max_size=2),
+        later=st.sampled_from((0.0, 0.2, 0.5, 1.5, 3.0, 3.1)),
+    )
+    def a_beam_sees_somebody_and_officials_say_who(
+        self, serial: int, step: float, before: list[int], after: list[int], later: float
+    ) -> None:
+        self.let_pass(step)
+        for kart in (*before, 0, *after):
+            if kart:
+                self.give(oracle.Input('command', 'COUNT_PASSING', kart))
+            else:
+                fresh = serial if serial not in self.facts.seen else 1000 + len(self.facts.seen)
+                self.give(oracle.Input('passing', 'beam', serial=fresh))
+            self.let_pass(later)
+
     @precondition(lambda self: self.race.state is RaceState.GREEN_GREEN)
     @rule()
     def every_kart_crosses_the_line(self) -> None:
