@@ -41,7 +41,7 @@ bench demo fuzz rehearsal screenshots soak test test-long: export ROS_AUTOMATIC_
 HOST :=
 ODOM :=
 
-# A timing device: contact, ilap, laprf or p3, and where it is (docs/timing.md).
+# A timing device: its kind, and where it is (docs/timing.md).
 KIND :=
 DEVICE :=
 
