@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from evgp_timing import ilap, laprf, p3
+from evgp_timing import ilap, laprf, lines, p3
 from evgp_timing.passings import Decoder
 
 CONTACT = 'contact'
@@ -27,6 +27,7 @@ CONTACT = 'contact'
 DECODERS: dict[str, Callable[[], Decoder]] = {
     'ilap': ilap.decoder,
     'laprf': laprf.decoder,
+    'lines': lines.decoder,
     'p3': p3.decoder,
 }
 """What makes a decoder for one connection, by the kind of the device."""

@@ -61,6 +61,12 @@ RECORDED: dict[str, list[tuple[bytes, Event]]] = {
         ),
         (b'\x01@\t204\t3000999\t98.07\r\n', Passing(98070000, 0, '3000999', 0, math.nan)),
     ],
+    # Ours: a transponder, nobody known, a sign of life.
+    'lines': [
+        (b'$kart-7,12.345\r\n', Passing(12345000, transponder='kart-7')),
+        (b'$,4294967\n', Passing(4294967000000)),
+        (b'$\n', Sign()),
+    ],
 }
 """Whole records of each kind with what each says, one after the other as a device sends them."""
 

@@ -1,0 +1,53 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Lines of plain text, for home-made timers: a microcontroller, a telephone, a script.
+
+    $transponder,seconds LF
+
+The transponder is up to 32 printable characters of ASCII, without ``$``, comma and space, or
+nothing if the timer does not know who it was. The seconds are those of the timer's own clock, with
+up to six decimals. A line ``$`` with nothing behind it is a sign of life.
+"""
+
+from __future__ import annotations
+
+import re
+
+from evgp_timing.framing import MarkedDecoder
+from evgp_timing.passings import Event, Passing, Refused, Sign
+
+_PASSING = re.compile(
+    rb'(?P<transponder>[!-+\--~]{0,32}),(?P<seconds>\d{1,10})(?:\.(?P<fraction>\d{1,6}))?\r?'
+)
+
+
+def read(line: bytes) -> Event:
+    """Return what a line says; the time is by the timer's clock."""
+    if line in (b'', b'\r'):
+        return Sign()
+    match = _PASSING.fullmatch(line)
+    if match is None:
+        return Refused('a line is not as expected')
+    fraction = (match['fraction'] or b'').ljust(6, b'0')
+    return Passing(
+        time_us=int(match['seconds']) * 1_000_000 + int(fraction),
+        transponder=match['transponder'].decode(),
+    )
+
+
+def decoder() -> MarkedDecoder:
+    """Return a decoder for one connection."""
+    return MarkedDecoder(ord('$'), ord('\n'), read)
