@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
+import itertools
 import os
 import signal
 import socket
@@ -26,6 +27,7 @@ from evgp_timing.passings import Passing
 import pytest
 from rclpy.parameter import Parameter
 from recorded_bytes import RECORDED
+from rig.networks import kart_address, need_networks, RACE_CONTROL, Track
 
 Start = Callable[..., Process]
 
@@ -269,6 +271,53 @@ def test_the_emulator_is_heard_like_a_decoder(
     listener.wait_for_status(DiagnosticStatus.OK)
     emulator.signal(signal.SIGINT)
     assert emulator.wait() == 0
+
+
+@pytest.mark.own_process
+def test_a_bad_line_to_a_decoder_loses_no_passing_that_is_not_told_and_brings_none_twice(
+    start: Start, domain: int, parts: contextlib.ExitStack
+) -> None:
+    """Frames are lost and late; then none comes, until the source has given the decoder up."""
+    need_networks()
+    track = parts.enter_context(Track(seed=1))
+    with track.middle.inside():
+        Listener(domain).close()  # as in test_lost_links
+    decoder = track.machine('decoder', kart_address(1))
+    command = [executable('evgp_timing', 'p3_emulator'), '--address', decoder.address]
+    laps = ['--port', '0', '--lap', '0.5', '--status', '0.2', '--transponders', '1', '2', '3']
+    with decoder.inside():
+        emulator = parts.enter_context(Program('p3_emulator', [*command, *laps], end='INT'))
+    device = f'{decoder.address}:{emulator.wait_for_line(r"listens at .*:([0-9]+)")[1]}'
+    with track.machine('timing', RACE_CONTROL).inside():
+        listener = parts.enter_context(Listener(domain))
+        start(kind='p3', device=device, silent_after=3.0)
+
+    decoder.air(loss=0.1, delay=0.05)
+    before = len(listener.wait_for_passings(20))
+    decoder.air(loss=1.0)
+    listener.wait_for_status(DiagnosticStatus.ERROR)
+    decoder.air(loss=0.1, delay=0.05)
+    listener.wait_for_status(DiagnosticStatus.WARN)
+    listener.wait_for_passings(before + 20)
+    emulator.signal(signal.SIGINT)
+    assert emulator.wait() == 0
+    status = listener.wait_until(
+        lambda: (
+            listener.status
+            and listener.status.level == DiagnosticStatus.ERROR
+            and _count(listener.status, 'passings') == len(listener.passings)
+            and listener.status
+        ),
+        lambda: f'{len(listener.passings)} passings: {listener.status}',
+    )
+
+    assert status
+    assert len({each.session for each in listener.passings}) == 1
+    numbers = [each.number for each in listener.passings]
+    gaps = [b - a - 1 for a, b in itertools.pairwise(numbers)]
+    assert min(gaps) >= 0
+    assert 0 < sum(gaps) == _count(status, 'missed')
+    assert 0 < sum(each > 0 for each in gaps) < _count(status, 'connections')
 
 
 class Line:
