@@ -75,7 +75,7 @@ WORLDS = {
     'laps of a kart that is held': lapping(CROSSES, STOPPED, times=LAPS),
     'laps of a kart that was released': lapping(STOPPED, STOPPED._replace(kind='KART_IN_GARAGE')),
     'laps with a finish undone': lapping(MARKED, MARKED._replace(kind='KART_UNDO_FINISH')),
-    'laps of two': world(8, 2, 0, 'green', laps=True, then=(SEEN,)),
+    'laps of two': world(40, 2, 0, 'green', laps=True, then=(SEEN,)),
     'laps outside': world(5, 1, 1, 'green', laps=True),
     'laps on the grid': world(60, 1, 0, 'grid', laps=True, times=AT_ONCE),
     'uninspected outside': world(60, 1, 1, times=REQUIRED, uninspected=(2,)),
