@@ -311,10 +311,6 @@ def beam_of(story: Story, *seconds: float) -> list[Passing]:
     return [passing for _, passing in story.told[-len(seconds) :]]
 
 
-def marks(story: Story) -> dict[int, Mark]:
-    return {passing.number: mark for _, passing, mark in judged(story)}
-
-
 def test_a_press_gives_the_kart_the_oldest_crossing_that_a_beam_saw_lately() -> None:
     story = Story(race())
     (bird,) = beam_of(story, 10.0)
@@ -326,21 +322,10 @@ def test_a_press_gives_the_kart_the_oldest_crossing_that_a_beam_saw_lately() -> 
 
     # The second press is too soon for another lap of kart 2, and takes nothing from kart 1.
     assert story.laps.counted == {1: (30.0,), 2: (10.0, 29.0), 3: ()}
-    assert list(marks(story).values()).count(Mark.DOUBTFUL) == 1
+    assert story.laps.marks.count(Mark.DOUBTFUL) == 1
     struck = story.laps.strike(bird.identity, 'a bird')
     assert struck.counted[2] == (29.0,)
     assert struck.restore(bird.identity).counted == story.laps.counted
-
-
-def test_a_press_counts_by_itself_if_nothing_was_seen_lately_or_it_was_struck_out() -> None:
-    story = Story(race())
-    old, struck = beam_of(story, 10.0, 13.5)
-    story.laps = story.laps.strike(struck.identity, 'a bird')
-    story.now = 13.6
-    story.press(2)
-
-    assert story.laps.counted[2] == pytest.approx((13.6,))
-    assert marks(story)[old.number] is Mark.UNKNOWN
 
 
 def test_what_a_beam_sees_just_after_a_press_takes_its_place_if_no_lap_is_lost_by_that() -> None:
