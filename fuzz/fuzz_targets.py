@@ -136,6 +136,7 @@ def check_roster(data: bytes) -> None:
                 'karts': list(heat.karts),
                 'format': heat.format.value,
                 **({'laps': heat.laps} if heat.laps else {}),
+                **({'grid_from': heat.grid_from} if heat.grid_from else {}),
             }
             for heat in loaded.heats
         }

@@ -326,7 +326,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'add seconds to the result of a kart, take laps away, or disqualify it',
         'kart/penalise',
         to_one_kart=True,
-        takes=('seconds', 'laps', 'disqualified', 'reason'),
+        takes=('heat', 'seconds', 'laps', 'disqualified', 'reason'),
         of_laps=True,
     ),
     CommandKind.UNDO_PENALTY: Entry(
@@ -334,6 +334,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         'take the last penalty of a kart back',
         'kart/undo_penalty',
         to_one_kart=True,
+        takes=('heat',),
         of_laps=True,
     ),
 }

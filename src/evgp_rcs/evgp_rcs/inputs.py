@@ -109,7 +109,7 @@ class Setup:
         """
         try:
             setup = read(Setup, text)
-            names = [heat.name for heat in setup.heats]
+            names = [name for heat in setup.heats for name in (heat.name, heat.grid_from)]
             names += [
                 name
                 for kart in setup.karts

@@ -71,6 +71,10 @@ BEAM_PRESS = 3.0
 MOST_SEEN = 100_000
 """Number of identities that are known again, over all races."""
 
+MOST_HEATS, MOST_OF_HEATS = 200, 10_000
+"""Maximum number of heats of which the results are kept, and of crossings in all but the newest of
+them: whatever changes in the race, they are written again with it (some 20 ms of the disk's)."""
+
 
 class Format(enum.Enum):
     """What a race is about, which decides the places."""
@@ -223,12 +227,17 @@ class LapsMemory(NamedTuple):
     :param crossed: of each kart the times that counted.
     """
 
-    format: Format  # noqa: A003 - the field's name
-    wanted: int
-    crossed: Mapping[int, tuple[float, ...]]
-    finished: tuple[int, ...]
-    penalties: tuple[Penalty, ...]
-    heat: str
+    format: Format = Format.RACE  # noqa: A003 - the field's name
+    wanted: int = 0
+    crossed: Mapping[int, tuple[float, ...]] = {}
+    finished: tuple[int, ...] = ()
+    penalties: tuple[Penalty, ...] = ()
+    heat: str = ''
+    grid: tuple[int, ...] = ()
+
+
+NO_LAPS = LapsMemory()
+"""No race was started."""
 
 
 class Taken(NamedTuple):
@@ -272,6 +281,50 @@ class _Rate(NamedTuple):
 
 
 @dataclass(frozen=True)
+class Heats:
+    """
+    The results of heats, newest first: of each name the last race in which a kart had a lap.
+
+    Immutable, as ``Laps``.
+    """
+
+    kept: tuple[LapsMemory, ...] = ()
+
+    def keep(self, laps: Laps) -> tuple[Heats, list[str]]:
+        """Keep the result of a heat; also return the heats that are forgotten for it."""
+        if not laps.is_result:
+            return self, []
+        newest = [laps.memory(), *(each for each in self.kept if each.heat != laps.heat)]
+        sizes = itertools.accumulate(
+            len(each.penalties) + sum(map(len, each.crossed.values())) for each in newest
+        )
+        room = min(MOST_HEATS, max(1, sum(size <= MOST_OF_HEATS for size in sizes)))
+        return Heats(tuple(newest[:room])), [each.heat for each in newest[room:]]
+
+    @functools.cached_property
+    def by_name(self) -> Mapping[str, Laps]:
+        """Return the laps of each heat."""
+        return {each.heat: Laps.recall(each, LapSettings(), 0.0) for each in self.kept}
+
+    @functools.cached_property
+    def _best(self) -> Mapping[Format, tuple[KartResult, ...]]:
+        return {each: self._best_without(each, '') for each in Format}
+
+    def best(self, format_: Format, without: str) -> tuple[KartResult, ...]:
+        """Return the best result of each kart in the heats of a format but this one."""
+        if without not in self.by_name:
+            return self._best[format_]
+        return self._best_without(format_, without)
+
+    def _best_without(self, format_: Format, without: str) -> tuple[KartResult, ...]:
+        heats = [each for each in self.by_name.values() if each.heat != without]
+        return overall(
+            format_,
+            (each.result(kart) for each in heats if each.format is format_ for kart in each.karts),
+        )
+
+
+@dataclass(frozen=True)
 class Laps:
     """
     The laps of one race.
@@ -281,6 +334,8 @@ class Laps:
     :param karts: those that started.
     :param transponders: whose each is.
     :param heat: the name of the heat that was in the race; empty: none was.
+    :param grid: the order in which the karts were to start; empty: nothing says one.
+    :param heats: the results of the heats before.
     :param ended: when the race was stopped or over, in seconds since GREEN_GREEN.
     :param finished: when each kart finished, likewise; ``left``: when it left the race.
     :param struck: the passings that were struck out, and why.
@@ -314,6 +369,8 @@ class Laps:
     over: Mapping[str, int] = field(default_factory=dict)
     rates: Mapping[str, _Rate] = field(default_factory=dict)
     anchors: Mapping[tuple[str, str], Crossing] = field(default_factory=dict)
+    grid: tuple[int, ...] = ()
+    heats: Heats = Heats()
 
     # ----- what happens -------------------------------------------------------------------
 
@@ -435,6 +492,8 @@ class Laps:
         if not kart and crossing.came <= self.ended:
             return Mark.UNKNOWN
         finish = self.finished.get(kart, math.inf) + self.settings.clock_tolerance
+        if self.wanted and crossing.passing.source == BY_HAND:
+            finish = math.inf  # an official counts what was missed, or struck out
         until = min(self.ended, finish, self.left.get(kart, math.inf))
         too_late = crossing.came > until or (self.wanted and len(times) > self.wanted)
         if kart not in self.karts or too_late:
@@ -486,15 +545,27 @@ class Laps:
         """Take note that the race was stopped, or is over; what comes now does not count."""
         return dataclasses.replace(self, ended=min(self.ended, now - self.green))
 
-    def penalise(self, penalty: Penalty) -> Laps:
-        """Add a penalty."""
-        return dataclasses.replace(self, penalties=(*self.penalties, penalty))
+    def penalise(self, penalty: Penalty, heat: str = '') -> Laps:
+        """Add a penalty, in this race or in the result of a heat."""
+        return self._with(heat, (*self.of_heat(heat).penalties, penalty))
 
-    def undo_penalty(self, kart: int) -> Laps:
-        """Take the last penalty of a kart back."""
-        last = max(number for number, each in enumerate(self.penalties) if each.kart == kart)
-        kept = (each for number, each in enumerate(self.penalties) if number != last)
-        return dataclasses.replace(self, penalties=tuple(kept))
+    def undo_penalty(self, kart: int, heat: str = '') -> Laps:
+        """Take the last penalty of a kart back, likewise."""
+        penalties = self.of_heat(heat).penalties
+        last = max(number for number, each in enumerate(penalties) if each.kart == kart)
+        kept = (each for number, each in enumerate(penalties) if number != last)
+        return self._with(heat, tuple(kept))
+
+    def _with(self, heat: str, penalties: tuple[Penalty, ...]) -> Laps:
+        if self.of_heat(heat) is self:
+            return dataclasses.replace(self, penalties=penalties)
+        heats = Heats(
+            tuple(
+                each._replace(penalties=penalties) if each.heat == heat else each
+                for each in self.heats.kept
+            )
+        )
+        return dataclasses.replace(self, heats=heats)
 
     # ----- what there is to see -----------------------------------------------------------
 
@@ -531,7 +602,25 @@ class Laps:
     @functools.cached_property
     def results(self) -> tuple[KartResult, ...]:
         """Return the result of every kart, best first."""
-        return ranked(self.format, [self._result(kart) for kart in self.karts])
+        return ranked(self.format, [self.result(kart) for kart in self.karts])
+
+    @property
+    def is_result(self) -> bool:
+        """Return whether it is the result of a heat: a kart has a lap."""
+        return bool(self.heat) and any(len(times) > 1 for times in self.counted.values())
+
+    def of_heat(self, heat: str) -> Laps:
+        """Return the laps that are the result of a heat; of no name, those of this race."""
+        if not heat or (heat == self.heat and self.is_result):
+            return self
+        return self.heats.by_name.get(heat) or Laps.recall(NO_LAPS, self.settings, 0.0)
+
+    def standings(self, format_: Format) -> tuple[KartResult, ...]:
+        """Return the best result of each kart in all heats of a format, this one too."""
+        if not self.is_result:
+            return self.heats.best(format_, '')
+        own = self.results if self.format is format_ else ()
+        return overall(format_, (*self.heats.best(format_, self.heat), *own))
 
     def last_passings(self, most: int) -> list[Judged]:
         """Return the last passings, oldest first."""
@@ -552,7 +641,8 @@ class Laps:
         times = self.counted.get(kart, ())
         return tuple(after - before for before, after in itertools.pairwise(times))
 
-    def _result(self, kart: int) -> KartResult:
+    def result(self, kart: int) -> KartResult:
+        """Return the result of a kart that started, without its place."""
         times = self.counted.get(kart, ())
         lap_times = self.lap_times(kart)
         penalties = tuple(each for each in self.penalties if each.kart == kart)
@@ -590,10 +680,13 @@ class Laps:
             tuple(self.finished),
             self.penalties,
             self.heat,
+            self.grid,
         )
 
     @staticmethod
-    def recall(memory: LapsMemory, settings: LapSettings, now: float) -> Laps:
+    def recall(
+        memory: LapsMemory, settings: LapSettings, now: float, heats: Heats = Heats()
+    ) -> Laps:
         """Return the laps of a race that ended with race control; no passing counts any more."""
         return Laps(
             settings,
@@ -607,6 +700,8 @@ class Laps:
             penalties=memory.penalties,
             before=memory.crossed,
             counted=memory.crossed,
+            grid=memory.grid,
+            heats=heats,
         )
 
 
@@ -622,14 +717,7 @@ def ranked(format_: Format, results: Iterable[KartResult]) -> tuple[KartResult, 
     Race: by laps, then by total time. Time trial: the same, then by the best lap. Practice: by
     the best lap. Whoever did not finish, was not classified or is disqualified comes last.
     """
-
-    def key(result: KartResult) -> tuple[float, ...]:
-        group, best, total = _GROUP.get(result.status, 0), _ms(result.best), _ms(result.total)
-        if format_ is Format.PRACTICE:
-            return group, best
-        trial = best if format_ is Format.TIME_TRIAL else 0.0
-        return group, -result.laps, total, trial
-
+    key = functools.partial(_key, format_)
     placed: list[KartResult] = []
     for number, result in enumerate(sorted(results, key=key), 1):
         place = number if result.lap_times and result.status not in _GROUP else 0
@@ -639,12 +727,22 @@ def ranked(format_: Format, results: Iterable[KartResult]) -> tuple[KartResult, 
     return tuple(placed)
 
 
+def _key(format_: Format, result: KartResult) -> tuple[float, ...]:
+    """Return what is less of a result that is better."""
+    group, best, total = _GROUP.get(result.status, 0), _ms(result.best), _ms(result.total)
+    if format_ is Format.PRACTICE:
+        return group, best
+    return group, -result.laps, total, best if format_ is Format.TIME_TRIAL else 0.0
+
+
 def overall(format_: Format, results: Iterable[KartResult]) -> tuple[KartResult, ...]:
     """Return the best result that each kart has in several races, in their order, with places."""
-    best: dict[int, KartResult] = {}
-    for result in ranked(format_, results):
-        best.setdefault(result.kart, result)
-    return ranked(format_, best.values())
+    best: dict[int, tuple[tuple[float, ...], KartResult]] = {}
+    for result in results:
+        key = _key(format_, result)
+        if result.kart not in best or key < best[result.kart][0]:
+            best[result.kart] = key, result
+    return ranked(format_, (result for _, result in best.values()))
 
 
 def _ms(seconds: float | None) -> float:

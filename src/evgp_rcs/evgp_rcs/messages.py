@@ -171,9 +171,17 @@ def race_message(
         ],
         laps=race.laps,
         heats=[
-            msg.Heat(name=heat.name, karts=heat.karts, format=heat.format.value, laps=heat.laps)
-            for heat in race.heats
+            msg.Heat(
+                name=heat.name,
+                karts=heat.karts,
+                format=heat.format.value,
+                laps=heat.laps,
+                grid_from=heat.grid_from,
+                grid=grid,
+            )
+            for heat, grid in zip(race.heats, race.starts.grids, strict=True)
         ],
+        next_heat=race.starts.next_heat,
         banner=banner,
     )
 
@@ -258,7 +266,9 @@ def results_message(standings: Standings, wall_ns: int, teams: Mapping[int, str]
         heat=standings.heat,
         format=standings.format.value,
         laps=standings.wanted,
+        grid=standings.grid,
         karts=[result(each) for each in standings.results],
+        overall=[result(each) for each in standings.overall],
         passings=[judged(each) for each in standings.passings],
         older=standings.older,
     )

@@ -309,14 +309,15 @@ def _asked_for(kinds: tuple[CommandKind, ...], request: Any) -> Command:
     entry = CATALOGUE[kind]
     taken: dict[str, Any] = {name: getattr(request, name) for name in entry.takes}
     taken |= {name: tidy(text) for name, text in taken.items() if isinstance(text, str)}
+    if entry.names_heat or 'heat' in taken:
+        taken['heat'] = request.heat  # as the roster has it
     return Command(
         kind,
         request.kart if entry.to_one_kart else 0,
         entry.call_is_statement or (bool(entry.statement) and getattr(request, entry.statement)),
         frozenset(request.karts) if entry.names_karts else frozenset(),
         state_of(request.hold) if entry.names_hold else None,
-        request.heat if entry.names_heat else '',
-        heard(request.official),
+        official=heard(request.official),
         **taken,
     )
 

@@ -72,12 +72,14 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.laps import (
     BY_HAND,
     Format,
+    Heats,
     Identity,
     Laps,
     LapSettings,
     LapsMemory,
     Mark,
     MOST_SEEN,
+    NO_LAPS,
     Owner,
     Passing,
     Penalty,
@@ -167,7 +169,8 @@ class Command(NamedTuple):
     :param karts: for a command that starts or releases: the karts concerned, as the official saw
         them.
     :param hold: for the release of one kart: its hold, as the official saw it; ``None`` for none.
-    :param heat: for SET_HEAT: the name of the heat.
+    :param heat: for SET_HEAT: the name of the heat. For penalties: in whose result; empty: in that
+        of the race that was started last.
     :param official: who gives it, by their own word (``official``). No rule depends on it.
     :param source: for STRIKE_PASSING and RESTORE_PASSING: with ``session`` and ``number``, which
         passing.
@@ -204,12 +207,28 @@ class Heat:
     Karts that race together, by a name of the roster; their numbers in ascending order.
 
     :param format: what their race is about; ``laps``: how many they drive; 0: no number is set.
+    :param grid_from: they start in the order of the results of this heat, or of all heats of this
+        format; empty: nothing says an order.
     """
 
     name: str
     karts: tuple[int, ...]
     format: Format = Format.RACE  # noqa: A003 - the field's name
     laps: int = 0
+    grid_from: str = ''
+
+
+class Starts(NamedTuple):
+    """
+    In which order karts are to start, by the results that there are. No kart is sent it.
+
+    :param grids: of each heat of the roster its karts in that order; empty: nothing says one yet.
+    :param next_heat: whose turn is next of the heats of one kart that were not raced; empty:
+        nobody's.
+    """
+
+    grids: tuple[tuple[int, ...], ...]
+    next_heat: str
 
 
 @dataclass(frozen=True)
@@ -490,7 +509,7 @@ class RaceMemory:
     :param karts: each kart of the roster, by its number.
     :param track_open: officials have opened the track.
     :param msr_used: an official has stated that the MSR was used.
-    :param laps: of the race that was started last.
+    :param laps: of the race that was started last; ``heats``: the results of the heats before.
     :param given: the transponders that officials gave to karts.
     :param final: race control ended in good order with this: nothing happened since.
     """
@@ -499,8 +518,9 @@ class RaceMemory:
     karts: Mapping[int, KartMemory]
     track_open: bool = False
     msr_used: bool = False
-    laps: LapsMemory | None = None
+    laps: LapsMemory = NO_LAPS
     given: tuple[Owner, ...] = ()
+    heats: tuple[LapsMemory, ...] = ()
     final: bool = False
 
     @property
@@ -581,8 +601,9 @@ class Race:
             kart.sent_since = now
         self.given: tuple[Owner, ...] = ()
         """The transponders that officials gave to karts."""
-        self.laps: Laps | None = None
-        """Of the race that was started last, until the next GRID_ACTIVE; None: of none."""
+        self.laps = Laps.recall(NO_LAPS, times, now)
+        """Of the race that was started last, until the next GRID_ACTIVE; of no karts: of none."""
+        self._starts: tuple[Laps, str, Starts] | None = None
         self._seen: OrderedDict[Identity, None] = OrderedDict()
         self.heats = tuple(heats)
         self.state = IN_GARAGE
@@ -627,8 +648,9 @@ class Race:
         if self.start is not None:
             return self.start.memory
         karts = {number: _remembered(kart) for number, kart in self.karts.items()}
-        laps = None if self.laps is None else self.laps.memory()
-        return RaceMemory(self.state, karts, self.track_open, self.msr_used, laps, self.given)
+        laps, heats = self.laps.memory(), self.laps.heats.kept
+        track = self.track_open, self.msr_used
+        return RaceMemory(self.state, karts, *track, laps, self.given, heats)
 
     def recover(self, memory: RaceMemory | None, now: float) -> Outcome:
         """
@@ -647,8 +669,7 @@ class Race:
         final = memory is not None and memory.final
         if memory is not None:
             self.given = memory.given
-            if memory.laps is not None:
-                self.laps = Laps.recall(memory.laps, self.times, now)
+            self.laps = Laps.recall(memory.laps, self.times, now, Heats(memory.heats))
         self.track_open = memory is None or memory.track_open or not final
         if memory is not None and final and memory.at_rest:
             return self._outcome()
@@ -717,8 +738,8 @@ class Race:
         }
         until = now + self.times.journal_timeout
         self.starts += 1
-        laps = self._laps_from(now).memory()
-        memory = RaceMemory(GREEN_GREEN, karts, laps=laps, given=self.given)
+        laps, heats = self._laps_from(now).memory(), self.laps.heats.kept
+        memory = RaceMemory(GREEN_GREEN, karts, laps=laps, given=self.given, heats=heats)
         self.start = Start(self.starts, command, came, until, memory)
         return self._outcome(start=self.start)
 
@@ -937,7 +958,7 @@ class Race:
         self._seen |= dict.fromkeys(fresh)
         while len(self._seen) > MOST_SEEN:
             self._seen.popitem(last=False)
-        if self.laps is None:
+        if not self.laps.karts:
             for passing in fresh.values():
                 self._tell_passing(passing, passing.kart, 'no race was started')
             return self._outcome()
@@ -946,7 +967,6 @@ class Race:
         return self._outcome()
 
     def _take_passings(self, passings: Iterable[Passing], dropped: int, now: float) -> list[Mark]:
-        assert self.laps is not None
         self.laps, taken = self.laps.take(passings, now, dropped)
         for passing, number, mark, lap, seconds in taken:
             if passing.source != BY_HAND:  # the command tells it
@@ -1115,8 +1135,7 @@ class Race:
 
     def _go(self, state: RaceState, now: float, why: str = '') -> None:
         if state is not self.state:
-            if self.laps is not None:
-                self.laps = self.laps.end(now)
+            self.laps = self.laps.end(now)
             self.state = state
             self.state_since = now
             self.state_cause = why or self._cause()
@@ -1166,12 +1185,17 @@ class Race:
             self.start = self.start._replace(phase=StartPhase.OUTLIVED)
         self.msr_used = False
         self.starters = ()
-        self.laps = None
+        heats, forgotten = self.laps.heats.keep(self.laps)
+        heat = self._heat()
+        self.laps = Laps(self.times, heat.format, 0, now, (), heat=heat.name, heats=heats)
         self.places_given = 0
         for each in self.karts.values():
             each.place = 0
         self._go(GRID_ACTIVE, now)
-        return f'GRID_ACTIVE is sent to {_receivers(self.racing())}'
+        text = f'GRID_ACTIVE is sent to {_receivers(self.racing())}'
+        if forgotten:
+            text += f'; the record alone has the results of {_cut(forgotten, "heats")} now'
+        return text
 
     def _green_green(self, command: Command, now: float) -> str:
         self.starters = tuple(each.number for each in self.racing())
@@ -1239,8 +1263,7 @@ class Race:
         kart.place = self.places_given
         delay = self.times.finish_delay(kart.place)
         kart.finish_due = now + delay
-        if self.laps is not None:
-            self.laps = self.laps.finish(kart.number, now)
+        self.laps = self.laps.finish(kart.number, now)
         text = f'{_capital(kart)} finished in place {kart.place}'
         return f'{text}; RED_FLAG follows in {delay:g} s'
 
@@ -1248,8 +1271,7 @@ class Race:
         kart = self.karts[command.kart]
         place, kart.place = kart.place, 0
         self.places_given -= 1
-        if self.laps is not None:
-            self.laps = self.laps.undo_finish(kart.number)
+        self.laps = self.laps.undo_finish(kart.number)
         moved_up = [each for each in self.karts.values() if each.place > place]
         for each in moved_up:
             each.place -= 1
@@ -1272,8 +1294,7 @@ class Race:
         out = kart.in_race and self.state is not IN_GARAGE
         if out:
             kart.in_race = False
-            if self.laps is not None:
-                self.laps = self.laps.leave(kart.number, now)
+            self.laps = self.laps.leave(kart.number, now)
         self._redirect(kart, now)
         return f'{_capital(kart)} is released to IN_GARAGE' + (
             ' and is out of the race' if out else ''
@@ -1304,13 +1325,17 @@ class Race:
         chosen = list(self.racing())
         text = f'"{heat.name}" is in the race ({_numbers(heat.karts)}), and no other kart'
         absent = [each for each in chosen if not each.connected]
+        grid = self.order_of_start().grids[self.heats.index(heat)]
+        if len(grid) > 1:
+            text += f'; grid: {", ".join(map(str, grid))}'
+        elif heat.grid_from and not grid:
+            text += f'; no grid yet: "{heat.grid_from}" has no results of its karts'
         if absent:
             text += f'; not connected: {_listed(absent)}'
         held = _held(chosen)
         return text + (f'; still held: {held}' if held else '')
 
     def _count_passing(self, command: Command, now: float) -> str:
-        assert self.laps is not None
         number = 1 + sum(each.passing.source == BY_HAND for each in self.laps.crossings)
         # Of a session of its own, so that the time of the command is the time.
         seen = Passing(BY_HAND, str(number), number, command.kart)
@@ -1319,7 +1344,6 @@ class Race:
         return f'{_capital(self.karts[command.kart])} crossed the line: {became}'
 
     def _correct_passing(self, command: Command, now: float) -> str:
-        assert self.laps is not None
         if command.kind is CommandKind.RESTORE_PASSING:
             self.laps = self.laps.restore(command.passing)
             return f'Passing {command.passing} counts again, if the rules let it'
@@ -1330,20 +1354,17 @@ class Race:
     def _give_transponder(self, command: Command, now: float) -> str:
         kept = tuple(each for each in self.given if each.transponder != command.transponder)
         self.given = (*kept, Owner(command.transponder, command.kart))
-        if self.laps is not None:
-            self.laps = self.laps.again(transponders=self._transponders())
+        self.laps = self.laps.again(transponders=self._transponders())
         return f"Transponder {command.transponder} is {self.karts[command.kart]}'s"
 
     def _penalise(self, command: Command, now: float) -> str:
-        assert self.laps is not None
         terms = (command.kart, command.seconds, command.laps, command.disqualified)
         penalty = Penalty(*terms, command.reason, command.official)
-        self.laps = self.laps.penalise(penalty)
+        self.laps = self.laps.penalise(penalty, command.heat)
         return f'{_capital(self.karts[command.kart])}: {penalty}'
 
     def _undo_penalty(self, command: Command, now: float) -> str:
-        assert self.laps is not None
-        self.laps = self.laps.undo_penalty(command.kart)
+        self.laps = self.laps.undo_penalty(command.kart, command.heat)
         return f'The last penalty of {self.karts[command.kart]} is taken back'
 
     # ----- why a command is refused: one phrase, or nothing -------------------------------
@@ -1499,16 +1520,17 @@ class Race:
         return ''
 
     def _no_laps(self, command: Command) -> str:
-        return '' if self.laps is not None else 'no race was started'
+        return '' if self.laps.karts else 'no race was started'
 
     def _not_started(self, command: Command) -> str:
         kart = self.karts[command.kart]
-        if self.laps is None or kart.number not in self.laps.karts:
-            return f'{kart} has not started in this race'
-        return ''
+        if kart.number in self.laps.of_heat(command.heat).karts:
+            return ''
+        where = f'"{command.heat[:40]}"' if command.heat else 'this race'
+        return f'{kart} has not started in {where}, or its result is not known here'
 
     def _no_undo_penalty(self, command: Command) -> str:
-        penalties = () if self.laps is None else self.laps.penalties
+        penalties = self.laps.of_heat(command.heat).penalties
         kart = self.karts[command.kart]
         return '' if kart.number in {each.kart for each in penalties} else f'{kart} has no penalty'
 
@@ -1573,7 +1595,6 @@ class Race:
     def _no_such_correction(self, command: Command) -> str:
         takes = CATALOGUE[command.kind].takes
         if 'number' in takes:
-            assert self.laps is not None
             if not self.laps.knows(command.passing):
                 return f'this race has no passing {command.passing}'
             if command.kind is CommandKind.STRIKE_PASSING and not command.reason:
@@ -1583,14 +1604,15 @@ class Race:
                 return f'passing {command.passing} is {"" if struck else "not "}struck out'
         if 'transponder' in takes and not command.transponder:
             return 'name the transponder'
-        if 'transponder' in takes and len(self.given) >= MOST_GIVEN:
+        is_new = command.transponder not in dict(self.given)
+        if 'transponder' in takes and is_new and len(self.given) >= MOST_GIVEN:
             return f'{MOST_GIVEN} transponders were given; put them into the roster'
         if 'seconds' in takes:
             if not (command.seconds or command.laps or command.disqualified):
                 return 'say what it costs: seconds, laps, or the place'
             if not command.reason:
                 return 'say why'
-            if self.laps is not None and len(self.laps.penalties) >= MOST_PENALTIES:
+            if len(self.laps.of_heat(command.heat).penalties) >= MOST_PENALTIES:
                 return f'there are {MOST_PENALTIES} penalties already'
         return ''
 
@@ -1628,12 +1650,50 @@ class Race:
 
     # ----- derived ------------------------------------------------------------------------
 
+    def order_of_start(self) -> Starts:
+        """Return the order of start of each heat, and which heat is next."""
+        known = self._starts
+        # With every lap the results are others; nobody has to sort them more often.
+        if known is None or known[0] is not self.laps or known[1] != self.heat:
+            orders = {each: self._order(each) for each in {heat.grid_from for heat in self.heats}}
+            grids = tuple(_grid(heat.karts, orders[heat.grid_from]) for heat in self.heats)
+            raced = {self.heat, self.laps.heat, *self.laps.heats.by_name}
+            turns = [
+                (orders[heat.grid_from].index(grid[0]), heat.name)
+                for heat, grid in zip(self.heats, grids, strict=True)
+                if len(grid) == 1 and heat.name not in raced
+            ]
+            known = self.laps, self.heat, Starts(grids, min(turns, default=(0, ''))[1])
+            self._starts = known
+        return known[2]
+
+    def _order(self, source: str) -> list[int]:
+        """Return the karts of a heat, or else of the heats of a format, by their results."""
+        if any(heat.name == source for heat in self.heats):
+            results = self.laps.of_heat(source).results
+        else:
+            results = self.laps.standings(Format(source)) if source else ()
+        return [each.kart for each in results]
+
+    def _heat(self) -> Heat:
+        """Return the heat that was last put into the race; without a name: none was."""
+        return next((heat for heat in self.heats if heat.name == self.heat), Heat('', ()))
+
     def _laps_from(self, green: float) -> Laps:
         """Return the laps of a race that begins at this time, with the karts that are in it."""
-        heat = next((heat for heat in self.heats if heat.name == self.heat), Heat('', ()))
+        heat = self._heat()
         karts = tuple(each.number for each in self.racing())
-        race = (self.times, heat.format, heat.laps, green, karts)
-        return Laps(*race, self._transponders(), heat.name).again()
+        return Laps(
+            self.times,
+            heat.format,
+            heat.laps,
+            green,
+            karts,
+            self._transponders(),
+            heat.name,
+            grid=_grid(karts, self._order(heat.grid_from)),
+            heats=self.laps.heats,
+        ).again()
 
     def _transponders(self) -> dict[str, int]:
         """Return whose each transponder is: the roster's, then what officials gave."""
@@ -1820,7 +1880,7 @@ class Race:
                 'released; every stop works, but only for the karts that are connected to the '
                 'race control that receives it',
             )
-        if self.laps is not None and (trouble := self.laps.trouble(now)):
+        if trouble := self.laps.trouble(now):
             yield AlertKind.LAPS_SOURCE, None, None, trouble
         if self.record_fails:
             yield AlertKind.RECORD_FAILING, None, None, self.record_fails
@@ -1921,9 +1981,17 @@ def _remembered(kart: Kart) -> KartMemory:
     )
 
 
-def _cut(phrases: list[str]) -> str:
+def _grid(karts: Iterable[int], order: list[int]) -> tuple[int, ...]:
+    """Return karts in an order, behind them those that are not in it; empty: none is in it."""
+    places = {kart: place for place, kart in enumerate(order)}
+    known = sorted(karts, key=lambda kart: (places.get(kart, len(places)), kart))
+    return tuple(known) if places.keys() & known else ()
+
+
+def _cut(phrases: list[str], what: str = 'karts') -> str:
     """Join at most four phrases; an official can act on no more at once."""
-    shown = phrases if len(phrases) <= 4 else [*phrases[:3], f'and {len(phrases) - 3} more karts']
+    more = len(phrases) - 3
+    shown = phrases if more <= 1 else [*phrases[:3], f'and {more} more {what}']
     return '; '.join(shown)
 
 

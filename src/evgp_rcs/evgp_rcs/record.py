@@ -446,22 +446,30 @@ def _column(value: object) -> object:
     return value.name if isinstance(value, enum.Enum) else value
 
 
+RESULTS_LAST_NS = 3 * 86_400 * 10**9
+"""Time from the begin of a run after which the next one knows its results no more: they are of
+another event, whose heats may have the same names. Nanoseconds."""
+
+
 def _left_behind(database: sqlite3.Connection, proof: str) -> RaceMemory | None:
     """
     Return what is known of the last run; None: nothing.
 
     :param proof: when a run has ended in good order; empty: no proof.
     """
-    last = 'SELECT ended_ns, memory FROM session ORDER BY id DESC LIMIT 1'
-    ended_ns, memory = database.execute(last).fetchone() or (None, None)
+    last = 'SELECT began_ns, ended_ns, memory FROM session ORDER BY id DESC LIMIT 1'
+    began_ns, ended_ns, memory = database.execute(last).fetchone() or (0, None, None)
     if memory is None:
         return None  # there is no run, or the last one wrote nothing
     try:
         # The end is written with the last memory: without the one, the other is missing too.
         final = ended_ns is not None and proof == str(ended_ns)
-        return dataclasses.replace(read(RaceMemory, memory), final=final)
+        known = dataclasses.replace(read(RaceMemory, memory), final=final)
     except ValueError:
         return None  # damaged
+    if time.time_ns() - began_ns > RESULTS_LAST_NS:
+        known = dataclasses.replace(known, laps=laps.NO_LAPS, heats=())
+    return known
 
 
 # ----- to read a record -----------------------------------------------------------------------

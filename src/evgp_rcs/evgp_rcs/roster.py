@@ -53,7 +53,7 @@ _FIELDS = ('number', 'team', 'address', 'in_race')
 
 _OPTIONAL = ('inspected', 'transponders')
 
-_OF_A_HEAT = ('format', 'laps')
+_OF_A_HEAT = ('format', 'laps', 'grid_from')
 
 _INT = 'tag:yaml.org,2002:int'
 _BOOL = 'tag:yaml.org,2002:bool'
@@ -95,7 +95,7 @@ class Roster:
     The karts of the event, at least one, and its heats, in the order of the file.
 
     No number, address, transponder or name of a heat is in it twice; a heat has only karts of the
-    roster.
+    roster, and its order of start is from another heat of it or from a format.
     """
 
     entries: tuple[RosterEntry, ...]
@@ -333,17 +333,19 @@ class _Parser:
                     )
                 lines.setdefault(name, _line(key))
             heat = f'heat {name!r}' if name is not None else 'this heat'
-            format_, laps = Format.RACE, 0
+            format_, laps, grid_from = Format.RACE, 0, ''
             if isinstance(value, yaml.MappingNode):
                 fields = self._tried(self._fields, value, ('karts',), heat, _OF_A_HEAT) or {}
                 format_ = self._tried(self._format, fields.get('format'), heat) or format_
                 laps = self._tried(self._laps, fields.get('laps'), heat) or laps
+                source = fields.get('grid_from')
+                grid_from = self._tried(self._grid_from, source, heat, node, name) or grid_from
                 value = fields.get('karts', value)
                 if isinstance(value, yaml.MappingNode):
                     continue  # it has none, which is noted
             karts = self._heat_karts(value, heat)
             if name is not None and karts:
-                yield Heat(name, tuple(sorted(karts)), format_, laps)
+                yield Heat(name, tuple(sorted(karts)), format_, laps, grid_from)
 
     def _format(self, node: yaml.Node, heat: str) -> Format:
         try:
@@ -352,6 +354,20 @@ class _Parser:
             known = ', '.join(each.value for each in Format)
             fault = f'{heat}: format {_shown(node)} is none; give one of {known}'
             raise _fault(node, fault) from error
+
+    def _grid_from(
+        self, node: yaml.Node, heat: str, heats: yaml.MappingNode, name: str | None
+    ) -> str:
+        source = node.value.strip() if isinstance(node, yaml.ScalarNode) else ''
+        others = {key.value.strip() for key, _ in heats.value if isinstance(key, yaml.ScalarNode)}
+        others -= {name}
+        if source in others or source in [each.value for each in Format]:
+            return str(source)
+        raise _fault(
+            node,
+            f'{heat}: grid_from {_shown(node)} is no other heat; give the name of one, or of a '
+            f'format ({", ".join(each.value for each in Format)}), or leave it out',
+        )
 
     def _laps(self, node: yaml.Node, heat: str) -> int:
         if node.tag == _INT and re.fullmatch('[1-9][0-9]{0,2}', node.value):

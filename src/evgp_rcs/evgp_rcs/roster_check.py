@@ -62,7 +62,8 @@ def _lines(roster: Roster) -> list[str]:
     for heat in roster.heats:
         laps = f', {heat.laps} laps' if heat.laps else ''
         karts = ', '.join(map(str, heat.karts))
-        lines.append(f'heat "{heat.name}": {karts} ({heat.format.value}{laps})')
+        grid = f', grid from {heat.grid_from}' if heat.grid_from else ''
+        lines.append(f'heat "{heat.name}": {karts} ({heat.format.value}{laps}{grid})')
     return lines
 
 

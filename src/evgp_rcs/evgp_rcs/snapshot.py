@@ -27,7 +27,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.laps import Format, Judged, KartResult
 from evgp_rcs.link_quality import LinkQuality, POOR_LATELY
-from evgp_rcs.race import Alert, Heat, Kart, Race, TrackAccess
+from evgp_rcs.race import Alert, Heat, Kart, Race, Starts, TrackAccess
 
 Offer = tuple[CommandKind, int, str, str, tuple[int, ...], float | None]
 """The fields of an ``Availability``, as a plain tuple: packing takes a tenth of the time, and a
@@ -78,6 +78,7 @@ class Standings(NamedTuple):
     """
     The results of the race that was started last; the meanings are those of ``Laps``.
 
+    :param overall: the best result of each kart in all heats of this format.
     :param passings: the last ones; ``older``: how many came before.
     """
 
@@ -85,7 +86,9 @@ class Standings(NamedTuple):
     heat: str
     format: Format  # noqa: A003 - the field's name
     wanted: int
+    grid: tuple[int, ...]
     results: tuple[KartResult, ...]
+    overall: tuple[KartResult, ...]
     passings: list[Judged]
     older: int
 
@@ -110,6 +113,7 @@ class Snapshot(NamedTuple):
     alerts: list[Alert]
     laps: int
     heats: tuple[Heat, ...]
+    starts: Starts
 
 
 _OF_KART = attrgetter(*KartSnapshot._fields[:-6])
@@ -140,14 +144,15 @@ def snapshot_of(race: Race, now: float) -> Snapshot:
         [race.availability(kind, 0, now)[:] for kind in _TO_ALL],
         race.track_access(),
         race.alerts(now),
-        0 if race.laps is None else race.laps.wanted,
+        race.laps.wanted,
         race.heats,
+        race.order_of_start(),
     )
 
 
 def _laps_of(race: Race, kart: Kart) -> tuple[int, float | None, float | None, bool]:
-    times = () if race.laps is None else race.laps.lap_times(kart.number)
-    if race.laps is None or not times:
+    times = race.laps.lap_times(kart.number)
+    if not times:
         return 0, None, None, False
     drives = race.state is RaceState.GREEN_GREEN and kart.in_race and kart.hold is None
     done = drives and not kart.place and race.laps.is_done(kart.number)
@@ -157,8 +162,7 @@ def _laps_of(race: Race, kart: Kart) -> tuple[int, float | None, float | None, b
 def standings_of(race: Race, now: float) -> Standings:
     """Return the results at this time, in seconds."""
     laps = race.laps
-    if laps is None:
-        return Standings(now, '', Format.RACE, 0, (), [], 0)
     passings = laps.last_passings(MOST_PASSINGS)
     older = len(laps.crossings) - len(passings)
-    return Standings(now, laps.heat, laps.format, laps.wanted, laps.results, passings, older)
+    found = laps.grid, laps.results, laps.standings(laps.format)
+    return Standings(now, laps.heat, laps.format, laps.wanted, *found, passings, older)

@@ -291,15 +291,18 @@ class LapFacts(NamedTuple):
         for number, named, at in self.passings:
             mine = (alone if named == NOBODY else named or owner) == kart and kart in self.karts
             full = self.wanted and len(times) > self.wanted
-            if not mine or number in self.struck or at > self.until(kart) or full:
+            if not mine or number in self.struck or at > self.until(kart, number) or full:
                 continue
             if not times or at - times[-1][1] >= self.times.min_lap_time:
                 times.append((number, at))
         return times
 
-    def until(self, kart: int) -> float:
-        """Return until when the passings of a kart count."""
-        return min([self.ended, *(at for number, _, at in self.out if number == kart)])
+    def until(self, kart: int, number: int = 1) -> float:
+        """Return until when a passing of a kart counts."""
+        # What an official counts (a negative number) is a lap that was missed, until all are.
+        by_hand = self.wanted and number < 0
+        outs = [out for out in self.out if not (by_hand and out[1] == 'finish')]
+        return min([self.ended, *(at for each, _, at in outs if each == kart)])
 
     def crossed(self, kart: int, owner: int) -> list[float]:
         """Return when a kart crossed the line, as far as that counts."""
@@ -449,9 +452,9 @@ def look(race: Any) -> View:
     if start is not None:
         start = StartView(start.command.karts, start.came, start.until)
     laps = race.laps
-    timed = () if laps is None else (laps.karts, tuple([each.kart for each in laps.penalties]))
+    timed = laps.karts, tuple([each.kart for each in laps.penalties])
     around = bool(race.record_fails), race.heats, race.starters, race.paused_until, start
-    return View(*_RACE(race), *around, *(timed or ((), ())), karts)
+    return View(*_RACE(race), *around, *timed, karts)
 
 
 def remember(view: View) -> Facts:

@@ -293,6 +293,24 @@ def test_a_passing_that_comes_just_after_the_finish_still_counts() -> None:
     assert story.laps.is_done(1)
 
 
+def test_an_official_counts_a_lap_that_lacks_after_the_finish_until_all_are_there() -> None:
+    """Such as in place of a false last lap that was struck out too late."""
+    story = Story(race(1))
+    for at, source in ((0.0, 'line'), (20.0, 'line')):
+        story.now = at
+        story.passing(source, 1, '', 0.0)
+    story.laps = story.laps.finish(1, GREEN + 20.0).strike(story.told[1][1].identity, 'false')
+    for source, done in (('line', False), (BY_HAND, True), (BY_HAND, True)):
+        story.now += 10.0
+        story.passing(source, 1, '', 0.0)
+        assert story.laps.is_done(1) is done
+
+    assert story.laps.lap_times(1) == (pytest.approx(40.0),)
+    story.laps = race().finish(1, GREEN)
+    story.passing(BY_HAND, 1, '', 0.0)
+    assert not story.laps.counted[1]  # of a race without a number of laps none lacks
+
+
 def test_somebody_who_crosses_is_the_only_kart_of_the_race() -> None:
     alone = dataclasses.replace(race(), karts=(2,)).again()
     beam = Passing('beam', 's', 1)

@@ -557,16 +557,17 @@ a transponder that is given counts from now on only: lap-count, alerts [laps by 
 a transponder takes GREEN_GREEN away: available-from, availability [laps on the grid]
     COMMANDS: Rule(Race._give_transponder, is_command=False) => Rule(Race._give_transponder)
 a penalty stops the kart: laps-act, sent-wrong, order-wrong, red-loosened [laps by hand]
-    _penalise: self.laps = self.laps.penalise(penalty) => self.laps = self.laps.penalise(penalty) ¶
-        self._hold(self.karts[command.kart], RED_RED, 'penalty', now)
+    _penalise: self.laps = self.laps.penalise(penalty, command.heat) => self.laps =
+        self.laps.penalise(penalty, command.heat) ¶ self._hold(self.karts[command.kart], RED_RED,
+        'penalty', now)
 a kart is penalised that did not start: availability [laps outside]
-    _not_started: or kart.number not in self.laps.karts =>
+    _not_started: if kart.number in self.laps.of_heat(command.heat).karts => if True
 a penalty is taken back that there is not: availability [laps by hand]
     _no_undo_penalty: if kart.number in {each.kart for each in penalties} else => if self.laps else
 a restart forgets the laps: restart [laps by hand]
-    recover: self.laps = Laps.recall(memory.laps, self.times, now) => pass
+    recover: self.laps = Laps.recall(memory.laps, self.times, now, Heats(memory.heats)) => pass
 an unknown transponder raises no alert: alerts [laps by hand]
-    _current_alerts: self.laps is not None and (trouble := self.laps.trouble(now)) => False
+    _current_alerts: trouble := self.laps.trouble(now) => trouble := False
 """
 )
 """Each fault under what it would mean on the track."""

@@ -28,6 +28,7 @@ import time
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.inputs import Block, Setup
+from evgp_rcs.laps import LapsMemory
 from evgp_rcs.race import (
     Command,
     Doubt,
@@ -175,6 +176,23 @@ def test_what_was_last_is_left_behind_although_it_was_so_before_what_came_betwee
     record.remember(RACING, 2.0)
     crash(record)
     assert begin().left_behind == RACING
+
+
+@pytest.mark.parametrize('days', [2, 4])
+def test_results_are_left_behind_for_the_days_of_one_event(
+    begin: Begin, path: pathlib.Path, days: int
+) -> None:
+    """The heats of the next event may have the same names."""
+    of_laps = LapsMemory(heat='Heat 1', crossed={7: (0.0, 10.0)})
+    memory = dataclasses.replace(RACING, laps=of_laps, heats=(of_laps,))
+    record = begin()
+    record.remember(memory, 0.0)
+    record.end()
+    began_ns = time.time_ns() - days * 86_400 * 10**9
+    with contextlib.closing(sqlite3.connect(path)) as database, database:
+        database.execute('UPDATE session SET began_ns = ?', (began_ns,))
+
+    assert begin().left_behind == final(memory if days == 2 else RACING)
 
 
 @pytest.mark.parametrize('in_order', [True, False], ids=['ended', 'crashed'])

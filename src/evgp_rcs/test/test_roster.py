@@ -487,6 +487,19 @@ def test_a_heat_may_have_a_format_and_a_number_of_laps() -> None:
     assert (second.format, second.laps) == (Format.RACE, 0)
 
 
+def test_a_heat_may_start_in_the_order_of_another_heat_or_of_a_format() -> None:
+    heats = 'heats:\n  A: {karts: [1], grid_from: "B "}\n  B: {karts: [1], grid_from: practice}\n'
+    first, second = parse_roster(f'{ONE_KART}{heats}', 'karts.yaml').heats
+    assert (first.grid_from, second.grid_from) == ('B', 'practice')
+
+
+@pytest.mark.parametrize('source', ['A', 'C', '""', '[practice]', 'Practice'])
+def test_an_order_from_no_other_heat_and_no_format_is_refused(source: str) -> None:
+    heats = f'heats:\n  A: {{karts: [1], grid_from: {source}}}\n  B: [1]\n'
+    with pytest.raises(RosterError, match=r"karts\.yaml:7: heat 'A': grid_from"):
+        parse_roster(f'{ONE_KART}{heats}', 'karts.yaml')
+
+
 @pytest.mark.parametrize(
     'written',
     ['{laps: 5}', '{karts: [1], format: rally}', '{karts: [1], laps: 0}', '{karts: [1], lap: 3}'],

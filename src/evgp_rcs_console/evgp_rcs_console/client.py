@@ -107,7 +107,11 @@ def read_race(race: msg.Race) -> Race:
         alerts=tuple(
             _read(Alert, alert, kind=_ALERTS.get(alert.kind, 'UNKNOWN')) for alert in race.alerts
         ),
-        heats=tuple(Heat(heat.name, tuple(heat.karts)) for heat in race.heats),
+        heats=tuple(
+            Heat(heat.name, tuple(heat.karts), heat.grid_from, tuple(heat.grid))
+            for heat in race.heats
+        ),
+        next_heat=race.next_heat,
     )
 
 
@@ -128,7 +132,9 @@ def read_results(results: msg.Results) -> Results:
     return _read(
         Results,
         results,
+        grid=tuple(results.grid),
         karts=tuple(_result(each) for each in results.karts),
+        overall=tuple(_result(each) for each in results.overall),
         passings=tuple(
             Judged(
                 _passing(each.passing),

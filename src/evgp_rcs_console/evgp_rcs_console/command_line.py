@@ -85,6 +85,7 @@ TAKEN: dict[str, tuple[type, str]] = {
     'session': (str, 'in which session of the source'),
     'number': (int, 'and its number in it'),
     'transponder': (str, 'its number or name, as the timing device has it'),
+    'heat': (str, 'in the result of this heat; otherwise of the race that was started last'),
     'seconds': (int, 'seconds to add to its time'),
     'laps': (int, 'laps to take away'),
     'disqualified': (bool, 'disqualify it'),

@@ -322,11 +322,14 @@ def _show_results(client: Client, hearing: Hearing, until: float) -> Told:
     if race is None:
         where = f'{client.topic}, ROS domain {domain_of()}'
         return {'code': Exit.NOT_THERE, 'error': f'{texts.NOT_YET} ({where})'}
-    if found is None or not found.karts:
+    if found is None or not (found.karts or found.overall):
         return _under_banner({'code': Exit.ACCEPTED, 'output': texts.NO_RESULTS}, race)
     teams = {kart.number: kart.team for kart in race.karts}
     headings = tuple(column.heading for column in results.RESULT_COLUMNS)
-    lines = [results.title(found), *aligned([headings, *results.table(found, teams)])]
+    lines = [results.title(found)]
+    if found.grid:
+        lines.append(texts.GRID.format(karts=', '.join(map(str, found.grid))))
+    lines += aligned([headings, *results.table(found, teams)])
     if found.passings:
         lines += ['', texts.PASSINGS, *aligned([_passing(each) for each in found.passings])]
     return _under_banner({'code': Exit.ACCEPTED, 'output': '\n'.join(lines)}, race)

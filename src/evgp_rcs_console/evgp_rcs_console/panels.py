@@ -211,7 +211,7 @@ class Strip(Painted):
     def show_screen(self, screen: Screen, officials: list[str], stale: bool) -> None:
         """Show the race as it is now, and who has commanded it."""
         by = texts.COMMANDED_BY.format(names=', '.join(officials)) * bool(officials)
-        rest = ' · '.join(filter(None, (screen.missing, screen.places)))
+        rest = ' · '.join(filter(None, (screen.missing, screen.order, screen.places)))
         self._texts = screen.tally or texts.NOBODY_RACES, screen.reminder, rest, by
         self._stale = stale
         # There are heats or there are none, as long as the roster is the same.

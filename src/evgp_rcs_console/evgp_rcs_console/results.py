@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 import math
 
@@ -73,23 +73,34 @@ def lap_time(seconds: float | None) -> str:
 
 def title(results: Results) -> str:
     """Return what the results are of."""
-    if not results.karts:
+    if not (results.karts or results.overall):
         return texts.NO_RESULTS
     laps = texts.RESULTS_LAPS.format(count=results.laps) if results.laps else ''
-    kind = results.format.replace('_', ' ')
-    return ', '.join(filter(None, (results.heat or texts.RESULTS_TITLE, kind, laps)))
+    return ', '.join(filter(None, (results.heat or texts.RESULTS_TITLE, _kind(results), laps)))
+
+
+def _kind(results: Results) -> str:
+    return results.format.replace('_', ' ')
 
 
 def table(results: Results, teams: Mapping[int, str]) -> list[tuple[str, ...]]:
     """
-    Return the table, a row for each kart, best first.
+    Return the table, a row for each kart, best first; then those of all heats of its format.
 
     :param teams: the team of each kart of the roster.
     """
-    return [
-        tuple(column.cell(kart, teams.get(kart.kart, '')) for column in RESULT_COLUMNS)
-        for kart in results.karts
-    ]
+
+    def rows(karts: Iterable[KartResult]) -> list[tuple[str, ...]]:
+        return [
+            tuple(column.cell(kart, teams.get(kart.kart, '')) for column in RESULT_COLUMNS)
+            for kart in karts
+        ]
+
+    if results.overall in ((), results.karts):
+        return rows(results.karts)
+    heading = [''] * len(RESULT_COLUMNS)
+    heading[2] = texts.ALL_HEATS.format(format=_kind(results))
+    return [*rows(results.karts), tuple(heading), *rows(results.overall)]
 
 
 def crossing(judged: Judged) -> tuple[str, str, str, str]:

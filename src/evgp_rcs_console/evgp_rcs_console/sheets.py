@@ -370,7 +370,7 @@ class ResultsSheet(Sheet):
         """Have no results yet."""
         super().__init__(parent, 'results')
         self._shown_results: tuple[Results, Mapping[int, str], bool] = Results(), {}, False
-        self._page = 0
+        self._page, self._pages = 0, 1
         self._listed: list[Judged] = []
         self._end = 0
         self._table = ResultTable('results_table')
@@ -413,7 +413,7 @@ class ResultsSheet(Sheet):
             self._listed, self._end = [], 0
         self.title.show_text(results.title(found))
         rows = results.table(found, teams)
-        pages = max(1, -(-len(rows) // ROWS))
+        pages = self._pages = max(1, -(-len(rows) // ROWS))
         self._page = min(self._page, pages - 1)
         begin = ROWS * self._page
         end = begin + ROWS
@@ -446,7 +446,7 @@ class ResultsSheet(Sheet):
 
     def _turn_page(self) -> None:
         if not self._shows_passings:
-            self._page = (self._page + 1) % max(1, -(-len(self._results.karts) // ROWS))
+            self._page = (self._page + 1) % self._pages
         elif self._listed:
             known = [each.passing.identity for each in self._results.passings]
             oldest = self._listed[-1].passing.identity

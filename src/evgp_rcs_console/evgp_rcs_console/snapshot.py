@@ -153,10 +153,12 @@ class Alert:
 
 @dataclass(frozen=True)
 class Heat:
-    """Karts that race together, as the roster names them."""
+    """Karts that race together, as the roster names them; the meanings are those of `Heat.msg`."""
 
     name: str
     karts: tuple[int, ...]
+    grid_from: str = ''
+    grid: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -168,6 +170,7 @@ class Race:
     :param state_clock: when, by race control's wall clock, as hours:minutes:seconds.
     :param banner: what every screen says at its top; empty: nothing.
     :param laps: how many laps the race that was started last has; 0: no number is set.
+    :param next_heat: the name of the heat whose turn is next; empty: nobody's.
     """
 
     state: State
@@ -182,6 +185,7 @@ class Race:
     state_cause: str = ''
     state_clock: str = ''
     laps: int = 0
+    next_heat: str = ''
 
     def kart(self, number: int) -> Kart | None:
         """Return the kart with this number, if the roster has it."""
@@ -233,6 +237,8 @@ class Results:
     karts: tuple[KartResult, ...] = ()
     passings: tuple[Judged, ...] = ()
     older: int = 0
+    grid: tuple[int, ...] = ()
+    overall: tuple[KartResult, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ labels of the commands are in the catalogue.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 import math
 import time
 
@@ -228,12 +228,16 @@ HEATS_CONSEQUENCE = 'Puts the karts of the heat into the race, and takes all oth
 HEATS_CHANGED = 'The heats have just changed. Nothing was sent: open HEAT again.'
 HEATS_CLOSE = 'CANCEL'
 HEAT = '{name}: {karts}'
-IN_RACE_NOW = '{text}  (in the race)'
+IN_RACE_NOW = 'in the race'
+NEXT_HEAT, NEXT = 'next', 'Next: kart {karts} ({name})'
+GRID = 'Grid: {karts}'
+GRID_FROM, NO_GRID = 'grid from {source}', 'no grid yet: no results of {source}'
 RESULTS = 'Places'
 
 RESULTS_BUTTON = 'RESULTS'
 RESULTS_TITLE = 'Results'
 NO_RESULTS = 'No results yet'
+ALL_HEATS = 'All heats, {format}'
 RESULTS_LAPS = '{count} laps'
 RESULTS_HINT = (
     'A penalty, in a terminal: rcs_ctl penalise KART --seconds 5 --reason "..."  '
@@ -344,10 +348,34 @@ def full_name(given: Given) -> str:
     return f'{name} {given.heat}' if given.heat else name
 
 
-def heat(each: Heat, in_race: bool = False) -> str:
-    """Return a heat with its karts."""
-    text = HEAT.format(name=each.name, karts=', '.join(map(str, each.karts)))
-    return IN_RACE_NOW.format(text=text) if in_race else text
+def heat(each: Heat, in_race: bool = False, is_next: bool = False) -> str:
+    """Return a heat with its karts, in the order in which they start."""
+    text = HEAT.format(name=each.name, karts=_numbers(each.grid or each.karts))
+    notes = [(GRID_FROM if each.grid else NO_GRID).format(source=each.grid_from)]
+    notes *= bool(each.grid_from) and len(each.karts) > 1
+    notes += [NEXT_HEAT] * is_next + [IN_RACE_NOW] * in_race
+    return f'{text}  ({", ".join(notes)})' if notes else text
+
+
+def order_of_start(race: Race) -> str:
+    """Return in which order the karts of the race start, and who is next; empty: nothing says."""
+    said = []
+    if race.state in (State.IN_GARAGE, State.GRID_ACTIVE):
+        racing = tuple(kart.number for kart in race.karts if kart.in_race)
+        chosen = [heat for heat in race.heats if heat.karts == racing and len(racing) > 1]
+        for heat in [each for each in chosen if each.grid_from][:1]:
+            text = GRID if heat.grid else NO_GRID
+            said.append(text.format(karts=_numbers(heat.grid), source=heat.grid_from))
+    said += [
+        NEXT.format(karts=_numbers(heat.karts), name=heat.name)
+        for heat in race.heats
+        if heat.name == race.next_heat
+    ]
+    return ' · '.join(said)
+
+
+def _numbers(karts: Iterable[int]) -> str:
+    return ', '.join(map(str, karts))
 
 
 def condition(command: CommandKind, kart: Kart | None, race: Race, statement: str) -> str:

@@ -326,6 +326,7 @@ class Screen:
     :param since: for how long the race has been in that state, and who put it there.
     :param clock: the time since GREEN GREEN while the race is in it; empty if it is not.
     :param heat: the heat that is in the race, and the number of its karts.
+    :param order: in which order its karts start, and which heat of one kart is next.
     :param tally: how many karts of the race are driving, stopped and so on; empty if there are
         none.
     :param missing: which karts of the race have not yet done what they are sent.
@@ -341,6 +342,7 @@ class Screen:
     since: str
     clock: str
     heat: str
+    order: str
     tally: str
     missing: str
     reminder: str
@@ -478,6 +480,7 @@ def show(race: Race, age: float, pending: Pending, danger: Danger | None = None)
         since=_since(race, age),
         clock=texts.clock(race.state_for + age) if race.state is State.GREEN_GREEN else '',
         heat=texts.heat_in_race(race),
+        order=texts.order_of_start(race),
         tally=texts.tally(race.karts),
         missing=texts.missing(race.karts),
         reminder='' if danger is not None else _finish_now(race) or _reminder(race, age),
@@ -748,7 +751,8 @@ class _Buttons:
     def heat(self, heat: Heat) -> Button:
         """Return the button that puts a heat into the race."""
         racing = tuple(kart.number for kart in self.snapshot.karts if kart.in_race)
-        label = texts.heat(heat, in_race=heat.karts == racing)
+        is_next = heat.name == self.snapshot.next_heat
+        label = texts.heat(heat, heat.karts == racing, is_next)
         return replace(
             self.race(CommandKind.SET_HEAT), label=label, heat=heat.name, karts=heat.karts, key=''
         )
@@ -814,6 +818,7 @@ def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
         f'{screen.humans.text}: {screen.humans_reason}.',
         *(str(Notice(0, alert)) for alert in alerts),
         *([f'{texts.RESULTS}: {screen.places}'] if screen.places else []),
+        *([screen.order] if screen.order else []),
         '',
     ]
     columns = [[column.heading for column in COLUMNS]]

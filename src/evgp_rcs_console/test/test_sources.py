@@ -86,8 +86,9 @@ def test_results_come_out_of_a_message_as_race_control_put_them_in() -> None:
         KartResult(8, 0, Status.DNF, 0, None, (), ()),
     )
     judged = Judged(passing, 7, Mark.STRUCK, 64.5, 'nobody crossed, by Anna')
-    standings = Standings(9.0, 'Final', Format.PRACTICE, 6, results, [judged], 3)
+    of_race = 'Final', Format.PRACTICE, 6, (7,)
+    standings = Standings(9.0, *of_race, results, results[:1], [judged], 3)
 
     read = read_results(results_message(standings, 0, {7: 'Purdue'}))
 
-    assert read == Results('Final', 'practice', 6, results, (judged,), 3)
+    assert read == Results('Final', 'practice', 6, results, (judged,), 3, (7,), results[:1])

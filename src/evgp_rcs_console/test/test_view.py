@@ -281,6 +281,26 @@ def test_each_heat_of_the_roster_is_a_button_that_names_it() -> None:
     assert not any(button.condition for button in screen.heats)
 
 
+def test_the_order_of_start_is_shown_before_the_race_and_who_is_next_at_any_time() -> None:
+    heats = (
+        Heat('Final', (3, 7), 'Practice', (7, 3)),
+        Heat('TT 3', (3,), 'Practice', (3,)),
+        Heat('Consolation', (3, 7, 9), 'Final'),
+    )
+    karts = (replace(KART, number=3), KART)
+    race = replace(RACE, karts=karts, heats=heats, next_heat='TT 3', state=State.IN_GARAGE)
+
+    screen = show(race, 0.0, {})
+
+    assert screen.order == 'Grid: 7, 3 · Next: kart 3 (TT 3)'
+    labels = [button.label for button in screen.heats]
+    assert labels[:2] == ['Final: 7, 3  (grid from Practice, in the race)', 'TT 3: 3  (next)']
+    assert labels[2].startswith('Consolation: 3, 7, 9  (')  # no results of Final yet
+    assert screen.order in table(screen, ())
+    driving = show(replace(race, state=State.GREEN_GREEN), 0.0, {})
+    assert driving.order == 'Next: kart 3 (TT 3)'
+
+
 def test_without_heats_in_the_roster_none_is_offered() -> None:
     screen = show(RACE, 0.0, {})
 

@@ -559,6 +559,22 @@ def test_every_stop_of_the_catalogue_looks_like_a_stop(opened: Any) -> None:
 # ----- the results ------------------------------------------------------------------------
 
 
+def test_below_the_results_are_those_of_all_heats(opened: Any) -> None:
+    console = opened()
+    console.tell(race_of(16))
+    console.click('show_results')
+    karts = RESULTS.karts[:2]
+    console.inbox.on_results(replace(RESULTS, karts=karts, overall=karts))
+    console.settle(0.05)
+    heading = texts.ALL_HEATS.partition(',')[0]
+    assert heading not in console.find('results_table').whole  # it is the only heat so far
+    console.inbox.on_results(replace(RESULTS, karts=karts, overall=RESULTS.karts))
+    console.settle(0.05)
+    assert heading in console.find('results_table').whole
+    console.click('results_more')
+    assert '\n12\n' in console.find('results_table').whole
+
+
 def test_the_results_follow_the_race_and_cover_no_stop(opened: Any) -> None:
     console = opened()
     console.tell(race_of(16))

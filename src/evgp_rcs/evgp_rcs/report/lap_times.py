@@ -17,44 +17,31 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
-import csv
-import io
+from collections.abc import Iterable, Iterator, Sequence
+import dataclasses
 import json
-import pathlib
-from typing import Any, get_args
+from typing import Any, get_args, NamedTuple
 
 from evgp_rcs.inputs import entries_of, feed, Input, InputsError, Recovered
 from evgp_rcs.laps import Format, Laps, overall
-from evgp_rcs.plain import plain
 from evgp_rcs.replay import Kept
-from evgp_rcs.report.results import defused
-from evgp_rcs.runs import add_run_arguments, FAILED, open_runs, PARTLY, say
+from evgp_rcs.report.results import as_csv, defused, put, runs_of, table_options
+from evgp_rcs.runs import PARTLY, say
 
 _INPUTS = get_args(Input)
 
 
 def options() -> argparse.ArgumentParser:
     """Return what reads the command line of `rcs_record laps`."""
-    parser = argparse.ArgumentParser(
-        prog='rcs_record laps',
-        description='Write the laps of each race: places, times, penalties. The rules count them '
-        'again from the passings in the record, with the corrections of officials. Without --run '
-        'or --all, these are the races of all runs of the day of the newest run.',
-        epilog='The column overall is the place among all races of that format that are written: '
+    parser = table_options(
+        'laps',
+        'Write the laps of each race: places, times, penalties. The rules count them '
+        'again from the passings in the record, with the corrections of officials.',
+        'The column overall is the place among all races of that format that are written: '
         'in a time trial of one kart after the other, that is the result. Of a kart with several '
-        'results, only the best has one. The columns are explained in docs/record.md.',
+        'results, only the best has one.',
     )
-    add_run_arguments(parser)
-    parser.add_argument('--all', action='store_true', help='the races of every run in the record')
     parser.add_argument('--json', action='store_true', help='JSON; otherwise CSV')
-    parser.add_argument(
-        '-o',
-        '--output',
-        type=pathlib.Path,
-        metavar='FILE',
-        help='write this file; otherwise the laps are printed',
-    )
     return parser
 
 
@@ -66,34 +53,34 @@ def main(arguments: Sequence[str]) -> int:
     :raises UnreadableError: if the record or the run cannot be read.
     """
     wanted = options().parse_args(arguments)
-    with open_runs(wanted.file) as runs:
-        newest = runs.choose(wanted.run)
-        chosen = [newest] if wanted.run is not None else runs.day_of(newest)
-        if wanted.all:
-            chosen = runs.listed
-        kept = [Kept.read(runs, run) for run in chosen]
-    rows: list[dict[str, Any]] = []
-    code = runs.code
-    for each in kept:
-        laps, lacks = counted(each)
-        for recalled in filter(lambda laps: laps.is_recalled, laps.values()):
-            rows = _without(recalled, rows)
-        rows += _rows(each, laps)
+    kept, code = runs_of(wanted, inputs_too=True)
+    races: list[Raced] = []
+    for run in kept:
+        laps, lacks = counted(run)
+        for number, each in laps.items():
+            if each.is_recalled and races and _is_same(races[-1].laps, each):
+                races.pop()
+            races.append(Raced(run, number, each))
+        last = next(reversed(laps.values()), None)
+        if last is not None:
+            races = [each._replace(laps=with_late_penalties(each.laps, last)) for each in races]
         if lacks:
-            say(f'of run {each.run.number} not all can be read: {lacks}')
+            say(f'of run {run.run.number} not all can be read: {lacks}')
             code = PARTLY
-    _place_overall(rows)
-    text = json.dumps(rows, indent=1) + '\n' if wanted.json else _csv(rows)
-    if wanted.output is None:
-        print(text, end='')
-        return code
-    try:
-        wanted.output.write_text(text, encoding='utf-8', newline='')
-    except OSError as error:
-        say(f'{wanted.output} cannot be written: {error.strerror}')
-        return FAILED
-    print(f'{plain(str(wanted.output))}: {len(rows)} results of {len(kept)} runs')
-    return code
+    rows = [row for each in races for row in _rows(*each)]
+    _place_overall(rows, standing(each.laps for each in races))
+    text = json.dumps(rows, indent=1) + '\n'
+    if not wanted.json:
+        text = as_csv(COLUMNS, ([_cell(row[name]) for name in COLUMNS] for row in rows))
+    return put(text, wanted.output, f'{len(rows)} results of {len(kept)} runs', code)
+
+
+class Raced(NamedTuple):
+    """A race of a run, by its number there, with its laps."""
+
+    run: Kept
+    number: int
+    laps: Laps
 
 
 def counted(kept: Kept) -> tuple[dict[int, Laps], str]:
@@ -113,71 +100,73 @@ def counted(kept: Kept) -> tuple[dict[int, Laps], str]:
                 feed(entry, race)
             if isinstance(entry, Recovered) and entry.memory is not None and entry.memory.final:
                 known = race.laps  # that race was over, and its own run has it
-            if race.laps is not None and race.laps is not known:
+            if race.laps.karts and race.laps is not known:
                 laps[race.grids] = race.laps
     except InputsError as error:
         return laps, str(error)
     except Exception as error:  # noqa: BLE001 - other rules may have recorded the inputs
         return laps, f'the rules cannot run on it ({error!r})'
-    return laps, ''
+    return {number: with_late_penalties(each, race.laps) for number, each in laps.items()}, ''
 
 
-def _without(recalled: Laps, rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return rows without those of the same race, if it is the last one."""
-    if not rows:
-        return rows
-    last = [(row['run'], row['race']) == (rows[-1]['run'], rows[-1]['race']) for row in rows]
-    same = {row['kart'] for row, is_last in zip(rows, last, strict=True) if is_last}
-    if same != set(recalled.karts) or rows[-1]['heat'] != recalled.heat:
-        return rows
-    return [row for row, is_last in zip(rows, last, strict=True) if not is_last]
+def with_late_penalties(laps: Laps, last: Laps) -> Laps:
+    """Return laps with the penalties that officials gave once a later race had begun."""
+    kept = last.heats.by_name.get(laps.heat)
+    if kept is None or kept.counted != laps.counted:
+        return laps
+    return dataclasses.replace(laps, penalties=kept.penalties)
 
 
-def _rows(kept: Kept, counts: Mapping[int, Laps]) -> Iterator[dict[str, Any]]:
+def standing(races: Iterable[Laps]) -> list[Laps]:
+    """Return the races that count over all: of each heat the last one with a lap."""
+    every = list(races)
+    last = {each.heat: each for each in every if each.is_result}
+    return [each for each in every if last.get(each.heat, each) is each]
+
+
+def _is_same(laps: Laps, recalled: Laps) -> bool:
+    """Return whether a race was taken up that the run before had."""
+    return (laps.heat, set(laps.karts)) == (recalled.heat, set(recalled.karts))
+
+
+def _rows(kept: Kept, number: int, laps: Laps) -> Iterator[dict[str, Any]]:
     teams = {} if kept.setup is None else {kart.number: kart.team for kart in kept.setup.karts}
-    for number, laps in counts.items():
-        for result in laps.results:
-            yield {
-                'run': kept.run.number,
-                'race': number,
-                'heat': laps.heat,
-                'format': laps.format.value,
-                'place': result.place,
-                'overall': 0,
-                'kart': result.kart,
-                'team': teams.get(result.kart, ''),
-                'status': result.status.name,
-                'laps': result.laps,
-                'total': _ms(result.total),
-                'best': _ms(result.best),
-                'lap_times': [_ms(each) for each in result.lap_times],
-                'penalties': [f'{each} ({each.official})' for each in result.penalties],
-                'result': result,
-            }
+    for result in laps.results:
+        yield {
+            'run': kept.run.number,
+            'race': number,
+            'heat': laps.heat,
+            'format': laps.format.value,
+            'grid': laps.grid.index(result.kart) + 1 if result.kart in laps.grid else 0,
+            'place': result.place,
+            'overall': 0,
+            'kart': result.kart,
+            'team': teams.get(result.kart, ''),
+            'status': result.status.name,
+            'laps': result.laps,
+            'total': _ms(result.total),
+            'best': _ms(result.best),
+            'lap_times': [_ms(each) for each in result.lap_times],
+            'penalties': [f'{each} ({each.official})' for each in result.penalties],
+            'of': laps,
+            'result': result,
+        }
 
 
-def _place_overall(rows: list[dict[str, Any]]) -> None:
-    """Give the best result of each kart its place among all of its format."""
+def _place_overall(rows: list[dict[str, Any]], races: list[Laps]) -> None:
+    """Give the best result of each kart in these races its place among all of its format."""
     for format_ in Format:
-        own = [row for row in rows if row['format'] == format_.value]
+        counts = [row for row in rows if any(row['of'] is each for each in races)]
+        own = [row for row in counts if row['format'] == format_.value]
         for best in overall(format_, [row['result'] for row in own]):
             same = (row for row in own if row['result']._replace(place=best.place) == best)
             next(same)['overall'] = best.place
     for row in rows:
-        del row['result']
+        del row['result'], row['of']
 
 
 def _ms(seconds: float | None) -> float | None:
     return None if seconds is None else round(seconds, 3)
-
-
-def _csv(rows: list[dict[str, Any]]) -> str:
-    stream = io.StringIO()
-    table = csv.writer(stream, lineterminator='\n')
-    table.writerow(COLUMNS)
-    for row in rows:
-        table.writerow([_cell(row[name]) for name in COLUMNS])
-    return stream.getvalue()
 
 
 def _cell(value: Any) -> str:
@@ -194,6 +183,7 @@ COLUMNS = (
     'race',
     'heat',
     'format',
+    'grid',
     'place',
     'overall',
     'kart',

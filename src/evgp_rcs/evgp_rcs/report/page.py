@@ -37,6 +37,7 @@ from evgp_rcs.plain import plain
 from evgp_rcs.race import EventKind
 from evgp_rcs.replay import Kept
 from evgp_rcs.report import wording
+from evgp_rcs.report.lap_times import standing
 from evgp_rcs.report.model import Account, Alert, Part, STOPS
 from evgp_rcs.report.wording import Clock
 from evgp_rcs.runs import Runs
@@ -111,7 +112,7 @@ def page(
     closed = sum(event.text.endswith(CLOSED_BY_KART) for event in lost)
     counts, uncounted = laps
     of_formats = {
-        format_: [each.results for each in counts.values() if each.format is format_]
+        format_: [each.results for each in standing(counts.values()) if each.format is format_]
         for format_ in (Format.TIME_TRIAL, Format.PRACTICE)
     }
     on_paper = account.events

@@ -12,16 +12,19 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""``rcs_record results``: who finished when, and who did not and why, as a table."""
+"""
+``rcs_record results``: who finished when, and who did not and why, as a table.
+
+Also what it shares with ``rcs_record laps``: which runs are asked for, and where the table goes.
+"""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 import csv
+import io
 import pathlib
-import sys
-from typing import TextIO
 import unicodedata
 
 from evgp_rcs.plain import plain
@@ -54,15 +57,24 @@ FORMULA = '=+-@\t\r\n'
 
 def options() -> argparse.ArgumentParser:
     """Return what reads the command line of `rcs_record results`."""
-    parser = argparse.ArgumentParser(
-        prog='rcs_record results',
-        description='Write the results of each race as CSV: the order, the time from GREEN_GREEN '
+    return table_options(
+        'results',
+        'Write the results of each race as CSV: the order, the time from GREEN_GREEN '
         'to the finish, who did not finish and why. A race that is under way is in it as it '
-        'stands. Without --run or --all, these are the races of all runs of the day of the newest '
-        'run.',
-        epilog='Results are not replayed; rcs_record replay does that, and rcs_record report. A '
+        'stands.',
+        'Results are not replayed; rcs_record replay does that, and rcs_record report. A '
         'cell of others, such as the name of a team, that a spreadsheet would run as a formula '
-        'gets an apostrophe in front. The columns are explained in docs/record.md.',
+        'gets an apostrophe in front.',
+    )
+
+
+def table_options(way: str, description: str, epilog: str) -> argparse.ArgumentParser:
+    """Return what reads the command line of a subcommand that writes a table of races."""
+    parser = argparse.ArgumentParser(
+        prog=f'rcs_record {way}',
+        description=f'{description} Without --run or --all, these are the races of all runs of '
+        'the day of the newest run.',
+        epilog=f'{epilog} The columns are explained in docs/record.md.',
     )
     add_run_arguments(parser)
     parser.add_argument('--all', action='store_true', help='the races of every run in the record')
@@ -71,9 +83,47 @@ def options() -> argparse.ArgumentParser:
         '--output',
         type=pathlib.Path,
         metavar='FILE',
-        help='write this file; otherwise the results are printed',
+        help=f'write this file; otherwise the {way} are printed',
     )
     return parser
+
+
+def runs_of(wanted: argparse.Namespace, inputs_too: bool) -> tuple[list[Kept], int]:
+    """
+    Return the runs that the command line names, oldest first, and the exit code so far.
+
+    :raises UnreadableError: if the record or the run cannot be read.
+    """
+    with open_runs(wanted.file) as runs:
+        newest = runs.choose(wanted.run)
+        chosen = [newest] if wanted.run is not None else runs.day_of(newest)
+        if wanted.all:
+            chosen = runs.listed
+        kept = [Kept.read(runs, run, inputs_too=inputs_too) for run in chosen]
+    return kept, runs.code
+
+
+def put(text: str, output: pathlib.Path | None, what: str, code: int) -> int:
+    """Print a table, or write it into a file and say what it has; return the exit code."""
+    if output is None:
+        print(text, end='')
+        return code
+    try:
+        output.write_text(text, encoding='utf-8', newline='')
+    except OSError as error:
+        say(f'{output} cannot be written: {error.strerror}')
+        return FAILED
+    print(f'{plain(str(output))}: {what}')
+    return code
+
+
+def as_csv(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Return a table as CSV."""
+    stream = io.StringIO()
+    table = csv.writer(stream, lineterminator='\n')
+    table.writerow(columns)
+    table.writerows(rows)
+    return stream.getvalue()
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -84,12 +134,7 @@ def main(arguments: Sequence[str]) -> int:
     :raises UnreadableError: if the record or the run cannot be read.
     """
     wanted = options().parse_args(arguments)
-    with open_runs(wanted.file) as runs:
-        newest = runs.choose(wanted.run)
-        chosen = [newest] if wanted.run is not None else runs.day_of(newest)
-        if wanted.all:
-            chosen = runs.listed
-        kept = [Kept.read(runs, run, inputs_too=False) for run in chosen]
+    kept, code = runs_of(wanted, inputs_too=False)
     rows: list[tuple[str, ...]] = []
     for each in kept:
         account = each.account()
@@ -107,24 +152,8 @@ def main(arguments: Sequence[str]) -> int:
                 say(f'race {race.number} of run {number} was never started')
         if each.goes_on:
             say(f'race control still writes run {number}: these are the results up to now')
-    if wanted.output is None:
-        _write(sys.stdout, rows)
-        return runs.code
-    try:
-        with wanted.output.open('w', encoding='utf-8', newline='') as stream:
-            _write(stream, rows)
-    except OSError as error:
-        say(f'{wanted.output} cannot be written: {error.strerror}')
-        return FAILED
     races = len({row[:2] for row in rows})
-    print(f'{plain(str(wanted.output))}: {races} races of {len(kept)} runs')
-    return runs.code
-
-
-def _write(stream: TextIO, rows: Sequence[Sequence[str]]) -> None:
-    table = csv.writer(stream, lineterminator='\n')
-    table.writerow(COLUMNS)
-    table.writerows(rows)
+    return put(as_csv(COLUMNS, rows), wanted.output, f'{races} races of {len(kept)} runs', code)
 
 
 def _rows(
