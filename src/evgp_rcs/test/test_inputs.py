@@ -83,6 +83,7 @@ LAPS = st.builds(
     finished=st.lists(KARTS).map(tuple),
     penalties=st.lists(PENALTIES).map(tuple),
     heat=TEXTS,
+    grid=st.lists(KARTS).map(tuple),
 )
 PASSINGS = st.builds(
     laps.Passing,
@@ -102,7 +103,8 @@ MEMORIES = st.builds(
     karts=st.dictionaries(KARTS, st.builds(KartMemory, place=NUMBERS)),
     track_open=FLAGS,
     msr_used=FLAGS,
-    laps=st.none() | LAPS,
+    laps=LAPS,
+    heats=st.lists(LAPS, max_size=2).map(tuple),
     given=st.lists(st.builds(laps.Owner, TEXTS, KARTS)).map(tuple),
     final=FLAGS,
 )
