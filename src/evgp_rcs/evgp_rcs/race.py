@@ -1524,9 +1524,10 @@ class Race:
 
     def _not_started(self, command: Command) -> str:
         kart = self.karts[command.kart]
-        if kart.number in self.laps.of_heat(command.heat).karts:
+        heat = command.heat if 'heat' in CATALOGUE[command.kind].takes else ''
+        if kart.number in self.laps.of_heat(heat).karts:
             return ''
-        where = f'"{command.heat[:40]}"' if command.heat else 'this race'
+        where = f'"{heat[:40]}"' if heat else 'this race'
         return f'{kart} has not started in {where}, or its result is not known here'
 
     def _no_undo_penalty(self, command: Command) -> str:
