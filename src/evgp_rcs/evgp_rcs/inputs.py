@@ -40,6 +40,7 @@ from evgp_rcs.encoding import DAMAGED, read, reader, written
 from evgp_rcs.laps import Passing
 from evgp_rcs.link_quality import LinkQuality
 from evgp_rcs.race import (
+    Attendance,
     Command,
     Heat,
     Kart,
@@ -209,6 +210,13 @@ class Rival(NamedTuple):
     present: bool
 
 
+class Attended(NamedTuple):
+    """Who is there to stop the race changed."""
+
+    at: float
+    there: Attendance
+
+
 class RecordTrouble(NamedTuple):
     """Why the record fails, as a sentence for officials; empty: it works."""
 
@@ -242,6 +250,7 @@ Input = (
     | Tick
     | HeldUp
     | Rival
+    | Attended
     | RecordTrouble
     | StartBecame
     | Recovered
@@ -271,6 +280,8 @@ def feed(given: Input, race: Race) -> Outcome:
             return race.held_up(seconds, at)
         case Rival(at, present):
             return race.rival(present, at)
+        case Attended(at, there):
+            return race.attended(there, at)
         case RecordTrouble(at, text):
             return race.record_trouble(text, at)
         case StartBecame(at, phase, number):

@@ -49,6 +49,9 @@ connection, or an official made it safe by hand. A lost connection never does.
 What happened before race control began counts as the worst it could be, unless the record proves
 that the last run ended in good order with nothing under way (``recover``).
 
+Somebody must be there (``Attendance``). Once nobody is heard any more who could stop a race, and
+somebody was in that race, it does not start, and after ``nobody_there`` it goes to RED_FLAG.
+
 Laps are bookkeeping (``laps``): the race has one value of them, which its own times and the
 passings of the timing line change. No order, hold or doubt follows from them; with `auto_finish`
 a kart's last lap is a FINISH of it, which is a stop in the end.
@@ -132,6 +135,8 @@ class AlertKind(enum.Enum):
     TWO_RACE_CONTROLS = 'TWO_RACE_CONTROLS'
     LINK_POOR = 'LINK_POOR'
     LAPS_SOURCE = 'LAPS_SOURCE'
+    NOBODY_THERE = 'NOBODY_THERE'
+    BUTTON_FAULT = 'BUTTON_FAULT'
 
 
 MSR_ALERTS = frozenset(
@@ -237,6 +242,22 @@ class Answer:
 
     success: bool
     message: str
+
+
+class Attendance(NamedTuple):
+    """
+    Who is there to stop the race, as far as race control hears them.
+
+    :param able: number of programs from which an official can stop it.
+    :param who: which, in a few words.
+    :param button_tried: a stop button works, and was pressed while race control listened.
+    :param button_fault: what is wrong with a stop button, in a few words; empty: nothing.
+    """
+
+    able: int = 0
+    who: str = ''
+    button_tried: bool = False
+    button_fault: str = ''
 
 
 class Order(NamedTuple):
@@ -387,6 +408,9 @@ class RaceTimes(LapSettings):
     :param settle: time for which a kart must stand by its acknowledgement of a red before humans
         may rely on it.
     :param require_inspection: whether a kart must have an inspection to race.
+    :param nobody_there: time after which a race that nobody can stop any more goes to RED_FLAG;
+        0: it does not.
+    :param require_button: whether a stop button must have been tried before GRID_ACTIVE.
     """
 
     finish_delays: tuple[float, ...] = (6.0, 5.0, 4.0, 3.0, 2.0, 1.0)
@@ -401,6 +425,8 @@ class RaceTimes(LapSettings):
     journal_timeout: float = 1.0
     settle: float = 3.0
     require_inspection: bool = False
+    nobody_there: float = 10.0
+    require_button: bool = False
 
     def finish_delay(self, place: int) -> float:
         """Return the delay, in seconds, of a finishing place from 1; 0 if none is configured."""
@@ -573,9 +599,9 @@ class Race:
 
     Feed it with ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``, with the
     passings of the timing line (``passed``), with what becomes of a start that waits
-    (``start_becomes``), and with what is wrong around it (``held_up``, ``rival``,
-    ``record_trouble``); each returns the orders to send and the events that happened. Times are
-    seconds of one monotonic clock and never go back.
+    (``start_becomes``), with who is there (``attended``), and with what is wrong around it
+    (``held_up``, ``rival``, ``record_trouble``); each returns the orders to send and the events
+    that happened. Times are seconds of one monotonic clock and never go back.
 
     :param karts: every kart of the roster, each number once.
     :param times: the times of the rules.
@@ -627,6 +653,9 @@ class Race:
         """It is not known what happened before race control began; until IN_GARAGE."""
         self.has_rival = False
         self.record_fails = ''
+        self.there = Attendance()
+        self.nobody_since: float | None = None
+        """Since when nobody is there any more who was in this race (s); None: it is not so."""
         self.paused_until = now
         """When the pause ends, or the last one ended (s)."""
         self._paused_by = ''
@@ -997,6 +1026,16 @@ class Race:
         self._tell_alerts(now)
         return self._outcome()
 
+    def attended(self, there: Attendance, now: float) -> Outcome:
+        """Take note of who can stop the race from now on."""
+        if there.able:
+            self.nobody_since = None
+        elif self.there.able:
+            self.nobody_since = now
+        self.there = there
+        self._tell_alerts(now)
+        return self._outcome()
+
     def record_trouble(self, text: str, now: float) -> Outcome:
         """Take note of why the record fails, as a sentence for officials; empty: it works."""
         self.record_fails = text
@@ -1007,8 +1046,8 @@ class Race:
         """
         Let time pass: finishes that are due, the race going over by itself, and the alerts.
 
-        A start that has waited too long for the disk is refused. Alerts are only told; they never
-        act.
+        A race that nobody can stop any more is stopped. A start that has waited too long for the
+        disk is refused. Alerts are only told; they never act.
         """
         for kart in self.karts.values():
             self._settle(kart, now)
@@ -1020,6 +1059,10 @@ class Race:
             self.over = True
             self._go(RED_RED, now, 'race over, every kart of the race has finished')
             self._tell_results()
+        since, limit = self._unattended_since(), self.times.nobody_there
+        if since is not None and limit and now >= since + limit:
+            self._pause(now + self.times.pause, 'race control has just stopped the race')
+            self._go(RED_FLAG, now, NOBODY_THERE)
         answer = None
         if self.start is not None and now >= self.start.until:
             answer = self._end_of_start(self.start, StartPhase.FAILED, now)
@@ -1188,6 +1231,7 @@ class Race:
         heats, forgotten = self.laps.heats.keep(self.laps)
         heat = self._heat()
         self.laps = Laps(self.times, heat.format, 0, now, (), heat=heat.name, heats=heats)
+        self.nobody_since = None  # if nobody is there now, nobody was in this race yet
         self.places_given = 0
         for each in self.karts.values():
             each.place = 0
@@ -1395,7 +1439,15 @@ class Race:
         moving = [each for each in racing if each.may_be_moving]
         if moving:
             return f'send RED_RED first to what may be moving: {_listed(moving)}'
-        return self._uninspected(racing) or self._no_record()
+        return self._uninspected(racing) or self._untried_button() or self._no_record()
+
+    def _untried_button(self) -> str:
+        if not self.times.require_button or self.there.button_tried:
+            return ''
+        return (
+            'no stop button was tried that works: start rcs_button, press it (it sends ALL_KILL), '
+            'then send IN_GARAGE and this again'
+        )
 
     def _no_record(self) -> str:
         """Return that no race goes on while the record fails, and what helps; else nothing."""
@@ -1435,6 +1487,11 @@ class Race:
         ]
         if doubtful:
             return _cut(doubtful)
+        if self.nobody_since is not None:
+            return (
+                'nobody is there any more to stop the race: open a window; or begin again, with '
+                'IN_GARAGE'
+            )
         if self.start is not None:
             return 'another GREEN_GREEN is still waiting for the record'
         return self._no_record()
@@ -1769,6 +1826,10 @@ class Race:
             or (kart.in_race and not (self.msr_used or self._is_answered_for(kart)))
         ]
 
+    def _unattended_since(self) -> float | None:
+        """Return since when nobody can stop a race in motion that somebody could (s)."""
+        return self.nobody_since if self.state in (GRID_ACTIVE, GREEN_GREEN) else None
+
     def _race_over_due(self) -> float | None:
         """Return when the race goes over by itself; None while a finish is outstanding (§3.C)."""
         if not self.times.auto_race_over or self.state not in (GREEN_GREEN, RED_FLAG):
@@ -1883,6 +1944,15 @@ class Race:
             )
         if trouble := self.laps.trouble(now):
             yield AlertKind.LAPS_SOURCE, None, None, trouble
+        since = self._unattended_since()
+        if since is not None:
+            text = 'Open a window: race control hears nobody any more who could stop the race'
+            if self.times.nobody_there:
+                text += f'. After {self.times.nobody_there:g} s of that comes RED_FLAG'
+            yield AlertKind.NOBODY_THERE, None, since, text
+        if self.there.button_fault:
+            text = f'Look at the stop button: {self.there.button_fault}'
+            yield AlertKind.BUTTON_FAULT, None, None, text
         if self.record_fails:
             yield AlertKind.RECORD_FAILING, None, None, self.record_fails
 
@@ -1967,6 +2037,9 @@ AUTO_FINISH = 'auto finish'
 """Who gives a FINISH that the organiser lets race control give (`auto_finish`)."""
 
 NOT_IN_ROSTER = 'not in the roster any more'
+
+NOBODY_THERE = 'nobody is there to stop the race'
+"""Why race control sends RED_FLAG to a race by itself."""
 
 MARKED_AS_FINISHED = 'marked as finished'
 """Why a kart is held; still true when later places move up, or its finish is undone."""

@@ -109,6 +109,8 @@ NAMING = ('GRID_ACTIVE', 'GREEN_GREEN', 'IN_GARAGE')
 TROUBLE = 'the disk is full'
 # What becomes of a start that waits until it is on the disk that karts may move.
 OF_A_START = ('journal', 'withdrawn')
+# The states in which somebody must be there who can stop the race.
+IN_MOTION = (GRID_ACTIVE, GREEN_GREEN)
 # What officials are told of a link, which changes nothing.
 OF_A_LINK = ('measured', 'delivered')
 OFFICIAL = 'Anna'
@@ -152,6 +154,9 @@ PROPERTIES = {
     'no-record': 'S: while the record fails, no race starts',
     'start-other-grid': 'S: a start goes out in the GRID_ACTIVE that it was given in, or not',
     'start-memory': 'S: while a start waits, a crash leaves what was written for it',
+    'nobody-there': 'S: once nobody is there any more, the race is stopped, and none starts',
+    'there-acts': 'S: to hear who is there sends no kart anything, and changes nothing',
+    'untried': 'S: where a button is required, no race begins without one that was tried',
     'start-answer': 'a start is answered once: when refused, or when what it waits for is so',
     'restart': 'S: after a restart all is red and closed, and no kart, hold or doubt is forgotten',
     'hold-forgotten': 'S: a hold falls only with an acknowledged red, or by an official alone',
@@ -220,6 +225,19 @@ class StartView(NamedTuple):
     until: float
 
 
+class ThereView(NamedTuple):
+    """
+    What the oracle sees of who is there.
+
+    :param able: somebody who can stop the race; ``untried``: a button that is required is not, or
+        was not pressed; ``fault``: something is wrong with a button.
+    """
+
+    able: bool
+    untried: bool
+    fault: bool
+
+
 class View(NamedTuple):
     """
     What the oracle sees of the race.
@@ -239,6 +257,7 @@ class View(NamedTuple):
     starters: tuple[int, ...]
     paused: float
     start: StartView | None
+    there: ThereView
     timed: tuple[int, ...]
     penalties: tuple[int, ...]
     karts: tuple[KartView, ...]
@@ -363,6 +382,8 @@ class Facts(NamedTuple):
     :param wanted: the laps of the heat that is in the race.
     :param owner: whose the transponder is; 0: nobody's.
     :param seen: the numbers of all passings.
+    :param met: somebody who could stop this race was there, when it began or since.
+    :param left: when the last one left who could stop a race.
     """
 
     grid_last: bool
@@ -373,6 +394,8 @@ class Facts(NamedTuple):
     owner: int = 0
     seen: frozenset[int] = frozenset()
     laps: LapFacts | None = None
+    met: bool = False
+    left: float = 0.0
 
 
 class Input(NamedTuple):
@@ -380,10 +403,12 @@ class Input(NamedTuple):
     One input: a command, a connection change, something a kart says, or time.
 
     :param kind: which command; of a journal 'stale' if it is not what the start waits for; of a
-        passing 'beam' if it does not say who it was.
+        passing 'beam' if it does not say who it was; of who is there 'tried' if a button was,
+        'fault' if something is wrong with one.
     :param serial: of what a kart says; of a passing or its correction, its number.
     :param statement: what is stated; of a rival that it is there, of the record that it fails, of
-        a journal that it was written, of a link that is measured that it is poor.
+        a journal that it was written, of a link that is measured that it is poor, of who is there
+        that somebody can stop the race.
     :param karts: which karts a start or release is for, as the official saw it.
     :param hold: how a kart to be released was held, as the official saw it.
     :param heat: the name of the heat, of a command to put one into the race.
@@ -453,7 +478,10 @@ def look(race: Any) -> View:
         start = StartView(start.command.karts, start.came, start.until)
     laps = race.laps
     timed = laps.karts, tuple([each.kart for each in laps.penalties])
-    around = bool(race.record_fails), race.heats, race.starters, race.paused_until, start
+    there = race.there
+    untried = race.times.require_button and not there.button_tried
+    there = ThereView(there.able > 0, untried, bool(there.button_fault))
+    around = bool(race.record_fails), race.heats, race.starters, race.paused_until, start, there
     return View(*_RACE(race), *around, *timed, karts)
 
 
@@ -516,6 +544,17 @@ def _red(kart: KartView) -> bool:
     return kart.sent is RED_FLAG or kart.sent is RED_RED
 
 
+def _nobody(view: View, facts: Facts) -> bool:
+    """Return whether nobody is there any more who could stop this race."""
+    return facts.met and not view.there.able
+
+
+def is_abandoned(view: View, facts: Facts, given: Input, now: float, times: Any) -> bool:
+    """Return whether the race is to be stopped now, since nobody has been there for too long."""
+    late = bool(times.nobody_there) and now >= facts.left + times.nobody_there
+    return given.what == 'tick' and _nobody(view, facts) and late
+
+
 def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     """Return what the table of docs/rules.md says of a command now."""
     if kind in STOPS:
@@ -531,6 +570,7 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
         held = held or tuple(kart.number for kart in racing if kart.barred)
         in_time = state is IN_GARAGE and not view.track_open
         allowed = in_time and bool(racing) and not held and not view.trouble
+        allowed = allowed and not view.there.untried
         return Judgement(allowed, True, held * in_time, numbers)
     if kind == 'GREEN_GREEN':
         missing = tuple(
@@ -544,6 +584,7 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
         )
         in_time = state is GRID_ACTIVE and facts.grid_last and bool(racing)
         allowed = in_time and not missing and view.start is None and not view.trouble
+        allowed = allowed and not _nobody(view, facts)
         return Judgement(allowed, False, missing * in_time, numbers)
     if kind == 'RACE_OVER':
         return Judgement(state is not IN_GARAGE)
@@ -769,14 +810,22 @@ def _stand(kart: dict[str, Any], now: float) -> None:
         kart.update(doubt=HARMLESS, settles=None)
 
 
-def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'accepted') -> View:
+def expect(
+    view: View,
+    given: Input,
+    now: float,
+    times: Any,
+    becomes: str = 'accepted',
+    abandoned: bool = False,
+) -> View:
     """
     Return the race after an input, as docs/rules.md has it; serials apart.
 
     :param becomes: what becomes of the command, or of the start that waits (``fate``).
+    :param abandoned: nobody has been there for too long (``is_abandoned``).
     """
     state, track_open, msr_used, over, places, restarted, rival, trouble = view[:8]
-    heats, starters, paused, start, timed, penalties, karts = view[8:]
+    heats, starters, paused, start, there, timed, penalties, karts = view[8:]
     what, kind, number = given.what, given.kind, given.kart
     if becomes == 'finishes':
         what, kind, becomes = 'command', 'KART_FINISH', 'accepted'
@@ -818,6 +867,9 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
         _hear(mine[0], given, now, times.settle)
     elif what == 'rival':
         rival = given.statement
+    elif what == 'there':
+        untried = times.require_button and kind != 'tried'
+        there = ThereView(given.statement, untried, kind == 'fault')
     elif what == 'record':
         trouble = given.statement
     elif what in OF_A_START or what in OF_A_LINK or what == 'passing':
@@ -835,6 +887,8 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
         _settle(state, after, 0, now)
         if starters and _race_is_over(state, after, now, times):
             state, over, starters = RED_RED, True, ()
+        if abandoned and state in IN_MOTION:
+            state, paused = RED_FLAG, max(paused, now + times.pause)
     elif kind in ('ALL_KILL', 'RECORD_MSR'):
         state, msr_used = RED_RED, msr_used or kind == 'RECORD_MSR'
         hold(after, RED_RED)
@@ -905,7 +959,7 @@ def expect(view: View, given: Input, now: float, times: Any, becomes: str = 'acc
     _settle(state, after, anew, now)
     seen = tuple([_kart_view(each.values()) for each in after])
     race = (state, track_open, msr_used, over, places, restarted, rival, trouble)
-    return View(*race, heats, starters, paused, start, timed, penalties, seen)
+    return View(*race, heats, starters, paused, start, there, timed, penalties, seen)
 
 
 def _settle(state: RaceState, karts: list[dict[str, Any]], anew: int, now: float) -> None:
@@ -967,6 +1021,10 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
         alerts.add(('TWO_RACE_CONTROLS', 0))
     if view.trouble:
         alerts.add(('RECORD_FAILING', 0))
+    if view.state in IN_MOTION and _nobody(view, facts):
+        alerts.add(('NOBODY_THERE', 0))
+    if view.there.fault:
+        alerts.add(('BUTTON_FAULT', 0))
     laps = facts.laps
     if laps is not None:
         unknown = [each for each in laps.passings if not each[1] and each[0] not in laps.struck]
@@ -992,6 +1050,9 @@ def learn(
         paused = max(paused, now + times.pause)
     elif given.what == 'held up':
         paused = max(paused, now + max(times.pause, times.pause_after_held_up))
+    elif is_abandoned(before, facts, given, now, times) and before.state in IN_MOTION:
+        # Unless the race is over at the same time, which stops it more strictly.
+        paused = paused if after.over else max(paused, now + times.pause)
     success = becomes == 'accepted'
     if success and given.what in OF_A_START:
         assert before.start is not None
@@ -1001,6 +1062,12 @@ def learn(
     gridded = given.kind == 'GRID_ACTIVE' and success
     outlived = after.start is not None and before.start is not None
     outlived = outlived and (facts.outlived or gridded)
+    met, left = facts.met, facts.left
+    if given.what == 'there':
+        met = met or given.statement
+        left = now if before.there.able and not given.statement else left
+    met = before.there.able if gridded else met
+    facts = facts._replace(met=met, left=left)
     facts = _learn_laps(before, facts, given, becomes, after, now, times)
     if becomes == 'finishes':
         grid_last = False
@@ -1140,6 +1207,10 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
         return race.passed([passing], 0, now)
     if given.what == 'rival':
         return race.rival(given.statement, now)
+    if given.what == 'there':
+        fault = 'is gone' if given.kind == 'fault' else ''
+        some = int(given.statement), 'Anna (window)' * given.statement
+        return race.attended(rules.Attendance(*some, given.kind == 'tried', fault), now)
     if given.what == 'record':
         return race.record_trouble(TROUBLE if given.statement else '', now)
     return race.tick(now)
@@ -1170,6 +1241,13 @@ def check_input(
             if kart.in_race
         ):
             raise RuleBrokenError('green-needs-acks', f'{facts} {before}')
+        if _nobody(before, facts):
+            raise RuleBrokenError('nobody-there', f'{facts} {before}')
+    abandoned = is_abandoned(before, facts, given, now, race.times)
+    if abandoned and after.state in IN_MOTION:
+        raise RuleBrokenError('nobody-there', f'{facts} {before} became {after}')
+    if what == 'there' and (outcome.orders or after._replace(there=before.there) != before):
+        raise RuleBrokenError('there-acts', f'{given}: {before} became {after} with {outcome}')
     if opinion is not None:
         if kind in STOPS and (given.statement or kind != 'RECORD_MSR') and not success:
             raise RuleBrokenError('stop-refused', f'{given} in {before}: {outcome.answer.message}')
@@ -1183,6 +1261,8 @@ def check_input(
             name = 'availability' if not opinion.allowed else 'as-seen'
             if success and _is_barred(before, given):
                 raise RuleBrokenError('uninspected', f'{given} in {before}: {outcome.answer}')
+            if success and kind == 'GRID_ACTIVE' and before.there.untried:
+                raise RuleBrokenError('untried', f'{given} in {before}: {outcome.answer}')
             if success and not _heat_exists(before, given):
                 raise RuleBrokenError('heat-halved', f'{given} in {before}: {outcome.answer}')
             if opinion.allowed and (stated != seen or 'since you looked' not in message):
@@ -1217,6 +1297,8 @@ def check_input(
             {(alert.kind.name, alert.kart) for alert in race.alerts(now)},
         )
     _check_memory(after, memory)
+    if race.nobody_since != (memory.left if _nobody(after, memory) else None):
+        raise RuleBrokenError('nobody-there', f'{given}: {race.nobody_since} with {memory}')
     _check_laps(race, memory)
     _check_results(race, before, given, outcome, after)
     if kind == 'SET_HEAT':
@@ -1224,7 +1306,7 @@ def check_input(
     left = before._replace(start=None) if started else before
     if becomes == 'finishes':
         given = given._replace(kart=_whose(facts, given))
-    expected = expect(left, given, now, race.times, becomes)
+    expected = expect(left, given, now, race.times, becomes, abandoned)
     for kart, wanted in zip(after.karts, expected.karts, strict=True):
         if kart.sent is not wanted.sent:
             raise RuleBrokenError('sent-wrong', f'{given} in {before}: {kart}, expected {wanted}')
@@ -1771,8 +1853,9 @@ class Search:
     What is left out of a state's key (``_key``) because the rules do not read it:
 
     - what a kart reported last, texts, the alerts told, since when a kart is missing, whether it
-      withdrew its word, when its order arrived, how good its link is, and whether the race is
-      over: only events and alerts are made of them;
+      withdrew its word, when its order arrived, how good its link is, what is wrong with a button,
+      and whether the race is over: only events and alerts are made of them;
+    - whether somebody was there, and when they left, but in a race that is in motion without them;
     - the age of what a kart is sent, but for the time until the race goes over by itself, which
       reads it for a kart of the race that has a place and is being sent a red (one that
       acknowledged it may drop, or take its word back, and have to do so again; one that is sent
@@ -1799,6 +1882,7 @@ class Search:
     :param track: officials open the track.
     :param around: another race control comes and goes, the record fails and works again, and links
         are poor and good again.
+    :param people: those who can stop the race come and go, and a button.
     :param begin: where: in the 'garage', on the 'grid' or in 'green' with every kart of the race
         connected and its word given, after a 'crash' in mid-race or a 'crash on the grid', or
         where all is 'unknown'.
@@ -1821,6 +1905,7 @@ class Search:
         compare: int = 4000,
         track: bool = True,
         around: bool = False,
+        people: bool = False,
         begin: str = 'garage',
         without: Container[str] = (),
         waits: bool = False,
@@ -1840,6 +1925,7 @@ class Search:
                 'pause': 1.0 if waits else 0.0,
                 'pause_after_held_up': 2.0,
                 'journal_timeout': 1.0,
+                'nobody_there': 2.0,
                 'settle': 1.0,
                 'min_lap_time': 1.0,
                 **(times or {}),
@@ -1869,6 +1955,7 @@ class Search:
             if kind not in without:
                 self.commands.extend((kind, kart.number) for kart in karts)
         self.around = around
+        self.people = people
         self.waits = waits
         self.scratch = Scratch(self.race)
         self.numbers = [kart.number for kart in karts]
@@ -1893,6 +1980,7 @@ class Search:
             max(start.until - now, 0.0),
             facts.outlived,
         )
+        missed = state in IN_MOTION and _nobody(view, facts)
         race = (
             RANK[state._value_],
             timed,
@@ -1904,6 +1992,9 @@ class Search:
             view.trouble,
             max(view.paused - now, 0.0),
             waiting,
+            view.there.able,
+            view.there.untried,
+            missed and (max(facts.left + self.times.nobody_there - now, 0.0),),
             self.laps and self._lap_key(view, facts, now),
         )
         return (self._names.setdefault(race, len(self._names)), *karts)
@@ -2130,6 +2221,9 @@ class Search:
             for there in (True, False):
                 yield Input('rival', statement=there), now
                 yield Input('record', statement=there), now
+        if self.people:
+            for kind, able in (('', True), ('tried', True), ('fault', True), ('', False)):
+                yield Input('there', kind, statement=able), now
         if self.laps:
             for number in (0, *self.numbers):
                 yield Input('passing', '', number, serial=len(facts.seen) + 1), now
@@ -2173,6 +2267,7 @@ class Search:
             if kart.in_race is kart.barred:
                 self._command('LEAVE_RACE' if kart.barred else 'JOIN_RACE', later, kart.number)
         self._command('CLOSE_TRACK', later)
+        give(self.rules, race, Input('there', 'tried', statement=True), later)
         if not self._command('GRID_ACTIVE', later + 10.0).answer.success:
             raise RuleBrokenError('stuck', f'no new race: {look(race)}')
         self.scratch.load(saved)

@@ -33,6 +33,7 @@ from evgp_rcs.encoding import read, written
 from evgp_rcs.inputs import Block, decode, encode, InputsError, joined, Log, Setup
 from evgp_rcs.link_quality import LinkQuality
 from evgp_rcs.race import (
+    Attendance,
     Command,
     Heat,
     KartMemory,
@@ -132,6 +133,7 @@ ENTRIES = st.one_of(
     st.builds(inputs.Tick, TIMES),
     st.builds(inputs.HeldUp, TIMES, TIMES),
     st.builds(inputs.Rival, TIMES, FLAGS),
+    st.builds(inputs.Attended, TIMES, st.builds(Attendance, NUMBERS, TEXTS, FLAGS, TEXTS)),
     st.builds(inputs.RecordTrouble, TIMES, TEXTS),
     st.builds(inputs.StartBecame, TIMES, st.sampled_from(StartPhase), NUMBERS),
     st.builds(inputs.Recovered, TIMES, st.none() | MEMORIES),

@@ -28,6 +28,7 @@ from evgp_rcs.link_quality import NOT_MEASURED, POOR_LATELY
 from evgp_rcs.race import (
     AlertKind,
     Answer,
+    Attendance,
     AUTO_FINISH,
     Command,
     Doubt,
@@ -36,6 +37,7 @@ from evgp_rcs.race import (
     Kart,
     KartMemory,
     MOST_GIVEN,
+    NOBODY_THERE,
     Outcome,
     Race,
     RaceMemory,
@@ -718,6 +720,28 @@ def test_a_record_that_fails_in_other_words_is_no_new_alert(officials: Officials
     officials.race.record_trouble('disk full; 1 event waits', officials.now)
     assert not officials.race.record_trouble('disk full; 2 events wait', officials.now).events
     assert officials.alerts() == {AlertKind.RECORD_FAILING: 'disk full; 2 events wait'}
+
+
+def test_a_race_that_nobody_can_stop_any_more_is_stopped_and_says_why(
+    officials: Officials,
+) -> None:
+    race, there = officials.race, Attendance(1, 'Anna (window)')
+    race.attended(there, officials.now)
+    officials.does('GRID_ACTIVE')
+    officials.acknowledge(1, 2)
+    assert kinds(race.attended(Attendance(), officials.now)) == [EventKind.ALERT_RAISED]
+    assert 'GREEN_GREEN refused: nobody is there' in officials.is_refused('GREEN_GREEN')
+    assert kinds(race.attended(there, officials.now)) == [EventKind.ALERT_CLEARED]
+    officials.does('GREEN_GREEN')
+
+    race.attended(Attendance(), officials.now)
+    due = officials.now + race.times.nobody_there
+    assert not race.tick(due - 0.001).orders
+    stopped = race.tick(due)
+    assert [order[:2] for order in stopped.orders] == [(1, RED_FLAG), (2, RED_FLAG)]
+    assert race.state_cause == NOBODY_THERE
+    assert not race.alerts(due)
+    assert not race.attended(there, due).orders
 
 
 def test_a_kart_that_left_the_roster_is_named_and_held_until_it_is_released_by_hand() -> None:

@@ -136,6 +136,28 @@ def test_the_nearest_states_of_two_karts_with_pauses_and_starts_that_wait_for_th
     assert search.run(1_500).pairs_compared > 50
 
 
+# Who is there is apart from all else too, but for starts.
+@pytest.mark.parametrize(
+    'times',
+    [
+        pytest.param({'require_button': True}, marks=pytest.mark.early),
+        pytest.param({'nobody_there': 0.0}, marks=pytest.mark.long),
+    ],
+    ids=['stopped', 'told-only'],
+)
+def test_one_kart_while_those_who_can_stop_it_come_and_go(
+    times: dict[str, object], record_property: Callable[[str, object], None]
+) -> None:
+    world = {'racing': 1, 'outside': 0, 'people': True, 'track': False, 'times': times}
+    search(record_property, 60_000, compare=200, **world)
+
+
+def test_the_nearest_states_of_starts_that_wait_while_people_come_and_go() -> None:
+    world = {'racing': 1, 'outside': 0, 'begin': 'grid', 'people': True, 'waits': True}
+    search = oracle.Search(race, **world, compare=160, without=UNMARKED)  # type: ignore[arg-type]
+    assert search.run(500).pairs_compared > 20
+
+
 # Every passing is remembered, so this search has no end; what a passing must not do, the nearest
 # states show, and random races.
 @pytest.mark.parametrize('auto_finish', [True, False])

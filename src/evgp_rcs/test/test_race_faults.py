@@ -40,6 +40,9 @@ SEEN = oracle.Input('passing', 'beam', serial=1)
 STOPPED = oracle.Input('command', 'KART_RED_RED', 1, True)
 MARKED = oracle.Input('command', 'KART_FINISH', 1, True)
 
+ANNA = oracle.Input('there', statement=True)
+NOBODY = oracle.Input('there')
+
 World = tuple[int, dict[str, Any]]
 
 
@@ -78,6 +81,21 @@ WORLDS = {
     'laps of two': world(40, 2, 0, 'green', laps=True, then=(SEEN,)),
     'laps outside': world(5, 1, 1, 'green', laps=True),
     'laps on the grid': world(60, 1, 0, 'grid', laps=True, times=AT_ONCE),
+    'people on the grid': world(100, 1, 0, 'grid', people=True, then=(ANNA,), times=AT_ONCE),
+    'people in green': world(100, 1, 0, 'green', people=True, then=(ANNA,)),
+    'nobody told': world(
+        60, 1, 0, 'green', people=True, then=(ANNA,), times={'nobody_there': 0.0}
+    ),
+    'a start with people': world(
+        60, 1, 0, 'grid', people=True, waits=True, then=(ANNA,), without=ALL_OF_ONE
+    ),
+    'an abandoned grid': world(
+        30, 1, 0, 'grid', people=True, waits=True, then=(ANNA, NOBODY), without=ALL_OF_ONE
+    ),
+    'a race after one without people': world(
+        60, 1, 0, 'garage', people=True, then=(ANNA, NOBODY), times=AT_ONCE, without=ALL_OF_ONE
+    ),
+    'an untried button': world(60, 1, 0, people=True, times={'require_button': True}),
     'uninspected outside': world(60, 1, 1, times=REQUIRED, uninspected=(2,)),
     'uninspected': world(60, 1, 1, times=REQUIRED, uninspected=(1,)),
 }
@@ -367,7 +385,7 @@ what is on the disk before GREEN_GREEN does not say that karts will move: restar
 a kart without an inspection may join: uninspected, availability [uninspected outside]
     _no_join: self._uninspected([kart]) => ''
 a kart without an inspection may start: uninspected, availability [uninspected]
-    _no_grid_active: _uninspected(racing) or self._no_record => _no_record
+    _no_grid_active: self._uninspected(racing) or =>
 a heat may have a kart without an inspection: uninspected [uninspected outside]
     _no_such_heat: self._uninspected(self.karts[number] for number in heat.karts) => ''
 the statement that the track is safe leaves the doubt of a restart: effect, stuck
@@ -566,6 +584,54 @@ a penalty is taken back that there is not: availability [laps by hand]
     _no_undo_penalty: if kart.number in {each.kart for each in penalties} else => if self.laps else
 a restart forgets the laps: restart [laps by hand]
     recover: self.laps = Laps.recall(memory.laps, self.times, now, Heats(memory.heats)) => pass
+a race that nobody can stop goes on: nobody-there, effect [people in green]
+    tick: self._go(RED_FLAG, now, NOBODY_THERE) => pass
+the grid stays when nobody can stop it any more: nobody-there, effect, alerts [people on the grid]
+    _unattended_since: in (GRID_ACTIVE, GREEN_GREEN) => is GREEN_GREEN
+a race that nobody can stop goes on for longer than it may: nobody-there, effect [people in green]
+    tick: since + limit => since + 2 * limit
+a race is stopped as soon as nobody is there: effect, sent-wrong [people in green]
+    tick: and now >= since + limit =>
+a race is stopped though that is turned off: effect, sent-wrong [nobody told]
+    tick: and limit and => and
+a race is stopped for nobody where nobody ever was: nobody-there [people in green]
+    attended: elif self.there.able => elif True
+a screen that is back does not count: nobody-there [people in green]
+    attended: self.nobody_since = None => pass
+to hear again that nobody is there begins the time again: nobody-there [people in green]
+    attended: elif self.there.able => elif self.there.able or self.nobody_since is not None
+that nobody was there before the race stops it: nobody-there [a race after one without people]
+    _grid_active: self.nobody_since = None # if nobody is there now, nobody was in this race yet =>
+        pass
+a screen that goes stops the race at once: there-acts [people in green]
+    attended: self.nobody_since = now => self.nobody_since = now ¶ self._go(RED_FLAG, now, 'gone')
+a screen that goes on the grid brings the karts home: there-acts [people on the grid]
+    attended: self.nobody_since = now => self.nobody_since = now ¶ self._go(IN_GARAGE, now, 'gone')
+a screen that is back starts the race again: there-acts, red-to-green, green-only-by-command,
+    green-needs-grid, red-loosened [people in green]
+    attended: self.nobody_since = None => if self.nobody_since is not None and self.state is
+        RED_FLAG: ¶> self._go(GREEN_GREEN, now, 'back') ¶ self.nobody_since = None
+GREEN_GREEN while nobody is there any more: nobody-there, availability [people on the grid]
+    _no_green_green: self.nobody_since is not None => False
+a start that waits goes out when the last screen has gone: nobody-there, start-first, start-answer
+    [a start with people]
+    _end_of_start: refusal = self._refusal_of(start.command, start.came) => since =
+        self.nobody_since ¶ self.nobody_since = None ¶ refusal = self._refusal_of(start.command,
+        start.came) ¶ self.nobody_since = since
+a release that was sent before race control stopped the race is taken: effect, available-from,
+    pause [an abandoned grid]
+    tick: self._pause(now + self.times.pause, 'race control has just stopped the race') => pass
+that nobody is there raises no alert: alerts [people in green]
+    _current_alerts: self._unattended_since() => None
+a button at fault raises no alert: alerts [people in green]
+    _current_alerts: yield AlertKind.BUTTON_FAULT, None, None, text => pass
+a button at fault stops the race: there-acts, effect [people in green]
+    attended: self.there = there => self.there = there ¶ if there.button_fault: ¶>
+        self._go(RED_RED, now, 'button')
+a race begins with a button that nobody tried: untried, availability [an untried button]
+    _no_grid_active: or self._untried_button() =>
+a button must be tried where none is required: availability, stuck [people on the grid]
+    _untried_button: not self.times.require_button or =>
 an unknown transponder raises no alert: alerts [laps by hand]
     _current_alerts: trouble := self.laps.trouble(now) => trouble := False
 """

@@ -32,6 +32,7 @@ from evgp_rcs.catalogue import CATALOGUE
 from evgp_rcs.inputs import Block, Entrant, Log, Setup
 from evgp_rcs.laps import Passing
 from evgp_rcs.race import (
+    Attendance,
     Command,
     Event,
     EventKind,
@@ -59,6 +60,7 @@ SETUP = Setup(
         finish_stop=2.0,
         pause=0.3,
         pause_after_held_up=0.5,
+        nobody_there=1.0,
     ),
     (Heat('first', (1, 2), laps=2), Heat('second', (3, 4))),
     now=1000.1,
@@ -143,6 +145,7 @@ class Running:
             rare: tuple[inputs.Input, ...] = (
                 inputs.HeldUp(self.now, 1.5),
                 inputs.Rival(self.now, not self.race.has_rival),
+                inputs.Attended(self.now, Attendance(self.chance.randrange(3), 'Anna (window)')),
                 inputs.RecordTrouble(self.now, '' if self.race.record_fails else 'it fails'),
                 inputs.StartBecame(self.now, StartPhase.WITHDRAWN, self.race.starts),
             )
