@@ -87,7 +87,7 @@ def test_officials_may_give_every_command_and_publish_nothing_of_race_controls()
     commands = {f'/rcs/{service}' for service in SERVICES}
 
     check_fits(allowed('/officials', 'services', 'request') - TO_LOOK, commands)
-    assert allowed('/officials', 'topics', 'publish') == OF_RCLPY
+    assert allowed('/officials', 'topics', 'publish') == {*OF_RCLPY, '/rcs/presence'}
     assert not any(name.startswith('/rcs/') for name in allowed('/officials', 'services', 'reply'))
 
 

@@ -38,7 +38,7 @@ from typing import Any, NamedTuple
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_rcs.inputs import Block, Setup
 from evgp_rcs.laps import Passing
-from evgp_rcs.race import Answer, Command, RaceMemory, RaceTimes, StampedEvent
+from evgp_rcs.race import Answer, Attendance, Command, RaceMemory, RaceTimes, StampedEvent
 from evgp_rcs.roster import Roster
 
 ANSWER_TIMEOUT = 4.0
@@ -106,11 +106,15 @@ class Passings(NamedTuple):
     dropped: int
 
 
-@dataclass(frozen=True)
-class Alive:
-    """The ROS half goes on and hears officials. Also: whether it hears another race control."""
+class Alive(NamedTuple):
+    """
+    The ROS half goes on and hears officials.
+
+    Also: whether it hears another race control, and who is there.
+    """
 
     rival: bool
+    there: Attendance = Attendance()
 
 
 @dataclass(frozen=True)

@@ -51,7 +51,7 @@ from evgp_rcs.channel import (
     Unpacker,
 )
 from evgp_rcs.kart_server import KartServerError
-from evgp_rcs.race import Answer, Command, StampedEvent
+from evgp_rcs.race import Answer, Attendance, Command, StampedEvent
 from evgp_rcs.snapshot import Snapshot, Standings
 
 KART_SERVER_END_TIMEOUT = 5.0
@@ -187,14 +187,15 @@ class KartServerClient:
             self.takes_passings = False
             self._send(passings)
 
-    def alive(self, rival: bool) -> None:
+    def alive(self, rival: bool, there: Attendance) -> None:
         """
         Say that the ROS half can take a stop.
 
         :param rival: whether another race control is heard in this domain.
+        :param there: who is there to stop the race.
         """
         if not self._stopping:
-            self._send(Alive(rival))
+            self._send(Alive(rival, there))
 
     def end(self, in_order: bool) -> None:
         """

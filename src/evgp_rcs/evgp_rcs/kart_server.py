@@ -408,6 +408,8 @@ class KartServer:
         elif isinstance(message, Alive):
             if message.rival != self._race.has_rival:
                 self._take(inputs.Rival(self.now(), message.rival))
+            if message.there != self._race.there:
+                self._take(inputs.Attended(self.now(), message.there))
         elif isinstance(message, End):
             self.end(None if message.in_order else RosHalfGoneError('failed'))
         else:

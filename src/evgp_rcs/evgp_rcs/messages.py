@@ -44,7 +44,7 @@ NS = 1_000_000_000
 MOST_STRENGTH = 1e9
 """The strength of a passing is below this, in the device's own measure."""
 
-ERRORS = (AlertKind.RECORD_FAILING, AlertKind.TWO_RACE_CONTROLS)
+ERRORS = (AlertKind.RECORD_FAILING, AlertKind.TWO_RACE_CONTROLS, AlertKind.NOBODY_THERE)
 """Alerts without the MSR that are errors in the diagnostics."""
 
 
@@ -183,6 +183,9 @@ def race_message(
         ],
         next_heat=race.starts.next_heat,
         banner=banner,
+        able_to_stop=race.there.able,
+        who_can_stop=race.there.who,
+        button_fault=race.there.button_fault,
     )
 
 

@@ -24,7 +24,7 @@ one starts it, and neither outlives the other. Each thread here has its own work
 - the line's thread (``line``) hands on what the sources of passings say;
 - the client's thread (``kart_client``) hears the kart server;
 - one calls this node again and again, as an official's program would, gives the kart server a sign
-  of life as long as the calls come in, and looks after the graph;
+  of life as long as the calls come in, tells it who is there, and looks after the graph;
 - the teller's thread (``teller``) publishes the race and its events, and logs.
 """
 
@@ -55,6 +55,7 @@ from evgp_rcs.kart_client import KartServerClient
 from evgp_rcs.kart_server import KartServerError
 from evgp_rcs.line import Line
 from evgp_rcs.official import heard, tidy
+from evgp_rcs.presence import MOST_PROGRAMS, Presences
 from evgp_rcs.race import Answer, Command
 from evgp_rcs.rival import (
     claim_the_graph,
@@ -65,11 +66,19 @@ from evgp_rcs.rival import (
 from evgp_rcs.roster import RosterError
 from evgp_rcs.settings import read_settings
 from evgp_rcs.teller import Teller
+from evgp_rcs_msgs import msg
 from evgp_rcs_msgs.srv import SignOfLife
 from rclpy._rclpy_pybind11 import RCLError
+from rclpy.duration import Infinite
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 
 ALIVE_EVERY = 0.2
 """Time between two signs of life to the kart server, in seconds; after 1 s without one it sends
@@ -94,6 +103,18 @@ SERVICE_QOS = QoSProfile(
 )
 """Of the services. With ROS's usual depth of 10, the eleventh of a burst of stops would push the
 first out, unanswered. Not KEEP_ALL: a client that takes no answers must not hold up the others."""
+
+
+PRESENCE_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+    liveliness=LivelinessPolicy.AUTOMATIC,
+    liveliness_lease_duration=Infinite,
+)
+"""Of ``~/presence``. It asks for the least liveliness, so that whoever says anything is heard;
+who says nothing for `presence.SILENT_AFTER` counts as gone."""
 
 
 class DeafError(RuntimeError):
@@ -147,6 +168,8 @@ class RcsNode(StrictNode):
             on_end=self._kart_server_ended,
         )
         self._line = Line(self, self._server)
+        self._presences = Presences()
+        self.create_subscription(msg.Presence, '~/presence', self._hear_presence, PRESENCE_QOS)
         self._offer_services()
         self._server.start()
         self._teller.start()
@@ -224,7 +247,7 @@ class RcsNode(StrictNode):
                     called = self._self_call.call_async(SignOfLife.Request(number=self._calls))
                     self._self_call.remove_pending_request(called)
             try:
-                self._server.alive(rival)
+                self._server.alive(rival, self._presences.attendance(clock.now()))
             except KartServerError:
                 pass  # its end is noticed, and told, by the thread that hears it
             if self._closing.wait(ALIVE_EVERY):
@@ -235,6 +258,14 @@ class RcsNode(StrictNode):
         # Whoever else may call: it came in.
         self._heard = max(self._heard, min(request.number, self._calls))
         return response
+
+    def _hear_presence(self, message: msg.Presence) -> None:
+        if not self._presences.hear(message, clock.now()):
+            self.get_logger().warning(
+                f'More than {MOST_PROGRAMS} programs say that officials can stop the race from '
+                'them: not all of them are heard',
+                throttle_duration_sec=60.0,
+            )
 
     # ----- services -----------------------------------------------------------------------
 

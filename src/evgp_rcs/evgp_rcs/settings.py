@@ -54,6 +54,12 @@ OF_THE_RULES: tuple[tuple[Any, ...], ...] = (
     ('auto_finish', 'A kart whose last lap is counted is given FINISH by race control.'),
     ('require_inspection', 'A kart without an inspection in the roster cannot race.'),
     (
+        'nobody_there',
+        'Time after which a race that nobody can stop any more goes to RED_FLAG, s; 0: never.',
+        (0, 3600),
+    ),
+    ('require_button', 'A race needs a stop button that was pressed once to try it.'),
+    (
         'pause',
         'After a stop, commands that loosen or start anything are refused for this long, s.',
         (0.5, 10),

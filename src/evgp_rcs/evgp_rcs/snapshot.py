@@ -27,7 +27,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.laps import Format, Judged, KartResult
 from evgp_rcs.link_quality import LinkQuality, POOR_LATELY
-from evgp_rcs.race import Alert, Heat, Kart, Race, Starts, TrackAccess
+from evgp_rcs.race import Alert, Attendance, Heat, Kart, Race, Starts, TrackAccess
 
 Offer = tuple[CommandKind, int, str, str, tuple[int, ...], float | None]
 """The fields of an ``Availability``, as a plain tuple: packing takes a tenth of the time, and a
@@ -114,6 +114,7 @@ class Snapshot(NamedTuple):
     laps: int
     heats: tuple[Heat, ...]
     starts: Starts
+    there: Attendance
 
 
 _OF_KART = attrgetter(*KartSnapshot._fields[:-6])
@@ -147,6 +148,7 @@ def snapshot_of(race: Race, now: float) -> Snapshot:
         race.laps.wanted,
         race.heats,
         race.order_of_start(),
+        race.there,
     )
 
 

@@ -1,0 +1,146 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Who is there to stop the race, by what programs say and when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from evgp_rcs.presence import BUTTON, MOST_PROGRAMS, Presences, SILENT_AFTER
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+
+@dataclass
+class Word:
+    """What a program says."""
+
+    id: str = 'one'  # noqa: A003 - the field's name
+    program: str = 'rcs_gui'
+    official: str = ''
+    fault: str = ''
+    presses: int = 0
+
+
+def button(name: str, fault: str = '', presses: int = 0) -> Word:
+    """Return what a stop button says."""
+    return Word(name, BUTTON, fault=fault, presses=presses)
+
+
+@pytest.fixture
+def presences() -> Presences:
+    return Presences()
+
+
+def test_a_program_counts_until_it_says_nothing_for_so_long(presences: Presences) -> None:
+    presences.hear(Word('a', official='Anna'), 10.0)
+    presences.hear(Word('b', 'rcs_ctl'), 11.0)
+
+    assert presences.attendance(11.9)[:2] == (2, 'Anna (window), terminal')
+    assert presences.attendance(12.0)[:2] == (1, 'terminal')
+    assert presences.attendance(13.0)[:2] == (0, '')
+
+
+def test_a_fault_that_lasts_counts_as_silence_and_one_that_is_over_does_not(
+    presences: Presences,
+) -> None:
+    presences.hear(Word(), 10.0)
+    presences.hear(Word(fault='race control is gone'), 11.0)
+    assert presences.attendance(11.9).able == 1
+    presences.hear(Word(fault='race control is gone'), 11.9)
+    assert presences.attendance(12.0).able == 0
+    presences.hear(Word(), 12.5)
+    assert presences.attendance(12.5).able == 1
+
+
+def test_a_window_that_has_a_fault_from_the_start_does_not_count(presences: Presences) -> None:
+    presences.hear(Word(fault='race control is gone'), 10.0)
+    assert presences.attendance(10.0).able == 0
+
+
+def test_a_button_is_tried_once_it_was_pressed_while_it_was_heard(presences: Presences) -> None:
+    presences.hear(button('a', presses=3), 10.0)
+    assert not presences.attendance(10.0).button_tried
+    presences.hear(button('a', presses=4), 10.5)
+    assert presences.attendance(10.5).button_tried
+    presences.hear(button('a', 'unplugged', 4), 11.0)
+    found = presences.attendance(11.0)
+    assert not found.button_tried
+    assert 'unplugged' in found.button_fault
+    presences.hear(button('a', presses=4), 11.5)
+    assert presences.attendance(11.5).button_tried
+    # Another start of it was not tried.
+    presences.hear(button('b'), 14.0)
+    assert not presences.attendance(14.0).button_tried
+
+
+def test_a_button_that_is_gone_is_missed_until_another_is_started_in_its_place(
+    presences: Presences,
+) -> None:
+    presences.hear(button('a'), 10.0)
+    presences.hear(button('b'), 10.0)
+    presences.hear(button('b'), 11.5)
+    assert presences.attendance(12.5).button_fault
+    presences.hear(button('b'), 13.0)
+    assert presences.attendance(100.0).button_fault
+    presences.hear(button('c'), 100.0)
+    assert presences.attendance(100.0).button_fault, 'one of two is still missing'
+    presences.hear(button('d'), 100.0)
+    assert not presences.attendance(100.0).button_fault
+
+
+def test_a_button_that_is_back_before_it_was_missed_is_never_missed(presences: Presences) -> None:
+    presences.hear(button('a'), 10.0)
+    presences.hear(button('b'), 10.5)
+    for at in (11.5, 12.5, 13.5):
+        presences.hear(button('b'), at)
+        assert not presences.attendance(at).button_fault
+
+
+def test_of_too_many_programs_those_that_came_first_are_heard(presences: Presences) -> None:
+    for number in range(MOST_PROGRAMS):
+        assert presences.hear(Word(str(number)), 10.0)
+    assert not presences.hear(Word('one more'), 11.0)
+    assert presences.attendance(11.0).able == MOST_PROGRAMS
+    assert presences.hear(Word('one more'), 12.0)
+
+
+WORDS = st.builds(
+    Word,
+    id=st.text(max_size=3) | st.sampled_from('ab'),
+    program=st.sampled_from((BUTTON, 'rcs_gui', '')) | st.text(),
+    official=st.text(),
+    fault=st.just('') | st.text(),
+    presses=st.integers(0, 2**32 - 1),
+)
+
+
+@given(st.lists(st.tuples(WORDS, st.floats(0.0, 3.0)), max_size=30))
+def test_whatever_is_said_what_is_told_is_short_and_nobody_counts_who_was_silent(
+    said: list[tuple[Word, float]],
+) -> None:
+    presences = Presences()
+    now = 0.0
+    for word, step in said:
+        now += step
+        presences.hear(word, now)
+        found = presences.attendance(now)
+        assert (found.able > 0) == bool(found.who)
+        assert len(found.who) < 300
+        assert len(found.button_fault) < 1000
+        assert found.who.isprintable()
+        assert found.button_fault.isprintable()
+    assert not presences.attendance(now + SILENT_AFTER + 0.001).able

@@ -1,0 +1,123 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""Who is there to stop the race, over real DDS; test_console.py has the same with real windows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import contextlib
+import pathlib
+
+from evgp_protocol.states import RaceState
+from evgp_rcs_console.client import THERE_QOS
+from evgp_rcs_msgs import msg
+from evgp_testing.ros_side import RosSide
+from evgp_testing.wire_race import WireRace
+import pytest
+from rclpy.qos import QoSProfile
+
+GREEN_GREEN = RaceState.GREEN_GREEN
+
+NOBODY_THERE = msg.Alert.NOBODY_THERE
+BUTTON_FAULT = msg.Alert.BUTTON_FAULT
+
+
+class Programs(RosSide):
+    """Programs that say what they are told to, once a second."""
+
+    def __init__(self, domain: int, qos: QoSProfile) -> None:
+        super().__init__('programs', domain)
+        self.words: dict[str, msg.Presence] = {}
+        self._publisher = self.node.create_publisher(msg.Presence, '/rcs/presence', qos)
+        self.node.create_timer(1.0, self._say)
+        self.spin()
+
+    def say(self, program: str, number: int = 1, **fields: object) -> None:
+        """Have a program say this from now on."""
+        self.words[f'{program} {number}'] = msg.Presence(
+            program=program, id=f'{program} {number}', **fields
+        )
+        self._say()
+
+    def _say(self) -> None:
+        for word in list(self.words.values()):
+            self._publisher.publish(word)
+
+
+def alerts(race: msg.Race) -> set[int]:
+    return {each.kind for each in race.alerts}
+
+
+def wait_for(race: WireRace, found: Callable[[msg.Race], object], what: str) -> msg.Race:
+    return race.official.wait_for_race(found, what)
+
+
+@pytest.fixture
+def race(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> WireRace:
+    """Return a race with one kart, which acknowledges."""
+    parameters = {'nobody_there': 0.1}
+    return parts.enter_context(WireRace(tmp_path, [1], parameters=parameters))
+
+
+# Whatever its publisher offers, a program is heard.
+@pytest.fixture(params=[THERE_QOS, QoSProfile(depth=10)], ids=['ours', 'plain'])
+def programs(race: WireRace, request: pytest.FixtureRequest) -> Iterator[Programs]:
+    side = Programs(race.domain, request.param)
+    yield side
+    side.close()
+
+
+def test_a_race_is_stopped_once_nobody_is_heard_any_more_and_only_if_somebody_was(
+    race: WireRace, programs: Programs
+) -> None:
+    race.bring_to(GREEN_GREEN)
+    for _ in range(4):  # 2 s; it would be stopped after 0.1
+        before = race.official.race
+        now = wait_for(race, lambda seen, before=before: seen is not before, 'another snapshot')
+        assert (now.able_to_stop, now.state.state) == (0, msg.RaceState.GREEN_GREEN)
+
+    programs.say('rcs_gui', official='Anna')
+    programs.say('rcs_button')
+    seen = wait_for(race, lambda seen: seen.able_to_stop == 2, 'both')
+    assert seen.who_can_stop == 'Anna (window), button'
+    del programs.words['rcs_gui 1']
+    wait_for(race, lambda seen: seen.able_to_stop == 1, 'one')
+    assert race.karts[0].state is GREEN_GREEN
+    programs.say('rcs_button', fault='it is unplugged')
+
+    stopped = race.official.wait_for_event(
+        lambda event: (
+            event.kind == event.RACE_STATE and event.state.state == msg.RaceState.RED_FLAG
+        ),
+        'RED_FLAG',
+    )
+    race.karts[0].wait_for_state(RaceState.RED_FLAG)
+    assert (stopped.command, stopped.official) == (0, '')
+    raised = [each.alert for each in race.official.events if each.kind == each.ALERT_RAISED]
+    assert {NOBODY_THERE, BUTTON_FAULT} <= {*raised}
+    # Whoever comes back undoes nothing.
+    programs.say('rcs_button')
+    wait_for(race, lambda seen: seen.able_to_stop and not alerts(seen), 'no alert')
+    assert race.karts[0].state is RaceState.RED_FLAG
+
+
+def test_where_a_button_is_required_no_race_begins_before_it_was_pressed(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path
+) -> None:
+    race = parts.enter_context(WireRace(tmp_path, [1], parameters={'require_button': True}))
+    programs = Programs(race.domain, THERE_QOS)
+    parts.callback(programs.close)
+    race.official.command('set_track_open', open=False)
+    programs.say('rcs_button')
+    wait_for(race, lambda seen: seen.able_to_stop, 'the button')
+    answer = race.official.call('grid_active', track_clear=True)
+    assert not answer.success
+    assert 'rcs_button' in answer.message
+
+    programs.say('rcs_button', presses=1)
+    race.bring_to(GREEN_GREEN)
+    programs.say('rcs_gui')
+    programs.words.pop('rcs_button 1')
+    wait_for(race, lambda seen: seen.button_fault and BUTTON_FAULT in alerts(seen), 'the alert')
+    assert race.karts[0].state is GREEN_GREEN
