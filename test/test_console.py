@@ -456,7 +456,7 @@ def test_a_window_that_is_killed_changes_nothing_and_the_next_one_stops_the_kart
     parts: contextlib.ExitStack,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    control = start_race_control(in_race=(1,))
+    control = start_race_control(in_race=(1,), nobody_there=PATIENCE)
     official = join_official(control)
     screen = begin_to_watch_for_windows(parts, monkeypatch)
     kart = connect_kart(control, 1, EACH_CHANGE)
@@ -474,6 +474,44 @@ def test_a_window_that_is_killed_changes_nothing_and_the_next_one_stops_the_kart
     screen.key('space')
 
     kart.wait_for_state(RED_RED)
+
+
+@pytest.mark.parametrize('how', ['killed', 'frozen', 'its own thread hangs'])
+def test_once_the_last_window_is_gone_or_hangs_its_race_is_sent_red_flag(
+    open_beside: OpenBeside, how: str
+) -> None:
+    console, (kart,), _ = open_beside(1, nobody_there=0.1)
+    console.wait_for('strip', text='1 can stop')
+    console.start_race()
+    kart.wait_for_state(GREEN_GREEN)
+
+    if how == 'killed':
+        console.kill()
+    elif how == 'frozen':
+        console.signal(signal.SIGSTOP)
+    else:
+        console.block(PATIENCE)
+
+    kart.wait_for_state(RED_FLAG)
+
+
+def test_a_race_goes_on_if_another_window_is_there_in_time(
+    open_beside: OpenBeside, open_console: OpenConsole, join_official: JoinOfficial
+) -> None:
+    console, (kart,), control = open_beside(1, nobody_there=PATIENCE)
+    official = join_official(control)
+    console.start_race()
+    kart.wait_for_state(GREEN_GREEN)
+    console.kill()
+    nobody = msg.Alert.NOBODY_THERE
+    official.wait_for_race(
+        lambda race: any(each.kind == nobody for each in race.alerts), 'the alert'
+    )
+
+    open_console(control).wait_for('strip', text='1 can stop')
+
+    assert kart.state is GREEN_GREEN
+    official.wait_for_race(lambda race: not race.alerts, 'no alert')
 
 
 # ----- what is shown ----------------------------------------------------------------------

@@ -183,6 +183,10 @@ class AtTerminal:
             assert self._read(), f'it asks for nothing: {self.shown!r}'
         os.write(self._terminal, text)
 
+    def interrupt(self) -> None:
+        """Press Ctrl-C."""
+        self._process.send_signal(signal.SIGINT)
+
     def end(self) -> int:
         """Return its exit code, once it has ended."""
         while self._read():
@@ -633,6 +637,26 @@ def test_a_program_that_may_not_command_says_so_in_a_sentence() -> None:
     assert done.returncode == USAGE
     assert '/officials' in done.stderr
     assert done.stderr.count('\n') == 1
+
+
+def test_a_watch_says_that_somebody_is_there_at_a_terminal_but_not_through_a_pipe(
+    start_race_control: StartRaceControl, join_official: JoinOfficial
+) -> None:
+    official = join_official(control := start_race_control(in_race=(1,)))
+    with start(control.domain, 'watch') as piped:
+        assert piped.stdout is not None
+        assert any('Race: ' in line for line in piped.stdout)
+        assert official.node.count_publishers('/rcs/presence') == 0
+        piped.send_signal(signal.SIGINT)
+
+    watch = AtTerminal(control.domain, 'watch')
+    reading = threading.Thread(target=watch.end)
+    reading.start()
+    seen = official.wait_for_race(lambda race: race.able_to_stop, 'somebody')
+    assert seen.able_to_stop == 1
+    watch.interrupt()
+    reading.join(2 * PATIENCE)
+    assert not reading.is_alive()
 
 
 def test_watch_goes_on_and_says_when_race_control_is_gone(

@@ -19,7 +19,8 @@ Two threads, so that nothing a screen does ever waits for ROS:
 
 - the executor's thread hears `rcs/race`, `rcs/events`, `rcs/results` and the answers to commands;
 - the sender's thread takes commands from a queue and calls the services. It also presses each stop
-  again and again, once asked for, until race control has accepted it (``standing``).
+  again and again, once asked for, until race control has accepted it (``standing``). That somebody
+  is there goes the same way, so that it is not said where no stop gets out.
 
 Whoever listens is called in these threads, and must hand over to its own at once.
 """
@@ -28,6 +29,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Sequence
+import contextlib
 from dataclasses import fields
 from functools import lru_cache
 import ipaddress
@@ -37,6 +39,7 @@ import re
 import threading
 import time
 from typing import Any, Protocol, TypeVar
+import uuid
 
 from evgp_node.graph import bind_graph, EVERY, fence_graph, reachable_at
 from evgp_node.services import service_class
@@ -45,6 +48,7 @@ from evgp_protocol.clock import duration, now
 from evgp_protocol.link import Grade, GRADES
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.laps import Judged, KartResult, Mark, Passing, Penalty, Status
+from evgp_rcs.official import MOST_OF_NAME
 from evgp_rcs_console import texts
 from evgp_rcs_console.commands import Given, PRESS_AGAIN, request, Standing, StandingStops
 from evgp_rcs_console.snapshot import (
@@ -63,9 +67,18 @@ from evgp_rcs_console.snapshot import (
 )
 from evgp_rcs_msgs import msg
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.context import Context
+from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.publisher import Publisher
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 from rclpy.signals import SignalHandlerOptions
 
 _STATES = {int(getattr(msg.RaceState, state.name)): state for state in State}
@@ -260,6 +273,21 @@ PRESSES = 10
 """Number of unanswered presses of one stop whose answers are still waited for."""
 
 
+THERE_EVERY = 1.0
+"""Time between two words that somebody is there, in seconds; 2 s without one, and nobody is."""
+
+THERE_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+    # For whoever wants to know by DDS alone: nothing but a word says that the program is alive.
+    liveliness=LivelinessPolicy.MANUAL_BY_TOPIC,
+    liveliness_lease_duration=Duration(seconds=2),
+)
+"""Of ``rcs/presence``."""
+
+
 def latched(depth: int) -> QoSProfile:
     """Return the QoS of race control's topics."""
     return QoSProfile(
@@ -305,6 +333,7 @@ class Client:
     :param context: the ROS context; the process's own if it is None.
     :param commands: what it may be asked to give. For each of them it needs a permission where
         SROS2 is in force; to hear the race it needs none of them.
+    :param there: an official sits there (``say_there``); without that permission, nobody does.
     :raises RCLError: if ROS does not let it be that client.
     """
 
@@ -314,6 +343,7 @@ class Client:
         listener: Listener,
         context: Context | None = None,
         commands: Iterable[CommandKind] = tuple(CATALOGUE),
+        there: bool = False,
         **node_options: Any,
     ) -> None:
         """Join the domain and begin to hear."""
@@ -331,9 +361,14 @@ class Client:
             msg.RaceEvents, 'rcs/events', self._hear_events, latched(200)
         )
         self.node.create_subscription(msg.Results, 'rcs/results', self._hear_results, latched(1))
+        self._program, self._id = name, uuid.uuid4().hex
+        self._there: Publisher | None = None
+        if there:
+            with contextlib.suppress(RCLError):  # a screen for spectators
+                self._there = self.node.create_publisher(msg.Presence, 'rcs/presence', THERE_QOS)
         self.topic: str = self.node.resolve_topic_name('rcs/race')
         self._sources = Sources()
-        self._given: queue.SimpleQueue[Given | None] = queue.SimpleQueue()
+        self._given: queue.SimpleQueue[Given | msg.Presence | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._waiting: dict[Any, Given] = {}
         self._standing = StandingStops()
@@ -345,6 +380,18 @@ class Client:
     def give(self, given: Given) -> None:
         """Give a command, and return at once."""
         self._given.put(given)
+
+    def say_there(self, official: str, fault: str) -> None:
+        """
+        Say that an official is there who can stop the race, and return at once.
+
+        :param official: who; empty: nobody said.
+        :param fault: why the race cannot be stopped from there now; empty: it can.
+        """
+        name = official[:MOST_OF_NAME]
+        self._given.put(
+            msg.Presence(program=self._program, id=self._id, official=name, fault=fault)
+        )
 
     def wait_for(self, command: CommandKind, seconds: float) -> bool:
         """Return whether race control offers a command, once it does or time is up."""
@@ -369,12 +416,20 @@ class Client:
                 continue
             if given is None:
                 return
-            if CATALOGUE[given.command].stop:
+            if isinstance(given, msg.Presence):
+                self._say(given)
+            elif CATALOGUE[given.command].stop:
                 with self._lock:
                     self._standing.add(given, now())
                 self._press()
             else:
                 self._call(given)
+
+    def _say(self, word: msg.Presence) -> None:
+        if self._there is not None:
+            if not self.node.count_services(self.node.resolve_service_name('rcs/all_kill')):
+                word.fault = texts.NO_SERVICE
+            self._there.publish(word)
 
     def _wake(self) -> float | None:
         with self._lock:

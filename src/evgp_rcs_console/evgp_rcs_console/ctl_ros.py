@@ -29,7 +29,7 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.laps import Judged
 from evgp_rcs.official import tidy
 from evgp_rcs_console import results, texts
-from evgp_rcs_console.client import Client, domain_of, join_graph, looking
+from evgp_rcs_console.client import Client, domain_of, join_graph, looking, THERE_EVERY
 from evgp_rcs_console.command_line import (
     COMMANDS,
     Exit,
@@ -117,7 +117,7 @@ def attend(given: Sequence[str], wanted: argparse.Namespace, began: float, repor
     watches = wanted.command in ('watch', 'results')
     commands = () if watches else (COMMANDS[wanted.command],)
     try:
-        client = Client('rcs_ctl', hearing, commands=commands)
+        client = Client('rcs_ctl', hearing, commands=commands, there=_is_at(wanted))
     except RCLError as error:
         said = texts.NOT_ALLOWED.format(error=error)
         report(last=True, code=Exit.USAGE, error=f'rcs_ctl: {said}')
@@ -135,6 +135,12 @@ def attend(given: Sequence[str], wanted: argparse.Namespace, began: float, repor
     finally:
         client.close()
         rclpy.try_shutdown()
+
+
+def _is_at(wanted: argparse.Namespace) -> bool:
+    """Return whether an official sits there and sees the race."""
+    sees = wanted.command == 'watch' and not (wanted.once or wanted.events)
+    return sees and sys.stdout.isatty()
 
 
 def _give(
@@ -290,7 +296,8 @@ def _watch(
     began = now()
     if wanted.once:
         hearing.wait_for(lambda: hearing.race is not None, until)
-    redraw = sys.stdout.isatty() and not wanted.once
+    redraw = _is_at(wanted)
+    official, said_at = Signature().name, began
     while True:
         with hearing.news:
             race, heard_at, two = hearing.race, hearing.heard_at, hearing.two
@@ -311,6 +318,10 @@ def _watch(
             return {'code': code, 'output': text}
         print(('\x1b[H\x1b[2J' if redraw else '') + text + ('' if redraw else '\n'), flush=True)
         report(alive=True)
+        # Early rather than late: news come twice a second.
+        if at - said_at >= THERE_EVERY / 2:
+            client.say_there(official, texts.GONE_REASON if is_gone(silent_for) else '')
+            said_at = at
         with hearing.news:
             hearing.news.wait(1.0)
 

@@ -604,6 +604,12 @@ class Display(QtCore.QObject):
         danger_now = self._danger(clock.now())
         return danger_now.barred if danger_now is not None else ''
 
+    @property
+    def unheard(self) -> str:
+        """Return why a stop may reach nobody; empty if race control is heard."""
+        danger_now = self._danger(clock.now())
+        return danger_now.barred if danger_now is not None and danger_now.stale else ''
+
     def _show_results(self) -> None:
         teams = {kart.number: kart.team for kart in (self._race or NOTHING).karts}
         self.areas.results.show_results(self._results, teams, bool(self.barred))

@@ -29,7 +29,7 @@ from typing import Any
 
 from evgp_node.graph import GraphError
 from evgp_rcs_console import texts
-from evgp_rcs_console.client import Client, join_graph, looking
+from evgp_rcs_console.client import Client, join_graph, looking, THERE_EVERY
 from evgp_rcs_console.settings import Signature
 from rcl_interfaces.msg import ParameterDescriptor
 import rclpy
@@ -87,7 +87,7 @@ def main(
     keep_awake()
     inbox = Inbox()
     try:
-        client = Client('rcs_gui', inbox)
+        client = Client('rcs_gui', inbox, there=True)
     except RCLError as error:
         print(f'rcs_gui: {texts.NOT_ALLOWED.format(error=error)}', file=sys.stderr)
         return 2
@@ -100,6 +100,10 @@ def main(
     level = Battery()
     battery.timeout.connect(lambda: window.show_battery(level.low))
     battery.start(1000)
+    # By the thread that takes keys and clicks: where that hangs, nobody is there.
+    there = QtCore.QTimer(window)
+    there.timeout.connect(lambda: client.say_there(signature.name, window.unheard))
+    there.start(round(1000 * THERE_EVERY))
     if on_window is not None:
         on_window(window)
     try:

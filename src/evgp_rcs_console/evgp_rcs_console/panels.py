@@ -211,6 +211,7 @@ class Strip(Painted):
     def show_screen(self, screen: Screen, officials: list[str], stale: bool) -> None:
         """Show the race as it is now, and who has commanded it."""
         by = texts.COMMANDED_BY.format(names=', '.join(officials)) * bool(officials)
+        by = ' · '.join(filter(None, (screen.can_stop.partition(':')[0], by)))
         rest = ' · '.join(filter(None, (screen.missing, screen.order, screen.places)))
         self._texts = screen.tally or texts.NOBODY_RACES, screen.reminder, rest, by
         self._stale = stale
@@ -242,7 +243,8 @@ class Strip(Painted):
             inside = shown.adjusted(look.px(GAP), 0, -look.px(GAP), 0)
             pen.text(inside, reminder, ink, TEXT, True)
             room.setLeft(shown.right() + look.px(14))
-        pen.text(room, rest, strong, TEXT)
+        if rest:
+            pen.text(room, rest, strong, TEXT)
         pen.text(last, officials, look.palette.faint, TEXT, align=RIGHT)
 
 

@@ -171,6 +171,7 @@ class Race:
     :param banner: what every screen says at its top; empty: nothing.
     :param laps: how many laps the race that was started last has; 0: no number is set.
     :param next_heat: the name of the heat whose turn is next; empty: nobody's.
+    :param able_to_stop: from how many programs officials can stop it; ``who_can_stop``: which.
     """
 
     state: State
@@ -186,6 +187,8 @@ class Race:
     state_clock: str = ''
     laps: int = 0
     next_heat: str = ''
+    able_to_stop: int = 0
+    who_can_stop: str = ''
 
     def kart(self, number: int) -> Kart | None:
         """Return the kart with this number, if the roster has it."""

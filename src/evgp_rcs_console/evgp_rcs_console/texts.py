@@ -95,6 +95,8 @@ MISSING = 'waiting for {numbers}'
 NOBODY_RACES = 'no kart is in the race'
 RACE_CLOCK = 'GREEN for {age}'
 MUST_HAVE_BEGUN = '{limit}: every kart must have begun, else RED FLAG'
+CAN_STOP = '{count} can stop: {who}'
+NOBODY_CAN_STOP = '0 can stop: no screen or button is heard'
 COMMANDED_BY = 'officials: {names}'
 OVER = 'race over'
 IS_OVER = 'the race is over'
@@ -199,6 +201,7 @@ BEGIN = 'Ready.  F1 shows the keys.'
 PENDING = '{command}: no answer yet ({age})'
 PENDING_REASON = 'no answer yet ({age})'
 GAVE_UP = '{command}: no answer within {age}. Check the race to see whether it took effect.'
+NO_SERVICE = 'it does not find the services of race control'
 NOT_THERE = '{command} was not sent: race control is not there.'
 NOT_ALLOWED = (
     'ROS does not allow this program to command race control. With SROS2, use the enclave '
@@ -218,6 +221,7 @@ ASK_YES = 'YES: {condition}'
 ASK_NO = 'NO'
 ASK_WARNING = 'Warning: {warning}.'
 ASK_CAUTION = 'The link to {karts} was poor in the last minute: a stop may come late.'
+ASK_NOBODY = 'Race control hears nobody who could stop the race from a screen or a button.'
 ASK_CHANGED = 'Changed at {clock}: {what} Press NO and begin again.'
 MSR_IN_REHEARSAL = '{banner}: the instructor uses the MSR for you. Say "MSR" first.'
 ASK_GONE = 'The command is no longer offered.'
@@ -448,10 +452,18 @@ def caution(command: CommandKind, race: Race, karts: Sequence[int]) -> str:
 
     :param karts: the karts that it would start or release.
     """
+    if command is CommandKind.GREEN_GREEN:
+        return f'{can_stop(race)}.' if race.able_to_stop else ASK_NOBODY
     poor = [kart for kart in race.karts if kart.number in karts and kart.link.poor_lately]
     if command is not CommandKind.GRID_ACTIVE or not poor:
         return ''
     return ASK_CAUTION.format(karts=kart_numbers(poor))
+
+
+def can_stop(race: Race) -> str:
+    """Return how many programs there are from which officials can stop the race, and which."""
+    count, who = race.able_to_stop, race.who_can_stop
+    return CAN_STOP.format(count=count, who=who) if count else NOBODY_CAN_STOP
 
 
 def kart_numbers(karts: Sequence[Kart | int]) -> str:

@@ -335,6 +335,7 @@ class Screen:
     :param heat_button: opens the choice of a heat; None if the roster names none.
     :param heats: one button for each heat of the roster.
     :param places: the places of the race, or of the last one; empty if there are none.
+    :param can_stop: how many programs there are from which officials can stop it, and which.
     """
 
     banner: str
@@ -349,6 +350,7 @@ class Screen:
     heat_button: Button | None
     heats: tuple[Button, ...]
     places: str
+    can_stop: str
     humans: Cell
     humans_reason: str
     race: tuple[Button, ...]
@@ -487,6 +489,7 @@ def show(race: Race, age: float, pending: Pending, danger: Danger | None = None)
         heat_button=buttons.race(CommandKind.SET_HEAT) if race.heats else None,
         heats=tuple(buttons.heat(heat) for heat in race.heats),
         places=_places(race),
+        can_stop=texts.can_stop(race),
         humans=humans,
         humans_reason=reason,
         race=tuple(buttons.race(command) for command in RACE_COMMANDS),
@@ -819,6 +822,7 @@ def table(screen: Screen, alerts: Iterable[Alert]) -> list[str]:
         *(str(Notice(0, alert)) for alert in alerts),
         *([f'{texts.RESULTS}: {screen.places}'] if screen.places else []),
         *([screen.order] if screen.order else []),
+        f'Officials: {screen.can_stop}',
         '',
     ]
     columns = [[column.heading for column in COLUMNS]]

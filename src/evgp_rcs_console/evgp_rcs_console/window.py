@@ -109,6 +109,11 @@ class ConsoleWindow(Areas):
         keep_night(look.palette is NIGHT)
         self.fit()
 
+    @property
+    def unheard(self) -> str:
+        """Return why a stop may reach nobody; empty if race control is heard."""
+        return self._display.unheard
+
     def show_battery(self, percent: int | None) -> None:
         """Show that the battery is low, in percent; None: it is not."""
         self.foot.show_battery(percent)

@@ -450,7 +450,23 @@ def test_links_that_were_poor_are_named_to_whoever_starts_those_karts_and_refuse
     assert '8' not in warned.caution
     assert (warned.enabled, warned.warning) == (True, '')
     assert fine.asks_the_same(offering(CommandKind.GRID_ACTIVE, (poor,)))
-    assert not offering(CommandKind.GREEN_GREEN, (poor, other)).caution
+    assert 'kart 7' not in offering(CommandKind.GREEN_GREEN, (poor, other)).caution
+
+
+def test_who_can_stop_the_race_is_told_to_whoever_starts_it_and_makes_no_other_question() -> None:
+    alone = show(RACE, 0.0, {})
+    race = replace(RACE, able_to_stop=2, who_can_stop='Anna (window), button')
+    screen = show(race, 0.0, {})
+    green = screen.button(CommandKind.GREEN_GREEN)
+    before = alone.button(CommandKind.GREEN_GREEN)
+    assert green is not None
+    assert before is not None
+
+    for said in (green.caution, screen.can_stop, '\n'.join(table(screen, ()))):
+        assert '2 can stop' in said
+        assert 'Anna (window), button' in said
+    assert '0' not in before.caution
+    assert green.asks_the_same(before)
 
 
 def test_once_the_race_is_green_for_30_s_it_is_said_that_each_kart_must_have_begun() -> None:
