@@ -42,6 +42,7 @@ setup(
     license='Apache-2.0',
     entry_points={
         'console_scripts': [
+            'rcs_button = evgp_rcs_console.button:main',
             'rcs_ctl = evgp_rcs_console.ctl:main',
             'rcs_gui = evgp_rcs_console.gui:main',
         ],

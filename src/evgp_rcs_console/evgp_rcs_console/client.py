@@ -334,6 +334,7 @@ class Client:
     :param commands: what it may be asked to give. For each of them it needs a permission where
         SROS2 is in force; to hear the race it needs none of them.
     :param there: an official sits there (``say_there``); without that permission, nobody does.
+    :param hears: it hears the race. Otherwise it only commands.
     :raises RCLError: if ROS does not let it be that client.
     """
 
@@ -344,6 +345,7 @@ class Client:
         context: Context | None = None,
         commands: Iterable[CommandKind] = tuple(CATALOGUE),
         there: bool = False,
+        hears: bool = True,
         **node_options: Any,
     ) -> None:
         """Join the domain and begin to hear."""
@@ -356,11 +358,11 @@ class Client:
                 self._services[entry.service] = self.node.create_client(
                     service_class(entry.service_type), f'rcs/{entry.service}'
                 )
-        self.node.create_subscription(msg.Race, 'rcs/race', self._hear_race, latched(1))
-        self.node.create_subscription(
-            msg.RaceEvents, 'rcs/events', self._hear_events, latched(200)
-        )
-        self.node.create_subscription(msg.Results, 'rcs/results', self._hear_results, latched(1))
+        if hears:
+            subscribe = self.node.create_subscription
+            subscribe(msg.Race, 'rcs/race', self._hear_race, latched(1))
+            subscribe(msg.RaceEvents, 'rcs/events', self._hear_events, latched(200))
+            subscribe(msg.Results, 'rcs/results', self._hear_results, latched(1))
         self._program, self._id = name, uuid.uuid4().hex
         self._there: Publisher | None = None
         if there:

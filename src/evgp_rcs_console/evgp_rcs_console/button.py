@@ -1,0 +1,256 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The stop button as a process: `rcs_button`, on an official's machine, without a screen.
+
+It gives one command, ALL KILL, as the window does. One thread reads the device and says once a
+second that it is there: if the reading hangs, race control no longer hears that either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import contextlib
+from dataclasses import dataclass
+import os
+import secrets
+import sys
+import threading
+from typing import Any
+
+from evgp_node.graph import where_reachable
+from evgp_node.parameters import ParameterError, Parameters, StrictNode
+from evgp_node.process import OnFailure, run_node, wait_until_heard
+from evgp_protocol.clock import now
+from evgp_rcs.catalogue import CommandKind
+from evgp_rcs_console import texts
+from evgp_rcs_console.button_devices import (
+    attend,
+    CONTACT,
+    Contact,
+    EVDEV,
+    Keys,
+    KINDS,
+    LOOK,
+    open_device,
+    SERIAL,
+    stable_paths,
+    why,
+)
+from evgp_rcs_console.client import Client
+from evgp_rcs_console.commands import Given
+from evgp_rcs_console.ctl_ros import Hearing
+from evgp_rcs_console.presses import Presses
+from evgp_rcs_console.settings import Signature
+from evgp_rcs_msgs.msg import Presence
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+PRESENCE_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=10,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+"""Of `rcs/presence`: what is late is no presence."""
+
+PRESENCE_PERIOD = 1.0
+"""Time between two messages that say that this button is there, in seconds."""
+
+ACCEPTED_WITHIN = 1.0
+"""Maximum time until race control has accepted ALL KILL; then that is told, in seconds."""
+
+
+@dataclass(frozen=True)
+class ButtonSettings:
+    """The parameters; `read_settings` says what they mean."""
+
+    device: str
+    kind: str
+    key: int
+    official: str
+
+
+class StopButton(StrictNode):
+    """
+    The node of one button.
+
+    :param on_failure: is called, in another thread, when the node cannot go on.
+    :raises ParameterError: if a parameter is wrong.
+    """
+
+    def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
+        """Read the parameters and begin to open the device."""
+        super().__init__('rcs_button', **node_options)
+        self._settings = read_settings(Parameters(self))
+        self._signature = Signature(self._settings.official, os.getpid())
+        self._presses = Presses(self._settings.key, self._settings.kind == CONTACT)
+        self._presence = self.create_publisher(Presence, 'rcs/presence', PRESENCE_QOS)
+        self._id = secrets.token_hex(8)
+        self._said = ('?', 0)
+        self._due = 0.0
+        self._heard = Hearing()
+        self._given: Given | None = None
+        self._since = 0.0
+        self._client = Client(
+            'rcs_button_calls',
+            self._heard,
+            self.context,
+            (CommandKind.ALL_KILL,),
+            hears=False,
+            namespace=self.get_namespace(),
+            use_global_arguments=False,
+        )
+        self.get_logger().info(where_reachable())
+        self._ending = threading.Event()
+        self._on_failure = on_failure
+        self._thread = threading.Thread(target=self._run, name='device', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Let go of the device, and say so."""
+        self._ending.set()
+        self._thread.join()
+        self._say(texts.BUTTON_ENDED, now())
+        wait_until_heard(self._presence)
+        self._client.close()
+
+    # ----- in the thread of the device ----------------------------------------------------
+
+    def _run(self) -> None:
+        settings, ending = self._settings, self._ending
+        try:
+            attend(settings.kind, settings.device, self._presses, self._kill, self._look, ending)
+        except BaseException as error:  # noqa: BLE001 - handed on
+            self._on_failure(error)
+
+    def _kill(self) -> None:
+        at = now()
+        self._since = at if self._is_accepted() else self._since
+        self._given = Given(CommandKind.ALL_KILL, official=self._signature.claim, at=at)
+        self._client.give(self._given)
+        self._say(self._said[0], at)
+
+    def _is_accepted(self) -> bool:
+        """Return whether race control has accepted the last press."""
+        answer = self._heard.answer
+        return self._given is None or (answer is not None and answer[0] is self._given)
+
+    def _look(self, trouble: str) -> None:
+        """Say that this button is there, and why it cannot stop the race, if it cannot."""
+        at = now()
+        if not self._is_accepted() and at - self._since >= ACCEPTED_WITHIN:
+            trouble = trouble or texts.BUTTON_UNANSWERED
+        elif not self._client.wait_for(CommandKind.ALL_KILL, 0.0):
+            trouble = trouble or texts.BUTTON_FINDS_NOBODY
+        self._say(trouble, at)
+
+    def _say(self, fault: str, at: float) -> None:
+        """Publish that this button is there, if that is due or something is new."""
+        said = fault, self._presses.count
+        if said == self._said and at < self._due:
+            return
+        if fault and fault != self._said[0]:
+            self.get_logger().warning(fault)
+        elif fault != self._said[0]:
+            self.get_logger().info(texts.BUTTON_WORKS)
+        self._said, self._due = said, at + PRESENCE_PERIOD
+        self._presence.publish(
+            Presence(
+                program='rcs_button',
+                id=self._id,
+                official=self._signature.name,
+                fault=fault,
+                presses=self._presses.count,
+            )
+        )
+
+
+def read_settings(parameters: Parameters) -> ButtonSettings:
+    """
+    Declare every parameter of the node.
+
+    :raises ParameterError: if a parameter is wrong.
+    """
+    declare = parameters.declare
+    settings = ButtonSettings(
+        device=declare('device', '', 'Path of the device, by a name that stays the same.'),
+        kind=declare('kind', EVDEV, f'What it is: {" or ".join(KINDS)}.'),
+        key=declare('key', 0, 'Code of the only key that is a press; 0: every key.', (0, 767)),
+        official=declare('official', '', 'Who sits there; empty: the name that is kept.'),
+    )
+    parameters.refuse_unknown()
+    if settings.kind not in KINDS:
+        raise ParameterError(
+            f'parameter kind: {settings.kind!r} is not possible. Give {" or ".join(KINDS)}'
+        )
+    if not settings.device.startswith('/'):
+        raise ParameterError(
+            'parameter device: give a path, as /dev/input/by-id/...; rcs_button test shows all'
+        )
+    return settings
+
+
+def show(paths: Sequence[str]) -> int:
+    """
+    Print which devices there are, and each press of one, until Ctrl-C; nothing is sent.
+
+    :param paths: the only devices to look at; none: every input device.
+    :return: 0 after Ctrl-C; 1 if none of them can be read any more.
+    """
+    watched: dict[str, tuple[Keys | Contact, Presses]] = {}
+    with contextlib.ExitStack() as stack, contextlib.suppress(KeyboardInterrupt):
+        for path in paths or stable_paths():
+            kind = CONTACT if os.path.realpath(path).startswith('/dev/tty') else EVDEV
+            try:
+                device = open_device(kind, path)
+                stack.callback(device.close)
+                if isinstance(device, Keys):
+                    device.grab(False)  # whoever looks may have no other keyboard
+                    print(texts.BUTTON_KEYS.format(path=path, name=device.name))
+                else:
+                    print(texts.BUTTON_CONTACT.format(path=path))
+                watched[path] = device, Presses(normally_closed=kind == CONTACT)
+            except OSError as error:
+                print(f'{path}: {why(error, kind)}')
+        for port in [] if paths else sorted(SERIAL.glob('*')):
+            print(texts.BUTTON_PORT.format(path=port))
+        print(texts.BUTTON_TRY if watched else texts.BUTTON_NONE, flush=True)
+        while watched:
+            for path, (device, presses) in list(watched.items()):
+                try:
+                    for change in device.changes(LOOK / len(watched)):
+                        if change is not None and presses.take(*change, now()):
+                            said = texts.BUTTON_PRESSED.format(path=path, key=change[0])
+                            print(said, flush=True)
+                except OSError as error:
+                    print(f'{path}: {why(error, EVDEV)}', flush=True)
+                    del watched[path]
+    return 0 if watched else 1
+
+
+def main(args: list[str] | None = None) -> int:
+    """
+    Run the node until SIGINT or SIGTERM, or with `test` show which devices there are.
+
+    :return: 0 after an orderly end, 1 after a failure, 2 if a setting is wrong.
+    """
+    given = sys.argv if args is None else args
+    if given[1:2] == ['test']:
+        return show(given[2:])
+    return run_node('rcs_button', StopButton, (ParameterError,), given)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

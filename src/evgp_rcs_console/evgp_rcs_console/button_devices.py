@@ -1,0 +1,231 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The device of a stop button: a key of an input device, or a contact at a serial port.
+
+An input device is read here as the kernel gives it (linux/input.h): fewer lines than a library
+has traps, and no read of it can hang. No ROS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+import contextlib
+import ctypes
+import errno
+import fcntl
+import math
+import os
+import pathlib
+import select
+import termios
+import threading
+import time
+
+from evgp_protocol.clock import now
+from evgp_rcs_console import texts
+from evgp_rcs_console.presses import changes, CONTACT_KEY, EVENT, Presses
+import serial
+
+EVDEV, CONTACT = 'evdev', 'contact'
+KINDS = {EVDEV: 'input', CONTACT: 'dialout'}
+"""The kinds of buttons, and the group that may open the device of each."""
+
+CONTACT_LOOK = 0.005
+"""Time between two looks at a contact, in seconds."""
+
+LOOK = 0.1
+"""Maximum time between two looks at anything but the device, in seconds."""
+
+REOPEN = 0.25
+"""Time between two attempts to open a device that is gone, in seconds."""
+
+INPUT = pathlib.Path('/dev/input')
+SERIAL = pathlib.Path('/dev/serial/by-id')
+SYS = pathlib.Path('/sys/class/input')
+
+_KEYS = 768 // 8
+"""Bytes that have a bit for each key."""
+
+
+def _request(way: int, number: int, size: int) -> int:
+    """Return a request of ioctl, as linux/ioctl.h puts it together; way 2 reads, 1 writes."""
+    return way << 30 | size << 16 | ord('E') << 8 | number
+
+
+GET_NAME = _request(2, 0x06, 256)
+GET_KEYS_DOWN = _request(2, 0x18, _KEYS)
+GRAB = _request(1, 0x90, 4)
+SET_MASK = _request(1, 0x93, 16)
+
+Change = tuple[int, bool] | None
+
+
+class Keys:
+    """
+    An input device.
+
+    :raises OSError: if it cannot be opened; EBUSY: another program holds it for itself.
+    """
+
+    def __init__(self, path: str) -> None:
+        """Open it, for its keys alone: a stick that moves must not push a key out."""
+        self.descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            wanted = ctypes.c_uint64(1 << 0 | 1 << 1)  # EV_SYN, EV_KEY
+            at = ctypes.addressof(wanted)
+            mask = (0).to_bytes(4, 'little') + (8).to_bytes(4, 'little') + at.to_bytes(8, 'little')
+            fcntl.ioctl(self.descriptor, SET_MASK, mask)
+            self.grab(True)
+        except OSError:
+            self.close()
+            raise
+
+    @property
+    def name(self) -> str:
+        """Return what it calls itself."""
+        return self._ask(GET_NAME, 256).partition(b'\0')[0].decode(errors='replace')
+
+    def grab(self, mine: bool) -> None:
+        """Have it for this program alone, or no more: its keys type nowhere else."""
+        fcntl.ioctl(self.descriptor, GRAB, int(mine))
+
+    def down(self) -> frozenset[int]:
+        """Return which keys are down. What was not read yet of them is dropped."""
+        bits = int.from_bytes(self._ask(GET_KEYS_DOWN, _KEYS), 'little')
+        return frozenset(key for key in range(_KEYS * 8) if bits >> key & 1)
+
+    def changes(self, timeout: float) -> Iterable[Change]:
+        """Return what comes within a time (s) at most."""
+        if not select.select([self.descriptor], [], [], timeout)[0]:
+            return ()
+        data = os.read(self.descriptor, 64 * EVENT.size)
+        if not data:
+            raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
+        return tuple(changes(data))
+
+    def close(self) -> None:
+        """Let go of it."""
+        os.close(self.descriptor)
+
+    def _ask(self, request: int, size: int) -> bytes:
+        return fcntl.ioctl(self.descriptor, request, bytes(size))
+
+
+class Contact:
+    """
+    A normally closed contact from RTS to CTS of a serial port; it is down while it is open.
+
+    :raises OSError: if the port cannot be opened; EAGAIN: another program holds it.
+    """
+
+    def __init__(self, path: str) -> None:
+        """Open it, which switches RTS on."""
+        try:
+            self._port = serial.Serial(path, exclusive=True)
+        except termios.error as error:  # unplugged meanwhile
+            raise OSError(*error.args) from error
+
+    def down(self) -> frozenset[int]:
+        """Return whether it is open, as its key."""
+        return frozenset(() if self._port.cts else (CONTACT_KEY,))
+
+    def changes(self, timeout: float) -> Iterable[Change]:
+        """Look at it after a while, which is short."""
+        time.sleep(min(timeout, CONTACT_LOOK))
+        return ((CONTACT_KEY, bool(self.down())),)
+
+    def close(self) -> None:
+        """Let go of it."""
+        self._port.close()
+
+
+def open_device(kind: str, path: str) -> Keys | Contact:
+    """
+    Open a button.
+
+    :raises OSError: if that is not possible.
+    """
+    return Keys(path) if kind == EVDEV else Contact(path)
+
+
+def is_asleep(path: str) -> bool:
+    """Return whether the USB device of an input device is suspended: its keys may do nothing."""
+    folder = (SYS / pathlib.Path(path).resolve().name / 'device').resolve()
+    for each in folder.parents:
+        try:
+            if (each / 'idVendor').exists():
+                return (each / 'power/runtime_status').read_text().strip() == 'suspended'
+        except OSError:
+            pass
+    return False
+
+
+def why(error: OSError, kind: str) -> str:
+    """Return why a device cannot be read, as a sentence that says what to do."""
+    return {
+        errno.EACCES: texts.BUTTON_NOT_ALLOWED.format(group=KINDS[kind]),
+        errno.EBUSY: texts.BUTTON_TAKEN,
+        errno.EAGAIN: texts.BUTTON_TAKEN,
+        **dict.fromkeys((errno.EIO, errno.ENODEV, errno.ENOENT, errno.ENXIO), texts.BUTTON_GONE),
+    }.get(error.errno or 0, texts.BUTTON_UNREADABLE.format(error=error))
+
+
+def attend(
+    kind: str,
+    path: str,
+    presses: Presses,
+    on_press: Callable[[], object],
+    on_look: Callable[[str], object],
+    ending: threading.Event,
+) -> None:
+    """
+    Take every press until it is `ending`; open the device again whenever it is gone.
+
+    :param on_press: is called at each press.
+    :param on_look: is called at least every `REOPEN`, with what is wrong with the device.
+    """
+    while not ending.is_set():
+        try:
+            with contextlib.closing(open_device(kind, path)) as device:
+                if presses.look(device.down(), now()):
+                    on_press()
+                looked_at = -math.inf
+                while not ending.is_set():
+                    at = now()
+                    if at - looked_at >= LOOK:
+                        looked_at = at
+                        held = texts.BUTTON_HELD if presses.is_held(at) else ''
+                        on_look(held or (texts.BUTTON_ASLEEP if is_asleep(path) else ''))
+                    for change in device.changes(LOOK):
+                        if change is None:
+                            presses.miss(device.down(), now())
+                            on_press()
+                            break  # what came with it is older
+                        if presses.take(*change, now()):
+                            on_press()
+        except OSError as error:
+            if presses.gone(now()):
+                on_press()
+            on_look(why(error, kind))
+            ending.wait(REOPEN)
+
+
+def stable_paths() -> list[str]:
+    """Return every input device, by a name that stays the same where it has one."""
+    found = {path.resolve(): path for path in sorted(INPUT.glob('event*'))}
+    for folder in ('by-path', 'by-id'):
+        found |= {path.resolve(): path for path in sorted((INPUT / folder).glob('*event*'))}
+    return [str(path) for path in found.values()]

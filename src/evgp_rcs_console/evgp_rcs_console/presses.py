@@ -1,0 +1,119 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+What a hand does to a stop button, as presses.
+
+A key counts when it goes down. So does a normally closed contact when it opens, which is key 0
+here. It counts again only once it was seen up.
+
+Pure: bytes and times go in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Set
+import math
+import struct
+
+EVENT = struct.Struct('@llHHi')
+"""An event of an input device (linux/input.h): two parts of its time, type, code, value."""
+
+DEBOUNCE = 0.02
+"""Time for which a key must have been up before it counts again, in seconds: it may bounce."""
+
+HELD = 2.0
+"""Time for which a key is down after which it is told, in seconds: something lies on it."""
+
+CONTACT_KEY = 0
+"""The key of a contact."""
+
+_SYN, _DROPPED = 0, 3
+_KEY = 1
+
+
+def changes(data: bytes) -> Iterator[tuple[int, bool] | None]:
+    """Yield each key with whether it is down; None where the kernel has dropped events."""
+    whole = len(data) - len(data) % EVENT.size
+    for _, _, kind, code, value in EVENT.iter_unpack(data[:whole]):
+        if kind == _KEY:
+            yield code, value != 0
+        elif (kind, code) == (_SYN, _DROPPED):
+            yield None
+
+
+class Presses:
+    """
+    Counts the presses of one button.
+
+    Times are in seconds, never less than the one before.
+
+    :param key: the code of the only key that counts; 0: every key.
+    :param normally_closed: it is a contact. Down is a press also when it is first looked at, and
+        a contact that is gone is down.
+    :ivar count: number of presses.
+    """
+
+    def __init__(self, key: int = 0, normally_closed: bool = False) -> None:
+        """Begin with nothing known."""
+        self.count = 0
+        self._key = key
+        self._normally_closed = normally_closed
+        self._known = False
+        self._down: dict[int, float] = {}
+        self._up_at: dict[int, float] = {}
+
+    def look(self, down: Set[int], now: float) -> bool:
+        """
+        Take which keys are down as the device is opened; return whether that is a press.
+
+        A key that is down at the first look is none: something may lie on it since yesterday.
+        Later it is: a hand may have come while the device was gone.
+        """
+        known, self._known = self._known or self._normally_closed, True
+        if not known:
+            self._down = {key: -math.inf for key in down if self._key in (0, key)}
+            return False
+        for key in self._down.keys() - down:
+            self.take(key, False, now)
+        return any([self.take(key, True, now) for key in down])  # noqa: C419 - each is taken
+
+    def take(self, key: int, down: bool, now: float) -> bool:
+        """Take that a key is down or up; return whether that is a press."""
+        if self._key not in (0, key):
+            return False
+        if not down:
+            if self._down.pop(key, None) is not None:
+                self._up_at[key] = now
+            return False
+        if key in self._down:
+            return False  # it is held, and repeats
+        self._down[key] = now
+        pressed = now - self._up_at.get(key, -math.inf) >= DEBOUNCE
+        self.count += pressed
+        return pressed
+
+    def miss(self, down: Set[int], now: float) -> bool:
+        """Take that events were dropped, and what is down now: one of them may be a press."""
+        if not self.look(down, now):
+            self.count += 1
+        return True
+
+    def gone(self, now: float) -> bool:
+        """Take that the device is gone; return whether that is a press."""
+        return self._normally_closed and self._known and self.take(CONTACT_KEY, True, now)
+
+    def is_held(self, now: float) -> bool:
+        """Return whether a key is down for too long, or since the first look."""
+        return any(now - since >= HELD for since in self._down.values())
