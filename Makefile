@@ -4,8 +4,8 @@
 # The commands of the project. Each sets up first what is not set up yet (.venv, build/, install/).
 #
 #   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
-#   ARGS='...'          passed on by bench, bridge, console, ctl, demo, fuzz, inspect-kart, inspect-rcs,
-#                       record, rehearsal, soak, survey, test, test-long and timing
+#   ARGS='...'          passed on by bench, bridge, button, console, ctl, demo, fuzz, inspect-kart,
+#                       inspect-rcs, record, rehearsal, soak, survey, test, test-long and timing
 #   WORKERS=8           number of tests that run at the same time; most of the time, most of them wait
 WORKERS := 8
 
@@ -21,7 +21,7 @@ PARAMS := src/evgp_rcs/config/rcs.yaml
 # This machine's own address on the officials' network; empty: the officials are at this machine
 # only. Our programs stay on the machine otherwise, whatever ROS is told: docs/security.md.
 OFFICIALS := $(EVGP_GRAPH_INTERFACE)
-run console ctl timing: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
+run button console ctl timing: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
 
 # This machine's own address on the karts' network; empty: what PARAMS says. With OFFICIALS, race
 # control must know it, so that karts never reach the officials' network.
@@ -41,11 +41,12 @@ bench demo fuzz rehearsal screenshots soak test test-long: export ROS_AUTOMATIC_
 HOST :=
 ODOM :=
 
-# A timing device: its kind, and where it is (docs/timing.md).
+# A timing device: its kind, and where it is (docs/timing.md). Or a stop button: evdev (if empty) or
+# contact (docs/button.md).
 KIND :=
 DEVICE :=
 
-.PHONY: help setup demo rehearsal test test-long bench soak fuzz run roster record console ctl bridge timing \
+.PHONY: help setup demo rehearsal test test-long bench soak fuzz run roster record console ctl button bridge timing \
   inspect-kart inspect-rcs survey screenshots lines lint format clean
 
 help:
@@ -66,6 +67,7 @@ help:
 	@echo 'make survey  is the WLAN good on the whole track? Needs no set-up'
 	@echo "make console open the officials' window               (OFFICIAL=Anna OFFICIALS=10.1.0.6)"
 	@echo 'make ctl     the same in the terminal                (ARGS="watch" OFFICIALS=10.1.0.6)'
+	@echo 'make button  a button that sends ALL KILL; without DEVICE it shows what there is (DEVICE=/dev/input/by-id/...)'
 	@echo 'make lines   count the lines of the product, of tests and tools, and of the documents'
 	@echo 'make lint    check style and types'
 	@echo 'make format  format the code, and add missing copyright headers'
@@ -123,6 +125,13 @@ console:
 ctl: export EVGP_CTL := make ctl $(if $(OFFICIALS),OFFICIALS=$(OFFICIALS) )ARGS=
 ctl:
 	@$(IN_WORKSPACE) install/evgp_rcs_console/lib/evgp_rcs_console/rcs_ctl $(if $(OFFICIAL),--official '$(OFFICIAL_QUOTED)') $(or $(ARGS),--help)
+
+# It comes back after a crash; not where a setting is wrong.
+RCS_BUTTON := install/evgp_rcs_console/lib/evgp_rcs_console/rcs_button
+button:
+	$(IN_WORKSPACE) $(if $(DEVICE),python -m evgp_node.restarting $(RCS_BUTTON) --ros-args \
+	  -p 'device:=$(DEVICE)' -p 'kind:=$(or $(KIND),evdev)' \
+	  $(if $(OFFICIAL),-p 'official:="$(subst ",,$(OFFICIAL_QUOTED))"') $(ARGS),$(RCS_BUTTON) test $(ARGS))
 
 # It comes back after a failure or a crash, in RED_RED; not where a setting is wrong.
 bridge:

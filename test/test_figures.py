@@ -29,6 +29,7 @@ from evgp_rcs.kart_client import KART_SERVER_SILENCE
 from evgp_rcs.kart_server import ROS_HALF_SILENCE
 from evgp_rcs.race import RaceTimes
 from evgp_rcs.settings import read_settings as read_race_control_settings
+from evgp_rcs_console.button import read_settings as read_button_settings
 from evgp_rcs_console.view import BEGINS_WITHIN
 from evgp_rehearsal.rehearse_kart import SILENCE
 from evgp_timing.account import MAX_RATE, RECENT
@@ -77,13 +78,10 @@ race_control.declare('accept_open_graph', False, 'by the node itself')
 race_control.declare('banner', '', 'by the node itself')
 bridge = declared(read_bridge_settings, host='10.0.0.1')
 timing = declared(read_timing_settings, kind='p3', device='10.1.0.20:5403')
-NODES = pytest.mark.parametrize(
-    ('node', 'config', 'section'),
-    [
-        (race_control, RACE_CONTROL, '## rcs'),
-        (bridge, BRIDGE, '## kart_bridge'),
-        (timing, TIMING, '## timing_source'),
-    ],
+button = declared(read_button_settings, device='/dev/input/by-id/one')
+CONFIGURED = pytest.mark.parametrize(
+    ('node', 'config'),
+    [(race_control, RACE_CONTROL), (bridge, BRIDGE), (timing, TIMING)],
     ids=['race control', 'bridge', 'timing source'],
 )
 
@@ -92,9 +90,9 @@ def text_of(path: str) -> str:
     return (ROOT / path).read_text(encoding='utf-8')
 
 
-@NODES
+@CONFIGURED
 def test_a_configuration_file_has_every_parameter_with_its_default(
-    node: Declared, config: str, section: str
+    node: Declared, config: str
 ) -> None:
     (parameters,) = yaml.safe_load(text_of(config)).values()
     written = parameters['ros__parameters']
@@ -106,9 +104,18 @@ def test_a_configuration_file_has_every_parameter_with_its_default(
     ]
 
 
-@NODES
+@pytest.mark.parametrize(
+    ('node', 'section'),
+    [
+        (race_control, '## rcs'),
+        (bridge, '## kart_bridge'),
+        (timing, '## timing_source'),
+        (button, '## rcs_button'),
+    ],
+    ids=['race control', 'bridge', 'timing source', 'stop button'],
+)
 def test_the_document_has_every_parameter_with_its_default_and_range(
-    node: Declared, config: str, section: str
+    node: Declared, section: str
 ) -> None:
     _, _, own = text_of('docs/ros-interface.md').partition(f'\n{section}\n')
     table, _, _ = own.partition('### Parameters')[2].partition('### Diagnostics')

@@ -22,13 +22,14 @@ import yaml
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 UNIT = ROOT / 'src/evgp_rcs/config/evgp-rcs.service'
+BUTTON = ROOT / 'src/evgp_rcs_console/config/evgp-button.service'
 
 Start = Callable[[], Program]
 
 
-def unit(folder: pathlib.Path) -> str:
+def unit(folder: pathlib.Path, path: pathlib.Path = UNIT) -> str:
     """Return the unit, with the folders of this machine in place of those that it names."""
-    text = UNIT.read_text(encoding='utf-8')
+    text = path.read_text(encoding='utf-8')
     return text.replace('/opt/evgp', str(ROOT)).replace('/etc/evgp', str(folder))
 
 
@@ -41,14 +42,17 @@ def service(folder: pathlib.Path) -> dict[str, str]:
 
 
 @pytest.mark.skipif(not shutil.which('systemd-analyze'), reason='there is no systemd here')
-def test_systemd_finds_nothing_wrong_with_the_unit(tmp_path: pathlib.Path) -> None:
-    written = tmp_path / UNIT.name
-    written.write_text(unit(tmp_path), encoding='utf-8')
+@pytest.mark.parametrize('path', [UNIT, BUTTON], ids=lambda path: path.stem)
+def test_systemd_finds_nothing_wrong_with_a_unit(
+    path: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    written = tmp_path / path.name
+    written.write_text(unit(tmp_path, path), encoding='utf-8')
     done = subprocess.run(
         ['systemd-analyze', 'verify', written], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
-    assert UNIT.name not in done.stderr  # it may find fault with others
+    assert path.name not in done.stderr  # it may find fault with others
 
 
 @pytest.fixture

@@ -1,0 +1,135 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Presses of a stop button: none is lost, and none is made of nothing."""
+
+from __future__ import annotations
+
+from evgp_rcs_console.presses import changes, CONTACT_KEY, DEBOUNCE, EVENT, HELD, Presses
+from hypothesis import given
+from hypothesis import strategies as st
+
+SYN, KEY, ABS = 0, 1, 3
+
+steps = st.lists(
+    st.tuples(st.integers(1, 3), st.booleans(), st.floats(0.0, 4 * DEBOUNCE)), max_size=60
+)
+"""What becomes of which key, each so many seconds after the one before."""
+
+
+@given(steps)
+def test_a_press_is_a_key_that_goes_down_and_none_of_them_is_lost_to_bounces(
+    steps: list[tuple[int, bool, float]],
+) -> None:
+    presses, now, counted = Presses(), 0.0, 0
+    presses.look(frozenset(), now)
+    down: set[int] = set()
+    rested: dict[int, float] = {}  # since when it is up, if it was up for long enough when it went
+    served: dict[int, bool] = {}  # whether a press has counted since the key last rested
+    for key, goes_down, pause in steps:
+        now += pause
+        went_down = goes_down and key not in down
+        has_rested = now - rested.get(key, -1.0) >= DEBOUNCE
+        if went_down and has_rested:
+            served[key] = False
+        pressed = presses.take(key, goes_down, now)
+        counted += pressed
+        assert not pressed or went_down
+        served[key] = served.get(key, False) or pressed
+        if goes_down:
+            down.add(key)
+        elif key in down:
+            down.discard(key)
+            rested[key] = now
+        assert all(served[each] for each in down)
+    assert presses.count == counted
+
+
+@given(st.binary(max_size=300))
+def test_no_bytes_of_a_device_do_any_harm(data: bytes) -> None:
+    list(changes(data))
+
+
+@given(st.lists(st.tuples(st.integers(0, 767), st.sampled_from([0, 1, 2])), max_size=20))
+def test_keys_are_read_as_the_kernel_writes_them(keys: list[tuple[int, int]]) -> None:
+    written = b''.join(
+        EVENT.pack(1, 2, KEY, code, value)
+        + EVENT.pack(1, 2, ABS, 0, 7)
+        + EVENT.pack(1, 2, SYN, 0, 0)
+        for code, value in keys
+    )
+    assert list(changes(written)) == [(code, value > 0) for code, value in keys]
+    assert list(changes(EVENT.pack(1, 2, SYN, 3, 0))) == [None]
+
+
+def test_a_key_that_lies_down_at_the_start_is_told_and_is_no_press() -> None:
+    presses = Presses()
+    assert not presses.look({30}, 5.0)
+    assert presses.is_held(5.0)
+    assert presses.take(31, True, 6.0)  # the other keys work
+    assert not presses.take(30, True, 6.0)
+    presses.take(30, False, 7.0)
+    presses.take(31, False, 7.0)
+    assert not presses.is_held(7.0)
+    assert presses.take(30, True, 8.0)
+    assert presses.count == 2
+
+
+def test_a_key_that_went_down_while_the_device_was_gone_is_a_press() -> None:
+    presses = Presses()
+    presses.look(frozenset(), 0.0)
+    assert not presses.gone(1.0)
+    assert presses.look({30}, 2.0)
+    assert not presses.look({30}, 3.0)
+    assert not presses.look(frozenset(), 4.0)
+    assert presses.look({30}, 5.0)
+
+
+def test_a_key_that_is_held_is_told_until_it_is_up() -> None:
+    presses = Presses()
+    presses.look(frozenset(), 0.0)
+    presses.take(30, True, 1.0)
+    assert not presses.is_held(1.0)
+    assert presses.is_held(1.0 + HELD)
+    presses.take(30, False, 9.0)
+    assert not presses.is_held(9.0)
+
+
+def test_only_the_key_that_was_named_counts() -> None:
+    presses = Presses(key=28)
+    assert not presses.look({30}, 0.0)
+    assert not presses.is_held(9.0)
+    assert not presses.take(30, True, 9.0)
+    assert presses.take(28, True, 9.0)
+
+
+def test_an_open_contact_is_a_press_at_the_start_and_so_is_one_that_is_gone() -> None:
+    presses = Presses(normally_closed=True)
+    assert not presses.gone(0.0)  # it never was there
+    assert presses.look({CONTACT_KEY}, 1.0)
+    assert not presses.take(CONTACT_KEY, True, 2.0)
+    assert not presses.gone(3.0)  # it is open already
+    assert not presses.look(frozenset(), 4.0)
+    assert presses.gone(5.0)
+    assert not presses.look({CONTACT_KEY}, 6.0)
+    assert presses.count == 2
+
+
+def test_dropped_events_are_a_press() -> None:
+    presses = Presses()
+    presses.look(frozenset(), 0.0)
+    assert presses.miss(frozenset(), 1.0)
+    assert presses.miss({30}, 2.0)
+    assert not presses.take(30, True, 3.0)
+    assert presses.count == 2

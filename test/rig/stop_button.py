@@ -1,0 +1,133 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+A stop button whose device is a pseudo-terminal: few test machines have an input device.
+
+As a program it is the real `rcs_button`; what the kernel says of a device by ioctl is all that is
+not so. The bytes are those of a real one, or for a contact 1 while it is closed and 0 while not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+import errno
+import os
+import pathlib
+import sys
+import tty
+from types import SimpleNamespace
+
+from evgp_rcs_console import button, button_devices
+from evgp_rcs_console.presses import EVENT
+from evgp_rcs_msgs.msg import Presence
+from evgp_testing.part import Part
+from evgp_testing.process import Program
+from evgp_testing.ros_side import RosSide
+
+KEY = 57
+
+
+class Port:
+    """A serial port in whose place a pseudo-terminal is."""
+
+    def __init__(self, path: str, exclusive: bool) -> None:
+        """Open it."""
+        self._line = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
+        self._cts = False
+
+    @property
+    def cts(self) -> bool:
+        """Return whether the contact is closed."""
+        with contextlib.suppress(BlockingIOError):
+            data = os.read(self._line, 100)
+            if not data:
+                raise OSError(errno.EIO, 'hung up')
+            self._cts = data.endswith(b'1')
+        return self._cts
+
+    def close(self) -> None:
+        """Close it."""
+        os.close(self._line)
+
+
+class StopButton(Part):
+    """
+    The program and the hand on its device, which is plugged in.
+
+    :param folder: where its device is.
+    """
+
+    def __init__(
+        self, folder: pathlib.Path, domain: int, kind: str = 'evdev', official: str = 'Anna'
+    ) -> None:
+        """Start it."""
+        self._kind = kind
+        self._path = folder / 'usb-button'
+        self.plug()
+        given = {'device': str(self._path), 'kind': kind, 'official': official}
+        parameters = [each for item in given.items() for each in ('-p', '{}:={}'.format(*item))]
+        command = [sys.executable, __file__, '--ros-args', *parameters]
+        self.program = Program('rcs_button', command, domain)
+
+    def plug(self) -> None:
+        """Plug the device in; a contact is closed."""
+        self._line, self._port = os.openpty()
+        tty.setraw(self._port)
+        if self._kind == 'contact':
+            self.move(False)
+        self._path.symlink_to(os.ttyname(self._port))
+
+    def unplug(self) -> None:
+        """Pull the device out."""
+        self._path.unlink()
+        os.close(self._port)
+        os.close(self._line)
+
+    def move(self, down: bool, key: int = KEY) -> None:
+        """Let a key go down or up, or the contact open or close."""
+        written = b'10'[down : down + 1]
+        if self._kind == 'evdev':
+            written = EVENT.pack(0, 0, 1, key, down) + EVENT.pack(0, 0, 0, 0, 0)
+        os.write(self._line, written)
+
+    def close(self) -> None:
+        """End it."""
+        self.program.close()
+        if self._path.is_symlink():
+            self.unplug()
+
+
+class Ear(RosSide):
+    """Whoever hears that somebody is there; `heard` has it all."""
+
+    def __init__(self, domain: int) -> None:
+        """Subscribe."""
+        super().__init__('ear', domain)
+        self.heard: list[Presence] = []
+        self.node.create_subscription(Presence, '/rcs/presence', self._hear, button.PRESENCE_QOS)
+        self.spin()
+
+    def _hear(self, message: Presence) -> None:
+        with self.news:
+            self.heard.append(message)
+            self.news.notify_all()
+
+    def wait_for(self, found: Callable[[Presence], object], since: int = 0) -> Presence:
+        """Return the first message, from one on, for which something is true."""
+        return self.wait_until(
+            lambda: next((each for each in self.heard[since:] if found(each)), None),
+            lambda: f'such a presence; heard last: {self.heard[-3:]}',
+        )
+
+    def wait_for_working(self) -> None:
+        """Return once the button says from now on that it works."""
+        self.wait_for(lambda each: not each.fault, len(self.heard))
+
+
+if __name__ == '__main__':
+    ioctl = lambda _, request, given: bytes(len(given)) if isinstance(given, bytes) else 0  # noqa: E731
+    button_devices.fcntl = SimpleNamespace(ioctl=ioctl)
+    button_devices.serial = SimpleNamespace(Serial=Port)
+    sys.exit(button.main())

@@ -1,0 +1,214 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A stop button, from its device to the karts: real processes, a line in the device's place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import contextlib
+import errno
+import pathlib
+import signal
+import subprocess
+import sys
+
+from evgp_node.process import WRONG_SETTING
+from evgp_protocol.states import RaceState
+from evgp_rcs_console.button_devices import EVDEV, is_asleep, KINDS, why
+from evgp_testing.domains import Domain
+from evgp_testing.official import Official
+from evgp_testing.process import Process
+from evgp_testing.race_control import RaceControl
+from evgp_testing.wire_race import WireRace
+import pytest
+from rig.stop_button import Ear, StopButton
+from test_security import allowed
+
+Start = Callable[..., tuple[StopButton, Ear]]
+
+
+@pytest.fixture
+def race(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> WireRace:
+    """Return a race of three karts in GREEN_GREEN, and one that is not in it."""
+    race = parts.enter_context(WireRace(tmp_path, (1, 2, 3), (4,)))
+    race.bring_to(RaceState.GREEN_GREEN)
+    return race
+
+
+@pytest.fixture
+def start(parts: contextlib.ExitStack, tmp_path: pathlib.Path) -> Start:
+    """Return a function that starts a stop button, and somebody who hears it."""
+
+    def start(domain: int, **options: str) -> tuple[StopButton, Ear]:
+        ear = parts.enter_context(Ear(domain))
+        return parts.enter_context(StopButton(tmp_path, domain, **options)), ear
+
+    return start
+
+
+@pytest.mark.parametrize(
+    ('kind', 'do'),
+    [('evdev', StopButton.move), ('contact', StopButton.move), ('contact', StopButton.unplug)],
+    ids=['a key', 'a contact that opens', 'a contact that is unplugged'],
+)
+def test_a_press_stops_every_kart(
+    kind: str, do: Callable[..., None], race: WireRace, start: Start
+) -> None:
+    button, ear = start(race.domain, kind=kind)
+    ear.wait_for_working()
+    assert race.karts[0].state is RaceState.GREEN_GREEN
+    do(button, *((True,) if do is StopButton.move else ()))
+    for kart in race.karts:
+        kart.wait_for_state(RaceState.RED_RED)
+    event = race.official.wait_for_event(lambda event: 'ALL KILL' in event.text, 'ALL KILL')
+    assert event.official.startswith('Anna (')
+    assert ear.wait_for(lambda each: each.presses).presses == 1
+
+
+def test_a_held_key_is_one_press_and_is_told_and_the_next_press_counts(
+    race: WireRace, start: Start
+) -> None:
+    button, ear = start(race.domain)
+    ear.wait_for_working()
+    for _ in range(20):
+        button.move(True)
+    assert ear.wait_for(lambda each: each.fault and each.presses).presses == 1
+    button.move(False)
+    ear.wait_for_working()
+    button.move(True)
+    ear.wait_for(lambda each: each.presses == 2)
+
+
+def test_a_device_that_is_gone_is_told_and_works_again_once_it_is_back(
+    race: WireRace, start: Start
+) -> None:
+    button, ear = start(race.domain)
+    ear.wait_for_working()
+    for _ in range(3):
+        before = len(ear.heard)
+        button.unplug()
+        assert not ear.wait_for(lambda each: each.fault, before).presses
+        button.plug()
+        ear.wait_for_working()
+    assert all(kart.state is RaceState.GREEN_GREEN for kart in race.karts[:3])
+    button.move(True)
+    race.karts[2].wait_for_state(RaceState.RED_RED)
+
+
+def test_a_button_whose_program_is_frozen_is_silent_and_its_press_counts_once_it_is_not(
+    race: WireRace, start: Start
+) -> None:
+    button, ear = start(race.domain)
+    ear.wait_for_working()
+    button.program.signal(signal.SIGSTOP)
+    button.move(True)
+    seen = race.official.wait_for_race(lambda _: True, 'the race')
+    before = len(ear.heard) + 1  # one may be on its way
+    for _ in range(6):  # race control publishes twice a second
+        seen = race.official.wait_for_race(lambda each, seen=seen: each is not seen, 'the next')
+    assert len(ear.heard) <= before
+    assert race.karts[0].state is RaceState.GREEN_GREEN
+    button.program.signal(signal.SIGCONT)
+    race.karts[0].wait_for_state(RaceState.RED_RED)
+
+
+def test_a_press_is_repeated_until_race_control_has_accepted_it(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path, start: Start
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    button, ear = start(domain)
+    assert ear.wait_for(lambda _: True).fault  # it finds nobody
+    button.move(True)
+    button.move(False)
+    ear.wait_for(lambda each: each.presses)
+    parts.enter_context(RaceControl(tmp_path, domain, (1,)))
+    official = parts.enter_context(Official(domain))
+    official.wait_for_event(lambda event: 'ALL KILL' in event.text, 'ALL KILL')
+    ear.wait_for_working()
+
+
+def test_an_end_in_order_is_told_and_every_start_has_another_name(
+    parts: contextlib.ExitStack, tmp_path: pathlib.Path, start: Start
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    button, ear = start(domain)
+    ear.wait_for(lambda _: True)
+    first = len(ear.heard)
+    assert button.program.close() == 0
+    assert ear.wait_for(lambda each: each.fault != ear.heard[0].fault, first - 1).fault
+    button.close()
+    parts.enter_context(StopButton(tmp_path, domain))
+    ear.wait_for(lambda each: each.id != ear.heard[0].id)
+
+
+def test_race_control_allows_a_button_all_kill_and_no_other_command(
+    race: WireRace, start: Start
+) -> None:
+    _, ear = start(race.domain)
+    ear.wait_for_working()
+    node, asked, told, heard = race.official.node, set(), set(), set()
+    for name in ('rcs_button', 'rcs_button_calls'):
+        asked |= {each for each, _ in node.get_client_names_and_types_by_node(name, '/')}
+        told |= {each for each, _ in node.get_publisher_names_and_types_by_node(name, '/')}
+        heard |= {each for each, _ in node.get_subscriber_names_and_types_by_node(name, '/')}
+    assert asked == allowed('/buttons', 'services', 'request') == {'/rcs/all_kill'}
+    assert told == allowed('/buttons', 'topics', 'publish')
+    assert heard <= allowed('/buttons', 'topics', 'subscribe')
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'said'),
+    [
+        ({}, 'parameter device'),
+        ({'device': 'event3'}, 'parameter device'),
+        ({'device': '/dev/x', 'kind': 'joy'}, 'parameter kind'),
+        ({'device': '/dev/x', 'key': 768}, 'parameter key'),
+        ({'device': '/dev/x', 'keys': 3}, 'did you mean key?'),
+    ],
+)
+def test_a_wrong_setting_is_named_and_ends_the_program(
+    parts: contextlib.ExitStack, parameters: dict[str, object], said: str
+) -> None:
+    domain = parts.enter_context(Domain()).number
+    program = parts.enter_context(Process('evgp_rcs_console', 'rcs_button', domain, parameters))
+    assert program.wait() == WRONG_SETTING
+    assert said in program.output
+
+
+def test_whoever_may_not_open_a_device_is_told_the_group() -> None:
+    for kind, group in KINDS.items():
+        assert group in why(PermissionError(errno.EACCES, 'no'), kind)
+    taken = [why(OSError(number, '?'), EVDEV) for number in (errno.EBUSY, errno.EAGAIN)]
+    assert len({*taken, why(OSError(errno.ENODEV, '?'), EVDEV)}) == 2
+
+
+def test_a_usb_device_that_is_suspended_is_asleep(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path
+) -> None:
+    usb = tmp_path / 'usb1/1-2'
+    (usb / '1-2:1.0/input/input7').mkdir(parents=True)
+    (usb / 'power').mkdir()
+    (usb / 'idVendor').touch()
+    (tmp_path / 'event3').mkdir()
+    (tmp_path / 'event3/device').symlink_to(usb / '1-2:1.0/input/input7')
+    monkeypatch.setattr('evgp_rcs_console.button_devices.SYS', tmp_path)
+    for status, asleep in (('active', False), ('suspended', True)):
+        (usb / 'power/runtime_status').write_text(f'{status}\n')
+        assert is_asleep('/dev/input/event3') is asleep
+
+
+def test_the_devices_are_shown_and_nothing_is_sent_without_a_screen() -> None:
+    """`rcs_button test` names what it cannot open; the program never imports Qt."""
+    code = (
+        'import sys; from evgp_rcs_console import button; '
+        "code = button.main(['rcs_button', 'test', '/dev/input/none', '/dev/null']); "
+        "assert not any('PySide6' in each or 'PyQt' in each for each in sys.modules); "
+        'sys.exit(code)'
+    )
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True)
+    assert done.returncode == 1, done.stderr
+    assert [line.split(':')[0] for line in done.stdout.splitlines()[:2]] == [
+        '/dev/input/none',
+        '/dev/null',
+    ]
