@@ -132,15 +132,15 @@ def check_what_the_kernel_says(path: pathlib.Path) -> None:
             pad.say(KEY, 32, 1)
             pad.say(KEY, 32, 0)
         assert None in list(keys.changes(1.0))
-    if os.fork() == 0:
-        with plugged(path):
+    with plugged(path):
+        if os.fork() == 0:
             os.setuid(65534)
             try:
                 Keys(str(path))
             except OSError as error:
                 os._exit('input' not in why(error, EVDEV))
-        os._exit(2)
-    assert os.waitstatus_to_exitcode(os.wait()[1]) == 0
+            os._exit(2)
+        assert os.waitstatus_to_exitcode(os.wait()[1]) == 0
 
 
 def check_the_loop(path: pathlib.Path) -> None:

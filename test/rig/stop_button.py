@@ -128,6 +128,6 @@ class Ear(RosSide):
 
 if __name__ == '__main__':
     ioctl = lambda _, request, given: bytes(len(given)) if isinstance(given, bytes) else 0  # noqa: E731
-    button_devices.fcntl = SimpleNamespace(ioctl=ioctl)
-    button_devices.serial = SimpleNamespace(Serial=Port)
+    stand_ins = {'ioctl': ioctl, 'Serial': Port}
+    vars(button_devices).update(dict.fromkeys(('fcntl', 'serial'), SimpleNamespace(**stand_ins)))
     sys.exit(button.main())

@@ -46,6 +46,9 @@ KINDS = {EVDEV: 'input', CONTACT: 'dialout'}
 CONTACT_LOOK = 0.005
 """Time between two looks at a contact, in seconds."""
 
+CONTACT_SETTLES = 0.2
+"""Time after which an adapter knows the contact, once RTS is on, in seconds."""
+
 LOOK = 0.1
 """Maximum time between two looks at anything but the device, in seconds."""
 
@@ -137,6 +140,7 @@ class Contact:
             self._port = serial.Serial(path, exclusive=True)
         except termios.error as error:  # unplugged meanwhile
             raise OSError(*error.args) from error
+        time.sleep(CONTACT_SETTLES)
 
     def down(self) -> frozenset[int]:
         """Return whether it is open, as its key."""
