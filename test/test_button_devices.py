@@ -162,8 +162,9 @@ def check_the_loop(path: pathlib.Path) -> None:
             slowest = max(slowest, time.monotonic() - pulled)
         with plugged(path) as pad:
             wait_until(lambda: not button.trouble)
+            before = button.pressed + 1
             pad.press(33)  # the kernel let it go
-            before = button.pressed
+            wait_until(lambda: button.pressed == before)
             for _ in range(100):
                 pad.press()
             wait_until(lambda: button.pressed == before + 100)

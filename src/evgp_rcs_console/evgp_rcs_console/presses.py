@@ -31,7 +31,8 @@ EVENT = struct.Struct('@llHHi')
 """An event of an input device (linux/input.h): two parts of its time, type, code, value."""
 
 DEBOUNCE = 0.02
-"""Time for which a key must have been up before it counts again, in seconds: it may bounce."""
+"""Time for which a contact must have been closed before it counts again, in seconds: it bounces.
+Keys do not: they are heard in batches, which say nothing of time."""
 
 HELD = 2.0
 """Time for which a key is down after which it is told, in seconds: something lies on it."""
@@ -100,7 +101,8 @@ class Presses:
         if key in self._down:
             return False  # it is held, and repeats
         self._down[key] = now
-        pressed = now - self._up_at.get(key, -math.inf) >= DEBOUNCE
+        rested = now - self._up_at.get(key, -math.inf) >= DEBOUNCE
+        pressed = rested or not self._normally_closed
         self.count += pressed
         return pressed
 

@@ -28,31 +28,30 @@ steps = st.lists(
 """What becomes of which key, each so many seconds after the one before."""
 
 
-@given(steps)
-def test_a_press_is_a_key_that_goes_down_and_none_of_them_is_lost_to_bounces(
-    steps: list[tuple[int, bool, float]],
+@given(steps, st.booleans())
+def test_each_press_is_one_and_none_is_lost_to_bounces(
+    steps: list[tuple[int, bool, float]], is_contact: bool
 ) -> None:
-    presses, now, counted = Presses(), 0.0, 0
+    presses, now, counted = Presses(normally_closed=is_contact), 0.0, 0
     presses.look(frozenset(), now)
     down: set[int] = set()
-    rested: dict[int, float] = {}  # since when it is up, if it was up for long enough when it went
-    served: dict[int, bool] = {}  # whether a press has counted since the key last rested
+    up_at: dict[int, float] = {}
+    served: set[int] = set()  # the keys that are down, or were just now, and have been a press
     for key, goes_down, pause in steps:
         now += pause
-        went_down = goes_down and key not in down
-        has_rested = now - rested.get(key, -1.0) >= DEBOUNCE
-        if went_down and has_rested:
-            served[key] = False
+        if key not in down and (not is_contact or now - up_at.get(key, -1.0) >= DEBOUNCE):
+            served.discard(key)
         pressed = presses.take(key, goes_down, now)
         counted += pressed
-        assert not pressed or went_down
-        served[key] = served.get(key, False) or pressed
+        assert not pressed or (goes_down and key not in down | served)
+        if pressed:
+            served.add(key)
         if goes_down:
             down.add(key)
         elif key in down:
             down.discard(key)
-            rested[key] = now
-        assert all(served[each] for each in down)
+            up_at[key] = now
+        assert down <= served
     assert presses.count == counted
 
 
