@@ -194,7 +194,10 @@ def check_the_contact(port: str) -> None:
     """Check a contact whose UART connects RTS with CTS by itself."""
     with contextlib.closing(Contact(port)) as contact:
         other = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-        change = lambda request, line: fcntl.ioctl(other, request, struct.pack('I', line))  # noqa: E731
+
+        def change(request: int, line: int) -> None:
+            fcntl.ioctl(other, request, struct.pack('I', line))
+
         change(termios.TIOCMBIS, TIOCM_LOOP)
         try:
             assert contact.down() == frozenset()

@@ -52,6 +52,11 @@ class Port:
         os.close(self._line)
 
 
+def nothing(_: int, request: int, given: int | bytes) -> int | bytes:
+    """Answer an ioctl: no key is down, and whatever is asked for is done."""
+    return bytes(len(given)) if isinstance(given, bytes) else 0
+
+
 class StopButton(Part):
     """
     The program and the hand on its device, which is plugged in.
@@ -87,7 +92,7 @@ class StopButton(Part):
 
     def move(self, down: bool, key: int = KEY) -> None:
         """Let a key go down or up, or the contact open or close."""
-        written = b'10'[down : down + 1]
+        written = b'0' if down else b'1'
         if self._kind == 'evdev':
             written = EVENT.pack(0, 0, 1, key, down) + EVENT.pack(0, 0, 0, 0, 0)
         os.write(self._line, written)
@@ -127,7 +132,8 @@ class Ear(RosSide):
 
 
 if __name__ == '__main__':
-    ioctl = lambda _, request, given: bytes(len(given)) if isinstance(given, bytes) else 0  # noqa: E731
-    stand_ins = {'ioctl': ioctl, 'Serial': Port}
-    vars(button_devices).update(dict.fromkeys(('fcntl', 'serial'), SimpleNamespace(**stand_ins)))
+    vars(button_devices).update(
+        fcntl=SimpleNamespace(ioctl=nothing),
+        serial=SimpleNamespace(Serial=Port),
+    )
     sys.exit(button.main())

@@ -38,12 +38,12 @@ from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console import texts
 from evgp_rcs_console.button_devices import (
     attend,
+    BUTTON_LOOK,
     CONTACT,
     Contact,
     EVDEV,
     Keys,
     KINDS,
-    LOOK,
     open_device,
     SERIAL,
     stable_paths,
@@ -230,7 +230,7 @@ def show(paths: Sequence[str]) -> int:
         while watched:
             for path, (device, presses) in list(watched.items()):
                 try:
-                    for change in device.changes(LOOK / len(watched)):
+                    for change in device.changes(BUTTON_LOOK / len(watched)):
                         if change is not None and presses.take(*change, now()):
                             said = texts.BUTTON_PRESSED.format(path=path, key=change[0])
                             print(said, flush=True)

@@ -30,6 +30,7 @@ import math
 import os
 import pathlib
 import select
+import struct
 import termios
 import threading
 import time
@@ -43,13 +44,13 @@ EVDEV, CONTACT = 'evdev', 'contact'
 KINDS = {EVDEV: 'input', CONTACT: 'dialout'}
 """The kinds of buttons, and the group that may open the device of each."""
 
-CONTACT_LOOK = 0.005
+BUTTON_CONTACT_LOOK = 0.005
 """Time between two looks at a contact, in seconds."""
 
 CONTACT_SETTLES = 0.2
 """Time after which an adapter knows the contact, once RTS is on, in seconds."""
 
-LOOK = 0.1
+BUTTON_LOOK = 0.1
 """Maximum time between two looks at anything but the device, in seconds."""
 
 REOPEN = 0.25
@@ -62,16 +63,8 @@ SYS = pathlib.Path('/sys/class/input')
 _KEYS = 768 // 8
 """Bytes that have a bit for each key."""
 
-
-def _request(way: int, number: int, size: int) -> int:
-    """Return a request of ioctl, as linux/ioctl.h puts it together; way 2 reads, 1 writes."""
-    return way << 30 | size << 16 | ord('E') << 8 | number
-
-
-GET_NAME = _request(2, 0x06, 256)
-GET_KEYS_DOWN = _request(2, 0x18, _KEYS)
-GRAB = _request(1, 0x90, 4)
-SET_MASK = _request(1, 0x93, 16)
+# EVIOCGNAME, EVIOCGKEY, EVIOCGRAB and EVIOCSMASK of linux/input.h.
+GET_NAME, GET_KEYS_DOWN, GRAB, SET_MASK = 0x81004506, 0x80604518, 0x40044590, 0x40104593
 
 Change = tuple[int, bool] | None
 
@@ -88,8 +81,7 @@ class Keys:
         self.descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
             wanted = ctypes.c_uint64(1 << 0 | 1 << 1)  # EV_SYN, EV_KEY
-            at = ctypes.addressof(wanted)
-            mask = (0).to_bytes(4, 'little') + (8).to_bytes(4, 'little') + at.to_bytes(8, 'little')
+            mask = struct.pack('IIQ', 0, ctypes.sizeof(wanted), ctypes.addressof(wanted))
             fcntl.ioctl(self.descriptor, SET_MASK, mask)
             self.grab(True)
         except OSError:
@@ -148,7 +140,7 @@ class Contact:
 
     def changes(self, timeout: float) -> Iterable[Change]:
         """Look at it after a while, which is short."""
-        time.sleep(min(timeout, CONTACT_LOOK))
+        time.sleep(min(timeout, BUTTON_CONTACT_LOOK))
         return ((CONTACT_KEY, bool(self.down())),)
 
     def close(self) -> None:
@@ -209,11 +201,11 @@ def attend(
                 looked_at = -math.inf
                 while not ending.is_set():
                     at = now()
-                    if at - looked_at >= LOOK:
+                    if at - looked_at >= BUTTON_LOOK:
                         looked_at = at
                         held = texts.BUTTON_HELD if presses.is_held(at) else ''
                         on_look(held or (texts.BUTTON_ASLEEP if is_asleep(path) else ''))
-                    for change in device.changes(LOOK):
+                    for change in device.changes(BUTTON_LOOK):
                         if change is None:
                             presses.miss(device.down(), now())
                             on_press()
