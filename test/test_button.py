@@ -165,6 +165,7 @@ def test_race_control_allows_a_button_all_kill_and_no_other_command(
         ({'device': 'event3'}, 'parameter device'),
         ({'device': '/dev/x', 'kind': 'joy'}, 'parameter kind'),
         ({'device': '/dev/x', 'key': 768}, 'parameter key'),
+        ({'device': '/dev/x', 'key': 28, 'kind': 'contact'}, 'parameter key'),
         ({'device': '/dev/x', 'keys': 3}, 'did you mean key?'),
     ],
 )

@@ -139,8 +139,7 @@ class StopButton(StrictNode):
         at = now()
         self._since = at if self._is_accepted() else self._since
         self._given = Given(CommandKind.ALL_KILL, official=self._signature.claim, at=at)
-        self._client.give(self._given)
-        self._say(self._said[0], at)
+        self._client.give(self._given)  # what there is to say of it comes after it
 
     def _is_accepted(self) -> bool:
         """Return whether race control has accepted the last press."""
@@ -195,6 +194,8 @@ def read_settings(parameters: Parameters) -> ButtonSettings:
         raise ParameterError(
             f'parameter kind: {settings.kind!r} is not possible. Give {" or ".join(KINDS)}'
         )
+    if settings.key and settings.kind == CONTACT:
+        raise ParameterError('parameter key: a contact has none')
     if not settings.device.startswith('/'):
         raise ParameterError(
             'parameter device: give a path, as /dev/input/by-id/...; rcs_button test shows all'
