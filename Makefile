@@ -4,8 +4,8 @@
 # The commands of the project. Each sets up first what is not set up yet (.venv, build/, install/).
 #
 #   PYTHON=python3.12   the interpreter to set up with, otherwise the first that fits
-#   ARGS='...'          passed on by bench, bridge, button, console, ctl, demo, fuzz, inspect-kart,
-#                       inspect-rcs, record, rehearsal, soak, survey, test, test-long and timing
+#   ARGS='...'          passed on by bench, board, bridge, button, console, ctl, demo, fuzz,
+#                       inspect-kart, inspect-rcs, record, rehearsal, soak, survey, test, test-long and timing
 #   WORKERS=8           number of tests that run at the same time; most of the time, most of them wait
 WORKERS := 8
 
@@ -21,7 +21,7 @@ PARAMS := src/evgp_rcs/config/rcs.yaml
 # This machine's own address on the officials' network; empty: the officials are at this machine
 # only. Our programs stay on the machine otherwise, whatever ROS is told: docs/security.md.
 OFFICIALS := $(EVGP_GRAPH_INTERFACE)
-run button console ctl timing: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
+run board button console ctl timing: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
 
 # This machine's own address on the karts' network; empty: what PARAMS says. With OFFICIALS, race
 # control must know it, so that karts never reach the officials' network.
@@ -41,12 +41,15 @@ bench demo fuzz rehearsal screenshots soak test test-long: export ROS_AUTOMATIC_
 HOST :=
 ODOM :=
 
+# This machine's own address at which viewers reach the board; empty: this machine only.
+AT :=
+
 # A timing device: its kind, and where it is (docs/timing.md). Or a stop button: evdev (if empty) or
 # contact (docs/button.md).
 KIND :=
 DEVICE :=
 
-.PHONY: help setup demo rehearsal test test-long bench soak fuzz run roster record console ctl button bridge timing \
+.PHONY: help setup demo rehearsal test test-long bench soak fuzz run roster record console ctl board button bridge timing \
   inspect-kart inspect-rcs survey screenshots lines lint format clean
 
 help:
@@ -60,6 +63,7 @@ help:
 	@echo 'make run     start race control for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml OFFICIALS=10.1.0.5 ADDRESS=10.0.0.1)'
 	@echo 'make roster  check a list of karts, without starting anything (ROSTER=karts.yaml)'
 	@echo 'make timing  read a timing device at the line         (KIND=p3 DEVICE=10.1.0.20:5403 OFFICIALS=10.1.0.7)'
+	@echo 'make board   show the race to spectators and pit walls, on web pages  (AT=10.2.0.5 OFFICIALS=10.1.0.7)'
 	@echo 'make record  print what happened in the last run     (ARGS="--list", ARGS="--help")'
 	@echo "make bridge  on a kart: start its bridge              (HOST=10.0.0.1 ODOM=/odom ARGS='-p ...')"
 	@echo "make inspect-kart  is this kart fit to race? Needs no set-up  (ARGS='--number 7')"
@@ -147,6 +151,11 @@ timing:
 	  install/evgp_timing/lib/evgp_timing/timing_source --ros-args \
 	  -p 'kind:=$(KIND)' -p 'device:=$(DEVICE)' $(ARGS)
 
+# It comes back after a crash; not where a setting is wrong.
+board:
+	$(IN_WORKSPACE) python -m evgp_node.restarting \
+	  install/evgp_board/lib/evgp_board/board --ros-args $(if $(AT),-p 'address:=$(AT)') $(ARGS)
+
 # Needs nothing but Python: on the computer of whoever inspects karts, nothing may be set up.
 inspect-kart:
 	python3 src/evgp_inspection kart $(ARGS)
@@ -162,7 +171,7 @@ inspect-rcs:
 # The pictures of docs/, made by the test that looks at every state of the window.
 screenshots:
 	EVGP_ALL_TESTS=1 EVGP_SCREENSHOTS=docs/screenshots $(IN_WORKSPACE) --console \
-	  python -m pytest test/test_console.py test/test_report_page.py -k screenshots
+	  python -m pytest test/test_board.py test/test_console.py test/test_report_page.py -k screenshots
 
 lines:
 	@python3 setup/lines.py

@@ -188,11 +188,11 @@ class Browser(Part):
 
     # ----- the page -----------------------------------------------------------------------
 
-    def visit(self, file: pathlib.Path) -> None:
-        """Show a file, and return once it is there."""
+    def visit(self, page: pathlib.Path | str) -> None:
+        """Show a file, or what is at an address, and return once it is there."""
         self._events.clear()
         self.requested.clear()
-        self.call('Page.navigate', url=file.absolute().as_uri())
+        self.call('Page.navigate', url=page if isinstance(page, str) else page.absolute().as_uri())
         until = time.monotonic() + PATIENCE
         while not any(each.get('method') == 'Page.loadEventFired' for each in self._events):
             self._take(self._next(until))

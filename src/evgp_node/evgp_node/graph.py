@@ -251,6 +251,23 @@ def _fence(named: str) -> None:
                 _renew_multicast(each, bound, named)
 
 
+def keep_to_interface(server: socket.socket, address: str) -> None:
+    """Have a TCP server hear loopback and the interface that has this address now, only."""
+    name = _interfaces().get(address, 'lo')
+    _attach_filter(server, [socket.if_nametoindex(each) for each in {'lo', name}])
+
+
+def network_of(address: str) -> ipaddress.IPv4Network | None:
+    """Return the network of an address of this machine; None: no interface has it now."""
+    name = _interfaces().get(address)
+    if name is None:
+        return None
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
+        found = fcntl.ioctl(any_socket, _SIOCGIFNETMASK, struct.pack('40s', name.encode()))
+    mask = socket.inet_ntoa(found[20:24])
+    return ipaddress.IPv4Network((address, mask), strict=False)
+
+
 def has_its_address() -> bool:
     """Return whether this machine has the address named by `INTERFACE`, if there is one."""
     named = os.environ.get(INTERFACE, '').strip()
@@ -472,6 +489,7 @@ def _named_interface() -> str:
 _DESCRIPTORS = pathlib.Path('/proc/self/fd')
 _NETWORK = pathlib.Path('/proc/thread-self/net')
 _SIOCGIFCONF = 0x8912
+_SIOCGIFNETMASK = 0x891B
 _REQUEST_SIZE = 40  # of struct ifreq, on 64 bits
 _SO_ATTACH_FILTER = _SO_GET_FILTER = 26
 _SO_TIMESTAMPNS = 35

@@ -80,7 +80,7 @@ def run_node(
     :param name: stands before the sentence on stderr that says what is wrong.
     :param make_node: makes the node; what it is given is called, in any thread, when the node
         cannot go on.
-    :param refusals: what `make_node` raises when a setting is wrong.
+    :param refusals: what `make_node` raises, or hands on later, when a setting is wrong.
     :param obstacles: what it raises when something else is in the way, which may go away.
     :return: 0 after an orderly end, 1 if the node could not go on (a traceback on stderr says
         why), `WRONG_SETTING` or `IN_THE_WAY`.
@@ -192,7 +192,10 @@ def _run(
         _end_within(CLOSE_TIMEOUT if told else HANGS, 1)
     node.close()
     code = 0
-    if failures:
+    if failures and isinstance(failures[0], refusals):
+        print(f'{name}: {failures[0]}', file=sys.stderr)
+        code = WRONG_SETTING
+    elif failures:
         print(f'{name} could not go on:', file=sys.stderr)
         traceback.print_exception(failures[0])
         code = 1

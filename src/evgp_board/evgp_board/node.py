@@ -1,0 +1,247 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The ``board`` node: the race, heard as any screen hears it, on web pages.
+
+It subscribes, and has no way back: no client of a service, no publisher but those of every node.
+A thread of its own runs the web server; ROS's only keeps what came last.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import ipaddress
+import os
+import socket
+import sys
+import threading
+from typing import Any
+
+from evgp_board import view
+from evgp_board.server import Now, Server
+from evgp_board.view import Heard
+from evgp_node.graph import EVERY, keep_to_interface, network_of, where_reachable
+from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
+from evgp_node.process import OnFailure, run_node
+from evgp_protocol import clock
+from evgp_rcs_msgs import msg
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+
+GONE_AFTER = 0.9
+"""Time without a snapshot after which race control counts as gone, in seconds: as in the window."""
+
+NICENESS = 5
+"""Niceness of the board: it comes after all that commands or sees to karts."""
+
+BACKLOG = 128
+"""Maximum number of connections that wait to be taken."""
+
+
+class PlaceError(RuntimeError):
+    """The board may not listen where it was told to; the text says why, and what to do."""
+
+
+class InTheWayError(PlaceError):
+    """It cannot listen there now, and may be able to later."""
+
+
+def latched(depth: int) -> QoSProfile:
+    """Return the QoS of race control's topics."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+
+
+class BoardNode(StrictNode):
+    """
+    The node of a board.
+
+    :param on_failure: is called, in another thread, when the board cannot go on.
+    :raises ParameterError: if a parameter is wrong.
+    :raises PlaceError: if it may or can not listen at that address.
+    """
+
+    def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
+        """Read the parameters, listen to race control, and serve."""
+        super().__init__('board', **{'namespace': 'rcs', **node_options})
+        parameters = Parameters(self)
+        self._address = parameters.declare(
+            'address',
+            '127.0.0.1',
+            'The address of this machine at which viewers reach the board; never one on the '
+            "karts' network.",
+        )
+        port = parameters.declare('port', 8080, 'TCP port of the pages.', (1, 65535))
+        parameters.refuse_unknown()
+        check_address('address', self._address)
+        if self._address == EVERY:
+            raise ParameterError(
+                f"parameter address: {EVERY} is every network of this machine, also the karts'. "
+                'Give the one address at which viewers are to reach the board'
+            )
+        self._listening = listen(self._address, port)
+        self._on_failure = on_failure
+        # Each is replaced as a whole, in ROS's thread, and read in the server's.
+        self._race: tuple[bytes, float] | None = None
+        self._results = b''
+        self._log: dict[int, tuple[view.Line, ...]] = {}
+        self._last_event = (0, 0.0)
+        self._shown: tuple[object, ...] = ()
+        self._now = Now(Heard(), None)
+        self.create_subscription(msg.Race, 'race', self._hear_race, latched(1), raw=True)
+        self.create_subscription(msg.Results, 'results', self._hear_results, latched(1), raw=True)
+        self.create_subscription(msg.RaceEvents, 'events', self._hear_events, latched(200))
+        self._loop = asyncio.new_event_loop()
+        self._ending = asyncio.Event()
+        self._thread = threading.Thread(target=self._serve, name='server', daemon=True)
+        self._thread.start()
+        self.get_logger().info(f'The board is at http://{self._address}:{port}/')
+        self.get_logger().info(where_reachable())
+
+    def close(self) -> None:
+        """End the server; every viewer is dropped."""
+        self._loop.call_soon_threadsafe(self._ending.set)
+        self._thread.join()
+
+    # ----- in ROS's thread ----------------------------------------------------------------
+
+    def _hear_race(self, message: bytes) -> None:
+        self._race = message, clock.now()
+
+    def _hear_results(self, message: bytes) -> None:
+        self._results = message
+
+    def _hear_events(self, message: msg.RaceEvents) -> None:
+        log = dict(self._log)
+        for event in message.events:
+            # The last ones are said again after the network was away.
+            last, this = (
+                self._last_event,
+                (event.sequence, event.stamp.sec + event.stamp.nanosec / 1e9),
+            )
+            line = view.line_of(event)
+            if line is None or (this[0] <= last[0] and this[1] <= last[1]):
+                continue
+            self._last_event = this
+            log[event.kart] = (*log.get(event.kart, ()), line)[-view.MOST_LOGGED :]
+        self._log = log
+
+    # ----- in the server's thread ---------------------------------------------------------
+
+    def _serve(self) -> None:
+        asyncio.set_event_loop(self._loop)
+        try:
+            self._loop.run_until_complete(Server(self._look).run(self._listening, self._ending))
+        except BaseException as error:  # noqa: BLE001 - handed on
+            self._on_failure(error)
+        finally:
+            self._listening.close()
+            self._loop.close()
+
+    def _look(self, at: float) -> Now:
+        """
+        Return what there is to show.
+
+        :raises PlaceError: if the board is where karts are.
+        """
+        keep_to_interface(
+            self._listening, self._address
+        )  # a plug that comes back has a new number
+        if self._race is None:
+            return self._now
+        race, came = self._race
+        gone = at - came >= GONE_AFTER
+        shown = race, self._results, self._log, gone
+        if any(one is not other for one, other in zip(shown, self._shown or [None] * 4)):
+            heard = Heard(
+                race=deserialize_message(race, msg.Race),
+                results=deserialize_message(self._results, msg.Results)
+                if self._results
+                else msg.Results(),
+                gone=gone,
+                log=self._log,
+            )
+            refuse_karts_network(self._address, heard.race)
+            self._shown, self._now = shown, Now(heard, at - came)
+        return Now(self._now.heard, at - came)
+
+
+def listen(address: str, port: int) -> socket.socket:
+    """
+    Return a socket that listens at an address, for what comes through the interface that has it.
+
+    :raises InTheWayError: if this machine does not have the address, or the port is taken.
+    :raises PlaceError: if the port may not be used.
+    """
+    listening = socket.socket()
+    try:
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind((address, port))
+        keep_to_interface(listening, address)
+        listening.listen(BACKLOG)
+    except OSError as error:
+        listening.close()
+        if error.errno == errno.EADDRNOTAVAIL:
+            raise InTheWayError(
+                f'this machine does not have the address {address}. Plug its network in, or give '
+                'another (make board AT=...)'
+            ) from error
+        if error.errno == errno.EADDRINUSE:
+            raise InTheWayError(
+                f'another program listens at port {port} of {address}, perhaps another board. End '
+                f"it, or give another port (ARGS='-p port:={port + 1}')"
+            ) from error
+        raise PlaceError(f'the board cannot listen at {address}, port {port}: {error}') from error
+    return listening
+
+
+def refuse_karts_network(address: str, race: msg.Race) -> None:
+    """
+    Refuse to be where karts are.
+
+    :raises PlaceError: if a kart of the roster is on the network of this address.
+    """
+    network = network_of(address)
+    for kart in race.karts:
+        try:
+            at = ipaddress.IPv4Address(kart.address)
+        except ValueError:
+            continue
+        if network is not None and at in network and not at.is_loopback:
+            raise PlaceError(
+                f"{address} is on the karts' network ({network}): kart {kart.number} is {at}. "
+                'Viewers must not be there: give the board an address on another network'
+            )
+
+
+def main(args: list[str] | None = None) -> int:
+    """
+    Run the node until SIGINT or SIGTERM.
+
+    :return: 0 after an orderly end, 1 after a failure, 2 if a setting is wrong, 3 if the address
+        is not there or taken.
+    """
+    os.nice(NICENESS)
+    refusals, obstacles = (ParameterError, PlaceError), (InTheWayError,)
+    return run_node('board', BoardNode, refusals, args, obstacles)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,280 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The board's web server: pages, and for each viewer a stream of what its page shows.
+
+A stream is server-sent events; each message is all that the page shows, so a viewer who missed
+some lacks nothing. One message at a time is on its way to a viewer: while it has not arrived, the
+viewer waits for whatever is newest by then. Nothing grows with a viewer who does not read, and
+who takes nothing for `SLOW` is dropped.
+
+There is no other way in: GET and HEAD only, and nothing that a viewer sends goes anywhere.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+import contextlib
+from dataclasses import dataclass, field
+import functools
+import json
+import logging
+import pathlib
+import re
+import socket
+from typing import Any
+
+from aiohttp import hdrs, HttpVersion11, web
+from evgp_board import view
+from evgp_board.view import Heard, Shown
+from evgp_protocol import clock
+from evgp_protocol.link import unanswered
+
+LOOK = 0.2
+"""Time between two looks for something new to show, in seconds."""
+
+BEAT = 0.7
+"""Time after which a page is sent what it shows although nothing changed, in seconds: at the next
+look after that, so once a second at least. After 2 s without, a page says that it is stale."""
+
+SLOW = 5.0
+"""Time without any progress after which a viewer is dropped, in seconds."""
+
+MOST_VIEWERS = 300
+"""Maximum number of viewers; whoever comes then is told so (503)."""
+
+MOST_VISITS = 100
+"""Maximum number of other connections, which ask for pages; the newest beyond it are dropped."""
+
+VISIT = 10.0
+"""Maximum time that such a connection lasts, in seconds."""
+
+PAGES = pathlib.Path(__file__).parent / 'pages'
+
+HEADERS = {
+    'Content-Security-Policy': "default-src 'none'; script-src 'self'; style-src 'self'; "
+    "connect-src 'self'; img-src data:; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'",
+    'X-Content-Type-Options': 'nosniff',
+    'Referrer-Policy': 'no-referrer',
+    'Cache-Control': 'no-store',
+    'Server': 'board',
+}
+"""Of every answer: a page runs and loads nothing but what is ours."""
+
+
+@dataclass(frozen=True)
+class Now:
+    """
+    What there is to show at one moment.
+
+    :param heard: the same object as long as nothing changed.
+    :param age: time since race control was last heard, in seconds; None: it never was.
+    """
+
+    heard: Heard
+    age: float | None
+
+
+@dataclass(eq=False)
+class _Viewer:
+    """
+    :ivar waits: there is something that it was not sent yet.
+    :ivar moved: when it had last taken all that it was sent, in seconds.
+    """
+
+    transport: asyncio.Transport
+    protocol: asyncio.Protocol
+    moved: float
+    waits: bool = False
+    gone: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def has_all(self) -> bool:
+        """Return whether all that it was sent has arrived."""
+        if self.transport.get_write_buffer_size():
+            return False
+        with contextlib.suppress(OSError):
+            return not unanswered(self.transport.get_extra_info('socket'))
+        return False
+
+
+class _Stream:
+    """What one page shows, encoded once for all who look at it."""
+
+    def __init__(self, show: Callable[[Heard], Shown]) -> None:
+        self._show = show
+        self._heard: Heard | None = None
+        self._body = ''
+        self._sent_body = ''
+        self._sent_at = 0.0
+        self.viewers: set[_Viewer] = set()
+
+    def is_due(self, now: Now, at: float) -> bool:
+        """Return whether all viewers are to be sent something, and take it that they are."""
+        if now.heard is not self._heard:
+            self._heard, self._body = now.heard, json.dumps(self._show(now.heard))
+        if self._body == self._sent_body and at - self._sent_at < BEAT:
+            return False
+        self._sent_body, self._sent_at = self._body, at
+        return True
+
+    def message(self, now: Now, at: float) -> bytes:
+        """Return what the page shows now, as an event of a stream."""
+        self.is_due(now, at)
+        race, age = now.heard.race, now.age or 0.0
+        of_day, green = view.time_of_day(race), view.green_for(race)
+        running = None if now.heard.gone or green is None else round(green + age, 2)
+        times = {
+            't': round(at, 3),
+            'age': round(age, 1),
+            'day': None if of_day is None else round(of_day + age, 2),
+            'green': running,
+        }
+        return f'data: {json.dumps({"times": times})[:-1]}, "show": {self._body}}}\n\n'.encode()
+
+
+class Server:
+    """
+    The server.
+
+    :param look: returns what there is to show.
+    """
+
+    def __init__(self, look: Callable[[float], Now]) -> None:
+        """Read the pages."""
+        self._look = look
+        self._now = look(clock.now())
+        self._streams: dict[str, _Stream] = {}
+        self._visits: dict[Any, float] = {}
+        page = (PAGES / 'page.html').read_text(encoding='utf-8')
+        app = web.Application(client_max_size=1024)
+        app.on_response_prepare.append(_finish)
+        for path, name in (
+            ('/', 'board'),
+            ('/overlay', 'overlay'),
+            ('/results', 'results'),
+            (r'/kart/{number:[1-9]\d{0,4}}', 'kart'),
+        ):
+            made = page.replace('PAGE', name).encode()
+            app.router.add_get(path, functools.partial(_answer, made, 'text/html'))
+        for name, kind in (('board.css', 'text/css'), ('board.js', 'text/javascript')):
+            made = (PAGES / name).read_bytes()
+            app.router.add_get(f'/{name}', functools.partial(_answer, made, kind))
+        app.router.add_get('/live/{what}', self._watch, allow_head=False)
+        # What hostile requests look like is no news.
+        self._runner = web.AppRunner(
+            app, access_log=None, lingering_time=1.0, logger=logging.getLogger('board.requests')
+        )
+        logging.getLogger('board.requests').setLevel(logging.CRITICAL)
+
+    async def run(self, listening: socket.socket, ending: asyncio.Event) -> None:
+        """Serve at a socket until this is to end."""
+        await self._runner.setup()
+        await web.SockSite(self._runner, listening).start()
+        try:
+            while not ending.is_set():
+                self._step(clock.now())
+                with contextlib.suppress(asyncio.TimeoutError):
+                    await asyncio.wait_for(ending.wait(), LOOK)
+        finally:
+            for viewer in self._viewers():
+                _drop(viewer)
+            await self._runner.cleanup()
+
+    def _viewers(self) -> list[_Viewer]:
+        return [viewer for stream in self._streams.values() for viewer in stream.viewers]
+
+    def _step(self, at: float) -> None:
+        """Send viewers what is new, and drop who takes too long."""
+        self._now = self._look(at)
+        for name, stream in [*self._streams.items()]:
+            due, message = stream.is_due(self._now, at), b''
+            for viewer in [*stream.viewers]:
+                viewer.waits |= due
+                if viewer.transport.is_closing():
+                    viewer.gone.set()
+                elif viewer.has_all():
+                    viewer.moved = at
+                    if viewer.waits:
+                        message = message or _chunk(stream.message(self._now, at))
+                        viewer.transport.write(message)
+                        viewer.waits = False
+                elif at - viewer.moved > SLOW:
+                    _drop(viewer)
+            if not stream.viewers:
+                del self._streams[name]
+        self._end_visits(at)
+
+    def _end_visits(self, at: float) -> None:
+        """Drop the connections that are no viewer's and last too long, or are too many."""
+        server, watching = self._runner.server, {each.protocol for each in self._viewers()}
+        there = [each for each in (server.connections if server else ()) if each not in watching]
+        self._visits = {each: self._visits.get(each, at) for each in there}
+        oldest_first = sorted(self._visits, key=self._visits.__getitem__)
+        for number, visit in enumerate(oldest_first):
+            if number >= MOST_VISITS or at - self._visits[visit] > VISIT:
+                if visit.transport is not None:
+                    visit.transport.abort()
+
+    async def _watch(self, request: web.Request) -> web.StreamResponse:
+        """Send a viewer a stream, for as long as it takes it."""
+        what = request.match_info['what']
+        shows = {'board': view.board, 'results': view.results}.get(what)
+        if shows is None and re.fullmatch(r'[1-9]\d{0,4}', what):
+            shows = functools.partial(view.kart, number=int(what))
+        if shows is None or request.version < HttpVersion11:
+            raise web.HTTPNotFound
+        if len(self._viewers()) >= MOST_VIEWERS:
+            raise web.HTTPServiceUnavailable(
+                text=f'The board has {MOST_VIEWERS} viewers, and room for no more. Try again later'
+            )
+        transport = request.transport
+        if transport is None:
+            raise web.HTTPBadRequest
+        at = clock.now()
+        stream = self._streams.setdefault(what, _Stream(shows))
+        viewer = _Viewer(transport, request.protocol, at)
+        stream.viewers.add(viewer)
+        try:
+            response = web.StreamResponse(headers={'Content-Type': 'text/event-stream'})
+            await response.prepare(request)
+            await response.write(stream.message(self._now, at))
+            transport.pause_reading()  # whoever writes on is not heard, and takes no memory
+            await viewer.gone.wait()
+        finally:
+            stream.viewers.discard(viewer)
+        return response
+
+
+def _drop(viewer: _Viewer) -> None:
+    viewer.transport.abort()
+    viewer.gone.set()
+
+
+def _chunk(data: bytes) -> bytes:
+    """Return bytes as a chunk of an answer of HTTP/1.1 (RFC 9112, section 7.1)."""
+    return b'%x\r\n%b\r\n' % (len(data), data)
+
+
+async def _answer(body: bytes, kind: str, request: web.Request) -> web.Response:
+    return web.Response(body=body, content_type=kind, charset='utf-8')
+
+
+async def _finish(request: web.Request, response: web.StreamResponse) -> None:
+    """Give every answer its headers; a connection carries one answer."""
+    response.headers.update(HEADERS)
+    response.force_close()
+    response.headers[hdrs.CONNECTION] = 'close'

@@ -1,0 +1,429 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+From what race control says to what pages show: words, tones and rows, as plain data.
+
+Pure, and without any rule of the race. The words are the window's (docs/console.md). A board may
+be wrong in one way only: too careful. So it never says that humans may enter, and a kart has
+stopped only if race control counts it as standing. It shows no official's name and no address.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+import math
+import time
+from typing import Any
+
+from evgp_protocol.link import Grade
+from evgp_rcs_msgs import msg
+
+Shown = dict[str, Any]
+"""What a page shows, ready for JSON."""
+
+S = msg.RaceState
+STATES = {
+    S.UNKNOWN: '?',
+    S.IN_GARAGE: '⌂ IN GARAGE',
+    S.GRID_ACTIVE: '▦ GRID ACTIVE',
+    S.GREEN_GREEN: '▶ GREEN GREEN',
+    S.RED_FLAG: '⚑ RED FLAG',
+    S.RED_RED: '■ RED RED',
+}
+"""The symbol and the words of each state."""
+
+TONES = {
+    S.UNKNOWN: 'faint',
+    S.IN_GARAGE: 'garage',
+    S.GRID_ACTIVE: 'grid',
+    S.GREEN_GREEN: 'green',
+    S.RED_FLAG: 'flag',
+    S.RED_RED: 'red',
+}
+"""The colour of each state, as the style sheet names it."""
+
+OTHERWISE = {
+    S.IN_GARAGE: '… ALL KARTS HELD',
+    S.GRID_ACTIVE: '… NO KART ON THE GRID',
+    S.GREEN_GREEN: '… NO KART IS RACING',
+    S.RED_FLAG: '… NO KART IN RED FLAG',
+    S.RED_RED: '… NO KART IN RED RED',
+    S.UNKNOWN: '?',
+}
+"""What is said instead of the state of the race, if no kart of the race is sent it."""
+
+REDS = (S.RED_FLAG, S.RED_RED)
+
+NOT_YET = ('NO RACE CONTROL YET', 'Waiting for race control: obey the marshals')
+GONE = ('RACE CONTROL IS GONE', 'Last heard {age} ago, in {state}: obey the marshals')
+ALL_LOST, NONE_CONNECTED = '✗ ALL KARTS LOST', '? NO KART CONNECTED'
+NO_LINK = '✗ NO LINK'
+DANGERS = {
+    msg.Alert.PART_FAILED: 'RACE CONTROL HAS FAILED',
+    msg.Alert.TWO_RACE_CONTROLS: 'TWO RACE CONTROLS',
+}
+"""Alerts that are said instead of the state: what race control says must not be relied on."""
+
+STATUS = {
+    msg.KartResult.RUNNING: '',
+    msg.KartResult.CLASSIFIED: 'classified',
+    msg.KartResult.DNF: 'did not finish',
+    msg.KartResult.NOT_CLASSIFIED: 'no lap',
+    msg.KartResult.DISQUALIFIED: 'disqualified',
+}
+GRADES = {getattr(msg.LinkQuality, each.name): each.value for each in Grade}
+
+MOST_NAMED = 8
+"""Maximum number of karts that a line names."""
+
+MOST_LOGGED = 8
+"""Number of lines about one kart, the newest ones."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """Something that happened to a kart: what, and when by race control's wall clock."""
+
+    text: str
+    clock: str
+
+
+@dataclass(frozen=True)
+class Heard:
+    """
+    What race control said last.
+
+    :param gone: race control is silent.
+    :param log: of each kart what happened to it, the newest last.
+    """
+
+    race: msg.Race | None = None
+    results: msg.Results = field(default_factory=msg.Results)
+    gone: bool = False
+    log: Mapping[int, Sequence[Line]] = field(default_factory=dict)
+
+
+# ----- the pages ----------------------------------------------------------------------------
+
+
+def board(heard: Heard) -> Shown:
+    """Return the state of the race and the order of its karts, of ``/`` and ``/overlay``."""
+    race, results = heard.race or msg.Race(), _of_this_race(heard)
+    found = {each.kart: each for each in results.karts}
+    karts = {each.number: each for each in race.karts if each.in_race or each.number in found}
+    order = [number for number in (*found, *(karts.keys() - found.keys())) if number in karts]
+    leader = next(iter(results.karts), None)
+    counted = any(each.place for each in results.karts)
+    if not counted:  # nobody counts laps: the places are those of FINISH
+        order = sorted(karts, key=lambda number: (karts[number].place or math.inf, number))
+    rows = []
+    for number in order:
+        kart, result = karts[number], found.get(number)
+        place = result.place if result and counted else kart.place
+        gap = _gap(result, leader, results.format) if result and leader else ''
+        rows.append(
+            {
+                **_row(place, number, kart.team),
+                'cells': [
+                    result.laps if result else '',
+                    gap,
+                    _time(result.best if result else None),
+                ],
+                'note': '; '.join(filter(None, [_does(kart, race), *_taken(result)])),
+                'symbol': STATES[_state(kart.sent)][0] if kart.connected else '✗',
+                'tone': TONES[_state(kart.sent)] if kart.connected else 'lost',
+            }
+        )
+    done = sum(kart.place > 0 for kart in karts.values())
+    parts = [f'{done} of {len(karts)} finished'] if done else []
+    return {
+        **_frame(heard),
+        'title': _title(race, results),
+        'sub': ' · '.join([*parts, *_next_heat(race, results)]),
+        'columns': ['Laps', 'Last lap' if results.format == 'practice' else 'Time', 'Best'],
+        'rows': rows,
+    }
+
+
+def results(heard: Heard) -> Shown:
+    """Return the results of the race that was started last, of ``/results``."""
+    results = heard.results
+    kind = [
+        results.heat,
+        results.format.replace('_', ' '),
+        f'{results.laps} laps' * bool(results.laps),
+    ]
+    return {
+        **_frame(heard),
+        'title': ' · '.join(filter(None, kind)) if results.karts else 'No results yet',
+        'sub': 'As they stand: they can change until the officials publish them',
+        'columns': ['Laps', 'Total', 'Best'],
+        'rows': [
+            {
+                **_row(each.place, each.kart, each.team),
+                'cells': [each.laps, _time(each.total), _time(each.best)],
+                'note': '; '.join(filter(None, [STATUS.get(each.status, ''), *_taken(each)])),
+                'more': '  '.join(map(_time, each.lap_times)),
+            }
+            for each in results.karts
+        ],
+    }
+
+
+def kart(heard: Heard, number: int) -> Shown:
+    """Return what a team wants to know of its kart, of ``/kart/7``."""
+    race = heard.race or msg.Race()
+    shown = {**_frame(heard), 'number': str(number), 'title': '', 'sub': ''}
+    found = next((each for each in race.karts if each.number == number), None)
+    if found is None:
+        return {**shown, 'sub': 'Race control knows no such kart' if heard.race else ''}
+    result = next((each for each in _of_this_race(heard).karts if each.kart == number), None)
+    place = found.place or (result.place if result else 0)
+    of_race = f' of {race.laps}' if race.laps else ''
+    link, log = found.link, heard.log.get(number, ())
+    quality = [GRADES.get(link.grade, ''), _milliseconds(link.round_trip)]
+    if heard.gone or shown['head'] in DANGERS.values():
+        head = {'race': ''}
+    elif found.connected:
+        head = {'head': STATES[_state(found.sent)], 'tone': TONES[_state(found.sent)]}
+    else:
+        head = {'head': NO_LINK, 'tone': 'bad' if found.in_race else 'garage'}
+    return {
+        **shown,
+        'race': f'Race: {shown["head"]}',
+        **head,
+        'title': found.team,
+        'sub': 'in the race' if found.in_race else 'not in the race',
+        'detail': shown['detail'] or _answered(found),
+        'cells': [
+            ['Place', f'{place}' if place else '–'],
+            ['Laps', f'{found.laps}{of_race}'],
+            ['Last lap', _time(found.last_lap if found.laps else None) or '–'],
+            ['Best', _time(found.best_lap if found.laps else None) or '–'],
+            ['Link', ' · '.join(filter(None, quality)) if found.connected else 'none'],
+            ['Slowest answer', _milliseconds(link.worst_answer) or '–'],
+        ],
+        'list': [[each.text, each.clock] for each in reversed(log)],
+    }
+
+
+def line_of(event: msg.RaceEvent) -> Line | None:
+    """Return what a team sees of an event; None: nothing."""
+    state = _words(event.state)
+    said = {
+        msg.RaceEvent.KART_STATE: f'{state} sent',
+        msg.RaceEvent.ACKNOWLEDGED: f'{state} answered',
+        msg.RaceEvent.WITHDRAWN: 'Answer taken back',
+        msg.RaceEvent.CONNECTED: 'Connected',
+        msg.RaceEvent.DISCONNECTED: 'Connection lost',
+        msg.RaceEvent.LAP: f'Lap {event.lap}: {_time(event.after)}',
+    }.get(event.kind)
+    return Line(said, _clock(event.stamp, tenths=True)) if said and event.kart else None
+
+
+# ----- what all pages have --------------------------------------------------------------------
+
+
+def _frame(heard: Heard) -> Shown:
+    """Return the state of the race in the largest type, and what is known about it."""
+    race = heard.race
+    if race is None:
+        head, tone, detail = NOT_YET[0], 'faint', NOT_YET[1]
+    elif heard.gone:
+        head, tone, detail = GONE[0], 'faint', GONE[1].replace('{state}', _words(race.state))
+    else:
+        danger = next((DANGERS[each.kind] for each in race.alerts if each.kind in DANGERS), '')
+        (head, tone), detail = (danger, 'bad') if danger else _headline(race), ''
+    return {
+        'banner': race.banner if race else '',
+        'head': head,
+        'tone': tone,
+        'detail': detail,
+        'stale': race is None or heard.gone,
+        'alert': _alert(race) if race else '',
+    }
+
+
+def _headline(race: msg.Race) -> tuple[str, str]:
+    """
+    Return what is true of the karts of the race, and its tone, as the window says it.
+
+    A kart without a link stops by itself: RED RED is true of it.
+    """
+    karts = [kart for kart in race.karts if kart.in_race] or race.karts
+    state, sent = _state(race.state), {_state(kart.sent) for kart in karts if kart.connected}
+    if state not in sent and len(sent) == 1 and state in REDS:
+        (state,) = sent
+    elif state not in sent and sent:
+        return OTHERWISE[state], 'wait'
+    elif not sent and state == S.GRID_ACTIVE:
+        return NONE_CONNECTED, 'wait'
+    elif not sent and state in (S.GREEN_GREEN, S.RED_FLAG):
+        return ALL_LOST, 'bad'
+    return STATES[state], TONES[state]
+
+
+def _alert(race: msg.Race) -> str:
+    """Return that officials have alerts, and about which karts; empty: none."""
+    if not race.alerts:
+        return ''
+    karts = sorted({each.kart for each in race.alerts if each.kart})
+    return f'⚠ Alert at race control{f": {_karts(karts)}" if karts else ""}'
+
+
+def green_for(race: msg.Race | None) -> float | None:
+    """Return for how long the race had been GREEN GREEN at its snapshot, s; None: it was not."""
+    if race is None or race.state.state != S.GREEN_GREEN:
+        return None
+    return max(0.0, _seconds(race.stamp) - _seconds(race.state_since))
+
+
+def time_of_day(race: msg.Race | None) -> float | None:
+    """Return the wall time of a snapshot, in seconds since midnight; None: it is not known."""
+    if race is None:
+        return None
+    local = time.localtime(race.stamp.sec)
+    return local.tm_hour * 3600 + local.tm_min * 60 + local.tm_sec + race.stamp.nanosec / 1e9
+
+
+# ----- heats, results -------------------------------------------------------------------------
+
+
+def _heat(race: msg.Race, results: msg.Results) -> msg.Heat | None:
+    """Return the heat that is in the race; None: no heat of the roster is."""
+    racing = [kart.number for kart in race.karts if kart.in_race]
+    named = [heat for heat in race.heats if [*heat.karts] == racing]
+    if not named and not {*racing}.isdisjoint(each.kart for each in results.karts):
+        named = race.heats  # a kart has left, or joined
+    return next((each for each in named if each.name == results.heat), (*named, None)[0])
+
+
+def _of_this_race(heard: Heard) -> msg.Results:
+    """Return the results, unless another heat is in the race by now."""
+    race, results = heard.race or msg.Race(), heard.results
+    heat = _heat(race, results)
+    return results if (heat.name if heat else '') == results.heat else msg.Results()
+
+
+def _title(race: msg.Race, results: msg.Results) -> str:
+    heat = _heat(race, results)
+    kind = heat.format if heat else results.format
+    laps = heat.laps if heat else results.laps
+    words = kind.replace('_', ' ').capitalize()
+    kind = ' '.join(filter(None, [words, f'to {laps} laps' if laps else '']))
+    return ' · '.join(filter(None, [heat.name if heat else '', kind])) or 'EVGP race'
+
+
+def _next_heat(race: msg.Race, results: msg.Results) -> list[str]:
+    heats, heat = [*race.heats], _heat(race, results)
+    after = heats[heats.index(heat) + 1 :] if heat in heats else []
+    return [f'next: {each.name}, {_karts(each.karts)}' for each in after[:1]]
+
+
+def _row(place: int, number: int, team: str) -> Shown:
+    return {'place': place or '', 'kart': number, 'team': team}
+
+
+def _gap(result: msg.KartResult, leader: msg.KartResult, kind: str) -> str:
+    """Return the time of a kart, or how far it is behind the leader."""
+    if kind == 'practice':
+        return _time(result.last)
+    if kind != 'race' or result is leader or math.isnan(result.total) or math.isnan(leader.total):
+        return _time(result.total)
+    behind = leader.laps - result.laps
+    if behind > 0:
+        return f'+{behind} lap{"s" * (behind > 1)}'
+    gap = max(0.0, result.total - leader.total)
+    return f'+{gap:.3f}' if gap < 60.0 else f'+{_time(gap)}'
+
+
+def _taken(result: msg.KartResult | None) -> list[str]:
+    """Return what officials took from a result, without their names."""
+    taken = []
+    for each in result.penalties if result else ():
+        taken += [f'+{each.seconds} s'] * bool(each.seconds) + [f'-{each.laps} laps'] * bool(
+            each.laps
+        )
+        taken += ['disqualified'] * (each.disqualified and result.status != result.DISQUALIFIED)
+    return taken
+
+
+def _does(kart: msg.KartStatus, race: msg.Race) -> str:
+    """Return what a kart does, in a word or two."""
+    stands = kart.acknowledged and not kart.may_be_moving
+    if not kart.connected:
+        return 'no link'
+    if kart.sent.state in REDS:
+        return ('finished' if kart.place else 'stopped') if stands else 'stopping'
+    if kart.place:
+        return 'finished'
+    if kart.sent.state == S.GRID_ACTIVE:
+        return 'ready' if kart.acknowledged else 'not ready yet'
+    if kart.last_lap_done:
+        return 'last lap done'
+    racing = kart.sent.state == S.GREEN_GREEN
+    return 'last lap' if racing and race.laps and kart.laps == race.laps - 1 else ''
+
+
+def _answered(kart: msg.KartStatus) -> str:
+    """Return when a kart was sent its state, and how long its answers took."""
+    if not kart.connected:
+        return 'race control does not hear it'
+    said = [f'sent {_clock(kart.sent_since, tenths=True)}']
+    delivered, answered = kart.link.delivered_after, kart.link.acknowledged_after
+    if math.isfinite(delivered):
+        said.append(f'arrived after {_milliseconds(delivered)}')
+    if kart.acknowledged:
+        said.append(f'answered after {answered:.2f} s' if math.isfinite(answered) else 'answered')
+    elif kart.sent.state != S.IN_GARAGE:
+        said.append('… not answered yet')
+    return ' · '.join(said)
+
+
+def _karts(numbers: Iterable[int]) -> str:
+    """Return karts by their numbers, not more than a line takes."""
+    named = [*map(str, numbers)]
+    more = [f'{len(named) - MOST_NAMED} more'] if len(named) > MOST_NAMED else []
+    return f'kart{"s" * (len(named) > 1)} {", ".join([*named[:MOST_NAMED], *more])}'
+
+
+def _state(message: msg.RaceState) -> int:
+    return int(message.state) if message.state in STATES else S.UNKNOWN
+
+
+def _words(message: msg.RaceState) -> str:
+    return STATES[_state(message)].partition(' ')[2] or '?'
+
+
+def _time(seconds: float | None) -> str:
+    """Return a time as minutes:seconds and thousandths; empty if there is none."""
+    if seconds is None or not math.isfinite(seconds):
+        return ''
+    minutes, thousandths = divmod(round(1000 * seconds), 60_000)
+    return f'{minutes}:{thousandths // 1000:02}.{thousandths % 1000:03}'
+
+
+def _milliseconds(seconds: float) -> str:
+    return f'{math.ceil(1000 * seconds)} ms' if math.isfinite(seconds) else ''
+
+
+def _clock(stamp: Any, tenths: bool = False) -> str:
+    clock = time.strftime('%H:%M:%S', time.localtime(stamp.sec))
+    return f'{clock}.{stamp.nanosec // 100_000_000}' if tenths else clock
+
+
+def _seconds(stamp: Any) -> float:
+    return float(stamp.sec) + float(stamp.nanosec) / 1e9

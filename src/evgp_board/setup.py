@@ -1,0 +1,46 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""Build file of the ament_python package evgp_board."""
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'evgp_board'
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    packages=find_packages(exclude=['test']),
+    package_data={PACKAGE: ['py.typed', 'pages/*']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+    ],
+    install_requires=['setuptools'],
+    # By this colcon knows how to run the tests.
+    extras_require={'test': ['pytest']},
+    zip_safe=False,
+    maintainer='EVGP race control maintainers',
+    maintainer_email='evgp-race-control@users.noreply.github.com',
+    author='EVGP race control contributors',
+    url='https://engineering.purdue.edu/evGrandPrix/',
+    description=(
+        'A board for spectators and pit walls of the EVGP race control: '
+        'web pages that show the race.'
+    ),
+    license='Apache-2.0',
+    entry_points={
+        'console_scripts': ['board = evgp_board.node:main'],
+    },
+)

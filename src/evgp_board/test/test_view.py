@@ -1,0 +1,204 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""What pages show: the order, the words, and what nobody is to see."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from evgp_board import view
+from evgp_board.view import Heard
+from evgp_rcs_msgs import msg
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import pytest
+
+S = msg.RaceState
+NAN = math.nan
+
+
+def state(number: int) -> msg.RaceState:
+    return msg.RaceState(state=number)
+
+
+def kart(number: int, sent: int = S.GREEN_GREEN, **fields: Any) -> msg.KartStatus:
+    given = {'in_race': True, 'connected': True, 'acknowledged': True, **fields}
+    return msg.KartStatus(
+        number=number, team=f'Team {number}', sent=state(sent), address='10.0.0.1', **given
+    )
+
+
+def race(*karts: msg.KartStatus, is_in: int = S.GREEN_GREEN, **fields: Any) -> msg.Race:
+    return msg.Race(state=state(is_in), karts=list(karts), stamp=Time(sec=1000), **fields)
+
+
+def result(number: int, place: int, laps: int = 0, total: float = NAN, **fields: Any) -> Any:
+    given = {'best': NAN, 'last': NAN, **fields}
+    return msg.KartResult(
+        kart=number, team=f'Team {number}', place=place, laps=laps, total=total, **given
+    )
+
+
+def results(*karts: msg.KartResult, kind: str = 'race', heat: str = '') -> msg.Results:
+    return msg.Results(karts=list(karts), format=kind, heat=heat)
+
+
+def shown(heard: Heard) -> list[tuple[Any, ...]]:
+    """Return place, kart and time of each row."""
+    return [(row['place'], row['kart'], row['cells'][1]) for row in view.board(heard)['rows']]
+
+
+def test_the_order_is_that_of_the_results_with_the_distance_to_the_leader() -> None:
+    heard = Heard(
+        race(kart(3), kart(7), kart(9)),
+        results(result(7, 1, 6, 245.312), result(9, 2, 6, 248.712), result(3, 3, 5, 240.0)),
+    )
+    assert shown(heard) == [(1, 7, '4:05.312'), (2, 9, '+3.400'), (3, 3, '+1 lap')]
+
+
+def test_where_nobody_counts_laps_the_order_is_that_of_the_finish() -> None:
+    heard = Heard(race(kart(3), kart(7, place=1)), results(result(3, 0), result(7, 0)))
+    assert shown(heard) == [(1, 7, ''), ('', 3, '')]
+
+
+def test_in_a_practice_the_time_is_that_of_the_last_lap() -> None:
+    found = results(result(7, 1, 2, 100.0, best=49.0, last=51.0), kind='practice')
+    assert shown(Heard(race(kart(7)), found)) == [(1, 7, '0:51.000')]
+
+
+def test_the_results_of_the_heat_before_are_not_those_of_this_one() -> None:
+    heats = [
+        msg.Heat(name='Heat 1', karts=[3, 7], format='race', laps=6),
+        msg.Heat(name='Heat 2', karts=[9], format='time_trial', laps=5),
+    ]
+    before = results(result(7, 1, 6, 245.0), heat='Heat 1')
+    first = Heard(race(kart(3), kart(7), kart(9, in_race=False), heats=heats), before)
+    second = Heard(
+        race(kart(3, in_race=False), kart(7, in_race=False), kart(9), heats=heats), before
+    )
+    assert shown(first) == [(1, 7, '4:05.000'), ('', 3, '')]
+    assert 'Heat 2' in view.board(first)['sub']
+    assert shown(second) == [('', 9, '')]
+    assert view.board(second)['title'].startswith('Heat 2')
+    assert [row['kart'] for row in view.results(second)['rows']] == [7]
+
+
+@pytest.mark.parametrize(
+    ('fields', 'stands'),
+    [
+        ({}, True),
+        ({'acknowledged': False}, False),
+        ({'may_be_moving': True}, False),
+        ({'connected': False}, False),
+    ],
+)
+def test_a_kart_has_stopped_only_if_race_control_counts_it_as_standing(
+    fields: dict[str, bool], stands: bool
+) -> None:
+    (row,) = view.board(Heard(race(kart(7, S.RED_RED, **fields), is_in=S.RED_RED)))['rows']
+    assert (row['note'] == 'stopped') is stands
+
+
+def test_no_page_shows_an_official_an_address_or_that_humans_may_enter() -> None:
+    penalty = msg.Penalty(seconds=5, reason='Anna said so', official='Anna')
+    heard = Heard(
+        race(
+            kart(7, S.RED_RED, hold=state(S.RED_RED), hold_reason='RED_RED by Anna'),
+            is_in=S.RED_RED,
+            state_cause='ALL_KILL by Anna',
+            alerts=[msg.Alert(kind=msg.Alert.PART_FAILED - 1, kart=7, text='10.0.0.1, Anna')],
+            track=msg.TrackAccess(open=True, allowed=True, reason='humans may enter'),
+        ),
+        results(result(7, 1, 3, 100.0, penalties=[penalty])),
+        log={7: [view.Line('RED RED sent', '12:00:00.0')]},
+    )
+    text = json.dumps([view.board(heard), view.results(heard), view.kart(heard, 7)])
+    assert '+5 s' in text
+    for secret in ('Anna', '10.0.0.1', 'human'):
+        assert secret not in text
+
+
+def test_a_silent_race_control_is_gone_whatever_it_said_last() -> None:
+    heard = Heard(race(kart(7)), gone=True)
+    for page in (view.board(heard), view.results(heard), view.kart(heard, 7)):
+        assert page['stale']
+        assert 'GREEN' not in page['head']
+        assert page['tone'] == 'faint'
+    assert view.board(Heard())['stale']
+
+
+def test_a_team_sees_when_its_kart_answered() -> None:
+    link = msg.LinkQuality(
+        grade=msg.LinkQuality.GOOD,
+        round_trip=0.0181,
+        worst_answer=NAN,
+        delivered_after=0.006,
+        acknowledged_after=0.314,
+    )
+    page = view.kart(
+        Heard(race(kart(7, link=link, laps=5, last_lap=44.9, best_lap=43.7), laps=6)), 7
+    )
+    assert page['head'] == '▶ GREEN GREEN'
+    assert 'arrived after 6 ms · answered after 0.31 s' in page['detail']
+    assert ['Laps', '5 of 6'] in page['cells']
+    assert ['Link', 'good · 19 ms'] in page['cells']
+
+
+numbers = st.sampled_from([NAN, math.inf, -math.inf, -1.0, 0.0, 1e300]) | st.floats()
+karts = st.builds(
+    lambda number, sent, connected, link, laps, place: kart(
+        number,
+        sent,
+        connected=connected,
+        laps=laps,
+        place=place,
+        last_lap=link,
+        best_lap=link,
+        link=msg.LinkQuality(
+            round_trip=link, worst_answer=link, delivered_after=link, acknowledged_after=link
+        ),
+    ),
+    st.integers(0, 5),
+    st.integers(0, 255),
+    st.booleans(),
+    numbers,
+    st.integers(0, 65535),
+    st.integers(0, 9),
+)
+placed = st.builds(
+    lambda number, place, laps, time, status: result(
+        number, place, laps, time, best=time, last=time, lap_times=[time], status=status
+    ),
+    st.integers(0, 5),
+    st.integers(0, 9),
+    st.integers(0, 99),
+    numbers,
+    st.integers(0, 255),
+)
+text = st.sampled_from(['', 'race', 'practice', '<b>'])
+
+
+@settings(max_examples=50)
+@given(st.lists(karts, max_size=4), st.integers(0, 255), st.lists(placed, max_size=4), text)
+def test_whatever_a_message_says_can_be_shown(
+    there: list[msg.KartStatus], is_in: int, ranked: list[msg.KartResult], name: str
+) -> None:
+    heats = [msg.Heat(name=name, karts=[1, 2], format=name)]
+    heard = Heard(race(*there, is_in=is_in, heats=heats), results(*ranked, kind=name, heat=name))
+    pages = [view.board(heard), view.results(heard), *(view.kart(heard, each) for each in (0, 1))]
+    json.dumps(pages, allow_nan=False)
