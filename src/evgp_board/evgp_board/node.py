@@ -21,7 +21,6 @@ A thread of its own runs the web server; ROS's only keeps what came last.
 
 from __future__ import annotations
 
-import asyncio
 import errno
 import ipaddress
 import os
@@ -30,9 +29,8 @@ import sys
 import threading
 from typing import Any
 
-from evgp_board import view
 from evgp_board.server import Now, Server
-from evgp_board.view import Heard
+from evgp_board.view import Heard, Line, line_of, seconds_of
 from evgp_node.graph import EVERY, keep_to_interface, network_of, where_reachable
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
@@ -42,7 +40,10 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.serialization import deserialize_message
 
 GONE_AFTER = 0.9
-"""Time without a snapshot after which race control counts as gone, in seconds: as in the window."""
+"""Time without a snapshot after which race control counts as gone, as in the window, seconds."""
+
+MOST_LOGGED = 8
+"""Number of lines about one kart, the newest ones."""
 
 NICENESS = 5
 """Niceness of the board: it comes after all that commands or sees to karts."""
@@ -100,16 +101,15 @@ class BoardNode(StrictNode):
         self._on_failure = on_failure
         # Each is replaced as a whole, in ROS's thread, and read in the server's.
         self._race: tuple[bytes, float] | None = None
-        self._results = b''
-        self._log: dict[int, tuple[view.Line, ...]] = {}
+        self._results = msg.Results()
+        self._log: dict[int, tuple[Line, ...]] = {}
         self._last_event = (0, 0.0)
         self._shown: tuple[object, ...] = ()
-        self._now = Now(Heard(), None)
+        self._heard = Heard()
         self.create_subscription(msg.Race, 'race', self._hear_race, latched(1), raw=True)
-        self.create_subscription(msg.Results, 'results', self._hear_results, latched(1), raw=True)
+        self.create_subscription(msg.Results, 'results', self._hear_results, latched(1))
         self.create_subscription(msg.RaceEvents, 'events', self._hear_events, latched(200))
-        self._loop = asyncio.new_event_loop()
-        self._ending = asyncio.Event()
+        self._ending = threading.Event()
         self._thread = threading.Thread(target=self._serve, name='server', daemon=True)
         self._thread.start()
         self.get_logger().info(f'The board is at http://{self._address}:{port}/')
@@ -117,43 +117,38 @@ class BoardNode(StrictNode):
 
     def close(self) -> None:
         """End the server; every viewer is dropped."""
-        self._loop.call_soon_threadsafe(self._ending.set)
+        self._ending.set()
         self._thread.join()
 
     # ----- in ROS's thread ----------------------------------------------------------------
 
     def _hear_race(self, message: bytes) -> None:
+        # Read only when it is looked at: there may be many in a second.
         self._race = message, clock.now()
 
-    def _hear_results(self, message: bytes) -> None:
+    def _hear_results(self, message: msg.Results) -> None:
         self._results = message
 
     def _hear_events(self, message: msg.RaceEvents) -> None:
         log = dict(self._log)
         for event in message.events:
+            last, this = self._last_event, (event.sequence, seconds_of(event.stamp))
+            line = line_of(event)
             # The last ones are said again after the network was away.
-            last, this = (
-                self._last_event,
-                (event.sequence, event.stamp.sec + event.stamp.nanosec / 1e9),
-            )
-            line = view.line_of(event)
-            if line is None or (this[0] <= last[0] and this[1] <= last[1]):
-                continue
-            self._last_event = this
-            log[event.kart] = (*log.get(event.kart, ()), line)[-view.MOST_LOGGED :]
+            if line is not None and not (this[0] <= last[0] and this[1] <= last[1]):
+                self._last_event = this
+                log[event.kart] = (*log.get(event.kart, ()), line)[-MOST_LOGGED:]
         self._log = log
 
     # ----- in the server's thread ---------------------------------------------------------
 
     def _serve(self) -> None:
-        asyncio.set_event_loop(self._loop)
         try:
-            self._loop.run_until_complete(Server(self._look).run(self._listening, self._ending))
+            clock.run(Server(self._look).run(self._listening, self._ending))
         except BaseException as error:  # noqa: BLE001 - handed on
             self._on_failure(error)
         finally:
             self._listening.close()
-            self._loop.close()
 
     def _look(self, at: float) -> Now:
         """
@@ -161,26 +156,17 @@ class BoardNode(StrictNode):
 
         :raises PlaceError: if the board is where karts are.
         """
-        keep_to_interface(
-            self._listening, self._address
-        )  # a plug that comes back has a new number
+        keep_to_interface(self._listening, self._address)  # it has a new number once replugged
         if self._race is None:
-            return self._now
-        race, came = self._race
+            return Now(self._heard, None)
+        (message, came), results, log = self._race, self._results, self._log
         gone = at - came >= GONE_AFTER
-        shown = race, self._results, self._log, gone
-        if any(one is not other for one, other in zip(shown, self._shown or [None] * 4)):
-            heard = Heard(
-                race=deserialize_message(race, msg.Race),
-                results=deserialize_message(self._results, msg.Results)
-                if self._results
-                else msg.Results(),
-                gone=gone,
-                log=self._log,
-            )
-            refuse_karts_network(self._address, heard.race)
-            self._shown, self._now = shown, Now(heard, at - came)
-        return Now(self._now.heard, at - came)
+        shown = message, results, log, gone
+        if [*map(id, shown)] != [*map(id, self._shown)]:
+            race = deserialize_message(message, msg.Race)
+            refuse_karts_network(self._address, race)
+            self._shown, self._heard = shown, Heard(race, results, gone, log)
+        return Now(self._heard, at - came)
 
 
 def listen(address: str, port: int) -> socket.socket:

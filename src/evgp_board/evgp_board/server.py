@@ -35,6 +35,8 @@ import logging
 import pathlib
 import re
 import socket
+import struct
+import threading
 from typing import Any
 
 from aiohttp import hdrs, HttpVersion11, web
@@ -180,15 +182,14 @@ class Server:
         )
         logging.getLogger('board.requests').setLevel(logging.CRITICAL)
 
-    async def run(self, listening: socket.socket, ending: asyncio.Event) -> None:
+    async def run(self, listening: socket.socket, ending: threading.Event) -> None:
         """Serve at a socket until this is to end."""
         await self._runner.setup()
         await web.SockSite(self._runner, listening).start()
         try:
             while not ending.is_set():
                 self._step(clock.now())
-                with contextlib.suppress(asyncio.TimeoutError):
-                    await asyncio.wait_for(ending.wait(), LOOK)
+                await asyncio.sleep(LOOK)
         finally:
             for viewer in self._viewers():
                 _drop(viewer)
@@ -225,9 +226,9 @@ class Server:
         self._visits = {each: self._visits.get(each, at) for each in there}
         oldest_first = sorted(self._visits, key=self._visits.__getitem__)
         for number, visit in enumerate(oldest_first):
-            if number >= MOST_VISITS or at - self._visits[visit] > VISIT:
-                if visit.transport is not None:
-                    visit.transport.abort()
+            too_much = number >= MOST_VISITS or at - self._visits[visit] > VISIT
+            if too_much and visit.transport is not None:
+                _reset(visit.transport)
 
     async def _watch(self, request: web.Request) -> web.StreamResponse:
         """Send a viewer a stream, for as long as it takes it."""
@@ -245,22 +246,30 @@ class Server:
         if transport is None:
             raise web.HTTPBadRequest
         at = clock.now()
-        stream = self._streams.setdefault(what, _Stream(shows))
-        viewer = _Viewer(transport, request.protocol, at)
+        stream, viewer = _Stream(shows), _Viewer(transport, request.protocol, at)
+        response = web.StreamResponse(headers={'Content-Type': 'text/event-stream'})
+        await response.prepare(request)
+        await response.write(stream.message(self._now, at))
+        transport.pause_reading()  # whoever writes on is not heard, and takes no memory
+        stream = self._streams.setdefault(what, stream)
         stream.viewers.add(viewer)
         try:
-            response = web.StreamResponse(headers={'Content-Type': 'text/event-stream'})
-            await response.prepare(request)
-            await response.write(stream.message(self._now, at))
-            transport.pause_reading()  # whoever writes on is not heard, and takes no memory
             await viewer.gone.wait()
         finally:
             stream.viewers.discard(viewer)
         return response
 
 
+def _reset(transport: asyncio.Transport) -> None:
+    """End a connection at once; what is on its way is not kept, in the kernel either."""
+    with contextlib.suppress(OSError):
+        connection = transport.get_extra_info('socket')
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack('ii', 1, 0))
+    transport.abort()
+
+
 def _drop(viewer: _Viewer) -> None:
-    viewer.transport.abort()
+    _reset(viewer.transport)
     viewer.gone.set()
 
 

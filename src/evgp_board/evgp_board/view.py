@@ -22,11 +22,11 @@ stopped only if race control counts it as standing. It shows no official's name 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 import math
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 from evgp_protocol.link import Grade
 from evgp_rcs_msgs import msg
@@ -36,24 +36,14 @@ Shown = dict[str, Any]
 
 S = msg.RaceState
 STATES = {
-    S.UNKNOWN: '?',
-    S.IN_GARAGE: '⌂ IN GARAGE',
-    S.GRID_ACTIVE: '▦ GRID ACTIVE',
-    S.GREEN_GREEN: '▶ GREEN GREEN',
-    S.RED_FLAG: '⚑ RED FLAG',
-    S.RED_RED: '■ RED RED',
+    S.UNKNOWN: ('?', 'faint'),
+    S.IN_GARAGE: ('⌂ IN GARAGE', 'garage'),
+    S.GRID_ACTIVE: ('▦ GRID ACTIVE', 'grid'),
+    S.GREEN_GREEN: ('▶ GREEN GREEN', 'green'),
+    S.RED_FLAG: ('⚑ RED FLAG', 'flag'),
+    S.RED_RED: ('■ RED RED', 'red'),
 }
-"""The symbol and the words of each state."""
-
-TONES = {
-    S.UNKNOWN: 'faint',
-    S.IN_GARAGE: 'garage',
-    S.GRID_ACTIVE: 'grid',
-    S.GREEN_GREEN: 'green',
-    S.RED_FLAG: 'flag',
-    S.RED_RED: 'red',
-}
-"""The colour of each state, as the style sheet names it."""
+"""The symbol and the words of each state, and its tone: a colour of the style sheet."""
 
 OTHERWISE = {
     S.IN_GARAGE: '… ALL KARTS HELD',
@@ -67,10 +57,6 @@ OTHERWISE = {
 
 REDS = (S.RED_FLAG, S.RED_RED)
 
-NOT_YET = ('NO RACE CONTROL YET', 'Waiting for race control: obey the marshals')
-GONE = ('RACE CONTROL IS GONE', 'Last heard {age} ago, in {state}: obey the marshals')
-ALL_LOST, NONE_CONNECTED = '✗ ALL KARTS LOST', '? NO KART CONNECTED'
-NO_LINK = '✗ NO LINK'
 DANGERS = {
     msg.Alert.PART_FAILED: 'RACE CONTROL HAS FAILED',
     msg.Alert.TWO_RACE_CONTROLS: 'TWO RACE CONTROLS',
@@ -78,7 +64,6 @@ DANGERS = {
 """Alerts that are said instead of the state: what race control says must not be relied on."""
 
 STATUS = {
-    msg.KartResult.RUNNING: '',
     msg.KartResult.CLASSIFIED: 'classified',
     msg.KartResult.DNF: 'did not finish',
     msg.KartResult.NOT_CLASSIFIED: 'no lap',
@@ -89,12 +74,8 @@ GRADES = {getattr(msg.LinkQuality, each.name): each.value for each in Grade}
 MOST_NAMED = 8
 """Maximum number of karts that a line names."""
 
-MOST_LOGGED = 8
-"""Number of lines about one kart, the newest ones."""
 
-
-@dataclass(frozen=True)
-class Line:
+class Line(NamedTuple):
     """Something that happened to a kart: what, and when by race control's wall clock."""
 
     text: str
@@ -113,10 +94,7 @@ class Heard:
     race: msg.Race | None = None
     results: msg.Results = field(default_factory=msg.Results)
     gone: bool = False
-    log: Mapping[int, Sequence[Line]] = field(default_factory=dict)
-
-
-# ----- the pages ----------------------------------------------------------------------------
+    log: Mapping[int, tuple[Line, ...]] = field(default_factory=dict)
 
 
 def board(heard: Heard) -> Shown:
@@ -125,34 +103,34 @@ def board(heard: Heard) -> Shown:
     found = {each.kart: each for each in results.karts}
     karts = {each.number: each for each in race.karts if each.in_race or each.number in found}
     order = [number for number in (*found, *(karts.keys() - found.keys())) if number in karts]
-    leader = next(iter(results.karts), None)
     counted = any(each.place for each in results.karts)
     if not counted:  # nobody counts laps: the places are those of FINISH
         order = sorted(karts, key=lambda number: (karts[number].place or math.inf, number))
     rows = []
     for number in order:
-        kart, result = karts[number], found.get(number)
-        place = result.place if result and counted else kart.place
-        gap = _gap(result, leader, results.format) if result and leader else ''
+        kart, result = karts[number], found.get(number, msg.KartResult(best=math.nan))
+        symbol, tone = STATES[_state(kart.sent)] if kart.connected else ('✗', 'lost')
         rows.append(
             {
-                **_row(place, number, kart.team),
-                'cells': [
-                    result.laps if result else '',
-                    gap,
-                    _time(result.best if result else None),
-                ],
+                'place': (result.place if counted else kart.place) or '',
+                'kart': number,
+                'team': kart.team,
+                'cells': [result.laps, _gap(result, results), _time(result.best)],
                 'note': '; '.join(filter(None, [_does(kart, race), *_taken(result)])),
-                'symbol': STATES[_state(kart.sent)][0] if kart.connected else '✗',
-                'tone': TONES[_state(kart.sent)] if kart.connected else 'lost',
+                'symbol': symbol[0],
+                'tone': tone,
             }
         )
+    heats, heat = [*race.heats], _heat(race, results)
+    kind, laps = (heat.format, heat.laps) if heat else (results.format, results.laps)
+    about = f'{kind.replace("_", " ").capitalize()}{f" to {laps} laps" if laps else ""}'
     done = sum(kart.place > 0 for kart in karts.values())
-    parts = [f'{done} of {len(karts)} finished'] if done else []
+    after = heats[heats.index(heat) + 1 :][:1] if heat else []
+    sub = [f'{done} of {len(karts)} finished'] if done else []
     return {
         **_frame(heard),
-        'title': _title(race, results),
-        'sub': ' · '.join([*parts, *_next_heat(race, results)]),
+        'title': ' · '.join(filter(None, [heat.name if heat else '', about])) or 'EVGP race',
+        'sub': ' · '.join([*sub, *(f'next: {each.name}, {_karts(each.karts)}' for each in after)]),
         'columns': ['Laps', 'Last lap' if results.format == 'practice' else 'Time', 'Best'],
         'rows': rows,
     }
@@ -161,21 +139,20 @@ def board(heard: Heard) -> Shown:
 def results(heard: Heard) -> Shown:
     """Return the results of the race that was started last, of ``/results``."""
     results = heard.results
-    kind = [
-        results.heat,
-        results.format.replace('_', ' '),
-        f'{results.laps} laps' * bool(results.laps),
-    ]
+    laps = f'{results.laps} laps' if results.laps else ''
+    title = [results.heat, results.format.replace('_', ' '), laps]
     return {
         **_frame(heard),
-        'title': ' · '.join(filter(None, kind)) if results.karts else 'No results yet',
+        'title': ' · '.join(filter(None, title)) if results.karts else 'No results yet',
         'sub': 'As they stand: they can change until the officials publish them',
         'columns': ['Laps', 'Total', 'Best'],
         'rows': [
             {
-                **_row(each.place, each.kart, each.team),
+                'place': each.place or '',
+                'kart': each.kart,
+                'team': each.team,
                 'cells': [each.laps, _time(each.total), _time(each.best)],
-                'note': '; '.join(filter(None, [STATUS.get(each.status, ''), *_taken(each)])),
+                'note': '; '.join(filter(None, [STATUS.get(each.status), *_taken(each)])),
                 'more': '  '.join(map(_time, each.lap_times)),
             }
             for each in results.karts
@@ -190,70 +167,85 @@ def kart(heard: Heard, number: int) -> Shown:
     found = next((each for each in race.karts if each.number == number), None)
     if found is None:
         return {**shown, 'sub': 'Race control knows no such kart' if heard.race else ''}
+    if not heard.gone and shown['head'] not in DANGERS.values():
+        shown['race'] = f'Race: {shown["head"]}'
+        shown['head'], shown['tone'] = STATES[_state(found.sent)]
+        shown['detail'] = _answered(found)
+        if not found.connected:
+            shown['head'], shown['tone'] = '✗ NO LINK', 'bad' if found.in_race else 'garage'
     result = next((each for each in _of_this_race(heard).karts if each.kart == number), None)
     place = found.place or (result.place if result else 0)
-    of_race = f' of {race.laps}' if race.laps else ''
-    link, log = found.link, heard.log.get(number, ())
-    quality = [GRADES.get(link.grade, ''), _milliseconds(link.round_trip)]
-    if heard.gone or shown['head'] in DANGERS.values():
-        head = {'race': ''}
-    elif found.connected:
-        head = {'head': STATES[_state(found.sent)], 'tone': TONES[_state(found.sent)]}
-    else:
-        head = {'head': NO_LINK, 'tone': 'bad' if found.in_race else 'garage'}
+    quality = [GRADES.get(found.link.grade, ''), _milliseconds(found.link.round_trip)]
+    cells = {
+        'Place': str(place) if place else '',
+        'Laps': f'{found.laps} of {race.laps}' if race.laps else str(found.laps),
+        'Last lap': _time(found.last_lap) if found.laps else '',
+        'Best': _time(found.best_lap) if found.laps else '',
+        'Link': ' · '.join(filter(None, quality)) if found.connected else 'none',
+        'Slowest answer': _milliseconds(found.link.worst_answer),
+    }
     return {
         **shown,
-        'race': f'Race: {shown["head"]}',
-        **head,
         'title': found.team,
         'sub': 'in the race' if found.in_race else 'not in the race',
-        'detail': shown['detail'] or _answered(found),
-        'cells': [
-            ['Place', f'{place}' if place else '–'],
-            ['Laps', f'{found.laps}{of_race}'],
-            ['Last lap', _time(found.last_lap if found.laps else None) or '–'],
-            ['Best', _time(found.best_lap if found.laps else None) or '–'],
-            ['Link', ' · '.join(filter(None, quality)) if found.connected else 'none'],
-            ['Slowest answer', _milliseconds(link.worst_answer) or '–'],
-        ],
-        'list': [[each.text, each.clock] for each in reversed(log)],
+        'cells': [[name, value or '-'] for name, value in cells.items()],
+        'list': [*reversed(heard.log.get(number, ()))],
     }
 
 
 def line_of(event: msg.RaceEvent) -> Line | None:
     """Return what a team sees of an event; None: nothing."""
-    state = _words(event.state)
     said = {
-        msg.RaceEvent.KART_STATE: f'{state} sent',
-        msg.RaceEvent.ACKNOWLEDGED: f'{state} answered',
+        msg.RaceEvent.KART_STATE: f'{_words(event.state)} sent',
+        msg.RaceEvent.ACKNOWLEDGED: f'{_words(event.state)} answered',
         msg.RaceEvent.WITHDRAWN: 'Answer taken back',
         msg.RaceEvent.CONNECTED: 'Connected',
         msg.RaceEvent.DISCONNECTED: 'Connection lost',
         msg.RaceEvent.LAP: f'Lap {event.lap}: {_time(event.after)}',
     }.get(event.kind)
-    return Line(said, _clock(event.stamp, tenths=True)) if said and event.kart else None
+    return Line(said, _clock(event.stamp)) if said and event.kart else None
 
 
-# ----- what all pages have --------------------------------------------------------------------
+def green_for(race: msg.Race | None) -> float | None:
+    """Return for how long the race had been GREEN GREEN at its snapshot, s; None: it was not."""
+    if race is None or race.state.state != S.GREEN_GREEN:
+        return None
+    return max(0.0, seconds_of(race.stamp) - seconds_of(race.state_since))
+
+
+def time_of_day(race: msg.Race | None) -> float | None:
+    """Return the wall time of a snapshot, in seconds since midnight; None: it is not known."""
+    if race is None:
+        return None
+    local = time.localtime(race.stamp.sec)
+    return local.tm_hour * 3600 + local.tm_min * 60 + local.tm_sec + race.stamp.nanosec / 1e9
+
+
+def seconds_of(stamp: Any) -> float:
+    """Return a time of a message, in seconds."""
+    return float(stamp.sec) + float(stamp.nanosec) / 1e9
 
 
 def _frame(heard: Heard) -> Shown:
-    """Return the state of the race in the largest type, and what is known about it."""
-    race = heard.race
+    """Return what all pages have: the state of the race in the largest type, and about it."""
+    race, tone, detail = heard.race, 'faint', ''
     if race is None:
-        head, tone, detail = NOT_YET[0], 'faint', NOT_YET[1]
+        head, detail = 'NO RACE CONTROL YET', 'Waiting for race control: obey the marshals'
     elif heard.gone:
-        head, tone, detail = GONE[0], 'faint', GONE[1].replace('{state}', _words(race.state))
+        head = 'RACE CONTROL IS GONE'
+        detail = f'Last heard {{age}} ago, in {_words(race.state)}: obey the marshals'
     else:
         danger = next((DANGERS[each.kind] for each in race.alerts if each.kind in DANGERS), '')
-        (head, tone), detail = (danger, 'bad') if danger else _headline(race), ''
+        head, tone = (danger, 'bad') if danger else _headline(race)
+    about = sorted({each.kart for each in race.alerts if each.kart}) if race else []
+    alert = f'⚠ Alert at race control{f": {_karts(about)}" if about else ""}'
     return {
         'banner': race.banner if race else '',
         'head': head,
         'tone': tone,
         'detail': detail,
         'stale': race is None or heard.gone,
-        'alert': _alert(race) if race else '',
+        'alert': alert if race and race.alerts else '',
     }
 
 
@@ -270,36 +262,10 @@ def _headline(race: msg.Race) -> tuple[str, str]:
     elif state not in sent and sent:
         return OTHERWISE[state], 'wait'
     elif not sent and state == S.GRID_ACTIVE:
-        return NONE_CONNECTED, 'wait'
+        return '? NO KART CONNECTED', 'wait'
     elif not sent and state in (S.GREEN_GREEN, S.RED_FLAG):
-        return ALL_LOST, 'bad'
-    return STATES[state], TONES[state]
-
-
-def _alert(race: msg.Race) -> str:
-    """Return that officials have alerts, and about which karts; empty: none."""
-    if not race.alerts:
-        return ''
-    karts = sorted({each.kart for each in race.alerts if each.kart})
-    return f'⚠ Alert at race control{f": {_karts(karts)}" if karts else ""}'
-
-
-def green_for(race: msg.Race | None) -> float | None:
-    """Return for how long the race had been GREEN GREEN at its snapshot, s; None: it was not."""
-    if race is None or race.state.state != S.GREEN_GREEN:
-        return None
-    return max(0.0, _seconds(race.stamp) - _seconds(race.state_since))
-
-
-def time_of_day(race: msg.Race | None) -> float | None:
-    """Return the wall time of a snapshot, in seconds since midnight; None: it is not known."""
-    if race is None:
-        return None
-    local = time.localtime(race.stamp.sec)
-    return local.tm_hour * 3600 + local.tm_min * 60 + local.tm_sec + race.stamp.nanosec / 1e9
-
-
-# ----- heats, results -------------------------------------------------------------------------
+        return '✗ ALL KARTS LOST', 'bad'
+    return STATES[state]
 
 
 def _heat(race: msg.Race, results: msg.Results) -> msg.Heat | None:
@@ -307,82 +273,64 @@ def _heat(race: msg.Race, results: msg.Results) -> msg.Heat | None:
     racing = [kart.number for kart in race.karts if kart.in_race]
     named = [heat for heat in race.heats if [*heat.karts] == racing]
     if not named and not {*racing}.isdisjoint(each.kart for each in results.karts):
-        named = race.heats  # a kart has left, or joined
+        named = [each for each in race.heats if each.name == results.heat]  # a kart has left it
     return next((each for each in named if each.name == results.heat), (*named, None)[0])
 
 
 def _of_this_race(heard: Heard) -> msg.Results:
     """Return the results, unless another heat is in the race by now."""
-    race, results = heard.race or msg.Race(), heard.results
-    heat = _heat(race, results)
-    return results if (heat.name if heat else '') == results.heat else msg.Results()
+    heat = _heat(heard.race or msg.Race(), heard.results)
+    return heard.results if (heat.name if heat else '') == heard.results.heat else msg.Results()
 
 
-def _title(race: msg.Race, results: msg.Results) -> str:
-    heat = _heat(race, results)
-    kind = heat.format if heat else results.format
-    laps = heat.laps if heat else results.laps
-    words = kind.replace('_', ' ').capitalize()
-    kind = ' '.join(filter(None, [words, f'to {laps} laps' if laps else '']))
-    return ' · '.join(filter(None, [heat.name if heat else '', kind])) or 'EVGP race'
-
-
-def _next_heat(race: msg.Race, results: msg.Results) -> list[str]:
-    heats, heat = [*race.heats], _heat(race, results)
-    after = heats[heats.index(heat) + 1 :] if heat in heats else []
-    return [f'next: {each.name}, {_karts(each.karts)}' for each in after[:1]]
-
-
-def _row(place: int, number: int, team: str) -> Shown:
-    return {'place': place or '', 'kart': number, 'team': team}
-
-
-def _gap(result: msg.KartResult, leader: msg.KartResult, kind: str) -> str:
+def _gap(result: msg.KartResult, results: msg.Results) -> str:
     """Return the time of a kart, or how far it is behind the leader."""
-    if kind == 'practice':
+    if not result.laps and not result.place:
+        return ''
+    if results.format == 'practice':
         return _time(result.last)
-    if kind != 'race' or result is leader or math.isnan(result.total) or math.isnan(leader.total):
+    leader = results.karts[0]
+    gap = result.total - leader.total
+    if results.format != 'race' or result is leader or not math.isfinite(gap):
         return _time(result.total)
-    behind = leader.laps - result.laps
-    if behind > 0:
+    if result.laps < leader.laps:
+        behind = leader.laps - result.laps
         return f'+{behind} lap{"s" * (behind > 1)}'
-    gap = max(0.0, result.total - leader.total)
     return f'+{gap:.3f}' if gap < 60.0 else f'+{_time(gap)}'
 
 
-def _taken(result: msg.KartResult | None) -> list[str]:
+def _taken(result: msg.KartResult) -> list[str]:
     """Return what officials took from a result, without their names."""
     taken = []
-    for each in result.penalties if result else ():
-        taken += [f'+{each.seconds} s'] * bool(each.seconds) + [f'-{each.laps} laps'] * bool(
-            each.laps
-        )
+    for each in result.penalties:
+        taken += [f'+{each.seconds} s'] if each.seconds else []
+        taken += [f'-{each.laps} laps'] if each.laps else []
         taken += ['disqualified'] * (each.disqualified and result.status != result.DISQUALIFIED)
     return taken
 
 
 def _does(kart: msg.KartStatus, race: msg.Race) -> str:
     """Return what a kart does, in a word or two."""
-    stands = kart.acknowledged and not kart.may_be_moving
+    sent = kart.sent.state
     if not kart.connected:
         return 'no link'
-    if kart.sent.state in REDS:
+    if sent in REDS:
+        stands = kart.acknowledged and not kart.may_be_moving
         return ('finished' if kart.place else 'stopped') if stands else 'stopping'
     if kart.place:
         return 'finished'
-    if kart.sent.state == S.GRID_ACTIVE:
+    if sent == S.GRID_ACTIVE:
         return 'ready' if kart.acknowledged else 'not ready yet'
     if kart.last_lap_done:
         return 'last lap done'
-    racing = kart.sent.state == S.GREEN_GREEN
-    return 'last lap' if racing and race.laps and kart.laps == race.laps - 1 else ''
+    return 'last lap' if sent == S.GREEN_GREEN and kart.laps + 1 == race.laps else ''
 
 
 def _answered(kart: msg.KartStatus) -> str:
     """Return when a kart was sent its state, and how long its answers took."""
     if not kart.connected:
         return 'race control does not hear it'
-    said = [f'sent {_clock(kart.sent_since, tenths=True)}']
+    said = [f'sent {_clock(kart.sent_since)}']
     delivered, answered = kart.link.delivered_after, kart.link.acknowledged_after
     if math.isfinite(delivered):
         said.append(f'arrived after {_milliseconds(delivered)}')
@@ -405,12 +353,12 @@ def _state(message: msg.RaceState) -> int:
 
 
 def _words(message: msg.RaceState) -> str:
-    return STATES[_state(message)].partition(' ')[2] or '?'
+    return STATES[_state(message)][0].removeprefix('?')[2:] or '?'
 
 
-def _time(seconds: float | None) -> str:
-    """Return a time as minutes:seconds and thousandths; empty if there is none."""
-    if seconds is None or not math.isfinite(seconds):
+def _time(seconds: float) -> str:
+    """Return a time as minutes:seconds and thousandths; empty if it is not known."""
+    if not math.isfinite(seconds):
         return ''
     minutes, thousandths = divmod(round(1000 * seconds), 60_000)
     return f'{minutes}:{thousandths // 1000:02}.{thousandths % 1000:03}'
@@ -420,10 +368,6 @@ def _milliseconds(seconds: float) -> str:
     return f'{math.ceil(1000 * seconds)} ms' if math.isfinite(seconds) else ''
 
 
-def _clock(stamp: Any, tenths: bool = False) -> str:
+def _clock(stamp: Any) -> str:
     clock = time.strftime('%H:%M:%S', time.localtime(stamp.sec))
-    return f'{clock}.{stamp.nanosec // 100_000_000}' if tenths else clock
-
-
-def _seconds(stamp: Any) -> float:
-    return float(stamp.sec) + float(stamp.nanosec) / 1e9
+    return f'{clock}.{stamp.nanosec // 100_000_000}'

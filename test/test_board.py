@@ -1,0 +1,292 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The board as a process, beside a real race control and in a real browser."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Callable, Iterator
+import contextlib
+import itertools
+import os
+import pathlib
+import signal
+import socket
+import threading
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from evgp_board import node, view
+from evgp_board.server import Now, Server
+from evgp_board.view import Heard, Line
+from evgp_protocol import clock
+from evgp_protocol.states import RaceState
+from evgp_rcs_console.client import read_race
+from evgp_rcs_console.view import show
+from evgp_rcs_msgs import msg
+from evgp_testing.domains import free_port
+from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
+from evgp_testing.process import Process
+from evgp_testing.wire_kart import Acknowledges
+import pytest
+from rig import browser as rig_browser
+from rig.browser import Browser
+from test_security import allowed
+
+S = msg.RaceState
+HOSTILE = '<img src=x onerror=document.title="hacked">'
+
+StartBoard = Callable[[int], tuple[Process, str]]
+
+
+@pytest.fixture
+def start_board(parts: contextlib.ExitStack) -> StartBoard:
+    """Return a function that starts a board on a domain; it returns that and its address."""
+
+    def start(domain: int) -> tuple[Process, str]:
+        port = free_port()
+        board = parts.enter_context(Process('evgp_board', 'board', domain, {'port': port}))
+        board.wait_for_line('The board is at')
+        return board, f'http://127.0.0.1:{port}'
+
+    return start
+
+
+@pytest.fixture
+def browser() -> Iterator[Browser]:
+    if rig_browser.missing():
+        if os.environ.get('EVGP_ALL_TESTS'):
+            pytest.fail(rig_browser.missing())
+        pytest.skip(rig_browser.missing())
+    with Browser(1920, 1080) as made:
+        made.open_page()
+        yield made
+
+
+def wait_for_text(browser: Browser, selector: str, text: str) -> None:
+    browser.wait_for(f'document.querySelector("{selector}").innerText.includes("{text}")')
+
+
+def test_the_board_has_no_way_back(
+    start_race_control: StartRaceControl, join_official: JoinOfficial, start_board: StartBoard
+) -> None:
+    control = start_race_control()
+    official = join_official(control)
+    start_board(control.domain)
+    looking, named = official.node, ('board', '/rcs')
+
+    def of(names_and_types: Callable[[str, str], list[tuple[str, list[str]]]]) -> set[str]:
+        if named not in looking.get_node_names_and_namespaces():
+            return set()
+        return {name for name, _ in names_and_types(*named)}
+
+    heard = {'/rcs/race', '/rcs/results', '/rcs/events'}
+    official.wait_until_polled(
+        lambda: of(looking.get_subscriber_names_and_types_by_node) >= heard, 'the board'
+    )
+    assert of(looking.get_client_names_and_types_by_node) == set()
+    published = of(looking.get_publisher_names_and_types_by_node)
+    assert published == {'/rosout', '/parameter_events'}
+    assert published <= allowed('/watchers', 'topics', 'publish')
+    subscribed = of(looking.get_subscriber_names_and_types_by_node)
+    assert subscribed <= allowed('/watchers', 'topics', 'subscribe')
+    served = of(looking.get_service_names_and_types_by_node)
+    assert all(name.startswith('/rcs/board/') for name in served)
+
+
+def test_pages_follow_a_race_and_say_when_they_are_old(
+    browser: Browser,
+    start_race_control: StartRaceControl,
+    join_official: JoinOfficial,
+    connect_kart: ConnectKart,
+    start_board: StartBoard,
+) -> None:
+    control = start_race_control(in_race=[1, 2])
+    board, address = start_board(control.domain)
+    official = join_official(control)
+    kart = connect_kart(control, 1, Acknowledges.EACH_CHANGE)
+    connect_kart(control, 2, Acknowledges.EACH_CHANGE)
+    official.wait_for_connected(1, 2)
+    browser.visit(f'{address}/kart/1')
+    official.bring_to(RaceState.GREEN_GREEN)
+    wait_for_text(browser, '#head', 'GREEN GREEN')
+    wait_for_text(browser, '#list', 'GREEN GREEN answered')
+    kart.close()
+    wait_for_text(browser, '#head', 'NO LINK')
+    browser.visit(f'{address}/')
+    wait_for_text(browser, '#rows', 'no link')
+    official.command('all_kill')
+    wait_for_text(browser, '#head', 'RED RED')
+
+    board.signal(signal.SIGSTOP)
+    browser.wait_for("document.body.classList.contains('stale')")
+    wait_for_text(browser, '#head', 'NO CONNECTION')
+    board.signal(signal.SIGCONT)
+    wait_for_text(browser, '#head', 'RED RED')
+    assert not browser.evaluate("document.body.classList.contains('stale')")
+
+    control.freeze()
+    wait_for_text(browser, '#head', 'RACE CONTROL IS GONE')
+    assert browser.evaluate("document.body.classList.contains('stale')")
+    control.thaw()
+    wait_for_text(browser, '#head', 'RED RED')
+    assert browser.complaints == []
+    assert all(each.startswith(address) for each in browser.requested)
+
+
+@pytest.mark.parametrize(
+    ('given', 'code'),
+    [
+        ({'address': '0.0.0.0'}, 2),
+        ({'address': 'localhost'}, 2),
+        ({'address': '192.0.2.1'}, 3),
+        ({'port': 'taken'}, 3),
+    ],
+)
+def test_a_board_that_may_not_listen_there_says_why_in_one_sentence(
+    domain: int, parts: contextlib.ExitStack, given: dict[str, Any], code: int
+) -> None:
+    taken = parts.enter_context(socket.create_server(('127.0.0.1', 0)))
+    port = taken.getsockname()[1] if 'port' in given else free_port()
+    given = {**given, 'port': port}
+    board = parts.enter_context(Process('evgp_board', 'board', domain, given))
+    assert board.wait() == code
+    assert len(board.lines) == 1
+
+
+def test_a_board_on_the_network_of_the_karts_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    networks = {'10.0.0.5': '10.0.0.0/24', '10.2.0.5': '10.2.0.0/24', '127.0.0.1': '127.0.0.0/8'}
+    monkeypatch.setattr(node, 'network_of', lambda at: node.ipaddress.IPv4Network(networks[at]))
+    karts = [msg.KartStatus(number=7, address=each) for each in ('10.0.0.107', '127.0.0.8')]
+    race = msg.Race(karts=karts)
+    for allowed_at in ('10.2.0.5', '127.0.0.1'):
+        node.refuse_karts_network(allowed_at, race)
+    with pytest.raises(node.PlaceError):
+        node.refuse_karts_network('10.0.0.5', race)
+
+
+def test_the_board_says_of_the_race_what_the_window_says() -> None:
+    def kart(number: int, sent: int | None, in_race: bool) -> msg.KartStatus:
+        state = S(state=S.RED_RED if sent is None else sent)
+        return msg.KartStatus(
+            number=number, sent=state, connected=sent is not None, in_race=in_race
+        )
+
+    states = range(S.IN_GARAGE, S.RED_RED + 1)
+    for state, one, other, in_race in itertools.product(
+        states, (None, *states), (None, *states), (True, False)
+    ):
+        race = msg.Race(state=S(state=state), karts=[kart(1, one, in_race), kart(2, other, True)])
+        said = show(read_race(race), 0.0, {}).state
+        page = view.board(Heard(race))
+        assert page['head'] == said.text
+        assert page['tone'] == said.tone.value
+
+
+@contextlib.contextmanager
+def served(heard: Heard) -> Iterator[str]:
+    """Serve pages of what was made up; give their address."""
+    began, ending = clock.now(), threading.Event()
+    listening = socket.create_server(('127.0.0.1', 0))
+    server = Server(lambda at: Now(heard, at - began))
+    serving = threading.Thread(target=lambda: clock.run(server.run(listening, ending)))
+    serving.start()
+    try:
+        yield f'http://127.0.0.1:{listening.getsockname()[1]}'
+    finally:
+        ending.set()
+        serving.join()
+
+
+TEAMS = ('Purdue', 'Georgia Tech', 'UC Berkeley', 'Toledo', 'Michigan', 'Kennesaw State')
+
+
+def made_up(count: int) -> Heard:
+    """Return a race of so many karts, with everything that a page can show of them."""
+    now = 1_774_000_000
+    numbers = [7, 3, 12, 23, 11, 21, *range(30, 24 + count)][:count]
+    teams = [TEAMS[at] if at < 6 else f'University {HOSTILE}' for at in range(count)]
+    link = msg.LinkQuality(
+        grade=1,
+        round_trip=0.019,
+        worst_answer=0.12,
+        delivered_after=0.006,
+        acknowledged_after=0.31,
+    )
+    sent = {7: S.RED_FLAG, 21: S.RED_RED}
+    karts = [
+        msg.KartStatus(
+            number=number,
+            team=team,
+            in_race=True,
+            connected=number != 23,
+            sent=S(state=sent.get(number, S.GREEN_GREEN)),
+            sent_since=Time(sec=now - 252, nanosec=118_000_000),
+            acknowledged=True,
+            link=link,
+            place=int(number == 7),
+            laps=5,
+            last_lap=44.9,
+            best_lap=43.66,
+        )
+        for number, team in zip(numbers, teams, strict=True)
+    ]
+    heats = [msg.Heat(name='Heat 2', karts=numbers, format='race', laps=6)]
+    heats += [msg.Heat(name='Heat 3', karts=[5, 8, 42, 64], format='race', laps=6)]
+    race = msg.Race(
+        stamp=Time(sec=now),
+        state=S(state=S.GREEN_GREEN),
+        state_since=Time(sec=now - 252),
+        karts=karts,
+        laps=6,
+        heats=heats,
+    )
+    results = msg.Results(heat='Heat 2', format='race', laps=6)
+    for place, kart in enumerate(karts, 1):
+        laps, best = 6 - place // 4, 39.4 + 0.7 * place
+        results.karts.append(
+            msg.KartResult(
+                kart=kart.number,
+                team=kart.team,
+                place=place,
+                laps=laps,
+                total=241.9 + 3.4 * place,
+                best=best,
+                lap_times=[best + 0.3 * lap for lap in range(laps)],
+            )
+        )
+    said = ['Connected', 'GRID ACTIVE sent', 'GRID ACTIVE answered', 'GREEN GREEN sent']
+    log = tuple(Line(text, f'14:2{at}:11.6') for at, text in enumerate(said))
+    return Heard(race, results, log={11: log})
+
+
+@pytest.mark.parametrize('karts', [6, pytest.param(20, marks=pytest.mark.long)])
+def test_the_screenshots_of_the_board(
+    browser: Browser,
+    parts: contextlib.ExitStack,
+    tmp_path: pathlib.Path,
+    karts: int,
+) -> None:
+    address = parts.enter_context(served(made_up(karts)))
+    folder = pathlib.Path(os.environ.get('EVGP_SCREENSHOTS', tmp_path))
+    for name, path, width, height in (
+        ('board', '/', 1920, 1080),
+        ('board-phone', '/kart/11', 390, 844),
+        ('phone', '/', 390, 844),
+        ('results', '/results', 390, 844),
+        ('overlay', '/overlay', 1920, 1080),
+    ):
+        browser.resize(width, height, mobile=width == 390)
+        browser.visit(f'{address}{path}')
+        wait_for_text(browser, '#head', 'GREEN GREEN')
+        right, bottom = browser.evaluate(
+            '[document.documentElement.scrollWidth, document.documentElement.scrollHeight]'
+        )
+        assert right == width
+        assert bottom == height or width == 390
+        assert browser.evaluate('document.images.length + document.scripts.length') == 1
+        if name.startswith('board') and karts == 6:
+            picture = browser.call('Page.captureScreenshot')['data']
+            (folder / f'{name}.png').write_bytes(base64.b64decode(picture))
+    assert browser.complaints == []
