@@ -45,10 +45,10 @@ GONE_AFTER = 0.9
 MOST_LOGGED = 8
 """Number of lines about one kart, the newest ones."""
 
-NICENESS = 5
+BOARD_NICENESS = 5
 """Niceness of the board: it comes after all that commands or sees to karts."""
 
-BACKLOG = 128
+MOST_WAITING = 128
 """Maximum number of connections that wait to be taken."""
 
 
@@ -181,7 +181,7 @@ def listen(address: str, port: int) -> socket.socket:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind((address, port))
         keep_to_interface(listening, address)
-        listening.listen(BACKLOG)
+        listening.listen(MOST_WAITING)
     except OSError as error:
         listening.close()
         if error.errno == errno.EADDRNOTAVAIL:
@@ -224,7 +224,7 @@ def main(args: list[str] | None = None) -> int:
     :return: 0 after an orderly end, 1 after a failure, 2 if a setting is wrong, 3 if the address
         is not there or taken.
     """
-    os.nice(NICENESS)
+    os.nice(BOARD_NICENESS)
     refusals, obstacles = (ParameterError, PlaceError), (InTheWayError,)
     return run_node('board', BoardNode, refusals, args, obstacles)
 

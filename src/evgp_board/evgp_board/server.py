@@ -18,7 +18,7 @@ The board's web server: pages, and for each viewer a stream of what its page sho
 A stream is server-sent events; each message is all that the page shows, so a viewer who missed
 some lacks nothing. One message at a time is on its way to a viewer: while it has not arrived, the
 viewer waits for whatever is newest by then. Nothing grows with a viewer who does not read, and
-who takes nothing for `SLOW` is dropped.
+who takes nothing for `SLOW_VIEWER` is dropped.
 
 There is no other way in: GET and HEAD only, and nothing that a viewer sends goes anywhere.
 """
@@ -45,14 +45,14 @@ from evgp_board.view import Heard, Shown
 from evgp_protocol import clock
 from evgp_protocol.link import unanswered
 
-LOOK = 0.2
+NEWS_LOOK = 0.2
 """Time between two looks for something new to show, in seconds."""
 
-BEAT = 0.7
+REPEAT = 0.7
 """Time after which a page is sent what it shows although nothing changed, in seconds: at the next
 look after that, so once a second at least. After 2 s without, a page says that it is stale."""
 
-SLOW = 5.0
+SLOW_VIEWER = 5.0
 """Time without any progress after which a viewer is dropped, in seconds."""
 
 MOST_VIEWERS = 300
@@ -128,7 +128,7 @@ class _Stream:
         """Return whether all viewers are to be sent something, and take it that they are."""
         if now.heard is not self._heard:
             self._heard, self._body = now.heard, json.dumps(self._show(now.heard))
-        if self._body == self._sent_body and at - self._sent_at < BEAT:
+        if self._body == self._sent_body and at - self._sent_at < REPEAT:
             return False
         self._sent_body, self._sent_at = self._body, at
         return True
@@ -189,7 +189,7 @@ class Server:
         try:
             while not ending.is_set():
                 self._step(clock.now())
-                await asyncio.sleep(LOOK)
+                await asyncio.sleep(NEWS_LOOK)
         finally:
             for viewer in self._viewers():
                 _drop(viewer)
@@ -213,7 +213,7 @@ class Server:
                         message = message or _chunk(stream.message(self._now, at))
                         viewer.transport.write(message)
                         viewer.waits = False
-                elif at - viewer.moved > SLOW:
+                elif at - viewer.moved > SLOW_VIEWER:
                     _drop(viewer)
             if not stream.viewers:
                 del self._streams[name]

@@ -35,7 +35,7 @@ Shown = dict[str, Any]
 """What a page shows, ready for JSON."""
 
 S = msg.RaceState
-STATES = {
+STATE_WORDS = {
     S.UNKNOWN: ('?', 'faint'),
     S.IN_GARAGE: ('⌂ IN GARAGE', 'garage'),
     S.GRID_ACTIVE: ('▦ GRID ACTIVE', 'grid'),
@@ -63,13 +63,13 @@ DANGERS = {
 }
 """Alerts that are said instead of the state: what race control says must not be relied on."""
 
-STATUS = {
+STATUS_WORDS = {
     msg.KartResult.CLASSIFIED: 'classified',
     msg.KartResult.DNF: 'did not finish',
     msg.KartResult.NOT_CLASSIFIED: 'no lap',
     msg.KartResult.DISQUALIFIED: 'disqualified',
 }
-GRADES = {getattr(msg.LinkQuality, each.name): each.value for each in Grade}
+GRADE_WORDS = {getattr(msg.LinkQuality, each.name): each.value for each in Grade}
 
 MOST_NAMED = 8
 """Maximum number of karts that a line names."""
@@ -109,7 +109,7 @@ def board(heard: Heard) -> Shown:
     rows = []
     for number in order:
         kart, result = karts[number], found.get(number, msg.KartResult(best=math.nan))
-        symbol, tone = STATES[_state(kart.sent)] if kart.connected else ('✗', 'lost')
+        symbol, tone = STATE_WORDS[_state(kart.sent)] if kart.connected else ('✗', 'lost')
         rows.append(
             {
                 'place': (result.place if counted else kart.place) or '',
@@ -152,7 +152,7 @@ def results(heard: Heard) -> Shown:
                 'kart': each.kart,
                 'team': each.team,
                 'cells': [each.laps, _time(each.total), _time(each.best)],
-                'note': '; '.join(filter(None, [STATUS.get(each.status), *_taken(each)])),
+                'note': '; '.join(filter(None, [STATUS_WORDS.get(each.status), *_taken(each)])),
                 'more': '  '.join(map(_time, each.lap_times)),
             }
             for each in results.karts
@@ -169,13 +169,13 @@ def kart(heard: Heard, number: int) -> Shown:
         return {**shown, 'sub': 'Race control knows no such kart' if heard.race else ''}
     if not heard.gone and shown['head'] not in DANGERS.values():
         shown['race'] = f'Race: {shown["head"]}'
-        shown['head'], shown['tone'] = STATES[_state(found.sent)]
+        shown['head'], shown['tone'] = STATE_WORDS[_state(found.sent)]
         shown['detail'] = _answered(found)
         if not found.connected:
             shown['head'], shown['tone'] = '✗ NO LINK', 'bad' if found.in_race else 'garage'
     result = next((each for each in _of_this_race(heard).karts if each.kart == number), None)
     place = found.place or (result.place if result else 0)
-    quality = [GRADES.get(found.link.grade, ''), _milliseconds(found.link.round_trip)]
+    quality = [GRADE_WORDS.get(found.link.grade, ''), _milliseconds(found.link.round_trip)]
     cells = {
         'Place': str(place) if place else '',
         'Laps': f'{found.laps} of {race.laps}' if race.laps else str(found.laps),
@@ -265,7 +265,7 @@ def _headline(race: msg.Race) -> tuple[str, str]:
         return '? NO KART CONNECTED', 'wait'
     elif not sent and state in (S.GREEN_GREEN, S.RED_FLAG):
         return '✗ ALL KARTS LOST', 'bad'
-    return STATES[state]
+    return STATE_WORDS[state]
 
 
 def _heat(race: msg.Race, results: msg.Results) -> msg.Heat | None:
@@ -349,11 +349,11 @@ def _karts(numbers: Iterable[int]) -> str:
 
 
 def _state(message: msg.RaceState) -> int:
-    return int(message.state) if message.state in STATES else S.UNKNOWN
+    return int(message.state) if message.state in STATE_WORDS else S.UNKNOWN
 
 
 def _words(message: msg.RaceState) -> str:
-    return STATES[_state(message)][0].removeprefix('?')[2:] or '?'
+    return STATE_WORDS[_state(message)][0].removeprefix('?')[2:] or '?'
 
 
 def _time(seconds: float) -> str:

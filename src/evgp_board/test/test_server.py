@@ -192,7 +192,7 @@ def test_a_viewer_who_reads_nothing_gets_the_newest_later_and_is_dropped_in_the_
             board.say(f'{number}: {"x" * 5000}')
             wait_for(quick, board.now.heard.race.banner)
         assert wait_for(slow, board.now.heard.race.banner) < 10
-    monkeypatch.setattr(server, 'SLOW', 0.5)
+    monkeypatch.setattr(server, 'SLOW_VIEWER', 0.5)
     with board.watch(receives=2048) as slow:
         board.say('x' * 200_000)
         assert slow.recv(10)
