@@ -48,7 +48,7 @@ MOST_LOGGED = 8
 BOARD_NICENESS = 5
 """Niceness of the board: it comes after all that commands or sees to karts."""
 
-MOST_WAITING = 128
+ACCEPT_QUEUE = 128
 """Maximum number of connections that wait to be taken."""
 
 
@@ -181,7 +181,7 @@ def listen(address: str, port: int) -> socket.socket:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind((address, port))
         keep_to_interface(listening, address)
-        listening.listen(MOST_WAITING)
+        listening.listen(ACCEPT_QUEUE)
     except OSError as error:
         listening.close()
         if error.errno == errno.EADDRNOTAVAIL:

@@ -48,7 +48,7 @@ from evgp_protocol.link import unanswered
 NEWS_LOOK = 0.2
 """Time between two looks for something new to show, in seconds."""
 
-REPEAT = 0.7
+SAY_AGAIN = 0.7
 """Time after which a page is sent what it shows although nothing changed, in seconds: at the next
 look after that, so once a second at least. After 2 s without, a page says that it is stale."""
 
@@ -128,7 +128,7 @@ class _Stream:
         """Return whether all viewers are to be sent something, and take it that they are."""
         if now.heard is not self._heard:
             self._heard, self._body = now.heard, json.dumps(self._show(now.heard))
-        if self._body == self._sent_body and at - self._sent_at < REPEAT:
+        if self._body == self._sent_body and at - self._sent_at < SAY_AGAIN:
             return False
         self._sent_body, self._sent_at = self._body, at
         return True
