@@ -58,7 +58,7 @@ SLOW_VIEWER = 5.0
 MOST_VIEWERS = 300
 """Maximum number of viewers; whoever comes then is told so (503)."""
 
-MOST_VISITS = 100
+MOST_VISITS = 300
 """Maximum number of other connections, which ask for pages; the newest beyond it are dropped."""
 
 VISIT = 10.0

@@ -181,7 +181,7 @@ def kart(heard: Heard, number: int) -> Shown:
         'Laps': f'{found.laps} of {race.laps}' if race.laps else str(found.laps),
         'Last lap': _time(found.last_lap) if found.laps else '',
         'Best': _time(found.best_lap) if found.laps else '',
-        'Link': ' · '.join(filter(None, quality)) if found.connected else 'none',
+        'Link': ', '.join(filter(None, quality)) if found.connected else 'none',
         'Slowest answer': _milliseconds(found.link.worst_answer),
     }
     return {
@@ -218,7 +218,8 @@ def time_of_day(race: msg.Race | None) -> float | None:
     if race is None:
         return None
     local = time.localtime(race.stamp.sec)
-    return local.tm_hour * 3600 + local.tm_min * 60 + local.tm_sec + race.stamp.nanosec / 1e9
+    whole = local.tm_hour * 3600 + local.tm_min * 60 + local.tm_sec
+    return whole + float(race.stamp.nanosec) / 1e9
 
 
 def seconds_of(stamp: Any) -> float:

@@ -126,5 +126,7 @@ setInterval(() => {
   const now = performance.now() / 1000;
   if (age() > RETRY && now - tried > wait) connect();
 }, 100);
-document.addEventListener('visibilitychange', draw);
+for (const [where, event] of [[document, 'visibilitychange'], [window, 'online']]) {
+  where.addEventListener(event, () => { draw(); if (age() > STALE) connect(); });
+}
 connect();
