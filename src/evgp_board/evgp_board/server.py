@@ -94,6 +94,8 @@ class Now:
 @dataclass(eq=False)
 class _Viewer:
     """
+    Who looks at a page.
+
     :ivar waits: there is something that it was not sent yet.
     :ivar moved: when it had last taken all that it was sent, in seconds.
     """

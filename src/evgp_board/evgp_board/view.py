@@ -125,12 +125,14 @@ def board(heard: Heard) -> Shown:
     kind, laps = (heat.format, heat.laps) if heat else (results.format, results.laps)
     about = f'{kind.replace("_", " ").capitalize()}{f" to {laps} laps" if laps else ""}'
     done = sum(kart.place > 0 for kart in karts.values())
-    after = heats[heats.index(heat) + 1 :][:1] if heat else []
+    following = heats.index(heat) + 1 if heat else len(heats)
     sub = [f'{done} of {len(karts)} finished'] if done else []
     return {
         **_frame(heard),
         'title': ' · '.join(filter(None, [heat.name if heat else '', about])) or 'EVGP race',
-        'sub': ' · '.join([*sub, *(f'next: {each.name}, {_karts(each.karts)}' for each in after)]),
+        'sub': ' · '.join(
+            [*sub, *(f'next: {each.name}, {_karts(each.karts)}' for each in heats[following:][:1])]
+        ),
         'columns': ['Laps', 'Last lap' if results.format == 'practice' else 'Time', 'Best'],
         'rows': rows,
     }
