@@ -160,36 +160,13 @@ def test_a_team_sees_when_its_kart_answered() -> None:
 
 
 numbers = st.sampled_from([NAN, math.inf, -math.inf, -1.0, 0.0, 1e300]) | st.floats()
-karts = st.builds(
-    lambda number, sent, connected, link, laps, place: kart(
-        number,
-        sent,
-        connected=connected,
-        laps=laps,
-        place=place,
-        last_lap=link,
-        best_lap=link,
-        link=msg.LinkQuality(
-            round_trip=link, worst_answer=link, delivered_after=link, acknowledged_after=link
-        ),
-    ),
-    st.integers(0, 5),
-    st.integers(0, 255),
-    st.booleans(),
-    numbers,
-    st.integers(0, 65535),
-    st.integers(0, 9),
-)
-placed = st.builds(
-    lambda number, place, laps, time, status: result(
-        number, place, laps, time, best=time, last=time, lap_times=[time], status=status
-    ),
-    st.integers(0, 5),
-    st.integers(0, 9),
-    st.integers(0, 99),
-    numbers,
-    st.integers(0, 255),
-)
+few, many = st.integers(0, 5), st.integers(0, 255)
+fields = ('round_trip', 'worst_answer', 'delivered_after', 'acknowledged_after')
+links = st.builds(msg.LinkQuality, **dict.fromkeys(fields, numbers))
+of_kart = {'laps': many, 'place': few, 'last_lap': numbers, 'best_lap': numbers, 'link': links}
+karts = st.builds(kart, few, many, connected=st.booleans(), **of_kart)
+of_result = {'best': numbers, 'last': numbers, 'status': many, 'lap_times': st.lists(numbers)}
+placed = st.builds(result, few, few, many, numbers, **of_result)
 text = st.sampled_from(['', 'race', 'practice', '<b>'])
 
 
