@@ -21,11 +21,17 @@ PARAMS := src/evgp_rcs/config/rcs.yaml
 # This machine's own address on the officials' network; empty: the officials are at this machine
 # only. Our programs stay on the machine otherwise, whatever ROS is told: docs/security.md.
 OFFICIALS := $(EVGP_GRAPH_INTERFACE)
-run board button console ctl timing: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
+run board button console ctl takeover timing: export EVGP_GRAPH_INTERFACE := $(OFFICIALS)
 
 # This machine's own address on the karts' network; empty: what PARAMS says. With OFFICIALS, race
 # control must know it, so that karts never reach the officials' network.
 ADDRESS :=
+
+# For a spare machine (docs/operations.md): where race control's machine is, where it has its record
+# if not in the usual place, and the interface here that takes ADDRESS over.
+FROM :=
+RECORD :=
+INTERFACE :=
 
 # Who commands from the window or by ctl; empty: the name that is kept, or else asked for.
 OFFICIAL :=
@@ -50,7 +56,7 @@ KIND :=
 DEVICE :=
 
 .PHONY: help setup demo rehearsal test test-long bench soak fuzz run roster record console ctl board button bridge timing \
-  inspect-kart inspect-rcs survey screenshots lines lint format clean
+  spare takeover inspect-kart inspect-rcs survey screenshots lines lint format clean
 
 help:
 	@echo 'make demo    set up and run two races by themselves, without a window; checks what happened'
@@ -62,6 +68,8 @@ help:
 	@echo 'make fuzz    fuzz the decoders and the roster loader, guided by coverage'
 	@echo 'make run     start race control for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml OFFICIALS=10.1.0.5 ADDRESS=10.0.0.1)'
 	@echo 'make roster  check a list of karts, without starting anything (ROSTER=karts.yaml)'
+	@echo 'make spare   keep a copy of race control            (FROM=anna@10.1.0.5:evgp ROSTER=karts.yaml PARAMS=rcs.yaml)'
+	@echo 'make takeover  race control is dead: be it           (ADDRESS=10.0.0.1 INTERFACE=eth0 OFFICIALS=10.1.0.6)'
 	@echo 'make timing  read a timing device at the line         (KIND=p3 DEVICE=10.1.0.20:5403 OFFICIALS=10.1.0.7)'
 	@echo 'make board   show the race to spectators and pit walls, on web pages  (AT=10.2.0.5 OFFICIALS=10.1.0.7)'
 	@echo 'make record  print what happened in the last run     (ARGS="--list", ARGS="--help")'
@@ -114,6 +122,14 @@ run:
 	  install/evgp_rcs/lib/evgp_rcs/rcs_node --ros-args \
 	  --params-file '$(abspath $(PARAMS))' -p 'roster:=$(abspath $(ROSTER))' \
 	  $(if $(ADDRESS),-p 'address:=$(ADDRESS)')
+
+# Paths are those on the other machine; relative ones begin in the folder that FROM names.
+spare:
+	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_spare '$(FROM)' \
+	  --roster '$(ROSTER)' --params '$(PARAMS)' $(if $(RECORD),--record '$(RECORD)') $(ARGS)
+
+takeover:
+	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_takeover '$(ADDRESS)' '$(INTERFACE)' $(ARGS)
 
 roster:
 	$(IN_WORKSPACE) install/evgp_rcs/lib/evgp_rcs/rcs_roster check '$(abspath $(ROSTER))'

@@ -50,6 +50,8 @@ setup(
             'rcs_node = evgp_rcs.node:main',
             'rcs_record = evgp_rcs.rcs_record:main',
             'rcs_roster = evgp_rcs.roster_check:main',
+            'rcs_spare = evgp_rcs.spare:main',
+            'rcs_takeover = evgp_rcs.takeover:main',
         ],
     },
 )

@@ -243,7 +243,7 @@ def _fence(named: str) -> None:
     """Let each UDP socket hear loopback and the interface with this address, if there is one."""
     indices = [socket.if_nametoindex('lo')]
     with contextlib.suppress(KeyError, OSError):  # it was unplugged
-        indices.append(socket.if_nametoindex(_interfaces()[named]))
+        indices.append(socket.if_nametoindex(interfaces()[named]))
     with udp_sockets() as found:
         for each, bound in found:
             _attach_filter(each, indices)
@@ -271,7 +271,7 @@ def network_of(address: str) -> ipaddress.IPv4Network | None:
 def has_its_address() -> bool:
     """Return whether this machine has the address named by `INTERFACE`, if there is one."""
     named = os.environ.get(INTERFACE, '').strip()
-    return not named or named in _interfaces()
+    return not named or named in interfaces()
 
 
 def trouble_of_graph(domain: int) -> str:
@@ -333,7 +333,7 @@ def reachable_at() -> tuple[str, ...]:
     They are read from its UDP sockets and the kernel's filters on them. `EVERY` stands for every
     address of this machine.
     """
-    names = _interfaces()
+    names = interfaces()
     index: dict[int, list[str]] = {}
     for address, name in names.items():
         with contextlib.suppress(OSError):  # gone since
@@ -365,7 +365,7 @@ def refuse_open_graph(kart_address: str, *, accepted: bool) -> None:
     if accepted or is_security_enforced() or ipaddress.IPv4Address(kart_address).is_loopback:
         return
     beyond = [each for each in reachable_at() if not ipaddress.IPv4Address(each).is_loopback]
-    names = _interfaces()
+    names = interfaces()
     meeting = [
         each
         for each in beyond
@@ -474,7 +474,7 @@ def _named_interface() -> str:
     named = os.environ.get(INTERFACE, '').strip()
     if not named:
         return ''
-    known = _interfaces()
+    known = interfaces()
     if named not in known:
         others = [each for each in known if not ipaddress.IPv4Address(each).is_loopback]
         raise (NotNowError if _may_come(named) else GraphError)(
@@ -500,7 +500,7 @@ _RETURN = 0x06  # BPF_RET | BPF_K
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
 
-def _interfaces() -> dict[str, str]:
+def interfaces() -> dict[str, str]:
     """Return the names of this machine's interfaces by their IPv4 addresses."""
     room = ctypes.create_string_buffer(_REQUEST_SIZE * 1024)
     request = struct.pack('iP', len(room), ctypes.addressof(room))

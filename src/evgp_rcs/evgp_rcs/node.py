@@ -61,6 +61,7 @@ from evgp_rcs.rival import (
     claim_the_graph,
     look_for_rivals,
     refuse_rivals,
+    refuse_taken_address,
     RivalError,
 )
 from evgp_rcs.roster import RosterError
@@ -131,7 +132,7 @@ class RcsNode(StrictNode):
     :raises RosterError: if the roster is.
     :raises KartServerError: if the kart server cannot start.
     :raises GraphError: if the ROS graph can be reached from where karts connect.
-    :raises RivalError: if there is another race control on it.
+    :raises RivalError: if there is another race control on it, or on the karts' network.
     """
 
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
@@ -155,6 +156,8 @@ class RcsNode(StrictNode):
         refuse_open_graph(begin.settings.host, accepted=accept_open_graph)
         self._claim = claim_the_graph(self)
         refuse_rivals(self)
+        if not_known := refuse_taken_address(begin.settings.host):
+            self.get_logger().warning(f'Is there a second race control? {not_known}')
         self._on_failure = on_failure
         self._failure = ''
         self._closing = threading.Event()

@@ -472,6 +472,25 @@ def _left_behind(database: sqlite3.Connection, proof: str) -> RaceMemory | None:
     return known
 
 
+def distrust(path: pathlib.Path) -> None:
+    """
+    Take from a copy of a record whatever could loosen: the first machine may have raced on since.
+
+    That is that the last run ended in good order, and that the MSR was used. What is held or in
+    doubt stays.
+
+    :raises OSError, sqlite3.Error, ValueError: if that cannot be done, or the record is damaged.
+    """
+    OrderlyEnd(path).take()
+    with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as database:
+        last = 'SELECT id, memory FROM session ORDER BY id DESC LIMIT 1'
+        number, memory = database.execute(last).fetchone() or (0, None)
+        if memory is not None:
+            memory = written(dataclasses.replace(read(RaceMemory, memory), msr_used=False))
+        change = 'UPDATE session SET ended_ns = NULL, memory = ? WHERE id = ?'
+        database.execute(change, (memory, number))
+
+
 # ----- to read a record -----------------------------------------------------------------------
 
 

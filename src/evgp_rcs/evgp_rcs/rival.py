@@ -16,7 +16,8 @@
 A second race control on the same ROS graph, which officials could not tell from the first.
 
 Its answers and its race would mix with ours. So the second does not start (`claim_the_graph`,
-`refuse_rivals`), and if two graphs meet later, both notice (`look_for_rivals`).
+`refuse_rivals`), and if two graphs meet later, both notice (`look_for_rivals`). Nor does it start
+where another machine has race control's address on the karts' network (`refuse_taken_address`).
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from __future__ import annotations
 import socket
 import time
 
-from evgp_node.graph import LOOPBACK, reachable_at
+from evgp_node.graph import interfaces, LOOPBACK, reachable_at
+from evgp_rcs.neighbours import ask, Found
 from rclpy.node import Node
 
 FIRST_LOOK = 1.5
@@ -58,6 +60,26 @@ def claim_the_graph(node: Node) -> socket.socket:
             'End it first, or give this one another ROS_DOMAIN_ID'
         ) from error
     return claim
+
+
+def refuse_taken_address(address: str) -> str:
+    """
+    Refuse to start where another machine on the karts' network has this one's address there.
+
+    It takes a second.
+
+    :return: why that cannot be known; empty: it is known, or `address` names no network.
+    :raises RivalError: if another one has it, as after a takeover.
+    """
+    interface = interfaces().get(address)
+    if interface is None or interface == 'lo':
+        return ''
+    look = ask(address, interface, probes=1)
+    if look.found is Found.ANSWER:
+        raise RivalError(
+            f'{look.what}: karts would reach either. Unplug this machine, or end that race control'
+        )
+    return look.what
 
 
 def refuse_rivals(node: Node) -> None:

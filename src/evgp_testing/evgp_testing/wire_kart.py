@@ -252,6 +252,7 @@ class WireKart(KartLink, Part):
 
     :param acknowledges: when it says back what it is sent; may be changed at any time.
     :param host: race control's address.
+    :param timeout: to connect, s.
     """
 
     def __init__(
@@ -262,9 +263,10 @@ class WireKart(KartLink, Part):
         host: str = '127.0.0.1',
         judge: Judge | None = None,
         kart: int = 0,
+        timeout: float = PATIENCE,
     ) -> None:
         """Connect."""
-        super().__init__(address, (host, port), judge, kart)
+        super().__init__(address, (host, port), judge, kart, timeout=timeout)
         self.acknowledges = acknowledges
         self.ended = False
         self._news = threading.Condition()
