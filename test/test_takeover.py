@@ -167,8 +167,8 @@ def test_a_spare_takes_over_and_sends_every_kart_red_red_and_ends_when_the_first
     record_property: Callable[[str, object], None],
 ) -> None:
     control = event.start_first(monkeypatch)
-    graph.bind_graph()
     with event.first.inside():
+        graph.bind_graph()
         official = Official(event.domain)
     parts.callback(official.close)
     official.wait_for_connected(*NUMBERS)

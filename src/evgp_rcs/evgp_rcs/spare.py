@@ -30,7 +30,6 @@ import os
 import pathlib
 import re
 import shlex
-import signal
 import sqlite3
 import subprocess
 import sys
@@ -46,16 +45,20 @@ EVERY = 5.0
 TIMEOUT = 20.0
 """Maximum time for one, in seconds."""
 
-ROSTER, PARAMETERS, RECORD, SOURCE = 'karts.yaml', 'rcs.yaml', 'record.sqlite3', 'from'
-"""The files of a copy; the last one has the address of the machine it comes from, if it is one."""
+ROSTER, PARAMETERS, RECORD = NAMES = ('karts.yaml', 'rcs.yaml', 'record.sqlite3')
+"""The files of a copy."""
 
+SOURCE = 'from'
+"""Another one: the address of the machine that the copy comes from; empty: it is this one."""
+
+_REMOTE = re.compile(r'(\w[\w.-]*@([\d.]+))(?::(.*))?')
 _SSH = ('ssh', '-o', 'BatchMode=yes', '-o', 'ConnectTimeout=3', '-o', 'ServerAliveInterval=3')
 
 # What runs on race control's machine, by the Python that is there. In memory (/dev/shm), since
 # its disk is the record's.
-_PACK = """
+_PACK = f"""
 import os, sqlite3, sys, tarfile, tempfile
-record, *others = map(os.path.expanduser, sys.argv[1:])
+*others, record = map(os.path.expanduser, sys.argv[1:])
 with tempfile.TemporaryDirectory(dir='/dev/shm') as folder:
     copy = os.path.join(folder, 'copy')
     source = sqlite3.connect('file:%s?mode=ro' % os.path.abspath(record), uri=True)
@@ -63,7 +66,7 @@ with tempfile.TemporaryDirectory(dir='/dev/shm') as folder:
     source.backup(target)
     target.close()
     with tarfile.open(fileobj=sys.stdout.buffer, mode='w|', dereference=True) as out:
-        for path, name in zip([*others, copy], ['karts.yaml', 'rcs.yaml', 'record.sqlite3']):
+        for path, name in zip([*others, copy], {NAMES}):
             out.add(path, name)
 """
 
@@ -72,70 +75,54 @@ class SpareError(RuntimeError):
     """There is no copy, or none can be made now; the text says why, in a phrase."""
 
 
-class Source:
+def fetch(source: str, roster: str, parameters: str, record: str) -> bytes:
     """
-    Race control's machine, or a folder of this one.
+    Return a tar file of all three, each as it was at one moment.
 
-    :param given: ``user@address``, then perhaps ``:folder``, or a folder of this machine; other
-        paths begin there.
-    :raises ValueError: if it is neither.
+    :param source: ``user@address``, then perhaps ``:folder``, or a folder of this machine, in
+        which the paths of roster and parameters begin.
+    :raises SpareError: if that is not possible now.
     """
-
-    def __init__(self, given: str) -> None:
-        """Understand it."""
-        self.given = given
-        remote = re.fullmatch(r'(\w[\w.-]*@([\d.]+))(?::(.*))?', given)
-        if remote is None and not pathlib.Path(given).is_dir():
-            raise ValueError(
-                f'{given} is no folder of this machine, and not user@address of another one, such '
-                'as anna@10.1.0.5:evgp, where evgp is the folder that make run was called in'
-            )
-        self._login, self.address, self._folder = remote.groups('') if remote else ('', '', given)
-
-    def fetch(self, record: str, roster: str, parameters: str) -> bytes:
-        """
-        Return a tar file of all three, each as it was at one moment.
-
-        :raises SpareError: if that is not possible now.
-        """
-        paths = [record, *(os.path.join(self._folder, each) for each in (roster, parameters))]  # noqa: PTH118
-        command = ['python3' if self._login else sys.executable, '-', *paths]
-        if self._login:
-            command = [*_SSH, self._login, f'nice -n 19 {shlex.join(command)}']
-        try:
-            done = subprocess.run(
-                command, input=_PACK.encode(), capture_output=True, timeout=TIMEOUT, check=False
-            )
-        except (OSError, subprocess.TimeoutExpired) as error:
-            raise SpareError(str(error)) from error
-        if done.returncode:
-            said = done.stderr.decode(errors='replace').strip().splitlines()
-            raise SpareError(f'{self.given} says: {said[-1] if said else done.returncode}')
-        return done.stdout
+    remote = _REMOTE.fullmatch(source)
+    login, _, folder = remote.groups('') if remote else ('', '', source)
+    paths = [*(os.path.join(folder, each) for each in (roster, parameters)), record]  # noqa: PTH118
+    command = ['python3' if login else sys.executable, '-', *paths]
+    if login:
+        command = [*_SSH, login, f'nice -n 19 {shlex.join(command)}']
+    try:
+        done = subprocess.run(
+            command, input=_PACK.encode(), capture_output=True, timeout=TIMEOUT, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise SpareError(str(error)) from error
+    if done.returncode:
+        said = done.stderr.decode(errors='replace').strip().rpartition('\n')[2]
+        raise SpareError(f'{source} says: {said or done.returncode}')
+    return done.stdout
 
 
-def keep(packed: bytes, address: str, folder: pathlib.Path) -> float:
+def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
     """
     Have this copy take the place of the last one, and return how old its newest event was, s.
 
-    :param address: of the machine it comes from; empty: it is from this one.
     :raises SpareError: if it is not whole, or cannot be written.
     """
+    remote = _REMOTE.fullmatch(source)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tarfile.open(fileobj=io.BytesIO(packed)) as tar:
-            for name in (ROSTER, PARAMETERS, RECORD):
+            for name in NAMES:
                 member = tar.extractfile(name)
                 assert member is not None
                 _write(folder / f'{name}.new', member.read())
             made = tar.getmember(RECORD).mtime
         load_roster(folder / f'{ROSTER}.new')
         newest = _newest_event(folder / f'{RECORD}.new')
-        _write(folder / SOURCE, address.encode())
+        _write(folder / SOURCE, (remote[2] if remote else '').encode())
         # Whatever looked at the last copy: what it has left beside it is not of this one.
         for path in folder.glob(f'{RECORD}-*'):
             path.unlink()
-        for name in (ROSTER, PARAMETERS, RECORD):
+        for name in NAMES:
             (folder / f'{name}.new').replace(folder / name)
     except (OSError, KeyError, tarfile.TarError, sqlite3.Error, RosterError) as error:
         raise SpareError(f'what came cannot be kept: {error}') from error
@@ -169,14 +156,11 @@ def latest() -> pathlib.Path:
 
     :raises SpareError: if there is none.
     """
-    found = {
-        path.stat().st_mtime: path.parent
-        for path in (copies() / RECORD, *rcs_folder().glob(f'takeover-*/{RECORD}'))
-        if path.exists()
-    }
+    records = [copies() / RECORD, *rcs_folder().glob(f'takeover-*/{RECORD}')]
+    found = [(path.stat().st_mtime, path.parent) for path in records if path.exists()]
     if not found:
         raise SpareError(f'there is no copy in {copies()}: make spare FROM=... makes them')
-    return found[max(found)]
+    return max(found)[1]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -195,28 +179,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add('--record', default='~/.ros/evgp_rcs/record.sqlite3', help='there: %(default)s')
     add('--once', action='store_true', help='copy once, and end')
     given = parser.parse_args(arguments)
-    try:
-        source = Source(given.source)
-    except ValueError as error:
-        parser.error(str(error))
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if not (_REMOTE.fullmatch(given.source) or '/' in given.source):
+        parser.error(
+            f'{given.source!r} is no path of this machine, and not user@address of another one, '
+            'such as anna@10.1.0.5:evgp, where evgp is the folder that make run was called in'
+        )
     at: float | None = None
-    end = '\n' if given.once or not sys.stdout.isatty() else '\x1b[K\r'
     with contextlib.suppress(KeyboardInterrupt):
         while True:
             began = time.monotonic()
             try:
-                packed = source.fetch(given.record, given.roster, given.params)
-                age, at = keep(packed, source.address, copies()), time.monotonic()
-                print(f'Copied: the newest event was {age:.0f} s old.', end=end)
+                packed = fetch(given.source, given.roster, given.params, given.record)
+                age, at = keep(packed, given.source, copies()), time.monotonic()
+                print(f'Copied: the newest event was {age:.0f} s old.', flush=True)
             except SpareError as error:
                 lag = 'no copy' if at is None else f'the copy is {time.monotonic() - at:.0f} s old'
-                print(f'NOT COPIED, {lag}: {error}', end=end)
-            sys.stdout.flush()
+                print(f'NOT COPIED, {lag}: {error}', flush=True)
             if given.once:
                 return 0 if at else 1
             time.sleep(max(0.0, began + EVERY - time.monotonic()))
-    print()
     return 0
 
 

@@ -42,14 +42,11 @@ from evgp_protocol.frames import DEFAULT_PORT
 from evgp_rcs.folder import rcs_folder
 from evgp_rcs.neighbours import announce, ask, ask_where_it_is, connect, Found, link, Look, why_not
 from evgp_rcs.record import distrust
-from evgp_rcs.rival import look_for_rivals
+from evgp_rcs.rival import refuse_rivals, RivalError
 from evgp_rcs.spare import copies, latest, PARAMETERS, RECORD, ROSTER, SOURCE, SpareError
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
-
-GRAPH_LOOK = 3.0
-"""Time for which a race control is looked for among the officials, in seconds."""
 
 ANNOUNCEMENTS = 5
 """How many times karts are told who has the address now; what one of them misses, the next has."""
@@ -64,51 +61,26 @@ ip address delete "$1" dev "$2"
 """
 
 
-def look_everywhere(address: str, port: int, interface: str, source: str) -> list[Look]:
-    """
-    Look for the old race control on every network that it had.
-
-    :param source: the address of the machine that the copy comes from; empty: not known.
-    """
-    looks = [link(interface), ask(address, interface), connect(address, port, interface)]
-    officials = os.environ.get(INTERFACE, '').strip()
-    if officials:
-        looks.append(_among_officials(officials))
-    if source:
-        looks.append(ask_where_it_is(source))
-    return looks
-
-
-def _among_officials(own_address: str) -> Look:
+def look_among_officials(own_address: str) -> Look:
+    """Look for a race control on the officials' network, where this machine has that address."""
     interface = interfaces().get(own_address)
     if interface is None:
         return Look(Found.NOT_KNOWN, f'no interface of this machine has the address {own_address}')
-    there = link(interface)
-    if there.found:
-        return there
+    context = Context()
     try:
         bind_graph()
+        rclpy.init(context=context)
+        # Of race control's name, to look for its topics.
+        node = Node('rcs', context=context, start_parameter_services=False, enable_rosout=False)
+        fence_graph()
+        refuse_rivals(node)
     except GraphError as error:
         return Look(Found.NOT_KNOWN, str(error))
-    context = Context()
-    rclpy.init(context=context)
-    try:
-        node = Node(  # of race control's name, to look for its topics
-            'rcs', context=context, start_parameter_services=False, enable_rosout=False
-        )
-        fence_graph()
-        until = time.monotonic() + GRAPH_LOOK
-        while time.monotonic() < until:
-            if look_for_rivals(node):
-                domain = context.get_domain_id()
-                return Look(
-                    Found.ANSWER,
-                    f"race control is there on the officials' network (ROS domain {domain})",
-                )
-            time.sleep(0.05)  # rclpy has nothing to await a change of the graph by
+    except RivalError:
+        return Look(Found.ANSWER, "race control answers on the officials' network")
     finally:
-        context.shutdown()
-    return Look(Found.NOTHING)
+        context.try_shutdown()
+    return link(interface)
 
 
 @contextlib.contextmanager
@@ -118,9 +90,9 @@ def held(address: ipaddress.IPv4Interface, interface: str) -> Iterator[None]:
 
     :raises OSError: if it cannot be set.
     """
-    rights = [] if os.geteuid() == 0 else ['sudo']
+    command = ['sh', '-c', _HOLD, 'sh', str(address), interface]
     with subprocess.Popen(
-        [*rights, 'sh', '-c', _HOLD, 'sh', str(address), interface],
+        command if os.geteuid() == 0 else ['sudo', *command],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
     ) as shell:
@@ -132,33 +104,23 @@ def held(address: ipaddress.IPv4Interface, interface: str) -> Iterator[None]:
         yield
 
 
-class Defence(threading.Thread):
+def defend(address: str, interface: str, lost: list[str]) -> None:
     """
-    Announces the address, and ends this process once another machine has it too.
+    Announce an address, and end this process once another machine has it too.
 
-    :ivar lost_to: who has it; empty: nobody.
+    :param lost: is told then who has it.
     """
-
-    def __init__(self, address: str, interface: str) -> None:
-        """Begin."""
-        super().__init__(name='defence', daemon=True)
-        self.lost_to = ''
-        self._where = address, interface
-        self.start()
-
-    def run(self) -> None:
-        """Look again and again."""
-        announcements = 0
-        while not self.lost_to:
-            if announcements < ANNOUNCEMENTS:
-                announcements += 1
-                announce(*self._where)
-            look = ask(*self._where, probes=1)
-            if look.found is Found.ANSWER:
-                self.lost_to = look.what
-                os.kill(os.getpid(), signal.SIGTERM)
-            elif look.found is Found.NOT_KNOWN:
-                time.sleep(1.0)  # its cable was pulled: nobody is reached either
+    announcements = 0
+    while not lost:
+        if announcements < ANNOUNCEMENTS:
+            announcements += 1
+            announce(address, interface)
+        look = ask(address, interface, probes=1)
+        if look.found is Found.ANSWER:
+            lost.append(look.what)
+            os.kill(os.getpid(), signal.SIGTERM)
+        elif look.found is Found.NOT_KNOWN:
+            time.sleep(1.0)  # its cable was pulled: nobody is reached either
 
 
 def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> int:
@@ -166,44 +128,36 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
     Take the address, if nobody has it, and run race control until it ends for good.
 
     :return: the exit code, as that of ``main``.
-    :raises SpareError: if there is no copy, or it cannot be used.
-    :raises OSError: if the address cannot be set.
+    :raises SpareError: if there is no copy.
+    :raises OSError, sqlite3.Error, ValueError: if it cannot be used, or the address not be set.
     """
-    copy = latest()
-    source = (copy / SOURCE).read_text(encoding='utf-8')
-    _say(f'Looking for the old race control at {address.ip}, on every network ...')
-    reason = why_not(look_everywhere(str(address.ip), port, interface, source))
-    if reason:
+    copy, own = latest(), str(address.ip)
+    _say(f'Looking for the old race control at {own}, on every network ...')
+    looks = [link(interface), ask(own, interface), connect(own, port, interface)]
+    if officials := os.environ.get(INTERFACE, '').strip():
+        looks.append(look_among_officials(officials))
+    if source := (copy / SOURCE).read_text(encoding='utf-8'):
+        looks.append(ask_where_it_is(source))
+    if reason := why_not(looks):
         _say(f'REFUSED: {reason}. Switch the old machine off and unplug it, and plug this one in.')
         return IN_THE_WAY
     age = time.time() - (copy / RECORD).stat().st_mtime
+    lost: list[str] = []
     with held(address, interface):
         if copy == copies():  # what comes after this is another copy
             copy = copy.rename(rcs_folder() / f'takeover-{time.strftime("%Y%m%d-%H%M%S")}')
-        try:
-            distrust(copy / RECORD)
-        except (OSError, sqlite3.Error, ValueError) as error:
-            raise SpareError(f'{copy} cannot be used: {error}') from error
-        defence = Defence(str(address.ip), interface)
+        distrust(copy / RECORD)
+        threading.Thread(target=defend, args=(own, interface, lost), daemon=True).start()
         _say(
             f'This machine is race control now, on a copy {age:.0f} s old ({copy}). Everything is '
             'in doubt: RED_RED. Ctrl-C ends it and gives the address back.'
         )
-        settings = {
-            'roster': copy / ROSTER,
-            'record': copy / RECORD,
-            'address': address.ip,
-            'port': port,
-        }
-        given = [word for name in settings for word in ('-p', f'{name}:={settings[name]}')]
-        code = keep_running(
-            [
-                str(pathlib.Path(sys.argv[0]).with_name('rcs_node')),
-                *('--ros-args', '--params-file', str(copy / PARAMETERS), *given),
-            ]
-        )
-    if defence.lost_to:
-        _say(f'ENDED: {defence.lost_to}. Two machines must never be race control.')
+        command = [str(pathlib.Path(sys.argv[0]).with_name('rcs_node')), '--ros-args']
+        command += ['--params-file', str(copy / PARAMETERS), '-p', f'address:={own}']
+        command += ['-p', f'roster:={copy / ROSTER}', '-p', f'record:={copy / RECORD}']
+        code = keep_running([*command, '-p', f'port:={port}'])
+    if lost:
+        _say(f'ENDED: {lost[0]}. Two machines must never be race control.')
         return 1
     return code
 
@@ -229,7 +183,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = parser.parse_args(arguments)
     try:
         return take_over(given.address, given.interface, given.port)
-    except (SpareError, OSError) as error:
+    except (SpareError, OSError, sqlite3.Error, ValueError) as error:
         _say(f'NOT TAKEN OVER: {error}.')
         return WRONG_SETTING
 
