@@ -256,6 +256,14 @@ def test_the_locks_agree(lock: str) -> None:
         (('roster', 'ROSTER=/x/karts.yaml'), 'rcs_roster check /x/karts.yaml'),
         (('record', 'ARGS=--run 3 --kart 7'), 'rcs_record --run 3 --kart 7'),
         (('record',), 'rcs_record'),
+        (
+            ('spare', 'FROM=anna@10.1.0.5:evgp', 'ROSTER=karts.yaml', 'PARAMS=rcs.yaml'),
+            'rcs_spare anna@10.1.0.5:evgp --roster karts.yaml --params rcs.yaml',
+        ),
+        (
+            ('takeover', 'ADDRESS=10.0.0.1', 'INTERFACE=eth0', 'OFFICIALS=10.1.0.6'),
+            'rcs_takeover 10.0.0.1 eth0',
+        ),
     ],
 )
 def test_make_has_a_target_for_what_an_official_reads(

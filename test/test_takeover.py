@@ -199,7 +199,15 @@ def test_a_spare_takes_over_and_sends_every_kart_red_red_and_ends_when_the_first
 
 
 @pytest.mark.own_process
-@pytest.mark.parametrize('cut', ['', 'first-karts', 'first-officials', 'spare-karts'])
+@pytest.mark.parametrize(
+    'cut',
+    [
+        pytest.param('', marks=pytest.mark.long),
+        'first-karts',
+        'first-officials',
+        pytest.param('spare-karts', marks=pytest.mark.long),
+    ],
+)
 def test_nothing_is_taken_over_while_the_first_answers_on_any_network_or_that_is_not_known(
     cut: str, event: Event, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -218,6 +226,7 @@ def test_nothing_is_taken_over_while_the_first_answers_on_any_network_or_that_is
         event.wait_for(RaceState.IN_GARAGE)
 
 
+@pytest.mark.long
 @pytest.mark.own_process
 def test_a_machine_without_race_control_that_still_has_its_power_is_no_dead_one(
     event: Event, monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path
