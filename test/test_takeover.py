@@ -17,7 +17,7 @@ from evgp_node import graph
 from evgp_node.restarting import IN_THE_WAY
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
-from evgp_rcs.spare import SOURCE
+from evgp_rcs.spare import ORIGIN
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
@@ -234,7 +234,7 @@ def test_a_machine_without_race_control_that_still_has_its_power_is_no_dead_one(
     """Its race control would start again, or was frozen and goes on."""
     control = event.start_first(monkeypatch)
     event.copy()
-    (tmp_path / 'ros' / 'evgp_rcs' / 'spare' / SOURCE).write_text(FIRST)
+    (tmp_path / 'ros' / 'evgp_rcs' / 'spare' / ORIGIN).write_text(FIRST)
     control.lose_power()
     event.plug('first-karts', up=False)
 

@@ -30,7 +30,7 @@ import socket
 import subprocess
 from typing import Any, NamedTuple
 
-CONNECT_TIMEOUT = 1.0
+ANSWER_WITHIN = 1.0
 """Maximum time for a connection to the old race control, in seconds."""
 
 
@@ -104,7 +104,7 @@ def ask_where_it_is(address: str) -> Look:
 def connect(address: str, port: int, interface: str) -> Look:
     """Look whether anything answers at a TCP port, if only by refusing."""
     with socket.socket() as trying:
-        trying.settimeout(CONNECT_TIMEOUT)
+        trying.settimeout(ANSWER_WITHIN)
         trying.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.encode())
         if trying.connect_ex((address, port)) in (0, errno.ECONNREFUSED):
             return Look(Found.ANSWER, f'{address} answers at TCP port {port}')

@@ -39,16 +39,16 @@ import time
 from evgp_rcs.folder import rcs_folder
 from evgp_rcs.roster import load_roster, RosterError
 
-EVERY = 5.0
+COPY_EVERY = 5.0
 """Time between two copies, in seconds."""
 
-TIMEOUT = 20.0
+COPY_TIMEOUT = 20.0
 """Maximum time for one, in seconds."""
 
 ROSTER, PARAMETERS, RECORD = NAMES = ('karts.yaml', 'rcs.yaml', 'record.sqlite3')
 """The files of a copy."""
 
-SOURCE = 'from'
+ORIGIN = 'from'
 """Another one: the address of the machine that the copy comes from; empty: it is this one."""
 
 _REMOTE = re.compile(r'(\w[\w.-]*@([\d.]+))(?::(.*))?')
@@ -61,6 +61,7 @@ import os, sqlite3, sys, tarfile, tempfile
 *others, record = map(os.path.expanduser, sys.argv[1:])
 with tempfile.TemporaryDirectory(dir='/dev/shm') as folder:
     copy = os.path.join(folder, 'copy')
+    open(record).close()  # whose error names the file
     source = sqlite3.connect('file:%s?mode=ro' % os.path.abspath(record), uri=True)
     target = sqlite3.connect(copy)
     source.backup(target)
@@ -91,7 +92,7 @@ def fetch(source: str, roster: str, parameters: str, record: str) -> bytes:
         command = [*_SSH, login, f'nice -n 19 {shlex.join(command)}']
     try:
         done = subprocess.run(
-            command, input=_PACK.encode(), capture_output=True, timeout=TIMEOUT, check=False
+            command, input=_PACK.encode(), capture_output=True, timeout=COPY_TIMEOUT, check=False
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise SpareError(str(error)) from error
@@ -118,7 +119,7 @@ def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
             made = tar.getmember(RECORD).mtime
         load_roster(folder / f'{ROSTER}.new')
         newest = _newest_event(folder / f'{RECORD}.new')
-        _write(folder / SOURCE, (remote[2] if remote else '').encode())
+        _write(folder / ORIGIN, (remote[2] if remote else '').encode())
         # Whatever looked at the last copy: what it has left beside it is not of this one.
         for path in folder.glob(f'{RECORD}-*'):
             path.unlink()
@@ -197,7 +198,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 print(f'NOT COPIED, {lag}: {error}', flush=True)
             if given.once:
                 return 0 if at else 1
-            time.sleep(max(0.0, began + EVERY - time.monotonic()))
+            time.sleep(max(0.0, began + COPY_EVERY - time.monotonic()))
     return 0
 
 

@@ -43,7 +43,7 @@ from evgp_rcs.folder import rcs_folder
 from evgp_rcs.neighbours import announce, ask, ask_where_it_is, connect, Found, link, Look, why_not
 from evgp_rcs.record import distrust
 from evgp_rcs.rival import refuse_rivals, RivalError
-from evgp_rcs.spare import copies, latest, PARAMETERS, RECORD, ROSTER, SOURCE, SpareError
+from evgp_rcs.spare import copies, latest, ORIGIN, PARAMETERS, RECORD, ROSTER, SpareError
 import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
@@ -99,7 +99,7 @@ def held(address: ipaddress.IPv4Interface, interface: str) -> Iterator[None]:
         assert shell.stdout is not None
         if not shell.stdout.readline():
             raise OSError(
-                f'{interface} cannot be given {address}: it takes root (sudo, or CAP_NET_ADMIN)'
+                f'{interface} cannot be given {address}; it takes root (sudo, or CAP_NET_ADMIN)'
             )
         yield
 
@@ -136,7 +136,7 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
     looks = [link(interface), ask(own, interface), connect(own, port, interface)]
     if officials := os.environ.get(INTERFACE, '').strip():
         looks.append(look_among_officials(officials))
-    if source := (copy / SOURCE).read_text(encoding='utf-8'):
+    if source := (copy / ORIGIN).read_text(encoding='utf-8'):
         looks.append(ask_where_it_is(source))
     if reason := why_not(looks):
         _say(f'REFUSED: {reason}. Switch the old machine off and unplug it, and plug this one in.')
@@ -177,7 +177,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         prog='rcs_takeover', description="Become race control, at the old one's address."
     )
     add = parser.add_argument
-    add('address', type=_address, help="race control's on the karts' network, such as 10.0.0.1/24")
+    add(
+        'address',
+        type=ipv4_address,
+        help="race control's on the karts' network, such as 10.0.0.1/24",
+    )
     add('interface', help="this machine's, on the karts' network, such as eth0")
     add('--port', type=int, default=DEFAULT_PORT, help='where karts connect (%(default)s)')
     given = parser.parse_args(arguments)
@@ -188,7 +192,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return WRONG_SETTING
 
 
-def _address(text: str) -> ipaddress.IPv4Interface:
+def ipv4_address(text: str) -> ipaddress.IPv4Interface:
+    """Return an address and its network; with no word about it, as large as most are."""
     return ipaddress.IPv4Interface(text if '/' in text else f'{text}/24')
 
 

@@ -29,7 +29,7 @@ from evgp_rcs.neighbours import Found, Look, why_not
 from evgp_rcs.orderly_end import OrderlyEnd
 from evgp_rcs.race import Doubt, Event, EventKind, KartMemory, RaceMemory, StampedEvent
 from evgp_rcs.record import distrust, Record
-from evgp_rcs.spare import fetch, keep, latest, NAMES, RECORD, SOURCE, SpareError
+from evgp_rcs.spare import fetch, keep, latest, NAMES, ORIGIN, RECORD, SpareError
 from hypothesis import given, HealthCheck, settings, strategies
 import pytest
 
@@ -145,7 +145,7 @@ def test_another_machine_is_asked_by_ssh_and_never_for_a_password(
     told = (programs / 'told').read_text()
     assert 'BatchMode=yes' in told
     assert ' anna@10.1.0.5 ' in told
-    assert (tmp_path / SOURCE).read_text() == '10.1.0.5'
+    assert (tmp_path / ORIGIN).read_text() == '10.1.0.5'
 
 
 @pytest.mark.parametrize('wrong', ['', '-oProxyCommand=x@10.1.0.5', 'anna@laptop'])
