@@ -102,11 +102,12 @@ def ask_where_it_is(address: str) -> Look:
 
 
 def connect(address: str, port: int, interface: str) -> Look:
-    """Look whether anything answers at a TCP port, if only by refusing."""
+    """Look whether anything answers at a TCP port; off loopback, a refusal is an answer."""
     with socket.socket() as trying:
         trying.settimeout(ANSWER_WITHIN)
         trying.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, interface.encode())
-        if trying.connect_ex((address, port)) in (0, errno.ECONNREFUSED):
+        refused = 0 if interface == 'lo' else errno.ECONNREFUSED
+        if trying.connect_ex((address, port)) in (0, refused):
             return Look(Found.ANSWER, f'{address} answers at TCP port {port}')
     return Look(Found.NOTHING)
 

@@ -86,8 +86,9 @@ def fetch(source: str, roster: str, parameters: str, record: str) -> bytes:
     """
     remote = _REMOTE.fullmatch(source)
     login, _, folder = remote.groups('') if remote else ('', '', source)
-    paths = [*(os.path.join(folder, each) for each in (roster, parameters)), record]  # noqa: PTH118
-    command = ['python3' if login else sys.executable, '-', *paths]
+    # No pathlib: a path of another machine, and ~ of its user.
+    own = [os.path.join(folder, each) for each in (roster, parameters)]  # noqa: PTH118
+    command = ['python3' if login else sys.executable, '-', *own, record]
     if login:
         command = [*_SSH, login, f'nice -n 19 {shlex.join(command)}']
     try:

@@ -43,6 +43,7 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind
 from evgp_rcs.laps import Passing
 from evgp_rcs.race import AlertKind
 from evgp_rcs.record import events, open_read_only, RecordedEvent, sessions
+from evgp_rcs.spare import fetch, keep
 from evgp_rcs_msgs import msg
 from evgp_rehearsal.field import Connected, Failure, Field, TICK_LENGTH
 from evgp_rehearsal.incidents import AFTER, ALERTS, can_begin, choose_kart, INCIDENTS, Phase
@@ -55,9 +56,10 @@ from evgp_testing.judge import Judge
 from evgp_testing.kart import Bridge, ExampleStack
 from evgp_testing.official import Answer, latched, Official
 from evgp_testing.part import Part
-from evgp_testing.process import Process
+from evgp_testing.process import executable, Process, Program
 from evgp_testing.race_control import address_of, RaceControl
 from evgp_testing.wire_kart import Acknowledges, WireKart
+import yaml
 
 BANNER = 'REHEARSAL'
 """What every screen of a rehearsal says."""
@@ -156,6 +158,8 @@ class Rehearsal(Part):
         self._first: dict[RaceState, int] = {}  # the tick at which the race came to it
         self._ended = False
         self._again: Future[None] | None = None
+        self._dead = threading.Event()
+        self._spare: Program | None = None
         self.links: dict[int, DrivenKart | WireKart] = {}
         self._judge = judge
         self._parameters = parameters or {}
@@ -184,6 +188,7 @@ class Rehearsal(Part):
             if window:
                 self.open_window()
             stack.callback(self._close_window)
+            stack.callback(self._close_spare)
             self._stack = stack.pop_all()
         self._thread = threading.Thread(target=self._run, name='field', daemon=True)
         self._thread.start()
@@ -240,6 +245,12 @@ class Rehearsal(Part):
                 self.window = Process('evgp_rcs_console', 'rcs_gui', self.domain, words)
 
         self._starter.submit(start).result()
+
+    @property
+    def drill(self) -> str:
+        """Return by what line race control is taken over here, once its laptop has died."""
+        words = f"ADDRESS=127.0.0.1 INTERFACE=lo ARGS='--port {self.control.port}'"
+        return f'ROS_HOME={self._folder} ROS_DOMAIN_ID={self.domain} make takeover {words}'
 
     # ----- what an official sees and does -------------------------------------------------
 
@@ -328,6 +339,9 @@ class Rehearsal(Part):
         self.mend()
         self.attend(Steward(row.state), STEWARD, lambda: self.can_begin(name), GET_THERE)
         took = self.inject(name, kart)
+        if row.name == 'laptop_dies':
+            self._dead.wait()
+            self._starter.submit(self._take_over).result()
         ends = took.began + row.ticks + AFTER
         self.attend(official, 'trainee', lambda: self.field.tick >= ends, None, took.began)
         self.mend()
@@ -460,6 +474,14 @@ class Rehearsal(Part):
             return
         os.kill(self.control.kart_server_pid, signal.SIGKILL)
         self.control.kill()
+        if what is Failure.DIE:
+            copy, record = str(self._folder), self._folder / 'record.sqlite3'
+            parameters = self._folder / 'rcs.yaml'
+            settings = {'/**': {'ros__parameters': self._settings()}}
+            parameters.write_text(yaml.safe_dump(settings), encoding='utf-8')
+            packed = fetch(copy, 'karts.yaml', parameters.name, str(record))
+            keep(packed, copy, self._folder / 'evgp_rcs' / 'spare')
+            self._dead.set()
 
     def _keep_race_control(self) -> None:
         """Start race control again, whatever has ended it, as ``make run`` does."""
@@ -469,7 +491,9 @@ class Rehearsal(Part):
             time.sleep(AWAY)
             self.control = self._race_control(port)
 
-        if not self.control.runs and (self._again is None or self._again.done()):
+        if not (self._dead.is_set() or self.control.runs) and (
+            self._again is None or self._again.done()
+        ):
             self._again = self._starter.submit(again)
 
     def _time_is_up(self) -> None:
@@ -505,15 +529,13 @@ class Rehearsal(Part):
             self._folder,
             self.domain,
             self.plan.numbers,
-            parameters={
-                'port': port,
-                'banner': BANNER,
-                **ALERTS,
-                **self._parameters,
-            },
+            parameters={'port': port, **self._settings()},
             teams=self._teams(),
             heats={HEAT: {'karts': self._heat, 'laps': self.plan.laps}},
         )
+
+    def _settings(self) -> dict[str, object]:
+        return {'banner': BANNER, **ALERTS, **self._parameters}
 
     def _teams(self) -> dict[int, str]:
         return {number: f'{BANNER} {number}' for number in self.plan.numbers}
@@ -523,6 +545,16 @@ class Rehearsal(Part):
         own = {number: (team, address_of(number)) for number, team in self._teams().items()}
         if heard != own:
             raise RefusedError('the race that is heard is not the one of this rehearsal')
+
+    def _take_over(self) -> None:
+        command = [executable('evgp_rcs', 'rcs_takeover'), '127.0.0.1', 'lo']
+        command += ['--port', str(self.control.port)]
+        home = {'ROS_HOME': str(self._folder)}
+        self._spare = Program('takeover', command, self.domain, home, end='TERM')
+
+    def _close_spare(self) -> None:
+        if self._spare is not None:
+            self._spare.close()
 
     def _close_window(self) -> None:
         if self.window is not None:
@@ -543,7 +575,9 @@ def _passing_message(passing: Passing) -> msg.Passing:
 
 def recorded(folder: pathlib.Path) -> list[RecordedEvent]:
     """Return all events of the record in a folder, of every run of race control."""
-    with contextlib.closing(open_read_only(folder / 'record.sqlite3')) as database:
+    # After a takeover the newest one has the runs before it, too.
+    newest = max(folder.rglob('record.sqlite3'), key=lambda path: path.stat().st_mtime)
+    with contextlib.closing(open_read_only(newest)) as database:
         return [event for run in sessions(database) for event in events(database, run.number)]
 
 

@@ -78,6 +78,7 @@ class Failure(enum.Enum):
     """What can happen to race control itself."""
 
     CRASH = enum.auto()
+    DIE = enum.auto()
     CLOSE_CONSOLE = enum.auto()
 
 

@@ -264,6 +264,18 @@ _ROWS = (
         to_kart=False,
     ),
     Incident(
+        'laptop_dies',
+        "race control's laptop dies in mid-race; a spare has a copy",
+        Phase.RACE,
+        lambda field, kart: field.failures.append(Failure.DIE),
+        'does the drill; then records the MSR, or waits until every kart has acknowledged '
+        'RED_RED, looks at the track, and states IN_GARAGE (docs/operations.md)',
+        (KILL | MSR | _all(K.IN_GARAGE),),
+        fine=MSR,
+        limit=90.0,
+        to_kart=False,
+    ),
+    Incident(
         'console_lost',
         "the officials' window dies, and then a red flag is needed",
         Phase.RACE,

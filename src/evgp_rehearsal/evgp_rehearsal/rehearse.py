@@ -40,7 +40,7 @@ from evgp_rehearsal.event import BANNER, Rehearsal
 from evgp_rehearsal.incidents import INCIDENTS, Phase
 from evgp_rehearsal.officials import Good
 from evgp_rehearsal.page import Page
-from evgp_rehearsal.plan import Plan, PlanError, read_plan
+from evgp_rehearsal.plan import Cue, Plan, PlanError, read_plan
 from evgp_rehearsal.score import Line
 from rich.console import Console
 
@@ -64,7 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--no-window', action='store_true', help='open no window, no browser')
     parser.add_argument('--official', action='store_true', help='a program instead of you')
     parser.add_argument(
-        '--incident', action='append', choices=INCIDENTS, help='for --official; every one if none'
+        '--incident', action='append', choices=INCIDENTS, help='this one, in place of the script'
     )
     given = parser.parse_args(arguments)
     console = Console(highlight=False)
@@ -79,6 +79,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with tempfile.TemporaryDirectory() as folder:
         if given.official:
             return _play(console, plan, pathlib.Path(folder), given)
+        if given.incident:
+            script = tuple(Cue(name, 20.0) for name in given.incident)
+            plan = dataclasses.replace(plan, script=script)
         return _train(console, plan, pathlib.Path(folder), given)
 
 
@@ -128,6 +131,8 @@ def _explain(console: Console, rehearsal: Rehearsal) -> None:
     start = f'grid-active {karts} --track-is-clear', f'green-green {karts}'
     for words in ('watch', *start, 'all-kill'):
         console.print(f'  {ctl} ARGS="{words}"', soft_wrap=True)  # one line, to be copied
+    console.print('If its laptop dies (laptop_dies), by the drill of docs/operations.md:')
+    console.print(f'  {rehearsal.drill}', soft_wrap=True)
     console.print('Ctrl-C ends the rehearsal and shows the score sheet.')
 
 

@@ -65,7 +65,7 @@ class TableTop:
         """Go on by a tick: karts, connections, then race control."""
         said = self.field.step()
         while self.field.failures:
-            if self.field.failures.pop() is Failure.CRASH:
+            if self.field.failures.pop() in (Failure.CRASH, Failure.DIE):
                 self._crash()
         if self.field.tick < self.back_at:
             return
