@@ -10,6 +10,7 @@ import contextlib
 import os
 import pathlib
 import subprocess
+import sys
 import threading
 import time
 
@@ -242,6 +243,36 @@ def test_a_machine_without_race_control_that_still_has_its_power_is_no_dead_one(
 
     assert takeover.wait() == IN_THE_WAY, takeover.output
     assert FIRST in takeover.output
+
+
+HOLDING = """
+import ipaddress, sys
+from evgp_rcs.takeover import held
+with held(ipaddress.IPv4Interface('10.77.0.1/24'), 'lo'):
+    print('held', flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_the_address_is_given_back_however_the_takeover_ends() -> None:
+    need_networks()
+    with Namespace() as machine, machine.inside():
+
+        def has_it() -> bool:
+            shown = subprocess.run(['ip', 'address'], capture_output=True, text=True, check=True)
+            return f'{RACE_CONTROL}/' in shown.stdout
+
+        with subprocess.Popen(
+            [sys.executable, '-c', HOLDING], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+        ) as holder:
+            assert holder.stdout is not None
+            assert holder.stdout.readline()
+            assert has_it()
+            holder.kill()
+        ends = time.monotonic() + PATIENCE
+        while has_it():
+            assert time.monotonic() < ends
+            time.sleep(0.02)
 
 
 @pytest.mark.own_process
