@@ -253,13 +253,13 @@ def _fence(named: str) -> None:
 
 def keep_to_interface(server: socket.socket, address: str) -> None:
     """Have a TCP server hear loopback and the interface that has this address now, only."""
-    name = _interfaces().get(address, 'lo')
+    name = interfaces().get(address, 'lo')
     _attach_filter(server, [socket.if_nametoindex(each) for each in {'lo', name}])
 
 
 def network_of(address: str) -> ipaddress.IPv4Network | None:
     """Return the network of an address of this machine; None: no interface has it now."""
-    name = _interfaces().get(address)
+    name = interfaces().get(address)
     if name is None:
         return None
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as any_socket:
