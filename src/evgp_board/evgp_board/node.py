@@ -134,7 +134,7 @@ class BoardNode(StrictNode):
         for event in message.events:
             last, this = self._last_event, (event.sequence, seconds_of(event.stamp))
             line = line_of(event)
-            # The last ones are said again after the network was away.
+            # The last ones come again after the network was away.
             if line is not None and not (this[0] <= last[0] and this[1] <= last[1]):
                 self._last_event = this
                 log[event.kart] = (*log.get(event.kart, ()), line)[-MOST_LOGGED:]

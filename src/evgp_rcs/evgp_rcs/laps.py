@@ -20,9 +20,9 @@ An official may strike one out and put it back, and give a transponder to a kart
 judged again. Nothing here knows what a kart is sent.
 
 A beam sees that somebody crosses, and officials say who: a passing of officials gives the kart
-the oldest crossing of nobody known that came within the last `BEAM_PRESS` seconds. An official
-may be quicker than the beam: what it sees within `clock_tolerance` after a passing of officials
-takes its place. Either only if it counts for that kart.
+the oldest crossing of the last `BEAM_PRESS` seconds of which nobody has said who it was. An
+official may be quicker than the beam: what the beam sees within `clock_tolerance` after a passing
+of officials takes its place. Both happen only if the crossing counts for that kart.
 
 A passing counts for a kart that started the race, if it comes after GREEN_GREEN and before the
 kart's finish, its leaving or the end of the race, before the kart has all its laps, and no nearer
@@ -72,8 +72,9 @@ MOST_SEEN = 100_000
 """Number of identities that are known again, over all races."""
 
 MOST_HEATS, MOST_OF_HEATS = 200, 10_000
-"""Maximum number of heats of which the results are kept, and of crossings in all but the newest of
-them: whatever changes in the race, they are written again with it (some 20 ms of the disk's)."""
+"""Maximum number of heats of which the results are kept, and of crossings and penalties in all of
+them together; the newest heat is always kept. Whatever changes in the race, they are written again
+with it (some 20 ms of the disk's time)."""
 
 
 class Format(enum.Enum):
@@ -429,12 +430,12 @@ class Laps:
         return laps, taken
 
     def _waiting(self, came: float) -> Crossing | None:
-        """Return the oldest crossing of nobody known that an official may mean then."""
+        """Return the oldest crossing without a kart that an official may mean then."""
         lately = (each for each in self._nobody if came - each.came <= BEAM_PRESS)
         return next(lately, None)
 
     def _press_before(self, crossing: Crossing) -> Crossing | None:
-        """Return the oldest passing of officials whose place a crossing of nobody known takes."""
+        """Return the oldest passing of officials whose place a crossing by a beam takes."""
         found = None
         for each, mark in zip(reversed(self.crossings), reversed(self.marks), strict=True):
             if crossing.passing.transponder or (
@@ -449,7 +450,7 @@ class Laps:
         return found
 
     def _give(self, crossing: Crossing, kart: int, **changes: Any) -> tuple[Laps, Taken]:
-        """Give a crossing of nobody known to a kart."""
+        """Give a kart a crossing of which nobody has said who it was."""
         identity = crossing.passing.identity
         laps = self.again(given={**self.given, identity: kart}, **changes)
         before, times = len(self.counted.get(kart, ())), laps.counted.get(kart, ())
@@ -579,7 +580,7 @@ class Laps:
 
     @functools.cached_property
     def _nobody(self) -> tuple[Crossing, ...]:
-        """Return the crossings that nobody knows whose they were, the first one first."""
+        """Return the crossings of which nobody has said who it was, the first one first."""
         marked = zip(self.crossings, self.marks, strict=True)
         return tuple(
             each for each, mark in marked if mark is Mark.UNKNOWN and not each.passing.transponder
@@ -728,7 +729,7 @@ def ranked(format_: Format, results: Iterable[KartResult]) -> tuple[KartResult, 
 
 
 def _key(format_: Format, result: KartResult) -> tuple[float, ...]:
-    """Return what is less of a result that is better."""
+    """Return the key to sort results by: that of a better one is less."""
     group, best, total = _GROUP.get(result.status, 0), _ms(result.best), _ms(result.total)
     if format_ is Format.PRACTICE:
         return group, best

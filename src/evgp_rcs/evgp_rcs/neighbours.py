@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Whether another machine is there, in the karts' network or the officials'.
+Whether another machine is there, on the karts' network or the officials'.
 
 ``ask`` and ``link`` go by what ``arping`` and ``ip`` say (iputils-arping, iproute2); `why_not` is
 the decision, and pure. What cannot be known counts as bad as an answer.
@@ -90,7 +90,7 @@ def ask(address: str, interface: str, probes: int = 3) -> Look:
 
 
 def ask_where_it_is(address: str) -> Look:
-    """Ask the same of an address in a network of this machine, wherever that is plugged in."""
+    """Ask the same about an address, at the interface that is on its network."""
     for route in _ip('route', 'get', address):
         if 'gateway' not in route:
             return max(link(route['dev']), ask(address, route['dev']))

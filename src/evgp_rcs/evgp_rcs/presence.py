@@ -16,7 +16,7 @@
 Who is there to stop the race: the programs that say so once a second, by their ids.
 
 A program counts while its last word without a fault is not older than `SILENT_AFTER`. A stop
-button is missed for longer: until another is started in its place.
+button that is gone is reported for longer: until another is started in its place.
 
 Pure: words and times go in, from any thread.
 """
@@ -100,7 +100,7 @@ class Presences:
         """
         Take what a program says, whatever is in it, at a time (s).
 
-        :return: whether it is heard: `MOST_PROGRAMS` others are not there.
+        :return: whether it is heard; it is not if `MOST_PROGRAMS` others are there.
         """
         key = tidy(word.id)
         with self._lock:
@@ -129,7 +129,7 @@ class Presences:
         able = [each for each in programs if each.works(now)]
         buttons = [each for each in programs if each.is_button]
         wrong = [
-            f'{each.name}: {"nothing is heard of it" if each.is_gone(now) else each.fault}'
+            f'{each.name}: {"race control does not hear it" if each.is_gone(now) else each.fault}'
             for each in buttons
             if each.is_gone(now) or each.fault
         ]

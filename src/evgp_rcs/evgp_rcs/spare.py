@@ -43,13 +43,13 @@ COPY_EVERY = 5.0
 """Time between two copies, in seconds."""
 
 COPY_TIMEOUT = 20.0
-"""Maximum time for one, in seconds."""
+"""Maximum time for one copy, in seconds."""
 
 ROSTER, PARAMETERS, RECORD = NAMES = ('karts.yaml', 'rcs.yaml', 'record.sqlite3')
 """The files of a copy."""
 
 ORIGIN = 'from'
-"""Another one: the address of the machine that the copy comes from; empty: it is this one."""
+"""A further file: the address of the machine that the copy is from; empty: it is this one."""
 
 _REMOTE = re.compile(r'(\w[\w.-]*@([\d.]+))(?::(.*))?')
 _SSH = ('ssh', '-o', 'BatchMode=yes', '-o', 'ConnectTimeout=3', '-o', 'ServerAliveInterval=3')
@@ -105,7 +105,7 @@ def fetch(source: str, roster: str, parameters: str, record: str) -> bytes:
 
 def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
     """
-    Have this copy take the place of the last one, and return how old its newest event was, s.
+    Put this copy in the place of the last one, and return how old its newest event was, s.
 
     :raises SpareError: if it is not whole, or cannot be written.
     """
@@ -121,13 +121,13 @@ def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
         load_roster(folder / f'{ROSTER}.new')
         newest = _newest_event(folder / f'{RECORD}.new')
         _write(folder / ORIGIN, (remote[2] if remote else '').encode())
-        # Whatever looked at the last copy: what it has left beside it is not of this one.
+        # What a reader of the last copy has left beside it does not belong to this one.
         for path in folder.glob(f'{RECORD}-*'):
             path.unlink()
         for name in NAMES:
             (folder / f'{name}.new').replace(folder / name)
     except (OSError, KeyError, tarfile.TarError, sqlite3.Error, RosterError) as error:
-        raise SpareError(f'what came cannot be kept: {error}') from error
+        raise SpareError(f'the copy cannot be kept: {error}') from error
     return made - newest / 1e9
 
 
@@ -169,7 +169,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     Copy until Ctrl-C.
 
-    :return: 0; 1 if the only copy that was asked for failed; 2 if the usage is wrong.
+    :return: 0; 1 if ``--once`` was given and the copy failed; 2 if the usage is wrong.
     """
     parser = argparse.ArgumentParser(
         prog='rcs_spare', description="Keep a copy of race control's roster, parameters, record."

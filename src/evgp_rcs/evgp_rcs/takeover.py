@@ -49,7 +49,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 ANNOUNCEMENTS = 5
-"""How many times karts are told who has the address now; what one of them misses, the next has."""
+"""Number of times karts are told who has the address now: if they miss one, the next will do."""
 
 # The kernel gives the address back however this process ends. Ctrl-C is not for the shell.
 _HOLD = """
@@ -86,7 +86,7 @@ def look_among_officials(own_address: str) -> Look:
 @contextlib.contextmanager
 def held(address: ipaddress.IPv4Interface, interface: str) -> Iterator[None]:
     """
-    Have an address of this machine, until the end of this process at the latest.
+    Give this machine an address, until this process ends at the latest.
 
     :raises OSError: if it cannot be set.
     """
@@ -108,7 +108,7 @@ def defend(address: str, interface: str, lost: list[str]) -> None:
     """
     Announce an address, and end this process once another machine has it too.
 
-    :param lost: is told then who has it.
+    :param lost: then gets a sentence that says who has it.
     """
     announcements = 0
     while not lost:
@@ -129,7 +129,8 @@ def take_over(address: ipaddress.IPv4Interface, interface: str, port: int) -> in
 
     :return: the exit code, as that of ``main``.
     :raises SpareError: if there is no copy.
-    :raises OSError, sqlite3.Error, ValueError: if it cannot be used, or the address not be set.
+    :raises OSError, sqlite3.Error, ValueError: if the copy cannot be used, or the address cannot
+        be set.
     """
     copy, own = latest(), str(address.ip)
     _say(f'Looking for the old race control at {own}, on every network ...')
@@ -184,9 +185,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     add(
         'address',
         type=ipv4_address,
-        help="race control's on the karts' network, such as 10.0.0.1/24",
+        help="race control's address on the karts' network, such as 10.0.0.1/24",
     )
-    add('interface', help="this machine's, on the karts' network, such as eth0")
+    add('interface', help="this machine's interface on the karts' network, such as eth0")
     add('--port', type=int, default=DEFAULT_PORT, help='where karts connect (%(default)s)')
     given = parser.parse_args(arguments)
     try:
@@ -197,7 +198,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def ipv4_address(text: str) -> ipaddress.IPv4Interface:
-    """Return an address and its network; with no word about it, as large as most are."""
+    """Return an address and its network; if the text does not name the network, a /24."""
     return ipaddress.IPv4Interface(text if '/' in text else f'{text}/24')
 
 

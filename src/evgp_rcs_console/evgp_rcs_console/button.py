@@ -63,13 +63,13 @@ PRESENCE_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.VOLATILE,
 )
-"""Of `rcs/presence`: what is late is no presence."""
+"""Of `rcs/presence`; volatile, since an old message does not say who is there now."""
 
 PRESENCE_PERIOD = 1.0
 """Time between two messages that say that this button is there, in seconds."""
 
 ACCEPTED_WITHIN = 1.0
-"""Maximum time until race control has accepted ALL KILL; then that is told, in seconds."""
+"""Maximum time until race control has accepted ALL KILL, in seconds; then officials are told."""
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@
 """
 The device of a stop button: a key of an input device, or a contact at a serial port.
 
-An input device is read here as the kernel gives it (linux/input.h): fewer lines than a library
-has traps, and no read of it can hang. No ROS.
+An input device is read here as the kernel gives it (linux/input.h), without a library: no read of
+it can hang. No ROS.
 """
 
 from __future__ import annotations
@@ -94,11 +94,11 @@ class Keys:
         return self._ask(GET_NAME, 256).partition(b'\0')[0].decode(errors='replace')
 
     def grab(self, mine: bool) -> None:
-        """Have it for this program alone, or no more: its keys type nowhere else."""
+        """Take it for this program alone, so that its keys type nowhere else; or give it back."""
         fcntl.ioctl(self.descriptor, GRAB, int(mine))
 
     def down(self) -> frozenset[int]:
-        """Return which keys are down. What was not read yet of them is dropped."""
+        """Return which keys are down. Their changes that were not read yet are dropped."""
         bits = int.from_bytes(self._ask(GET_KEYS_DOWN, _KEYS), 'little')
         return frozenset(key for key in range(_KEYS * 8) if bits >> key & 1)
 
@@ -139,7 +139,7 @@ class Contact:
         return frozenset(() if self._port.cts else (CONTACT_KEY,))
 
     def changes(self, timeout: float) -> Iterable[Change]:
-        """Look at it after a while, which is short."""
+        """Look at it after a short while."""
         time.sleep(min(timeout, BUTTON_CONTACT_LOOK))
         return ((CONTACT_KEY, bool(self.down())),)
 

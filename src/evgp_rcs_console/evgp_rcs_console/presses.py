@@ -32,10 +32,10 @@ EVENT = struct.Struct('@llHHi')
 
 DEBOUNCE = 0.02
 """Time for which a contact must have been closed before it counts again, in seconds: it bounces.
-Keys do not: they are heard in batches, which say nothing of time."""
+Not for keys: they are read in batches, so the time between two of them is not known."""
 
 HELD = 2.0
-"""Time for which a key is down after which it is told, in seconds: something lies on it."""
+"""Time after which a key that is down is reported, in seconds: something may lie on it."""
 
 CONTACT_KEY = 0
 """The key of a contact."""

@@ -40,20 +40,20 @@ BUTTON_NOT_ALLOWED = (
 BUTTON_TAKEN = 'Another program holds it for itself: end that program'
 BUTTON_GONE = 'It is not there: plug it in'
 BUTTON_UNREADABLE = 'It cannot be read: {error}'
-BUTTON_HELD = 'It is held down, or its contact is open: it counts again once it is released'
+BUTTON_HELD = 'It is held down, or its contact is open: release it, so that it counts again'
 BUTTON_ASLEEP = 'Its USB port is asleep: switch power saving of USB off'
 BUTTON_UNANSWERED = 'Race control has not accepted its ALL KILL yet: USE THE MSR'
-BUTTON_FINDS_NOBODY = 'It does not find race control, and sends ALL KILL nowhere'
-BUTTON_ENDED = 'Its program has been ended'
+BUTTON_FINDS_NOBODY = 'It does not find race control: a press does not stop the race'
+BUTTON_ENDED = 'Its program has been ended: start it again'
 BUTTON_WORKS = 'A press sends ALL KILL'
 BUTTON_KEYS = '{path}: {name}. As a stop button, any key of it sends ALL KILL'
 BUTTON_CONTACT = (
     '{path}: a serial port. As a stop button, its contact sends ALL KILL when it opens'
 )
 BUTTON_PORT = '{path}: a serial port, not opened. To look at its contact: rcs_button test {path}'
-BUTTON_NONE = 'There is nothing here that can be a stop button'
+BUTTON_NONE = 'No device here can be a stop button: plug one in'
 BUTTON_TRY = 'Press each button. Nothing is sent. Ctrl-C ends this'
-BUTTON_PRESSED = '{path}: PRESSED (key {key}). With rcs_button running, this is ALL KILL'
+BUTTON_PRESSED = '{path}: PRESSED (key {key}). While rcs_button runs, this sends ALL KILL'
 
 STATES = {state: state.name.replace('_', ' ') for state in State} | {State.UNKNOWN: ''}
 
