@@ -500,6 +500,7 @@ def test_a_race_goes_on_if_another_window_is_there_in_time(
 ) -> None:
     console, (kart,), control = open_beside(1, nobody_there=PATIENCE)
     official = join_official(control)
+    console.wait_for('strip', text='1 can stop')
     console.start_race()
     kart.wait_for_state(GREEN_GREEN)
     console.kill()

@@ -117,7 +117,8 @@ def test_a_configuration_file_has_every_parameter_with_its_default(
 def test_the_document_has_every_parameter_with_its_default_and_range(
     node: Declared, section: str
 ) -> None:
-    _, _, own = text_of('docs/ros-interface.md').partition(f'\n{section}\n')
+    _, _, rest = text_of('docs/ros-interface.md').partition(f'\n{section}\n')
+    own, _, _ = rest.partition('\n## ')
     table, _, _ = own.partition('### Parameters')[2].partition('### Diagnostics')
     rows = re.findall(r'^\| `(\w+)` \| (.*?) \| (.*?) ?\|', table, re.MULTILINE)
     defaults = {

@@ -71,7 +71,7 @@ STATUS_WORDS = {
 }
 GRADE_WORDS = {getattr(msg.LinkQuality, each.name): each.value for each in Grade}
 
-MOST_NAMED = 8
+MOST_KARTS_NAMED = 8
 """Maximum number of karts that a line names."""
 
 
@@ -347,8 +347,8 @@ def _answered(kart: msg.KartStatus) -> str:
 def _karts(numbers: Iterable[int]) -> str:
     """Return karts by their numbers, not more than a line takes."""
     named = [*map(str, numbers)]
-    more = [f'{len(named) - MOST_NAMED} more'] if len(named) > MOST_NAMED else []
-    return f'kart{"s" * (len(named) > 1)} {", ".join([*named[:MOST_NAMED], *more])}'
+    more = [f'{len(named) - MOST_KARTS_NAMED} more'] if len(named) > MOST_KARTS_NAMED else []
+    return f'kart{"s" * (len(named) > 1)} {", ".join([*named[:MOST_KARTS_NAMED], *more])}'
 
 
 def _state(message: msg.RaceState) -> int:

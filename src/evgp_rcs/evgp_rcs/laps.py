@@ -308,14 +308,15 @@ class Heats:
         return {each.heat: Laps.recall(each, LapSettings(), 0.0) for each in self.kept}
 
     @functools.cached_property
-    def _best(self) -> Mapping[Format, tuple[KartResult, ...]]:
-        return {each: self._best_without(each, '') for each in Format}
+    def _best(self) -> dict[tuple[Format, str], tuple[KartResult, ...]]:
+        return {}  # what was asked for: a lap changes none of them
 
     def best(self, format_: Format, without: str) -> tuple[KartResult, ...]:
         """Return the best result of each kart in the heats of a format but this one."""
-        if without not in self.by_name:
-            return self._best[format_]
-        return self._best_without(format_, without)
+        key = format_, without if without in self.by_name else ''
+        if key not in self._best:
+            self._best[key] = self._best_without(*key)
+        return self._best[key]
 
     def _best_without(self, format_: Format, without: str) -> tuple[KartResult, ...]:
         heats = [each for each in self.by_name.values() if each.heat != without]

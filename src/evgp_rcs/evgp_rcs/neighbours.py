@@ -25,6 +25,7 @@ from collections.abc import Sequence
 import enum
 import errno
 import json
+import os
 import re
 import socket
 import subprocess
@@ -77,10 +78,13 @@ def ask(address: str, interface: str, probes: int = 3) -> Look:
     command = ['arping', '-D', '-c', str(probes), '-w', str(probes + 1), '-I', interface, address]
     done = _run(command)
     # A mistake has the same exit code as an answer, and a cable that is pulled the same as none.
-    answer = re.search(r'reply from .*', done.stdout)
-    if done.returncode == 1 and answer:
+    # This machine itself answers where two of its interfaces are on one network.
+    answer = re.search(r'(?:reply|request) from .*', done.stdout, re.IGNORECASE)
+    own = {entry.get('address', '').lower() for entry in _ip('link')}
+    is_own = answer and own.intersection(re.findall(r'[\w:]{17}', answer[0].lower()))
+    if done.returncode == 1 and answer and not is_own:
         return Look(Found.ANSWER, f'another machine on {interface} has {address} ({answer[0]})')
-    if done.returncode == 0 and 'Received 0 response' in done.stdout:
+    if is_own or (done.returncode == 0 and 'Received 0 response' in done.stdout):
         return Look(Found.NOTHING)
     return Look(
         Found.NOT_KNOWN,
@@ -126,10 +130,15 @@ def _run(command: Sequence[str]) -> subprocess.CompletedProcess[str]:
     """Run a command beside the terminal, whose Ctrl-C is not for it."""
     try:
         return subprocess.run(
-            command, capture_output=True, text=True, check=False, start_new_session=True
+            command,
+            capture_output=True,
+            text=True,
+            check=False,
+            start_new_session=True,
+            env={**os.environ, 'LC_ALL': 'C'},
         )
-    except FileNotFoundError:
-        return subprocess.CompletedProcess(command, 127, '', f'there is no {command[0]}')
+    except OSError as error:
+        return subprocess.CompletedProcess(command, 127, '', f'{command[0]}: {error.strerror}')
 
 
 def _last_line(text: str) -> str:

@@ -13,7 +13,7 @@
 # limitations under the License.
 
 """
-Who is there to stop the race: the programs that say so once a second, by their ids.
+Who is there to stop the race: the programs that say so at least once a second, by their ids.
 
 A program counts while its last word without a fault is not older than `SILENT_AFTER`. A stop
 button that is gone is reported for longer: until another is started in its place.
@@ -107,13 +107,16 @@ class Presences:
             program = self._programs.get(key)
             if program is None:
                 self._forget(now)
+                missed = (each for each, other in self._programs.items() if other.is_gone(now))
                 if len(self._programs) >= MOST_PROGRAMS:
-                    return False
-                label = LABELS.get(word.program) or tidy(word.program, MOST_OF_NAME) or 'a program'
-                official = tidy(word.official, MOST_OF_NAME)
-                name = f'{official} ({label})' if official else label
-                program = Program(name, word.program == BUTTON, word.presses, now, now)
+                    if (first := next(missed, None)) is None:
+                        return False
+                    del self._programs[first]
+                program = Program('', word.program == BUTTON, word.presses, now, now)
                 self._programs[key] = program
+            label = LABELS.get(word.program) or tidy(word.program, MOST_OF_NAME) or 'a program'
+            official = tidy(word.official, MOST_OF_NAME)
+            program.name = f'{official} ({label})' if official else label
             program.heard = now
             program.fault = tidy(word.fault, MOST_OF_FAULT)
             program.pressed |= word.presses > program.first_presses

@@ -447,8 +447,8 @@ def _column(value: object) -> object:
 
 
 RESULTS_LAST_NS = 3 * 86_400 * 10**9
-"""Time from the begin of a run after which the next one knows its results no more: they are of
-another event, whose heats may have the same names. Nanoseconds."""
+"""Time from the last event of a run after which the next one knows its results no more: they are
+of another event, whose heats may have the same names. Nanoseconds."""
 
 
 def _left_behind(database: sqlite3.Connection, proof: str) -> RaceMemory | None:
@@ -457,8 +457,9 @@ def _left_behind(database: sqlite3.Connection, proof: str) -> RaceMemory | None:
 
     :param proof: when a run has ended in good order; empty: no proof.
     """
-    last = 'SELECT began_ns, ended_ns, memory FROM session ORDER BY id DESC LIMIT 1'
-    began_ns, ended_ns, memory = database.execute(last).fetchone() or (0, None, None)
+    newest = 'max(began_ns, coalesce((SELECT max(wall_ns) FROM event), 0))'
+    last = f'SELECT {newest}, ended_ns, memory FROM session ORDER BY id DESC LIMIT 1'
+    newest_ns, ended_ns, memory = database.execute(last).fetchone() or (0, None, None)
     if memory is None:
         return None  # there is no run, or the last one wrote nothing
     try:
@@ -467,7 +468,7 @@ def _left_behind(database: sqlite3.Connection, proof: str) -> RaceMemory | None:
         known = dataclasses.replace(read(RaceMemory, memory), final=final)
     except ValueError:
         return None  # damaged
-    if time.time_ns() - began_ns > RESULTS_LAST_NS:
+    if time.time_ns() - newest_ns > RESULTS_LAST_NS:
         known = dataclasses.replace(known, laps=laps.NO_LAPS, heats=())
     return known
 
@@ -479,14 +480,17 @@ def distrust(path: pathlib.Path) -> None:
     That is that the last run ended in good order, and that the MSR was used. What is held or in
     doubt stays.
 
-    :raises OSError, sqlite3.Error, ValueError: if that cannot be done, or the record is damaged.
+    :raises OSError, sqlite3.Error: if that cannot be done.
     """
     OrderlyEnd(path).take()
     with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as database:
         last = 'SELECT id, memory FROM session ORDER BY id DESC LIMIT 1'
         number, memory = database.execute(last).fetchone() or (0, None)
         if memory is not None:
-            memory = written(dataclasses.replace(read(RaceMemory, memory), msr_used=False))
+            try:
+                memory = written(dataclasses.replace(read(RaceMemory, memory), msr_used=False))
+            except ValueError:
+                memory = None  # damaged: nothing is known
         change = 'UPDATE session SET ended_ns = NULL, memory = ? WHERE id = ?'
         database.execute(change, (memory, number))
 

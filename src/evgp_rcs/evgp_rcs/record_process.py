@@ -133,7 +133,8 @@ class RecordProcess:
 
     def remember(self, memory: RaceMemory, at: float) -> None:
         """Save this for the next run; see ``Record.remember``."""
-        if memory != self._remembered:
+        # Where the process hangs, it is kept for when it goes on.
+        if memory != self._remembered and self._end.unsent <= MOST_UNWRITTEN_BYTES:
             self._remembered = memory
             self._end.send(pack(Remember(memory, at)))
 

@@ -25,8 +25,8 @@ from __future__ import annotations
 import socket
 import time
 
-from evgp_node.graph import interfaces, LOOPBACK, reachable_at
-from evgp_rcs.neighbours import ask, Found
+from evgp_node.graph import EVERY, interfaces, LOOPBACK, reachable_at
+from evgp_rcs.neighbours import ask, Found, link, Look
 from rclpy.node import Node
 
 FIRST_LOOK = 1.5
@@ -64,22 +64,25 @@ def claim_the_graph(node: Node) -> socket.socket:
 
 def refuse_taken_address(address: str) -> str:
     """
-    Refuse to start where another machine on the karts' network has this one's address there.
+    Refuse to start where another machine has an address at which this one listens for karts.
 
-    It takes a second.
+    It takes a second for each such address.
 
-    :return: why that cannot be known; empty: it is known, or `address` names no network.
+    :return: why that cannot be known; empty: it is known.
     :raises RivalError: if another one has it, as after a takeover.
     """
-    interface = interfaces().get(address)
-    if interface is None or interface == 'lo':
-        return ''
-    look = ask(address, interface, probes=1)
-    if look.found is Found.ANSWER:
+    worst = Look(Found.NOTHING)
+    for own, interface in interfaces().items():
+        if address in (own, EVERY) and interface != 'lo':
+            # Where it listens at all of them, some may be for cables that are not needed.
+            plugged = link(interface) if address == own else worst
+            worst = max(worst, plugged, ask(own, interface, probes=1))
+    if worst.found is Found.ANSWER:
         raise RivalError(
-            f'{look.what}: karts would reach either. Unplug this machine, or end that race control'
+            f'{worst.what}: karts would reach either. Unplug this machine, or end that race '
+            'control'
         )
-    return look.what
+    return worst.what
 
 
 def refuse_rivals(node: Node) -> None:

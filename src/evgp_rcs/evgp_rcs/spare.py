@@ -36,6 +36,7 @@ import sys
 import tarfile
 import time
 
+from evgp_protocol import clock
 from evgp_rcs.folder import rcs_folder
 from evgp_rcs.roster import load_roster, RosterError
 
@@ -115,7 +116,8 @@ def keep(packed: bytes, source: str, folder: pathlib.Path) -> float:
         with tarfile.open(fileobj=io.BytesIO(packed)) as tar:
             for name in NAMES:
                 member = tar.extractfile(name)
-                assert member is not None
+                if member is None:
+                    raise SpareError(f'{name} is not a file')
                 _write(folder / f'{name}.new', member.read())
             made = tar.getmember(RECORD).mtime
         load_roster(folder / f'{ROSTER}.new')
@@ -189,17 +191,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     at: float | None = None
     with contextlib.suppress(KeyboardInterrupt):
         while True:
-            began = time.monotonic()
+            began = clock.now()
             try:
                 packed = fetch(given.source, given.roster, given.params, given.record)
-                age, at = keep(packed, given.source, copies()), time.monotonic()
+                age, at = keep(packed, given.source, copies()), clock.now()
                 print(f'Copied: the newest event was {age:.0f} s old.', flush=True)
             except SpareError as error:
-                lag = 'no copy' if at is None else f'the copy is {time.monotonic() - at:.0f} s old'
+                lag = 'no copy' if at is None else f'the copy is {clock.now() - at:.0f} s old'
                 print(f'NOT COPIED, {lag}: {error}', flush=True)
             if given.once:
                 return 0 if at else 1
-            time.sleep(max(0.0, began + COPY_EVERY - time.monotonic()))
+            time.sleep(max(0.0, began + COPY_EVERY - clock.now()))
     return 0
 
 

@@ -579,7 +579,7 @@ a penalty stops the kart: laps-act, sent-wrong, order-wrong, red-loosened [laps 
         self.laps.penalise(penalty, command.heat) ¶ self._hold(self.karts[command.kart], RED_RED,
         'penalty', now)
 a kart is penalised that did not start: availability [laps outside]
-    _not_started: if kart.number in self.laps.of_heat(command.heat).karts => if True
+    _not_started: if kart.number in self.laps.of_heat(heat).karts => if True
 a penalty is taken back that there is not: availability [laps by hand]
     _no_undo_penalty: if kart.number in {each.kart for each in penalties} else => if self.laps else
 a restart forgets the laps: restart [laps by hand]

@@ -49,24 +49,12 @@ from evgp_rcs_console.button_devices import (
     stable_paths,
     why,
 )
-from evgp_rcs_console.client import Client
+from evgp_rcs_console.client import Client, THERE_EVERY, THERE_QOS
 from evgp_rcs_console.commands import Given
 from evgp_rcs_console.ctl_ros import Hearing
 from evgp_rcs_console.presses import Presses
 from evgp_rcs_console.settings import Signature
 from evgp_rcs_msgs.msg import Presence
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-
-PRESENCE_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=10,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
-"""Of `rcs/presence`; volatile, since an old message does not say who is there now."""
-
-PRESENCE_PERIOD = 1.0
-"""Time between two messages that say that this button is there, in seconds."""
 
 ACCEPTED_WITHIN = 1.0
 """Maximum time until race control has accepted ALL KILL, in seconds; then officials are told."""
@@ -96,7 +84,7 @@ class StopButton(StrictNode):
         self._settings = read_settings(Parameters(self))
         self._signature = Signature(self._settings.official, os.getpid())
         self._presses = Presses(self._settings.key, self._settings.kind == CONTACT)
-        self._presence = self.create_publisher(Presence, 'rcs/presence', PRESENCE_QOS)
+        self._presence = self.create_publisher(Presence, 'rcs/presence', THERE_QOS)
         self._id = secrets.token_hex(8)
         self._said = ('?', 0)
         self._due = 0.0
@@ -164,7 +152,7 @@ class StopButton(StrictNode):
             self.get_logger().warning(fault)
         elif fault != self._said[0]:
             self.get_logger().info(texts.BUTTON_WORKS)
-        self._said, self._due = said, at + PRESENCE_PERIOD
+        self._said, self._due = said, at + THERE_EVERY
         self._presence.publish(
             Presence(
                 program='rcs_button',

@@ -273,7 +273,7 @@ PRESSES = 10
 """Number of unanswered presses of one stop whose answers are still waited for."""
 
 
-THERE_EVERY = 1.0
+THERE_EVERY = 0.5
 """Time between two words that somebody is there, in seconds; 2 s without one, and nobody is."""
 
 THERE_QOS = QoSProfile(

@@ -103,6 +103,7 @@ def main(
     # By the thread that takes keys and clicks: where that hangs, nobody is there.
     there = QtCore.QTimer(window)
     there.timeout.connect(lambda: client.say_there(signature.name, window.unheard))
+    there.timeout.emit()
     there.start(round(1000 * THERE_EVERY))
     if on_window is not None:
         on_window(window)
