@@ -277,7 +277,8 @@ def _heat(race: msg.Race, results: msg.Results) -> msg.Heat | None:
     named = [heat for heat in race.heats if [*heat.karts] == racing]
     if not named and not {*racing}.isdisjoint(each.kart for each in results.karts):
         named = [each for each in race.heats if each.name == results.heat]  # a kart has left it
-    return next((each for each in named if each.name == results.heat), (*named, None)[0])
+    put = race.heat or results.heat
+    return next((each for each in named if each.name == put), (*named, None)[0])
 
 
 def _of_this_race(heard: Heard) -> msg.Results:

@@ -181,6 +181,7 @@ def race_message(
             )
             for heat, grid in zip(race.heats, race.starts.grids, strict=True)
         ],
+        heat=race.starts.heat,
         next_heat=race.starts.next_heat,
         banner=banner,
         able_to_stop=race.there.able,

@@ -228,11 +228,13 @@ class Starts(NamedTuple):
     In which order karts are to start, by the results that there are. No kart is sent it.
 
     :param grids: of each heat of the roster its karts in that order; empty: nothing says one yet.
+    :param heat: the name of the heat that was last put into the race; empty: none.
     :param next_heat: whose turn is next of the heats of one kart that were not raced; empty:
         nobody's.
     """
 
     grids: tuple[tuple[int, ...], ...]
+    heat: str
     next_heat: str
 
 
@@ -1721,8 +1723,8 @@ class Race:
                 for heat, grid in zip(self.heats, grids, strict=True)
                 if len(grid) == 1 and heat.name not in raced
             ]
-            known = self.laps, self.heat, Starts(grids, min(turns, default=(0, ''))[1])
-            self._starts = known
+            starts = Starts(grids, self.heat, min(turns, default=(0, ''))[1])
+            known = self._starts = self.laps, self.heat, starts
         return known[2]
 
     def _order(self, source: str) -> list[int]:

@@ -457,8 +457,10 @@ def _left_behind(database: sqlite3.Connection, proof: str) -> RaceMemory | None:
 
     :param proof: when a run has ended in good order; empty: no proof.
     """
-    newest = 'max(began_ns, coalesce((SELECT max(wall_ns) FROM event), 0))'
-    last = f'SELECT {newest}, ended_ns, memory FROM session ORDER BY id DESC LIMIT 1'
+    last = (
+        'SELECT max(began_ns, coalesce((SELECT max(wall_ns) FROM event), 0)), ended_ns, memory '
+        'FROM session ORDER BY id DESC LIMIT 1'
+    )
     newest_ns, ended_ns, memory = database.execute(last).fetchone() or (0, None, None)
     if memory is None:
         return None  # there is no run, or the last one wrote nothing

@@ -275,9 +275,7 @@ def test_a_standing_has_the_last_race_with_a_lap_of_each_heat(
         result for each in counts.values() if each.format is format_ for result in each.results
     ]
     # Karts' results that are equal to the millisecond may be of either heat.
-    assert {_shown(each) for each in found} == {
-        _shown(each) for each in overall(format_, results)
-    }
+    assert {_shown(each) for each in found} == {_shown(each) for each in overall(format_, results)}
     assert sorted({each.kart for each in results}) == sorted(each.kart for each in found)
 
 

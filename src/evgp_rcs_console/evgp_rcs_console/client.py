@@ -124,6 +124,7 @@ def read_race(race: msg.Race) -> Race:
             Heat(heat.name, tuple(heat.karts), heat.grid_from, tuple(heat.grid))
             for heat in race.heats
         ),
+        heat=race.heat,
         next_heat=race.next_heat,
     )
 

@@ -386,9 +386,8 @@ def order_of_start(race: Race) -> str:
     """Return in which order the karts of the race start, and who is next; empty: nothing says."""
     said = []
     if race.state in (State.IN_GARAGE, State.GRID_ACTIVE):
-        racing = tuple(kart.number for kart in race.karts if kart.in_race)
-        chosen = [heat for heat in race.heats if heat.karts == racing and len(racing) > 1]
-        for heat in [each for each in chosen if each.grid_from][:1]:
+        heat = race.heat_in_race
+        if heat is not None and heat.grid_from and len(heat.karts) > 1:
             text = GRID if heat.grid else NO_GRID
             said.append(text.format(karts=_numbers(heat.grid), source=heat.grid_from))
     said += [
@@ -601,9 +600,10 @@ def missing(karts: Sequence[Kart], counted: bool = False) -> str:
 
 def heat_in_race(race: Race) -> str:
     """Return the heat that is in the race, with the number of its karts; empty if none races."""
-    racing = tuple(kart.number for kart in race.karts if kart.in_race)
-    names = [heat.name for heat in race.heats if heat.karts == racing]
-    return ' · '.join([*names[:1], _count(racing)]) if racing else ''
+    racing = [kart for kart in race.karts if kart.in_race]
+    chosen = race.heat_in_race
+    names = [] if chosen is None else [chosen.name]
+    return ' · '.join([*names, _count(racing)]) if racing else ''
 
 
 def step_does(does: str, karts: Sequence[int]) -> str:
@@ -615,7 +615,7 @@ def step_does(does: str, karts: Sequence[int]) -> str:
     return does.format(karts=_count(karts))
 
 
-def _count(karts: Sequence[int]) -> str:
+def _count(karts: Sequence[object]) -> str:
     return '1 kart' if len(karts) == 1 else f'{len(karts) or "no"} karts'
 
 

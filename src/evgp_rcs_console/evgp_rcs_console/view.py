@@ -753,9 +753,8 @@ class _Buttons:
 
     def heat(self, heat: Heat) -> Button:
         """Return the button that puts a heat into the race."""
-        racing = tuple(kart.number for kart in self.snapshot.karts if kart.in_race)
         is_next = heat.name == self.snapshot.next_heat
-        label = texts.heat(heat, heat.karts == racing, is_next)
+        label = texts.heat(heat, heat == self.snapshot.heat_in_race, is_next)
         return replace(
             self.race(CommandKind.SET_HEAT), label=label, heat=heat.name, karts=heat.karts, key=''
         )

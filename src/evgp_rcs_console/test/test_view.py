@@ -785,3 +785,11 @@ def test_a_kart_whose_last_lap_is_done_is_named_in_the_strip_and_in_its_row() ->
     assert screen.rows[0].note.tone is Tone.WAIT
     assert screen.reminder in '\n'.join(table(screen, ()))
     assert not show(race, 0.0, {}, SILENT).reminder
+
+
+def test_of_heats_with_the_same_karts_the_one_that_was_put_into_the_race_is_named() -> None:
+    karts = tuple(kart.number for kart in RACE.karts if kart.in_race)
+    heats = tuple(Heat(name, karts) for name in ('Practice', 'Final'))
+
+    assert replace(RACE, heats=heats, heat='Final').heat_in_race == heats[1]
+    assert replace(RACE, heats=heats).heat_in_race == heats[0]
