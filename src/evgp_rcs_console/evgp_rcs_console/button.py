@@ -15,8 +15,8 @@
 """
 The stop button as a process: `rcs_button`, on an official's machine, without a screen.
 
-It gives one command, ALL KILL, as the window does. One thread reads the device and says once a
-second that it is there: if the reading hangs, race control no longer hears that either.
+It gives one command, ALL KILL, as the window does. One thread reads the device and says that it is
+there, by way of the thread that sends stops: if either hangs, race control no longer hears that.
 """
 
 from __future__ import annotations
@@ -25,14 +25,13 @@ from collections.abc import Sequence
 import contextlib
 from dataclasses import dataclass
 import os
-import secrets
 import sys
 import threading
 from typing import Any
 
 from evgp_node.graph import where_reachable
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
-from evgp_node.process import OnFailure, run_node, wait_until_heard
+from evgp_node.process import OnFailure, run_node
 from evgp_protocol.clock import now
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs_console import texts
@@ -49,12 +48,11 @@ from evgp_rcs_console.button_devices import (
     stable_paths,
     why,
 )
-from evgp_rcs_console.client import Client, THERE_EVERY, THERE_QOS
+from evgp_rcs_console.client import Client, THERE_EVERY
 from evgp_rcs_console.commands import Given
 from evgp_rcs_console.ctl_ros import Hearing
 from evgp_rcs_console.presses import Presses
 from evgp_rcs_console.settings import Signature
-from evgp_rcs_msgs.msg import Presence
 
 ACCEPTED_WITHIN = 1.0
 """Maximum time until race control has accepted ALL KILL, in seconds; then officials are told."""
@@ -84,8 +82,6 @@ class StopButton(StrictNode):
         self._settings = read_settings(Parameters(self))
         self._signature = Signature(self._settings.official, os.getpid())
         self._presses = Presses(self._settings.key, self._settings.kind == CONTACT)
-        self._presence = self.create_publisher(Presence, 'rcs/presence', THERE_QOS)
-        self._id = secrets.token_hex(8)
         self._said = ('?', 0)
         self._due = 0.0
         self._heard = Hearing()
@@ -96,6 +92,7 @@ class StopButton(StrictNode):
             self._heard,
             self.context,
             (CommandKind.ALL_KILL,),
+            there='rcs_button',
             hears=False,
             namespace=self.get_namespace(),
             use_global_arguments=False,
@@ -111,7 +108,6 @@ class StopButton(StrictNode):
         self._ending.set()
         self._thread.join()
         self._say(texts.BUTTON_ENDED, now())
-        wait_until_heard(self._presence)
         self._client.close()
 
     # ----- in the thread of the device ----------------------------------------------------
@@ -153,15 +149,7 @@ class StopButton(StrictNode):
         elif fault != self._said[0]:
             self.get_logger().info(texts.BUTTON_WORKS)
         self._said, self._due = said, at + THERE_EVERY
-        self._presence.publish(
-            Presence(
-                program='rcs_button',
-                id=self._id,
-                official=self._signature.name,
-                fault=fault,
-                presses=self._presses.count,
-            )
-        )
+        self._client.say_there(self._signature.name, fault, self._presses.count)
 
 
 def read_settings(parameters: Parameters) -> ButtonSettings:

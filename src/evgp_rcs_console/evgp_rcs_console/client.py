@@ -42,6 +42,7 @@ from typing import Any, Protocol, TypeVar
 import uuid
 
 from evgp_node.graph import bind_graph, EVERY, fence_graph, reachable_at
+from evgp_node.process import wait_until_heard
 from evgp_node.services import service_class
 from evgp_node.spinning import Spinning
 from evgp_protocol.clock import duration, now
@@ -334,7 +335,8 @@ class Client:
     :param context: the ROS context; the process's own if it is None.
     :param commands: what it may be asked to give. For each of them it needs a permission where
         SROS2 is in force; to hear the race it needs none of them.
-    :param there: an official sits there (``say_there``); without that permission, nobody does.
+    :param there: the program at which an official sits (``say_there``); empty: nobody does, as
+        without that permission.
     :param hears: it hears the race. Otherwise it only commands.
     :raises RCLError: if ROS does not let it be that client.
     """
@@ -345,7 +347,7 @@ class Client:
         listener: Listener,
         context: Context | None = None,
         commands: Iterable[CommandKind] = tuple(CATALOGUE),
-        there: bool = False,
+        there: str = '',
         hears: bool = True,
         **node_options: Any,
     ) -> None:
@@ -364,7 +366,7 @@ class Client:
             subscribe(msg.Race, 'rcs/race', self._hear_race, latched(1))
             subscribe(msg.RaceEvents, 'rcs/events', self._hear_events, latched(200))
             subscribe(msg.Results, 'rcs/results', self._hear_results, latched(1))
-        self._program, self._id = name, uuid.uuid4().hex
+        self._program, self._id = there, uuid.uuid4().hex
         self._there: Publisher | None = None
         if there:
             with contextlib.suppress(RCLError):  # a screen for spectators
@@ -384,17 +386,17 @@ class Client:
         """Give a command, and return at once."""
         self._given.put(given)
 
-    def say_there(self, official: str, fault: str) -> None:
+    def say_there(self, official: str, fault: str, presses: int = 0) -> None:
         """
         Say that an official is there who can stop the race, and return at once.
 
         :param official: who; empty: nobody said.
         :param fault: why the race cannot be stopped from there now; empty: it can.
+        :param presses: of a button: how often it was pressed.
         """
-        name = official[:MOST_OF_NAME]
-        self._given.put(
-            msg.Presence(program=self._program, id=self._id, official=name, fault=fault)
-        )
+        word = msg.Presence(program=self._program, id=self._id, fault=fault, presses=presses)
+        word.official = official[:MOST_OF_NAME]
+        self._given.put(word)
 
     def wait_for(self, command: CommandKind, seconds: float) -> bool:
         """Return whether race control offers a command, once it does or time is up."""
@@ -404,6 +406,8 @@ class Client:
         """Leave the domain."""
         self._given.put(None)
         self._sending.join()
+        if self._there is not None:
+            wait_until_heard(self._there)
         self._hearing.stop()
         self.node.destroy_node()
 
@@ -431,7 +435,7 @@ class Client:
     def _say(self, word: msg.Presence) -> None:
         if self._there is not None:
             if not self.node.count_services(self.node.resolve_service_name('rcs/all_kill')):
-                word.fault = texts.NO_SERVICE
+                word.fault = word.fault or texts.NO_SERVICE
             self._there.publish(word)
 
     def _wake(self) -> float | None:

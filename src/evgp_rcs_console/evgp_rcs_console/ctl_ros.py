@@ -117,7 +117,7 @@ def attend(given: Sequence[str], wanted: argparse.Namespace, began: float, repor
     watches = wanted.command in ('watch', 'results')
     commands = () if watches else (COMMANDS[wanted.command],)
     try:
-        client = Client('rcs_ctl', hearing, commands=commands, there=_is_at(wanted))
+        client = Client('rcs_ctl', hearing, commands=commands, there='rcs_ctl' * _is_at(wanted))
     except RCLError as error:
         said = texts.NOT_ALLOWED.format(error=error)
         report(last=True, code=Exit.USAGE, error=f'rcs_ctl: {said}')

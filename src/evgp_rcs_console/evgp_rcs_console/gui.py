@@ -87,7 +87,7 @@ def main(
     keep_awake()
     inbox = Inbox()
     try:
-        client = Client('rcs_gui', inbox, there=True)
+        client = Client('rcs_gui', inbox, there='rcs_gui')
     except RCLError as error:
         print(f'rcs_gui: {texts.NOT_ALLOWED.format(error=error)}', file=sys.stderr)
         return 2
