@@ -34,7 +34,7 @@ RED_RED = RaceState.RED_RED
 
 RACING = (1, 2)
 OUTSIDE = 3
-FEW, MANY = 2, int(os.environ.get('EVGP_KILLS', '12'))
+FEW, MANY = 2, int(os.environ.get('EVGP_KILLS', '8'))
 """How often race control is killed in `make test`, and in `make test-long`."""
 
 

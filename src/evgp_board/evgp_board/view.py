@@ -362,14 +362,14 @@ def _words(message: msg.RaceState) -> str:
 
 def _time(seconds: float) -> str:
     """Return a time as minutes:seconds and thousandths; empty if it is not known."""
-    if not math.isfinite(seconds):
+    if not math.isfinite(1000 * seconds):
         return ''
     minutes, thousandths = divmod(round(1000 * seconds), 60_000)
     return f'{minutes}:{thousandths // 1000:02}.{thousandths % 1000:03}'
 
 
 def _milliseconds(seconds: float) -> str:
-    return f'{math.ceil(1000 * seconds)} ms' if math.isfinite(seconds) else ''
+    return f'{math.ceil(1000 * seconds)} ms' if math.isfinite(1000 * seconds) else ''
 
 
 def _clock(stamp: Any) -> str:
