@@ -18,6 +18,7 @@ from evgp_node import graph
 from evgp_node.restarting import IN_THE_WAY
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_protocol.states import RaceState
+from evgp_rcs.neighbours import ask, Found, Look
 from evgp_rcs.spare import ORIGIN
 from evgp_testing.domains import Domain
 from evgp_testing.official import Official
@@ -293,3 +294,19 @@ def test_race_control_does_not_start_where_another_machine_has_its_address(
         assert control.wait() == IN_THE_WAY
     (line,) = control.output.splitlines()
     assert RACE_CONTROL in line
+
+
+def test_a_machine_with_two_interfaces_on_one_network_is_no_rival_of_itself() -> None:
+    with contextlib.ExitStack() as stack:
+        machine, switch = (stack.enter_context(Namespace()) for _ in range(2))
+        switch.ip('link add karts type bridge', 'link set karts up')
+        for at, address in enumerate((RACE_CONTROL, '10.77.0.2')):
+            switch.ip(
+                f'link add cable{at} type veth peer name eth{at} netns {machine.path}',
+                f'link set cable{at} master karts up',
+            )
+            machine.ip(f'addr add {address}/24 dev eth{at}', f'link set eth{at} up')
+        with machine.inside():
+            assert ask(RACE_CONTROL, 'eth0', probes=1) == Look(Found.NOTHING)
+            # The other interface has that address, but it is the same machine.
+            assert ask('10.77.0.2', 'eth0', probes=1) == Look(Found.NOTHING)

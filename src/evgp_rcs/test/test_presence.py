@@ -144,3 +144,19 @@ def test_whatever_is_said_what_is_told_is_short_and_nobody_counts_who_was_silent
         assert found.who.isprintable()
         assert found.button_fault.isprintable()
     assert not presences.attendance(now + SILENT_AFTER + 0.001).able
+
+
+def test_buttons_that_are_gone_keep_no_window_from_being_heard(presences: Presences) -> None:
+    for number in range(MOST_PROGRAMS):
+        presences.hear(button(f'button {number}'), 10.0)
+
+    assert not presences.hear(Word('early'), 10.5)
+    assert presences.hear(Word('late'), 10.0 + SILENT_AFTER)
+    assert presences.attendance(10.0 + SILENT_AFTER)[:2] == (1, 'window')
+
+
+def test_an_official_who_gives_a_name_later_is_named(presences: Presences) -> None:
+    presences.hear(Word(), 10.0)
+    presences.hear(Word(official='Anna'), 10.5)
+
+    assert presences.attendance(10.5)[:2] == (1, 'Anna (window)')
