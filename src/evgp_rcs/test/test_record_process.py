@@ -158,6 +158,17 @@ def test_a_process_that_is_frozen_is_trouble_until_it_goes_on_and_nothing_is_los
     assert numbers_in(path) == [*range(1, 2001)]
 
 
+def test_what_is_to_be_remembered_while_the_process_hangs_needs_bounded_memory(
+    record: RecordProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(record_process, 'MOST_UNWRITTEN_BYTES', 10_000)
+    freeze(record.pid)
+    for number in range(20_000):
+        record.remember((HOME, RACING)[number % 2], float(number))
+    assert 10_000 < record._end.unsent < 20_000
+    os.kill(record.pid, signal.SIGCONT)
+
+
 def test_a_disk_that_keeps_up_is_no_trouble_although_it_is_looked_at_only_when_something_comes(
     record: RecordProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
