@@ -19,6 +19,7 @@ from typing import Any
 
 from ament_index_python.packages import get_package_prefix
 from evgp_node.graph import INTERFACE
+from evgp_node.qos import latched
 from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.srv import Acknowledge
@@ -31,7 +32,7 @@ from evgp_testing.fixtures import (
     StartRaceControl,
 )
 from evgp_testing.kart import Bridge, ExampleStack, Team
-from evgp_testing.official import latched, Official
+from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import Process, Program
 from evgp_testing.race_control import address_of, RaceControl

@@ -21,6 +21,7 @@ import sys
 import time
 from typing import Any
 
+from evgp_node.qos import latched
 from evgp_protocol.link import Grade
 from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
@@ -31,7 +32,7 @@ from evgp_rcs.snapshot import snapshot_of
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
-from evgp_testing.official import latched, Official
+from evgp_testing.official import Official
 from evgp_testing.part import PATIENCE
 from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl

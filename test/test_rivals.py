@@ -10,12 +10,12 @@ import pathlib
 
 from evgp_node import graph
 from evgp_node.process import IN_THE_WAY
+from evgp_node.qos import latched
 from evgp_protocol.states import RaceState
 from evgp_rcs.rival import look_for_rivals
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.fixtures import StartRaceControl
-from evgp_testing.official import latched
 from evgp_testing.process import Process
 from evgp_testing.race_control import RaceControl, settings, write_roster
 from evgp_testing.ros_side import RosSide

@@ -93,8 +93,9 @@ class ForeignNode:
 
 def look_around(seconds: float) -> Findings:
     """Look, call and listen for so long, or until a call was answered."""
+    from evgp_node.qos import latched
     from evgp_rcs_msgs import msg, srv
-    from evgp_testing.official import latched, SERVICES
+    from evgp_testing.official import SERVICES
     import rclpy
     from rclpy.node import Node, NodeNameNonExistentError
     from std_msgs.msg import Bool

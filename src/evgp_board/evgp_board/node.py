@@ -34,9 +34,9 @@ from evgp_board.view import Heard, Line, line_of, seconds_of
 from evgp_node.graph import EVERY, keep_to_interface, network_of, where_reachable
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node
+from evgp_node.qos import latched
 from evgp_protocol import clock
 from evgp_rcs_msgs import msg
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
 GONE_AFTER = 0.9
@@ -58,16 +58,6 @@ class PlaceError(RuntimeError):
 
 class InTheWayError(PlaceError):
     """It cannot listen there now, and may be able to later."""
-
-
-def latched(depth: int) -> QoSProfile:
-    """Return the QoS of race control's topics."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
 
 
 class BoardNode(StrictNode):

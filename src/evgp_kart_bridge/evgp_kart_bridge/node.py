@@ -44,6 +44,7 @@ from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.graph import where_reachable
 from evgp_node.parameters import check_address, ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
+from evgp_node.qos import latched
 from evgp_node.stamps import stamp
 from evgp_node.states import state_message, state_of
 from evgp_protocol import clock
@@ -78,12 +79,7 @@ REMOTE_QOS = QoSProfile(
 )
 """Of `REMOTES`: no stop may get lost. A publisher that does not promise that is a stop."""
 
-LATCHED_REMOTE_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
+LATCHED_REMOTE_QOS = latched(1)
 """Of a second subscription of each of them, for what a latched remote said before."""
 
 LOOK_AROUND = 0.3

@@ -25,6 +25,7 @@ import contextlib
 import queue
 import threading
 
+from evgp_node.qos import latched
 from evgp_rcs.channel import Passings
 from evgp_rcs.kart_client import KartServerClient
 from evgp_rcs.kart_server import KartServerError
@@ -32,14 +33,8 @@ from evgp_rcs.laps import Passing
 from evgp_rcs.messages import passing_of
 from evgp_rcs_msgs import msg
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-LINE_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1000,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
+LINE_QOS = latched(1000)
 """Of ``~/passings``: what a source said before race control found it comes too."""
 
 MOST_WAITING = 1000

@@ -31,6 +31,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray
 from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.process import wait_until_heard
+from evgp_node.qos import latched
 from evgp_node.stamps import stamp_of
 from evgp_protocol import clock
 from evgp_rcs.messages import (
@@ -47,25 +48,14 @@ from evgp_rcs.roster import Roster
 from evgp_rcs.snapshot import Snapshot, Standings
 from evgp_rcs_msgs import msg
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-RACE_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
+RACE_QOS = latched(1)
 """Of ``~/race``: a late subscriber gets the present race at once."""
 
 RESULTS_QOS = RACE_QOS
 """Of ``~/results``, likewise."""
 
-EVENTS_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=200,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
+EVENTS_QOS = latched(200)
 """Of ``~/events``: a late subscriber gets the last 200 messages, each of some events."""
 
 OF_EACH_KART = (

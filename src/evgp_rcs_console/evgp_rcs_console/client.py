@@ -43,6 +43,7 @@ import uuid
 
 from evgp_node.graph import bind_graph, EVERY, fence_graph, reachable_at
 from evgp_node.process import wait_until_heard
+from evgp_node.qos import latched
 from evgp_node.services import service_class
 from evgp_node.spinning import Spinning
 from evgp_protocol.clock import duration, now
@@ -288,16 +289,6 @@ THERE_QOS = QoSProfile(
     liveliness_lease_duration=Duration(seconds=2),
 )
 """Of ``rcs/presence``."""
-
-
-def latched(depth: int) -> QoSProfile:
-    """Return the QoS of race control's topics."""
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
-    )
 
 
 class Listener(Protocol):

@@ -35,6 +35,7 @@ import signal
 import threading
 import time
 
+from evgp_node.qos import latched
 from evgp_node.stamps import stamp_of
 from evgp_node.states import state_of
 from evgp_protocol import clock
@@ -54,7 +55,7 @@ from evgp_rehearsal.score import Line, Occurrence, score, STEWARD, Truth
 from evgp_testing.domains import Domain
 from evgp_testing.judge import Judge
 from evgp_testing.kart import Bridge, ExampleStack
-from evgp_testing.official import Answer, latched, Official
+from evgp_testing.official import Answer, Official
 from evgp_testing.part import Part
 from evgp_testing.process import executable, Process, Program
 from evgp_testing.race_control import address_of, RaceControl

@@ -22,10 +22,11 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from evgp_node.qos import latched
 from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
 from evgp_rcs_msgs import msg, srv
-from evgp_testing.official import Answer, latched
+from evgp_testing.official import Answer
 from evgp_testing.process import Process
 from evgp_testing.ros_side import RosSide
 from nav_msgs.msg import Odometry

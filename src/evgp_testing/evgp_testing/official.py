@@ -23,6 +23,7 @@ import threading
 import time
 from typing import Any
 
+from evgp_node.qos import latched
 from evgp_node.services import service_class
 from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
@@ -30,13 +31,7 @@ from evgp_rcs.catalogue import CATALOGUE, CommandKind, kinds_by_service
 from evgp_rcs_msgs import msg
 from evgp_testing.judge import Call, Judge
 from evgp_testing.ros_side import RosSide
-from rclpy.qos import DurabilityPolicy, QoSProfile
-
-
-def latched(depth: int) -> QoSProfile:
-    """Return the QoS of a reliable, latched topic of which the last `depth` are kept."""
-    return QoSProfile(depth=depth, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-
+from rclpy.qos import QoSProfile
 
 SERVICES = {entry.service: service_class(entry.service_type) for entry in CATALOGUE.values()}
 """Every command of an official, by the name of its service below ``/rcs/``."""

@@ -34,6 +34,7 @@ from evgp_node.diagnostics import DIAGNOSTICS_QOS
 from evgp_node.graph import where_reachable
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
+from evgp_node.qos import latched
 from evgp_node.stamps import stamp, stamp_of
 from evgp_protocol import clock
 from evgp_rcs_msgs import msg
@@ -43,14 +44,8 @@ from evgp_timing.device import connect, control_line, Device, read, split
 from evgp_timing.kinds import CONTACT, DECODERS
 from evgp_timing.passings import Event, Passing
 from rclpy.clock import Clock, ClockType
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-PASSINGS_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=200,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
+PASSINGS_QOS = latched(200)
 """Of ``passings``: whoever comes later gets the last ones too. Each has a number, so that a
 passing that is heard twice counts once."""
 
