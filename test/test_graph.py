@@ -24,7 +24,7 @@ from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import StartBridge, StartRaceControl
 from evgp_testing.kart import Bridge
 from evgp_testing.official import Official
-from evgp_testing.process import Process
+from evgp_testing.process import executable, Process
 from evgp_testing.race_control import address_of, RaceControl
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
@@ -302,6 +302,46 @@ def test_a_race_goes_on_while_the_officials_address_is_gone_and_can_be_stopped_f
     assert kart.state is RaceState.GREEN_GREEN
     official.command('all_kill')
     kart.wait_for_state(RaceState.RED_RED)
+
+
+@pytest.mark.own_process
+@pytest.mark.parametrize('state', [RaceState.GRID_ACTIVE, RaceState.GREEN_GREEN])
+def test_a_race_is_sent_red_flag_once_the_only_official_who_sees_it_is_cut_off(
+    networks: TwoNetworks,
+    start_race_control: StartRaceControl,
+    parts: contextlib.ExitStack,
+    monkeypatch: pytest.MonkeyPatch,
+    state: RaceState,
+) -> None:
+    with networks.own.inside():
+        monkeypatch.setenv(graph.INTERFACE, OFFICIALS)
+        control = start_race_control(in_race=[1], address=KARTS, nobody_there=0.5)
+        kart = parts.enter_context(
+            WireKart(address_of(1), control.port, Acknowledges.EACH_CHANGE, KARTS)
+        )
+        monkeypatch.delenv(graph.INTERFACE)
+        caller = join(control, parts)  # service calls alone: does not say that it is there
+    with networks.official.inside():
+        watching = subprocess.Popen(
+            # At a terminal: script makes one.
+            ['script', '-qc', f'{executable("evgp_rcs_console", "rcs_ctl")} watch', '/dev/null'],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            env={
+                **os.environ,
+                graph.INTERFACE: OFFICIAL,
+                'ROS_DOMAIN_ID': str(control.domain),
+            },
+            start_new_session=True,
+        )
+    parts.callback(watching.wait)
+    parts.callback(watching.kill)
+    caller.wait_for_race(lambda race: race.able_to_stop, 'the terminal')
+    caller.bring_to(state, 1)
+
+    networks.official.ip('link set eth0 down')
+
+    kart.wait_for_state(RaceState.RED_FLAG)
 
 
 @pytest.mark.own_process
