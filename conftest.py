@@ -21,8 +21,17 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     Have each worker begin with tests that take half a minute.
 
     With ``--dist worksteal`` each has an equal part of the tests, in their order. Where such a
-    test comes last, all others wait for it.
+    test comes last, all others wait for it. Long tests that search states stand among those that
+    mostly wait, so that no processor is idle at the end.
     """
+    if config.getoption('markexpr') == 'long':
+        searches = [item for item in items if 'others_first' in getattr(item, 'fixturenames', ())]
+        waits = [item for item in items if item not in searches]
+        part = {
+            id(each): at / len(all_) for all_ in (searches, waits) for at, each in enumerate(all_)
+        }
+        items.sort(key=lambda item: part[id(item)])
+        return
     workers: int = getattr(config, 'workerinput', {}).get('workercount', 1)
     early = [item for item in items if item.get_closest_marker('early')]
     others = [item for item in items if item not in early]
