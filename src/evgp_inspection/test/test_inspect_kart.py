@@ -55,7 +55,7 @@ SHORT = Limits(
     hold=0.8,
 )
 
-INSPECTIONS = int(os.environ.get('EVGP_INSPECTIONS', '20'))
+INSPECTIONS = int(os.environ.get('EVGP_INSPECTIONS', '10'))
 
 
 class OneInspection:
