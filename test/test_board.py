@@ -28,6 +28,7 @@ from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain, free_port
 from evgp_testing.fixtures import ConnectKart, JoinOfficial, StartRaceControl
 from evgp_testing.process import Process
+from evgp_testing.race_control import RaceControl
 from evgp_testing.wire_kart import Acknowledges
 import pytest
 from rig import browser as rig_browser
@@ -101,6 +102,8 @@ def test_pages_follow_a_race_and_say_when_they_are_old(
     join_official: JoinOfficial,
     connect_kart: ConnectKart,
     start_board: StartBoard,
+    parts: contextlib.ExitStack,
+    tmp_path: pathlib.Path,
 ) -> None:
     control = start_race_control(in_race=[1, 2])
     board, address = start_board(control.domain)
@@ -129,7 +132,11 @@ def test_pages_follow_a_race_and_say_when_they_are_old(
     control.freeze()
     wait_for_text(browser, '#head', 'RACE CONTROL IS GONE')
     assert browser.evaluate("document.body.classList.contains('stale')")
-    control.thaw()  # in time or too late: frozen for 1 s, race control ends
+
+    control.kill()  # thawed it might be back, or end: after 1 s it is too late
+    parts.enter_context(RaceControl(tmp_path, control.domain, [1, 2], proven=False))
+    wait_for_text(browser, '#head', 'RED RED')
+    assert not browser.evaluate("document.body.classList.contains('stale')")
     assert browser.complaints == []
     assert all(each.startswith(address) for each in browser.requested)
 

@@ -381,7 +381,8 @@ class Facts(NamedTuple):
     :param outlived: the start that waits was given for an earlier GRID_ACTIVE.
     :param wanted: the laps of the heat that is in the race.
     :param owner: whose the transponder is; 0: nobody's.
-    :param seen: the numbers of all passings.
+    :param seen: the numbers of all passings; ``struck``: of those after a restart, which no lap is
+        counted by, the numbers of those that are struck out.
     :param met: somebody who could stop this race was there, when it began or since.
     :param left: when the last one left who could stop a race.
     """
@@ -393,6 +394,7 @@ class Facts(NamedTuple):
     wanted: int = 0
     owner: int = 0
     seen: frozenset[int] = frozenset()
+    struck: frozenset[int] = frozenset()
     laps: LapFacts | None = None
     met: bool = False
     left: float = 0.0
@@ -723,8 +725,11 @@ def _corrects(facts: Facts, given: Input) -> bool:
     if given.kind not in ('STRIKE_PASSING', 'RESTORE_PASSING'):
         return True
     laps = facts.laps
-    known = laps is not None and given.serial in [number for number, _, _ in laps.passings]
-    return known and (given.serial in laps.struck) == (given.kind == 'RESTORE_PASSING')
+    known, struck = facts.seen, facts.struck
+    if laps is not None:
+        known, struck = frozenset([number for number, _, _ in laps.passings]), laps.struck
+    struck_out = given.serial in struck
+    return given.serial in known and struck_out == (given.kind == 'RESTORE_PASSING')
 
 
 def _with_passing(facts: Facts, given: Input, now: float) -> Facts:
@@ -1142,6 +1147,10 @@ def _learn_laps(
         return facts._replace(laps=LapFacts(now, facts.wanted, after.timed, times))
     laps = facts.laps
     if laps is None:
+        if kind == 'STRIKE_PASSING':
+            return facts._replace(struck=facts.struck | {given.serial})
+        if kind == 'RESTORE_PASSING':
+            return facts._replace(struck=facts.struck - {given.serial})
         return facts
     since = now - laps.green
     if kind == 'KART_FINISH':
@@ -2004,7 +2013,8 @@ class Search:
         """Return all that is known of the laps: there is no end of it, and of such a search."""
         laps = facts.laps
         since = laps is not None and (now - laps.green, laps.passings, laps.struck, laps.out)
-        return facts.wanted, facts.owner, len(facts.seen), view.timed, view.penalties, since
+        known = facts.seen if laps is None else len(facts.seen)
+        return facts.wanted, facts.owner, known, facts.struck, view.timed, view.penalties, since
 
     def _kart_key(
         self,

@@ -726,11 +726,9 @@ def test_no_control_moves_whatever_is_shown(
         moved = {name for name, place in now.items() if first.get(name, place) != place}
         assert not {name for name in moved if not name.startswith(MOVES)}, during
         missing = set(first) - set(now) - {'open_track', 'state', 'humans'}
-        assert not {
-            name
-            for name in missing
-            if not name.startswith(('state', 'humans', 'track', 'seen_', 'number'))
-        }, during
+        # On a slow computer race control may have counted as gone at the first look.
+        shown_at_times = ('state', 'humans', 'track', 'seen_', *MOVES)
+        assert not {name for name in missing if not name.startswith(shown_at_times)}, during
 
     for number, race in enumerate(shown):
         console.tell(race)
