@@ -16,7 +16,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 import importlib
 import itertools
@@ -119,32 +119,38 @@ class Console:
         """Press keys, by their names in Qt."""
         for name in names:
             key = QtGui.QKeySequence(name)[0]
-            for _ in range(20):  # on a busy machine the window may be held up, and says so
-                self.tell(self._race)
-                self.window._display.bottom.say('')
-                handle = self.window.windowHandle()
-                QtTest.QTest.keyClick(handle, key.key(), key.keyboardModifiers())
-                self.settle()
-                said = self.find('status').whole
-                late = ('while the window hung', 'just changed', texts.GONE_REASON)
-                if not any(each in said for each in late):
-                    break
-                self.settle(2 * SETTLE)
+            given = key.key(), key.keyboardModifiers()
+            self._in_time(lambda given=given: QtTest.QTest.keyClick(self._handle, *given))
 
     def click(self, name: str) -> None:
         """Click a widget."""
-        self.tell(self._race)
-        self.click_at(self.place(name))
+        self._in_time(lambda: self.click_at(self.place(name)))
+
+    def _in_time(self, act: Callable[[], object]) -> None:
+        for _ in range(20):  # on a busy machine the window may be held up, and says so
+            self.tell(self._race)
+            self.window._display.bottom.say('')
+            act()
+            self.settle()
+            said = self.find('status').whole
+            late = ('while the window hung', 'just changed', texts.GONE_REASON)
+            if not any(each in said for each in late):
+                break
+            self.settle(2 * SETTLE)
 
     def place(self, name: str) -> QtCore.QPoint:
         """Return the middle of a widget, in the window."""
         widget = self.find(name)
         return widget.mapTo(self.window, widget.rect().center())
 
+    @property
+    def _handle(self) -> Any:
+        return self.window.windowHandle()
+
     def click_at(self, point: QtCore.QPoint, act: str = 'mouseClick') -> None:
         """Click at a point of the window, or do what else a mouse does."""
         left, none = QtCore.Qt.MouseButton.LeftButton, QtCore.Qt.KeyboardModifier.NoModifier
-        getattr(QtTest.QTest, act)(self.window.windowHandle(), left, none, point)
+        getattr(QtTest.QTest, act)(self._handle, left, none, point)
         self.settle()
 
     @property
