@@ -246,9 +246,11 @@ def test_a_clock_that_jumps_is_told_by_the_name_of_its_source_and_the_arrival_co
 def test_a_passing_that_is_struck_out_does_not_count_and_put_back_all_is_as_before(
     story: Story, data: st.DataObject
 ) -> None:
-    if not story.told:
+    # A press is struck out by itself when a beam saw the same crossing.
+    counts = [each for each in story.told if each[1].identity not in story.laps.struck]
+    if not counts:
         return
-    _, passing = data.draw(st.sampled_from(story.told))
+    _, passing = data.draw(st.sampled_from(counts))
     struck = story.laps.strike(passing.identity, 'nobody crossed')
 
     number = [each for _, each in story.told].index(passing)
