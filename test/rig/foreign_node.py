@@ -129,7 +129,7 @@ def look_around(seconds: float) -> Findings:
     topics: set[str] = set()
     after = None
     while time.monotonic() < began + seconds:
-        rclpy.spin_once(node, timeout_sec=0.05)
+        rclpy.spin_once(node, timeout_sec=0.2)
         there = [each for each in node.get_node_names_and_namespaces() if of_others(each[0])]
         for name, namespace in there:
             nodes.add(f'{namespace.rstrip("/")}/{name}')
