@@ -205,7 +205,9 @@ class Running:
     # ----- the record; in the server's thread ---------------------------------------------
 
     def put(self, events: int, happened: bytes, log: Block) -> None:
-        self.log.append(log)
+        with self._news:
+            self.log.append(log)
+            self._news.notify_all()
 
     def wait_until_shown(self, found: Callable[[Race, float], bool]) -> float:
         """Return the time of the first copy from now on for which `found` is true (s)."""
@@ -1046,13 +1048,25 @@ def heard_of(running: Running, kind: type[Any]) -> list[Any]:
         return found()
 
 
+def logged(running: Running, kind: type[Any]) -> list[Any]:
+    """Return what went into the rules, once there is any of this kind."""
+    with running._news:
+
+        def entries() -> list[Any]:
+            return [each for block in running.log for each in decode(block.data)]
+
+        assert running._news.wait_for(
+            lambda: any(isinstance(each, kind) for each in entries()), TIMEOUT
+        )
+        return entries()
+
+
 def test_passings_are_taken_one_batch_after_the_other_and_told(run: Run) -> None:
     running = run()
     running.say(passings(1, 2))
     assert heard_of(running, PassingsTaken) == [PassingsTaken()]
     running.wait_for(EventKind.PASSING, 1, 2)
-    entries = [each for block in running.log for each in decode(block.data)]
-    (taken,) = (each for each in entries if isinstance(each, Passed))
+    (taken,) = (each for each in logged(running, Passed) if isinstance(each, Passed))
     assert [each.number for each in taken.passings] == [1, 2]
 
 
@@ -1065,10 +1079,8 @@ def test_a_stop_that_comes_behind_passings_is_judged_before_them(
     stop = Command(CommandKind.ALL_KILL, official='Anna')
     running._said.put(passings(1))
     running.submit(stop).result(TIMEOUT)
-    heard_of(running, PassingsTaken)
-    running.race_was_shown(1)
-    entries = [each for block in running.log for each in decode(block.data)]
-    kinds = [type(each) for each in entries if isinstance(each, Passed | Commanded)]
+    inputs = logged(running, Passed)
+    kinds = [type(each) for each in inputs if isinstance(each, Passed | Commanded)]
     assert kinds == [Commanded, Passed]
 
 
