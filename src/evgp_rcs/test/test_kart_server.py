@@ -1079,6 +1079,7 @@ def test_a_stop_that_comes_behind_passings_is_judged_before_them(
     stop = Command(CommandKind.ALL_KILL, official='Anna')
     running._said.put(passings(1))
     running.submit(stop).result(TIMEOUT)
+    heard_of(running, PassingsTaken)
     inputs = logged(running, Passed)
     kinds = [type(each) for each in inputs if isinstance(each, Passed | Commanded)]
     assert kinds == [Commanded, Passed]
