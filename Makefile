@@ -56,7 +56,7 @@ KIND :=
 DEVICE :=
 
 .PHONY: help setup demo rehearsal test test-long bench soak fuzz run roster record console ctl board button bridge timing \
-  spare takeover inspect-kart inspect-rcs survey screenshots lines lint format clean
+  spare takeover inspect-kart inspect-rcs survey screenshots kit-size lines lint format clean
 
 help:
 	@echo 'make demo    set up and run two races by themselves, without a window; checks what happened'
@@ -80,6 +80,7 @@ help:
 	@echo "make console open the officials' window               (OFFICIAL=Anna OFFICIALS=10.1.0.6)"
 	@echo 'make ctl     the same in the terminal                (ARGS="watch" OFFICIALS=10.1.0.6)'
 	@echo 'make button  a button that sends ALL KILL; without DEVICE it shows what there is (DEVICE=/dev/input/by-id/...)'
+	@echo 'make kit-size  what the C code for karts takes of a Cortex-M0'
 	@echo 'make lines   count the lines of the product, of tests and tools, and of the documents'
 	@echo 'make lint    check style and types'
 	@echo 'make format  format the code, and add missing copyright headers'
@@ -188,6 +189,12 @@ inspect-rcs:
 screenshots:
 	EVGP_ALL_TESTS=1 EVGP_SCREENSHOTS=docs/screenshots $(IN_WORKSPACE) --console \
 	  python -m pytest test/test_board.py test/test_console.py test/test_report_page.py -k screenshots
+
+# Without the C library: text is flash, bss is memory.
+kit-size:
+	@object=$$(mktemp); for header in KART BOARD; do \
+	  arm-none-eabi-gcc -mcpu=cortex-m0 -mthumb -std=c99 -Os -Ikit/c -DEVGP_$$header \
+	    -c kit/c/test/size.c -o $$object && arm-none-eabi-size $$object; done; rm $$object
 
 lines:
 	@python3 setup/lines.py

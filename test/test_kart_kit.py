@@ -14,9 +14,11 @@ from collections import Counter
 from collections.abc import Callable
 import contextlib
 import dataclasses
+import json
 import os
 import pathlib
 import random
+import re
 import shutil
 import signal
 import struct
@@ -24,6 +26,7 @@ import subprocess
 import sys
 import time
 
+from catkin_pkg.package import parse_package
 from evgp_protocol.arbiter import Settings, StopSource
 from evgp_protocol.frames import encode
 from evgp_protocol.kart import Kart
@@ -34,13 +37,25 @@ from evgp_testing.process import Program
 from evgp_testing.race_control import address_of, RaceControl
 import pytest
 from rig.bare_race_control import BareRaceControl, BEAT
+import yaml
 
 ROOT = pathlib.Path(__file__).parents[1]
 KIT = ROOT / 'kit/c'
 HEADER = KIT / 'evgp_kart.h'
+README = (KIT / 'README.md').read_text(encoding='utf-8')
 WARNINGS = ('-Wall', '-Wextra', '-Wpedantic', '-Werror', '-Wconversion', '-Wshadow')
 SANITIZED = ('-O1', '-g', '-fsanitize=address,undefined', '-fno-sanitize-recover=all')
 C99, CPP17 = ('-std=c99', '-x', 'c'), ('-std=c++17', '-x', 'c++')
+TARGETS = {
+    '-m32': ('gcc', '-m32'),
+    'cortex-m0': ('arm-none-eabi-gcc', '-mthumb', '-mcpu=cortex-m0'),
+    'cortex-m4': ('arm-none-eabi-gcc', '-mthumb', '-mcpu=cortex-m4'),
+}
+"""The compiler, and its flags, for each machine with 32 bits."""
+
+MACHINES = {'cortex-m0': 'microbit', 'cortex-m4': 'netduinoplus2'}
+"""QEMU's machine with each microcontroller: flash from 0 on, memory from 0x20000000 on."""
+
 COMPILERS = [each for each in ('gcc', 'clang') if shutil.which(each)]
 GREEN, GRID = RaceState.GREEN_GREEN, RaceState.GRID_ACTIVE
 FLAG, RED = RaceState.RED_FLAG, RaceState.RED_RED
@@ -51,12 +66,18 @@ STOPS = {'b': StopSource.SERVICE, 'r': StopSource.TSR, 'm': StopSource.MSR}
 Compile = Callable[..., pathlib.Path]
 
 
+def lacks(what: str) -> None:
+    """Skip the test, since this machine lacks something; in CI, fail."""
+    (pytest.fail if os.environ.get('EVGP_ALL_TESTS') else pytest.skip)(
+        f'this machine has no {what}'
+    )
+
+
 @pytest.fixture
 def compile_kit(tmp_path: pathlib.Path) -> Compile:
     """Return a function that compiles a file of the kit without a warning."""
     if not COMPILERS:
-        why = 'this machine has neither gcc nor clang'
-        (pytest.fail if os.environ.get('EVGP_ALL_TESTS') else pytest.skip)(why)
+        lacks('gcc or clang')
 
     def compile_it(
         source: str,
@@ -67,13 +88,47 @@ def compile_kit(tmp_path: pathlib.Path) -> Compile:
     ) -> pathlib.Path:
         program = tmp_path / name
         command = [compiler, *WARNINGS, *flags, f'-I{kit}', str(KIT / source)]
-        if 'c++' in flags:  # the driver of C links no C++
+        if 'c++' in flags and '-m32' not in flags:  # the driver of C links no C++
             command += ['-lstdc++']
         done = subprocess.run([*command, '-o', str(program)], capture_output=True, text=True)
         assert done.returncode == 0, f'{" ".join(command)}\n{done.stderr}'
         return program
 
     return compile_it
+
+
+def flags_for(target: str) -> tuple[str, ...]:
+    """Return the compiler and its flags for a machine of TARGETS."""
+    command = TARGETS[target]
+    found = shutil.which(command[0]) and subprocess.check_output(
+        [*command, '-print-file-name=libc.a'], text=True
+    )
+    if '/' not in (found or ''):
+        lacks(f'{" ".join(command)} with a C library')
+    return command
+
+
+def compile_for(compile_kit: Compile, target: str, source: str) -> pathlib.Path:
+    """Return a program that runs a file of the kit on a machine of TARGETS, or on this one: ''."""
+    if not target:
+        return compile_kit(source, *C99, *SANITIZED)
+    compiler, *flags = flags_for(target)
+    if target not in MACHINES:
+        return compile_kit(source, *C99, *flags, '-O2', compiler=compiler)
+    if not shutil.which('qemu-system-arm'):
+        lacks('qemu-system-arm')
+    # Its files and its standard input and output are this machine's: semihosting.
+    start = ('--specs=rdimon.specs', '-Wl,--section-start=.vectors=0', '-Wl,-Tdata=0x20000000')
+    entry = str(KIT / 'test/cortex_m.c')
+    program = compile_kit(source, *C99, *flags, '-Os', *start, entry, compiler=compiler)
+    emulated = program.with_suffix('.sh')
+    emulated.write_text(
+        f'#!/bin/sh\nexec qemu-system-arm -M {MACHINES[target]} -kernel {program} -display none '
+        '-monitor none -serial none -semihosting-config enable=on,target=native\n',
+        encoding='utf-8',
+    )
+    emulated.chmod(0o755)
+    return emulated
 
 
 # ----- the header against the arbiter --------------------------------------------------------
@@ -250,6 +305,15 @@ def test_the_header_and_the_arbiter_give_the_same_answers(
     assert min(seen[each] for each in NEEDED) >= 10, seen
 
 
+@pytest.mark.parametrize('target', TARGETS)
+def test_the_header_gives_the_same_answers_on_a_microcontroller(
+    compile_kit: Compile, chance: random.Random, target: str
+) -> None:
+    driver = compile_for(compile_kit, target, 'test/driver.c')
+    for index in (0, 4):
+        assert difference(driver, live(chance, 4000, index)) == ''
+
+
 FAULTS = [
     ('>= kart->settings.frame_timeout_ms', '> kart->settings.frame_timeout_ms'),
     ('(backwards || (uint32_t)(now - kart->heard_at)', '((uint32_t)(now - kart->heard_at)'),
@@ -290,10 +354,11 @@ FAULTS = [
 
 
 def put_fault(folder: pathlib.Path, old: str, new: str) -> None:
-    """Write the header into a folder, with a fault."""
-    text = HEADER.read_text(encoding='utf-8')
-    assert text.count(old) == 1, f'{text.count(old)} times: {old}'
-    (folder / HEADER.name).write_text(text.replace(old, new), encoding='utf-8')
+    """Write the headers into a folder, with a fault."""
+    texts = {each.name: each.read_text(encoding='utf-8') for each in KIT.glob('*.h')}
+    assert sum(text.count(old) for text in texts.values()) == 1, old
+    for name, text in texts.items():
+        (folder / name).write_text(text.replace(old, new), encoding='utf-8')
 
 
 @pytest.fixture(scope='module')
@@ -354,20 +419,68 @@ def test_nothing_is_found_in_a_fixed_number_of_guided_runs(compile_kit: Compile)
     assert done.returncode == 0, done.stderr
 
 
+# ----- the board around it -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('target', ['', *TARGETS])
+def test_a_board_stops_without_a_link_and_comes_back(compile_kit: Compile, target: str) -> None:
+    board = compile_for(compile_kit, target, 'test/board.c')
+
+    done = subprocess.run([str(board)], capture_output=True, text=True)
+
+    assert done.returncode == 0, done.stdout
+    assert min(int(count) for count in done.stdout.split()) >= 50  # each thing happened, and often
+
+
+BOARD_FAULTS = [
+    ('    board->hardware->release(0);\n', ''),
+    ('    evgp_kart_closed(&board->kart, board->hardware->now());\n', ''),
+    ('    board->hardware->close();\n', ''),
+    ('reads < 16', 'reads < 64'),
+    ('count == 0 && evgp_kart_verdict(&board->kart).open', 'count == 0'),
+    ('return count == 0 &&', 'return'),
+    ('    return 0; /* race control does not', '    return 1; /* race control does not'),
+    ('2U * board->wait < first ? first : 2U * board->wait', 'first'),
+    ('board->wait > last ? last : board->wait', 'board->wait'),
+    ('EVGP_GREEN_GREEN   ? !stands', 'EVGP_GREEN_GREEN   ? 1'),
+    (': stands || obey', ': 1 || obey'),
+    ('    evgp_kart_tick(&board->kart, hardware->now());\n', ''),
+    ('        board->wait = EVGP_CONNECT_FIRST_MS; /* something', '        /* something'),
+    ('(!joined || !evgp_p_listen(board))', '!evgp_p_listen(board)'),
+    ('>= board->wait)', '> 0)'),
+    ('    if (verdict.commanded != EVGP_NONE) {', '    if (0) {'),
+    ('    if (verdict.commanded != EVGP_NONE) {', '    if (1) {'),
+    (' && verdict.obey != EVGP_RED_FLAG', ''),
+    ('!hardware->write(say, strlen(say))', 'hardware->write(say, strlen(say)) < 0'),
+]
+
+
+@pytest.mark.parametrize(('old', 'new'), BOARD_FAULTS, ids=range(len(BOARD_FAULTS)))
+def test_a_fault_in_the_board_is_found(
+    compile_kit: Compile, tmp_path: pathlib.Path, old: str, new: str
+) -> None:
+    put_fault(tmp_path, old, new)
+    board = compile_kit('test/board.c', *C99, '-w', kit=tmp_path)
+
+    done = subprocess.run([str(board)], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert 'broken' in done.stdout
+
+
 # ----- compilers -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize('compiler', COMPILERS or ['gcc'])
+@pytest.mark.parametrize('target', [*(COMPILERS or ['gcc']), *TARGETS])
 @pytest.mark.parametrize('optimised', ['-O0', '-O2'])
 @pytest.mark.parametrize('standard', ['c99', 'c11', 'c++11', 'c++17'])
-def test_the_header_compiles_without_a_warning(
-    compile_kit: Compile, tmp_path: pathlib.Path, compiler: str, optimised: str, standard: str
+def test_the_headers_compile_without_a_warning(
+    compile_kit: Compile, tmp_path: pathlib.Path, target: str, optimised: str, standard: str
 ) -> None:
     language = 'c++' if '++' in standard else 'c'
     source = tmp_path / 'all_zero.c'
     # A kart that nobody initialised must stand, too.
     source.write_text(
-        '#include "evgp_kart.h"\n'
+        '#include "evgp_board.h"\n'
         'static evgp_kart kart;\n'
         'int main(void) {\n'
         '    evgp_kart_connected(&kart, 5);\n'
@@ -378,17 +491,51 @@ def test_the_header_compiles_without_a_warning(
         '}\n',
         encoding='utf-8',
     )
-    flags = (f'-std={standard}', optimised, '-Wsign-conversion', '-x', language)
+    compiler, *machine = flags_for(target) if target in TARGETS else (target,)
+    only_compile = ('-c',) if target in MACHINES else ()
+    flags = (f'-std={standard}', optimised, '-Wsign-conversion', *only_compile, '-x', language)
 
-    program = compile_kit(str(source), *flags, compiler=compiler)
+    program = compile_kit(str(source), *machine, *flags, compiler=compiler)
 
-    assert subprocess.run([str(program)]).returncode == 0
+    assert only_compile or subprocess.run([str(program)]).returncode == 0
+
+
+# ----- as a library --------------------------------------------------------------------------
+
+
+def test_the_manifests_agree_with_the_packages_and_name_what_is_there() -> None:
+    properties = (KIT / 'library.properties').read_text(encoding='utf-8')
+    arduino = dict(line.split('=', 1) for line in properties.splitlines())
+    platformio = json.loads((KIT / 'library.json').read_text(encoding='utf-8'))
+    idf = yaml.safe_load((KIT / 'idf_component.yml').read_text(encoding='utf-8'))
+    package = parse_package(ROOT / 'src/evgp_protocol')
+    versions = {arduino['version'], platformio['version'], idf['version']}
+    assert versions == {package.version}
+    assert {arduino['url'], platformio['homepage'], idf['url']} == {package.urls[0].url}
+    assert {platformio['license'], idf['license']} == {package.licenses[0]}
+    assert arduino['name'] == platformio['name']
+    headers = {each.name for each in KIT.glob('*.h')}
+    assert {*platformio['headers']} == headers >= {arduino['includes']}
+    assert [*KIT.rglob(HEADER.name)] == [HEADER]
+    assert all(each.stem == each.parent.name for each in KIT.rglob('*.ino'))  # Arduino's rule
+
+
+def test_a_kart_takes_no_more_of_a_cortex_m0_than_the_readme_says() -> None:
+    flags_for('cortex-m0')
+    sizes = subprocess.check_output(['make', '-s', 'kit-size'], cwd=ROOT, text=True)
+    rows = re.findall(r'^\| `evgp_\w+\.h`.*\| ([\d,]+) \| ([\d,]+) \|$', README, re.MULTILINE)
+    said = [[int(number.replace(',', '')) for number in row] for row in rows]
+    taken = [[int(number) for number in line.split()[:3]] for line in sizes.splitlines()[1::2]]
+    assert len(said) == len(taken) == 2
+    for (flash, memory), (text, data, bss) in zip(said, taken, strict=True):
+        assert text + data <= flash <= 1.1 * (text + data)
+        assert data + bss == memory
 
 
 # ----- the examples --------------------------------------------------------------------------
 
 
-@pytest.fixture(params=['posix.c', 'arduino.ino', 'example.py'])
+@pytest.fixture(params=['posix.c', 'ESP32', 'W5500', 'example.py'])
 def start_example(
     request: pytest.FixtureRequest, parts: contextlib.ExitStack
 ) -> Callable[[int], Program]:
@@ -406,9 +553,10 @@ def start_example(
         else:
             compile_it = request.getfixturevalue('compile_kit')
             board = f'-I{KIT / "test/arduino"}'
+            flags = (*CPP17, *SANITIZED)
             race_control = '-DEVGP_RACE_CONTROL=IPAddress(127,0,0,1)'
-            sketch = 'examples/arduino/arduino.ino'
-            program = compile_it(sketch, race_control, board, *CPP17, *SANITIZED)
+            kind = f'-D{request.param}'
+            program = compile_it('examples/kart/kart.ino', kind, race_control, board, *flags)
             command = [str(program), str(port), own]
         return parts.enter_context(Program(request.param, command))
 

@@ -1,0 +1,150 @@
+// Copyright 2026 EVGP race control contributors
+// SPDX-License-Identifier: Apache-2.0
+
+/*
+ * A kart on a board with a network, around evgp_kart.h: it joins the network, connects, connects
+ * again with a growing wait, brakes, and acknowledges. C99 or C++; no clock, pin or socket of its
+ * own: your program gives them as an evgp_hardware. examples/ has two such programs.
+ *
+ *     evgp_board_begin(&board, &hardware, settings);           once, with the motors stopped
+ *
+ *     evgp_kart_team_stop(&board.kart, ...);                   in each turn of the loop
+ *     evgp_verdict verdict = evgp_board_turn(&board);
+ *     ... feed the watchdog: here, and nowhere else
+ *
+ * The kart is stopped before anything that may wait, since a loop that waits cannot brake.
+ */
+#ifndef EVGP_BOARD_H
+#define EVGP_BOARD_H
+
+#include "evgp_kart.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define EVGP_CONNECT_FIRST_MS 500U /* from one attempt to the next; doubled after each, */
+#define EVGP_CONNECT_LAST_MS 2000U /* up to this */
+#define EVGP_JOIN_FIRST_MS 5000U   /* the same for the network, which takes seconds to join */
+#define EVGP_JOIN_LAST_MS 20000U
+
+/* What your program gives. Only join, connect and close may wait, for less than the watchdog. */
+typedef struct {
+    uint32_t (*now)(void);                /* milliseconds; see evgp_kart.h */
+    void (*release)(int on);              /* 1: release brake and motors; 0: stop the kart */
+    int (*stands)(void);                  /* whether the kart stands, as measured */
+    int (*ready)(void);                   /* whether it is ready to race */
+    int (*joined)(void);                  /* whether the network is there: WLAN, or cable */
+    void (*join)(void);                   /* begin to join it, once more */
+    int (*connect)(void);                 /* connect to race control; 0: that failed */
+    int (*read)(uint8_t *to, size_t size); /* bytes read; 0: none has come; below: broken */
+    int (*write)(const char *from, size_t size); /* whether it took all of them */
+    void (*close)(void);                  /* close the connection */
+} evgp_hardware;
+
+/* A board. Call evgp_kart_team_stop with its kart; the rest is nobody's but the functions'. */
+typedef struct {
+    evgp_kart kart;
+    const evgp_hardware *hardware;
+    uint32_t since; /* the last attempt ended, or the connection */
+    uint32_t wait;  /* from then to the next attempt */
+    uint8_t joined;
+    uint8_t connected;
+} evgp_board;
+
+/* Begin. Your program has begun to join the network, and stopped the kart. */
+static inline void evgp_board_begin(evgp_board *board, const evgp_hardware *hardware,
+                                    evgp_settings settings)
+{
+    memset(board, 0, sizeof *board);
+    board->hardware = hardware;
+    board->since = hardware->now();
+    board->wait = EVGP_JOIN_FIRST_MS;
+    evgp_kart_init(&board->kart, settings, board->since);
+}
+
+static inline void evgp_p_hang_up(evgp_board *board)
+{
+    board->hardware->release(0);
+    evgp_kart_closed(&board->kart, board->hardware->now());
+    board->hardware->close();
+    board->connected = 0;
+    board->since = board->hardware->now();
+}
+
+/* Take all that has come; return whether the connection holds. */
+static inline int evgp_p_listen(evgp_board *board)
+{
+    uint8_t bytes[256];
+    int reads;
+    for (reads = 0; reads < 16; reads++) { /* no flood holds the brake up */
+        const int count = board->hardware->read(bytes, sizeof bytes);
+        if (count <= 0) {
+            return count == 0 && evgp_kart_verdict(&board->kart).open;
+        }
+        evgp_kart_received(&board->kart, bytes, (size_t)count, board->hardware->now());
+    }
+    return 0; /* race control does not send that much */
+}
+
+/* Try once to get nearer to race control. Without a connection the kart is stopped already. */
+static inline void evgp_p_try(evgp_board *board)
+{
+    const uint32_t first = board->joined ? EVGP_CONNECT_FIRST_MS : EVGP_JOIN_FIRST_MS;
+    const uint32_t last = board->joined ? EVGP_CONNECT_LAST_MS : EVGP_JOIN_LAST_MS;
+    if (!board->joined) {
+        board->hardware->join();
+    } else if (board->hardware->connect()) {
+        board->connected = 1;
+        evgp_kart_connected(&board->kart, board->hardware->now());
+    }
+    board->since = board->hardware->now();
+    board->wait = 2U * board->wait < first ? first : 2U * board->wait;
+    board->wait = board->wait > last ? last : board->wait;
+}
+
+/* Return whether a kart has reached what it obeys, so that it acknowledges only what is true. */
+static inline int evgp_reached(evgp_state obey, int stands, int ready)
+{
+    return obey == EVGP_GREEN_GREEN   ? !stands
+           : obey == EVGP_GRID_ACTIVE ? stands && ready
+                                      : stands || obey == EVGP_IN_GARAGE;
+}
+
+/* Do one turn: listen, brake or release, acknowledge. Return what holds after it. */
+static inline evgp_verdict evgp_board_turn(evgp_board *board)
+{
+    const evgp_hardware *hardware = board->hardware;
+    const uint8_t joined = hardware->joined() != 0;
+    evgp_verdict verdict;
+    const char *say;
+    evgp_kart_tick(&board->kart, hardware->now());
+    if (joined != board->joined) {
+        board->joined = joined;
+        board->wait = EVGP_CONNECT_FIRST_MS; /* something is new: try soon */
+    }
+    if (board->connected && (!joined || !evgp_p_listen(board))) {
+        evgp_p_hang_up(board); /* a network that is lost is not waited for */
+    } else if (!board->connected && (uint32_t)(hardware->now() - board->since) >= board->wait) {
+        evgp_p_try(board);
+    }
+    verdict = evgp_kart_verdict(&board->kart);
+    if (verdict.commanded != EVGP_NONE) {
+        board->wait = EVGP_CONNECT_FIRST_MS;
+    }
+    /* RED_FLAG may roll out while may_drive, for a kart that still steers: this one brakes. */
+    hardware->release(verdict.may_drive && verdict.obey != EVGP_RED_FLAG);
+    if (evgp_reached(verdict.obey, hardware->stands(), hardware->ready())) {
+        say = evgp_kart_acknowledge(&board->kart, verdict.order, hardware->now());
+        if (say != NULL && !hardware->write(say, strlen(say))) {
+            evgp_p_hang_up(board); /* half a frame may be out: begin again */
+        }
+    }
+    return evgp_kart_verdict(&board->kart);
+}
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif /* EVGP_BOARD_H */

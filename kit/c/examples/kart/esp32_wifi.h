@@ -1,0 +1,38 @@
+// Copyright 2026 EVGP race control contributors
+// SPDX-License-Identifier: Apache-2.0
+
+/* The network and the watchdog of an ESP32, for Espressif's Arduino core 3 or newer. */
+#include <WiFi.h>
+#include <esp_task_wdt.h>
+
+static WiFiClient client;
+
+static void begin_network()
+{
+    WiFi.config(EVGP_OWN_ADDRESS, EVGP_RACE_CONTROL, EVGP_NETMASK); /* no gateway is needed */
+    WiFi.setAutoReconnect(false); /* evgp_board.h does it, with a growing wait */
+    WiFi.begin("evgp", "password"); /* name and key: the organiser's */
+    WiFi.setSleep(false); /* a radio that sleeps hears a stop late */
+}
+static int joined() { return WiFi.status() == WL_CONNECTED; }
+static void join() { WiFi.reconnect(); }
+static int connect_it()
+{
+    return client.connect(EVGP_RACE_CONTROL, EVGP_PORT, CONNECT_MS) &&
+           client.setNoDelay(true) >= 0;
+}
+
+static const char *why_reset()
+{
+    const esp_reset_reason_t why = esp_reset_reason();
+    return why == ESP_RST_BROWNOUT   ? "reset: the supply broke down"
+           : why == ESP_RST_TASK_WDT ? "reset: the program hung"
+                                     : "started";
+}
+static void begin_watchdog()
+{
+    const esp_task_wdt_config_t watchdog = {500, 0, true}; /* ms; it resets the chip */
+    esp_task_wdt_reconfigure(&watchdog);
+    esp_task_wdt_add(NULL);
+}
+static void feed_watchdog() { esp_task_wdt_reset(); }

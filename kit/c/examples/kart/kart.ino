@@ -1,0 +1,91 @@
+// Copyright 2026 EVGP race control contributors
+// SPDX-License-Identifier: Apache-2.0
+
+/*
+ * A kart on an ESP32 with WiFi, or on an Arduino Mega 2560 with a W5500: the network is in the tab of
+ * that name. Set the addresses and the pins; replace ready() and stands() with what your kart
+ * measures. README.md of this library has the drawing of the contacts.
+ *
+ * RELEASE_PIN releases brake and motors while it is HIGH. Give it 10 kOhm to ground: it floats while
+ * the board starts, after a brown-out too. An ESP32 pulls 0, 1, 3, 5, 14 and 15 up then: not these.
+ */
+#include <Arduino.h>
+
+#include <evgp_board.h>
+
+#ifndef EVGP_RACE_CONTROL
+#define EVGP_RACE_CONTROL IPAddress(10, 0, 0, 1)
+#endif
+#define EVGP_OWN_ADDRESS IPAddress(10, 0, 0, 101) /* this kart's, as in the roster (§4.A) */
+#define EVGP_NETMASK IPAddress(255, 255, 255, 0)
+
+static const int RELEASE_PIN = 23;
+static const int WHEEL_PIN = 22;   /* changes as the wheel turns */
+static const int STOP_PIN = 25;    /* the team's stop button (§2.C) */
+static const int MSR_PIN = 26;     /* the contact of the MSR's relay (§2.B) */
+static const uint32_t STILL_MS = 500; /* a wheel that has not changed for so long stands */
+static const int CONNECT_MS = 300; /* to connect or to close; less than the watchdog's 500 ms */
+
+#ifdef ESP32
+#include "esp32_wifi.h"
+#else
+#include "w5500_ethernet.h"
+#endif
+
+static evgp_board board;
+static evgp_state told = EVGP_NONE;
+
+static uint32_t now() { return millis(); }
+static void release(int on) { digitalWrite(RELEASE_PIN, on ? HIGH : LOW); }
+static int stands()
+{
+    static int level = -1;
+    static uint32_t moved_at;
+    if (level != digitalRead(WHEEL_PIN)) {
+        level = digitalRead(WHEEL_PIN);
+        moved_at = now();
+    }
+    return (uint32_t)(now() - moved_at) >= STILL_MS;
+}
+static int ready() { return 1; } /* sensors, localisation, whatever yours needs */
+static int take(uint8_t *to, size_t size)
+{
+    return client.available() > 0 ? client.read(to, size) : client.connected() ? 0 : -1;
+}
+static int say(const char *from, size_t size)
+{
+    return client.write((const uint8_t *)from, size) == size;
+}
+static void hang_up() { client.stop(); }
+
+static const evgp_hardware hardware = {now,  release,    stands, ready, joined,
+                                       join, connect_it, take,   say,   hang_up};
+
+void setup()
+{
+    pinMode(RELEASE_PIN, OUTPUT); /* LOW after a reset */
+    release(0);
+    pinMode(WHEEL_PIN, INPUT);
+    pinMode(STOP_PIN, INPUT_PULLUP);
+    pinMode(MSR_PIN, INPUT_PULLUP);
+    Serial.begin(115200);
+    Serial.println(why_reset());
+    begin_network();
+    evgp_settings settings = evgp_default_settings();
+    settings.msr_timeout_ms = 200; /* 0 only on a kart without the MSR's contact */
+    evgp_board_begin(&board, &hardware, settings);
+    begin_watchdog();
+}
+
+void loop()
+{
+    evgp_kart_team_stop(&board.kart, EVGP_STOP_BUTTON, digitalRead(STOP_PIN) != LOW, now());
+    evgp_kart_team_stop(&board.kart, EVGP_STOP_MSR, digitalRead(MSR_PIN) != LOW, now());
+    const evgp_verdict verdict = evgp_board_turn(&board);
+    feed_watchdog(); /* the clock was looked at, and the brake is set: nowhere else */
+    if (verdict.obey != told) {
+        told = verdict.obey;
+        Serial.print("obey ");
+        Serial.println(evgp_name(told));
+    }
+}

@@ -1,0 +1,154 @@
+// Copyright 2026 EVGP race control contributors
+// SPDX-License-Identifier: Apache-2.0
+
+/*
+ * Holds evgp_board.h to its promises, on a board whose network, race control and clock do anything.
+ * Prints how often what; ends with status 1, and the line here, at the first promise that is broken.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "evgp_board.h"
+
+#define PROMISE(holds) ((holds) ? (void)0 : broken(__LINE__))
+
+static uint32_t seed = 1, clock_ms = 4294900000U; /* it starts again at 0 soon */
+static evgp_board board;
+static int up, accepting, silent, flooding, breaking, opened, released, failed_write, speed;
+static evgp_state said = EVGP_RED_RED; /* what race control says */
+static const char *coming = "";        /* the rest of the frame that comes */
+static uint32_t heard_at, ended, needed, reads, tries;
+static unsigned connects, joins, drove, lost;
+
+static void broken(int line)
+{
+    printf("broken: line %d\n", line);
+    exit(1);
+}
+
+static uint32_t chance(uint32_t below)
+{
+    seed = seed * 1664525U + 1013904223U;
+    return (seed >> 8) % below;
+}
+
+static uint32_t now(void) { return clock_ms; }
+static void release(int on) { released = on; }
+static int stands(void) { return speed == 0; }
+static int ready(void) { return chance(8) != 0; }
+static int joined(void) { return up; }
+
+/* An attempt: the second of a kind waits for `first`, each one after it twice as long, to `last`. */
+static void attempt(uint32_t first, uint32_t last)
+{
+    PROMISE(!released && !opened);
+    PROMISE(clock_ms - ended >= needed);
+    needed = tries == 0 ? first : 2U * needed < last ? 2U * needed : last;
+    tries++;
+    clock_ms += chance(300);
+    ended = clock_ms;
+}
+
+static void join(void)
+{
+    attempt(EVGP_JOIN_FIRST_MS, EVGP_JOIN_LAST_MS);
+    joins++;
+}
+
+static int connect_it(void)
+{
+    attempt(EVGP_CONNECT_FIRST_MS, EVGP_CONNECT_LAST_MS);
+    opened = accepting;
+    connects += accepting != 0;
+    coming = "";
+    said = EVGP_RED_RED;
+    return opened;
+}
+
+static int take(uint8_t *to, size_t size)
+{
+    size_t count = 0;
+    PROMISE(opened && ++reads <= 20);
+    if (breaking) {
+        return -1;
+    }
+    if (*coming == 0 && !silent && (flooding || chance(4) == 0)) {
+        coming = evgp_frame(said);
+    }
+    while (*coming != 0 && count < size && (flooding || chance(16) != 0)) {
+        to[count++] = (uint8_t)*coming;
+        if (*coming++ == ';') {
+            heard_at = clock_ms;
+        }
+    }
+    return (int)count;
+}
+
+static int say(const char *from, size_t size)
+{
+    PROMISE(opened && size == strlen(from));
+    PROMISE(strcmp(from, "$GREEN_GREEN;") == 0 ? speed > 0
+                                               : speed == 0 || strcmp(from, "$IN_GARAGE;") == 0);
+    failed_write = chance(100) == 0;
+    if (chance(8) == 0) {
+        said = (evgp_state)(said % 5 + 1);
+    }
+    return !failed_write;
+}
+
+static void hang_up(void)
+{
+    PROMISE(!released && opened);
+    opened = 0;
+    ended = clock_ms;
+    lost++;
+}
+
+static void world(void)
+{
+    clock_ms += 1U + chance(50);
+    if (chance(up ? 2000 : 300) == 0) {
+        up = !up;
+        needed = EVGP_CONNECT_FIRST_MS;
+        tries = 0;
+    }
+    accepting = chance(accepting ? 2000 : 300) == 0 ? !accepting : accepting;
+    silent = chance(silent ? 50 : 1000) == 0 ? !silent : silent;
+    said = chance(300) == 0 ? EVGP_RED_RED : said;
+    flooding = chance(2000) == 0;
+    breaking = opened && chance(1000) == 0;
+    speed = released ? speed + 1 : speed > 2 ? speed - 2 : 0;
+    reads = 0;
+    failed_write = 0;
+}
+
+int main(void)
+{
+    static const evgp_hardware hardware = {now,  release,    stands, ready, joined,
+                                           join, connect_it, take,   say,   hang_up};
+    uint32_t turn;
+    ended = clock_ms;
+    evgp_board_begin(&board, &hardware, evgp_default_settings());
+    for (turn = 0; turn < 200000U; turn++) {
+        evgp_verdict verdict;
+        world();
+        evgp_kart_team_stop(&board.kart, EVGP_STOP_BUTTON, chance(500) == 0, clock_ms);
+        verdict = evgp_board_turn(&board);
+        PROMISE(verdict.open == opened && (up || !opened) && !(failed_write && opened));
+        PROMISE(opened || (verdict.obey == EVGP_RED_RED && !released));
+        PROMISE(!released || (verdict.may_drive && verdict.obey == EVGP_GREEN_GREEN));
+        PROMISE(!released || clock_ms - heard_at < 1000);
+        PROMISE(!opened || !breaking);
+        PROMISE(!opened || reads < 16); /* what comes faster than it is read is old */
+        if (verdict.commanded != EVGP_NONE) {
+            needed = EVGP_CONNECT_FIRST_MS;
+            tries = 0;
+        }
+        /* It tries again, and soon after anything is new. */
+        PROMISE(opened || joins == 0 ||
+                clock_ms - ended < 400U + (tries == 0 ? 500U : up ? 2000U : 20000U));
+        drove += released != 0;
+    }
+    printf("%u %u %u %u\n", connects, joins, drove, lost);
+    return 0;
+}
