@@ -52,6 +52,7 @@ static int take(uint8_t *to, size_t size)
 {
     return client.available() > 0 ? client.read(to, size) : client.connected() ? 0 : -1;
 }
+/* It waits only while race control takes nothing: the watchdog ends that. */
 static int say(const char *from, size_t size)
 {
     return client.write((const uint8_t *)from, size) == size;
