@@ -30,6 +30,7 @@ import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from evgp_kart_bridge.lamp import lamp
 from evgp_kart_bridge.link import (
     Link,
     LinkClosedError,
@@ -57,7 +58,7 @@ from nav_msgs.msg import Odometry
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, ColorRGBA
 from std_srvs.srv import SetBool
 
 try:
@@ -145,6 +146,7 @@ class KartBridge(StrictNode):
         qos = race_state_qos(lease)
         self._race_state = self.create_publisher(KartRaceState, '~/race_state', qos)
         self._stop = self.create_publisher(Bool, '~/stop', qos)
+        self._lamp = self.create_publisher(ColorRGBA, '~/lamp', qos)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', DIAGNOSTICS_QOS)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._told: Verdict | None = None
@@ -215,10 +217,10 @@ class KartBridge(StrictNode):
         """Leave race control, and tell RED_RED last."""
         self._link.stop()
         try:
-            self._publish(_ENDED)
+            self._publish(_ENDED, 0.0)  # the lamp is lit
         except PublishError as error:  # then its silence stops the kart
             self.get_logger().error(str(error))
-        wait_until_heard(self._race_state, self._stop)
+        wait_until_heard(self._race_state, self._stop, self._lamp)
 
     # ----- what the team says; in the executor's thread -----------------------------------
 
@@ -342,7 +344,7 @@ class KartBridge(StrictNode):
     # ----- what the team is told; in the link's thread ------------------------------------
 
     def _tell(self, verdict: Verdict, status: LinkStatus) -> None:
-        self._publish(verdict)
+        self._publish(verdict, clock.now())
         self._log(verdict, status)
         self._told = verdict
         self._log_odometry()
@@ -362,7 +364,7 @@ class KartBridge(StrictNode):
             self._diagnostics.publish(self._diagnostic(verdict, status))
         self._until_diagnostics -= 1
 
-    def _publish(self, verdict: Verdict) -> None:
+    def _publish(self, verdict: Verdict, at: float) -> None:
         message = KartRaceState(
             stamp=stamp(self.get_clock()),
             bridge=self._identity,
@@ -377,6 +379,8 @@ class KartBridge(StrictNode):
         try:
             self._race_state.publish(message)
             self._stop.publish(Bool(data=not verdict.may_drive))
+            red, green, blue = lamp(verdict.state, verdict.acknowledged, at)
+            self._lamp.publish(ColorRGBA(r=red, g=green, b=blue, a=1.0))
         except RCLError as error:
             raise PublishError(
                 f'the race state cannot be published ({error}). Look at the clock: Fast DDS '

@@ -1,0 +1,54 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+The lamp on a kart, which tells people beside it what to expect: the colours of Formula Student.
+
+Pure: the time comes with the question.
+"""
+
+from __future__ import annotations
+
+from evgp_protocol.states import RaceState
+
+PHASE = 0.2
+"""Time for which a flashing lamp is lit, and then dark, seconds: 2.5 flashes a second."""
+
+Colour = tuple[float, float, float]
+YELLOW: Colour = (1.0, 1.0, 0.0)
+BLUE: Colour = (0.0, 0.0, 1.0)
+DARK: Colour = (0.0, 0.0, 0.0)
+
+FLASHES = True
+_FINISHED = (BLUE, not FLASHES)
+_LAMP = {
+    RaceState.IN_GARAGE: (DARK, not FLASHES),  # off
+    RaceState.GRID_ACTIVE: (YELLOW, not FLASHES),  # ready
+    RaceState.GREEN_GREEN: (YELLOW, FLASHES),  # driving
+    RaceState.RED_FLAG: (YELLOW, FLASHES),  # it still drives
+    RaceState.RED_RED: (BLUE, FLASHES),  # emergency: also in any doubt
+}
+
+
+def lamp(state: RaceState, acknowledged: bool, now: float) -> Colour:
+    """
+    Return the colour that the lamp of a kart has at a moment; at 0 it is lit, unless it is off.
+
+    :param state: the state that the kart obeys.
+    :param acknowledged: whether it has said that it reached it. That makes RED_FLAG *finished*.
+        RED_RED may be the end of a race or ALL KILL, so it stays an emergency.
+    """
+    finished = state is RaceState.RED_FLAG and acknowledged
+    colour, flashes = _FINISHED if finished else _LAMP[state]
+    return DARK if flashes and now % (2 * PHASE) >= PHASE else colour
