@@ -18,6 +18,8 @@ import time
 from typing import Any
 
 from ament_index_python.packages import get_package_prefix
+from evgp_kart_bridge.example_stack import COMMANDS
+from evgp_kart_bridge.lamp import BLUE, YELLOW
 from evgp_node.graph import INTERFACE
 from evgp_node.qos import latched
 from evgp_node.states import state_message, state_of
@@ -45,7 +47,7 @@ from rig.faulty_nodes import (
     program_of,
     StackThatRaises,
 )
-from std_msgs.msg import Bool, Float64
+from std_msgs.msg import Bool, ColorRGBA, Float64
 from std_srvs.srv import SetBool
 
 GRID_ACTIVE = RaceState.GRID_ACTIVE
@@ -777,3 +779,51 @@ def test_diagnostics_say_what_the_kart_obeys_and_why(start_race: StartRace) -> N
             and status.message == 'the kart stops itself: asked for by service'
         )
     )
+
+
+def hear(team: Team, kind: type, topic: str) -> list[Any]:
+    """Return a list to which everything that comes on a topic is added."""
+    heard: list[Any] = []
+
+    def add(message: Any) -> None:
+        with team.news:
+            heard.append(message)
+            team.news.notify_all()
+
+    team.node.create_subscription(kind, topic, add, latched(1) if 'lamp' in topic else 1)
+    return heard
+
+
+def test_the_lamp_shows_what_the_kart_obeys_and_is_lit_blue_at_the_end(
+    start_race: StartRace,
+) -> None:
+    race = start_race()
+    seen = hear(race.team, ColorRGBA, '/kart_bridge/lamp')
+    race.grid()
+    for act, colour in [(lambda: None, YELLOW), (race.bridge.close, BLUE)]:
+        act()
+        race.team.wait_until(
+            lambda colour=colour: seen and (seen[-1].r, seen[-1].g, seen[-1].b) == colour,
+            lambda: f'another colour; the last are {seen[-3:]}',
+        )
+
+
+SPEED_OF: dict[str, Callable[[Any], float]] = {
+    'twist': lambda command: command.linear.x,
+    'twist_stamped': lambda command: command.twist.linear.x,
+    'ackermann': lambda command: command.drive.speed,
+}
+
+
+@pytest.mark.parametrize('command', SPEED_OF)
+def test_the_example_stack_tells_motors_its_speed_in_the_message_that_they_obey(
+    command: str, start_race: StartRace, parts: contextlib.ExitStack
+) -> None:
+    package, kind, topic = COMMANDS[command]
+    messages = pytest.importorskip(f'{package}.msg', reason=f'needs {package}')
+    race, speed = start_race(), SPEED_OF[command]
+    told = hear(race.team, getattr(messages, kind), f'/{topic}')
+    race.drive(parts.enter_context(ExampleStack(race.bridge.domain, {'command': command})))
+    race.team.wait_until(lambda: told and speed(told[-1]) > 1.0, lambda: f'to drive: {told[-1:]}')
+    race.official.command('all_kill')
+    race.team.wait_until(lambda: speed(told[-1]) == 0.0, lambda: f'to stop: {told[-1:]}')

@@ -25,11 +25,13 @@ that nobody publishes, would keep it from braking.
 
 from __future__ import annotations
 
+import importlib
 import sys
 import threading
 import time
 from typing import Any
 
+from builtin_interfaces.msg import Time
 from evgp_kart_bridge.watch import Order, RaceStateWatch
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
@@ -38,8 +40,15 @@ from evgp_protocol.states import RaceState
 from nav_msgs.msg import Odometry
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
+from rclpy.publisher import Publisher
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 STEP = 0.02  # s
+
+COMMAND_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.RELIABLE
+)
+"""Of the motors' topic: only the newest command counts."""
 
 # To which speed (m/s), and how fast (m/s²), in each state.
 DRIVING = {
@@ -50,6 +59,25 @@ DRIVING = {
     RaceState.RED_RED: (0.0, 8.0),
 }
 
+COMMANDS = {
+    'twist': ('geometry_msgs', 'Twist', 'cmd_vel'),
+    'twist_stamped': ('geometry_msgs', 'TwistStamped', 'cmd_vel'),
+    'ackermann': ('ackermann_msgs', 'AckermannDriveStamped', 'drive'),
+}
+"""What motors may obey: package, message and topic, by the value of the parameter."""
+
+
+def speed_command(kind: type, stamp: Time, speed: float) -> Any:
+    """Return a command to drive straight ahead at this speed, m/s."""
+    command: Any = kind()
+    if hasattr(command, 'header'):
+        command.header.stamp, command.header.frame_id = stamp, 'base_link'
+    if hasattr(command, 'drive'):
+        command.drive.speed = speed  # and command.drive.steering_angle, rad
+    else:
+        getattr(command, 'twist', command).linear.x = speed  # and .angular.z, rad/s
+    return command
+
 
 class ExampleStack(StrictNode):
     """Drives where the race state lets it."""
@@ -57,7 +85,12 @@ class ExampleStack(StrictNode):
     def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
         """Watch the race state and begin to drive."""
         super().__init__('example_stack', **node_options)
-        Parameters(self).refuse_unknown()
+        parameters = Parameters(self)
+        command = parameters.declare(
+            'command', '', f'What motors obey: {", ".join(COMMANDS)}; empty: nothing is told them.'
+        )
+        parameters.refuse_unknown()
+        self._motors = self._motors_by(command) if command else None
         self._driving = threading.Lock()  # who drives: the timer, or `close`
         self._ended = False
         self._speed = 0.0
@@ -66,6 +99,16 @@ class ExampleStack(StrictNode):
         self._watch = RaceStateWatch(self)
         self._odometry = self.create_publisher(Odometry, 'kart_bridge/odom', 10)
         self.create_timer(STEP, self._drive, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _motors_by(self, command: str) -> Publisher:
+        if command not in COMMANDS:
+            raise ParameterError(f'parameter command: give one of {", ".join(COMMANDS)}')
+        package, kind, topic = COMMANDS[command]
+        try:
+            messages = importlib.import_module(f'{package}.msg')
+        except ModuleNotFoundError as error:
+            raise ParameterError(f'parameter command: {command} needs {package}') from error
+        return self.create_publisher(getattr(messages, kind), topic, COMMAND_QOS)
 
     def close(self) -> None:
         """Brake to a stop, whatever ended the node: its executor may not run any more."""
@@ -100,11 +143,14 @@ class ExampleStack(StrictNode):
         odometry.twist.twist.linear.x = self._speed
         published = True
         try:
+            if self._motors is not None:
+                kind = self._motors.msg_type
+                self._motors.publish(speed_command(kind, odometry.header.stamp, self._speed))
             self._odometry.publish(odometry)
         except RCLError as error:
             published = False
             if self._published:
-                self.get_logger().error(f'Odometry cannot be published: {error}')
+                self.get_logger().error(f'The speed cannot be published: {error}')
         self._published = published
 
     def _acknowledge(self, order: Order) -> None:
