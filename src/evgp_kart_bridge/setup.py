@@ -44,6 +44,7 @@ setup(
     entry_points={
         'console_scripts': [
             'kart_bridge_node = evgp_kart_bridge.node:main',
+            'autoware_adapter = evgp_kart_bridge.autoware_adapter:main',
             'example_stack = evgp_kart_bridge.example_stack:main',
             'shortest_stack = evgp_kart_bridge.shortest_stack:main',
         ],

@@ -1,0 +1,155 @@
+# Copyright 2026 EVGP race control contributors
+#
+# Licensed under the Apache License, Version 2.0 (the "License");
+# you may not use this file except in compliance with the License.
+# You may obtain a copy of the License at
+#
+#     http://www.apache.org/licenses/LICENSE-2.0
+#
+# Unless required by applicable law or agreed to in writing, software
+# distributed under the License is distributed on an "AS IS" BASIS,
+# WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+# See the License for the specific language governing permissions and
+# limitations under the License.
+
+"""
+Autoware under race control: only GREEN_GREEN lets it drive (docs/autoware.md).
+
+It requests stops of Autoware's command gate: a gentle one in every state but GREEN_GREEN, and an
+emergency stop in RED_RED. The gate also stops when this node's heartbeat is not ready or ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import sys
+from typing import Any
+
+from autoware_adapi_v1_msgs.msg import ManualOperatorHeartbeat, MotionState, OperationModeState
+from evgp_kart_bridge.watch import RaceStateWatch
+from evgp_node.parameters import ParameterError, Parameters, StrictNode
+from evgp_node.process import OnFailure, run_node
+from evgp_node.qos import latched
+from evgp_node.stamps import stamp
+from evgp_protocol import clock
+from evgp_protocol.states import RaceState
+from rclpy.client import Client
+from rclpy.clock import Clock, ClockType
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.task import Future
+from tier4_control_msgs.srv import SetStop
+from tier4_external_api_msgs.srv import SetEmergency
+
+STEP = 0.05
+"""Time between two heartbeats, seconds."""
+
+REQUEST_AGAIN = 0.2
+"""Time after which a request is sent again, seconds: the gate may be new and know nothing."""
+
+HEARTBEAT_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+
+
+class Wish:
+    """
+    A kind of stop, or its end, that Autoware is asked for all the time.
+
+    :ivar stop: what was asked for last.
+    :ivar granted: Autoware has answered that it stops.
+    """
+
+    def __init__(self, client: Client, request: Callable[[bool], Any]) -> None:
+        """Ask for nothing yet."""
+        self.stop, self.granted = True, False
+        self._client, self._request = client, request
+        self._asking: Future | None = None
+        self._again_at = 0.0
+
+    def ask(self, stop: bool) -> None:
+        """Ask for a stop, or for its end; at once if that is new."""
+        now = clock.now()
+        if stop is self.stop and now < self._again_at:
+            return
+        self.stop, self._again_at = stop, now + REQUEST_AGAIN
+        if self._asking is not None:
+            self._client.remove_pending_request(self._asking)  # the gate may have died over it
+        self._asking = self._client.call_async(self._request(stop))
+        self._asking.add_done_callback(lambda answered: self._hear(stop, answered))
+
+    def _hear(self, stop: bool, answered: Future) -> None:
+        status = getattr(answered.result(), 'status', None)
+        self.granted = stop and getattr(status, 'success', False)  # SetEmergency has only a code
+
+
+class AutowareAdapter(StrictNode):
+    """Tells Autoware when to stop, and race control what it has done."""
+
+    def __init__(self, on_failure: OnFailure, **node_options: Any) -> None:
+        """Watch the race state and begin to ask for stops."""
+        super().__init__('autoware_adapter', **node_options)
+        Parameters(self).refuse_unknown()
+        self._mode, self._motion = OperationModeState(), MotionState()
+        self._watch = RaceStateWatch(self)
+        self._heartbeat = self.create_publisher(
+            ManualOperatorHeartbeat, '~/heartbeat', HEARTBEAT_QOS
+        )
+        self._gentle = Wish(
+            self.create_client(SetStop, '/control/vehicle_cmd_gate/set_stop'),
+            lambda stop: SetStop.Request(stop=stop, request_source='evgp'),
+        )
+        self._emergency = Wish(
+            self.create_client(SetEmergency, '/api/autoware/set/emergency'),
+            lambda stop: SetEmergency.Request(emergency=stop),
+        )
+        self.create_subscription(
+            OperationModeState, '/api/operation_mode/state', self._hear_mode, latched(1)
+        )
+        self.create_subscription(MotionState, '/api/motion/state', self._hear_motion, latched(1))
+        self.create_timer(STEP, self._step, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def close(self) -> None:
+        """Ask for the emergency stop, which the end of the heartbeat brings about too."""
+        self._request(RaceState.RED_RED)
+
+    def _step(self) -> None:
+        order = self._watch.order
+        self._request(order.state)
+        if self._has_reached(order.state):
+            self._watch.acknowledge(order)
+
+    def _request(self, state: RaceState) -> None:
+        drive = state is RaceState.GREEN_GREEN
+        # An emergency stop goes on until the gentle one is known to hold the kart.
+        goes_on = self._emergency.stop and not (drive or self._gentle.granted)
+        emergency = state is RaceState.RED_RED or goes_on
+        self._heartbeat.publish(
+            ManualOperatorHeartbeat(stamp=stamp(self.get_clock()), ready=not emergency)
+        )
+        self._gentle.ask(not drive)
+        self._emergency.ask(emergency)
+
+    def _has_reached(self, state: RaceState) -> bool:
+        """Return whether the kart is ready, or drives; that it stands, the bridge sees itself."""
+        if state is RaceState.GRID_ACTIVE:
+            autonomous = self._mode.mode == OperationModeState.AUTONOMOUS
+            return autonomous and self._mode.is_autoware_control_enabled
+        return state is RaceState.GREEN_GREEN and self._motion.state == MotionState.MOVING
+
+    def _hear_mode(self, mode: OperationModeState) -> None:
+        self._mode = mode
+
+    def _hear_motion(self, motion: MotionState) -> None:
+        self._motion = motion
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the adapter until SIGINT or SIGTERM."""
+    return run_node('autoware_adapter', AutowareAdapter, (ParameterError,), args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
