@@ -26,8 +26,8 @@ LISTED = subprocess.run(
 ).stdout.split()
 DOCUMENTS = LISTED or [str(each.relative_to(ROOT)) for each in ROOT.glob('docs/*.md')]
 
-EXAMPLES = {'test_my_stack.py', 'test_mine.py'}
-"""Files that a document tells its reader to write."""
+EXAMPLES = {'test_my_stack.py', 'test_mine.py', 'test_stopping_distance.py'}
+"""Files that a document tells its reader to write, or that are of kit/template."""
 
 
 def text_of(document: str) -> str:

@@ -8,12 +8,15 @@ from __future__ import annotations
 import os
 import pathlib
 import re
+import shutil
 import subprocess
 import sys
 
 import pytest
+import yaml
 
 ROOT = pathlib.Path(__file__).parents[1]
+TEMPLATE = ROOT / 'kit/template'
 
 PACKAGE_XML = """<?xml version="1.0"?>
 <package format="3">
@@ -50,33 +53,6 @@ ament_package()
 """,
     'msg/Lap.msg': 'std_msgs/Header header\nevgp_rcs_msgs/RaceState state\nfloat64 seconds\n',
 }
-
-STACK = {
-    'package.xml': PACKAGE_XML.format(
-        name='team_stack',
-        build_type='ament_python',
-        depends='<depend>rclpy</depend>\n  <depend>evgp_kart_bridge</depend>',
-    ),
-    'setup.cfg': '[develop]\nscript_dir=$base/lib/team_stack\n'
-    '[install]\ninstall_scripts=$base/lib/team_stack\n',
-    'setup.py': """from setuptools import setup
-
-setup(
-    name='team_stack',
-    version='0.1.0',
-    packages=['team_stack'],
-    data_files=[
-        ('share/ament_index/resource_index/packages', ['resource/team_stack']),
-        ('share/team_stack', ['package.xml']),
-    ],
-    entry_points={'console_scripts': ['team_stack = team_stack.stack:main']},
-)
-""",
-    'resource/team_stack': '',
-    'team_stack/__init__.py': '',
-}
-"""Its node is that of docs/teams.md, as it stands."""
-
 
 PATHS = {'PATH'}
 if 'ROS_DISTRO' in os.environ:
@@ -140,27 +116,34 @@ def run(script: str, folder: pathlib.Path) -> str:
     return done.stdout
 
 
+def steps() -> dict[str, str]:
+    """Return the lines of the template's workflow that have a name."""
+    text = (TEMPLATE / '.github/workflows/test.yml').read_text(encoding='utf-8')
+    job = yaml.safe_load(text)['jobs']['test']
+    return {each['name']: each['run'] for each in job['steps'] if 'name' in each}
+
+
 @pytest.mark.long
-@pytest.mark.timeout(600)
-def test_a_workspace_with_messages_of_its_own_builds_beside_the_clone_and_passes_the_example(
+@pytest.mark.timeout(900)
+def test_the_template_with_messages_of_a_team_builds_beside_the_clone_and_passes(
     tmp_path: pathlib.Path,
 ) -> None:
     workspace = tmp_path / 'team'
+    shutil.copytree(TEMPLATE, workspace)
     write(workspace / 'src/team_msgs', MESSAGES)
-    write(workspace / 'src/team_stack', STACK)
-    (workspace / 'src/team_stack/team_stack/stack.py').write_text(
-        block('python', 'class Stack'), encoding='utf-8'
-    )
     example = block('python', 'def test_my_kart')
     assert "'evgp_kart_bridge', 'shortest_stack'" in example
-    (workspace / 'test_my_stack.py').write_text(
-        example.replace("'evgp_kart_bridge', 'shortest_stack'", "'team_stack', 'team_stack'"),
+    (workspace / 'test/test_my_stack.py').write_text(
+        example.replace("'evgp_kart_bridge', 'shortest_stack'", "'my_kart', 'stack'"),
         encoding='utf-8',
     )
+    building, testing = (steps()[name] for name in ('Build', 'Test'))
+    for document in ('docs/teams.md', 'kit/template/README.md'):
+        assert any(building in each for each in blocks(document, 'sh')), document
     lap = 'python -c "import team_msgs.msg as its; print(its.Lap().state.RED_RED)"'
-    building, testing = block('sh', 'colcon build'), block('sh', 'pytest test_my_stack.py')
-    said = run(f'{building}\n$EVGP/setup/in-workspace {lap}\n{testing}', workspace)
-    assert '1 passed' in said
+    using = f'source install/setup.bash\n$EVGP/setup/in-workspace {lap}'
+    said = run(f'{building}\n{using}\n{testing}', workspace)
+    assert '4 passed' in said
 
 
 @pytest.mark.timeout(300)

@@ -12,7 +12,7 @@
 # See the License for the specific language governing permissions and
 # limitations under the License.
 
-"""The shortest stack that obeys race control. docs/teams.md shows this file."""
+"""The shortest stack that obeys race control."""
 
 import math
 import time

@@ -64,7 +64,7 @@ class SimulatedBase(RosSide):
         self._dead_time = dead_time
         self._moving = threading.Lock()
         self._coming: deque[tuple[float, float]] = deque()  # commands in their dead time
-        self._speed = self._wanted = 0.0
+        self._speed = self._wanted = self._distance = 0.0
         self._at = self._commanded_at = time.monotonic()
         self.node.create_subscription(Twist, '/cmd_vel', self._obey, 1)
         self._odometry = self.node.create_publisher(Odometry, '/odom', 10)
@@ -78,6 +78,13 @@ class SimulatedBase(RosSide):
         """Its true speed at this moment, m/s, whatever odometry has said so far."""
         with self._moving:
             return self._move(time.monotonic())
+
+    @property
+    def distance(self) -> float:
+        """Its way so far, m."""
+        with self._moving:
+            self._move(time.monotonic())
+            return self._distance
 
     @property
     def speed_to_come(self) -> float:
@@ -106,10 +113,11 @@ class SimulatedBase(RosSide):
         """Bring the speed up to date, by the command until it timed out, then braking."""
         silent_at = max(self._at, self._commanded_at + COMMAND_TIMEOUT)
         for until, wanted in ((min(now, silent_at), self._wanted), (now, 0.0)):
-            change = wanted - self._speed
+            speed, change = self._speed, wanted - self._speed
             passed = max(until - self._at, 0.0)
             most = passed * (self._acceleration if change > 0 else self._braking)
             self._speed += max(-most, min(most, change))
+            self._distance += passed * (speed + self._speed) / 2
             self._at = max(until, self._at)
         return self._speed
 

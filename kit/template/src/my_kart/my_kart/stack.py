@@ -1,0 +1,1 @@
+../../../../../src/evgp_kart_bridge/evgp_kart_bridge/shortest_stack.py

@@ -1,0 +1,38 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""How far our kart goes after a stop: the real race control and bridge, a simulated base."""
+
+from evgp_protocol.states import RaceState
+from evgp_testing.process import Process
+import pytest
+
+RACE_SPEED = 5.9  # m/s
+BRAKING = 8.0  # m/s², as measured on our kart
+
+# By stop: how it is given, and the longest way from then to the standstill, m. The barriers must
+# be farther away. 1 s of it is for a busy computer: take less on one that has nothing else to do.
+STOPS = {
+    'red_red': (lambda official, control: official.command('all_kill'), 8.5),
+    'red_flag': (lambda official, control: official.command('red_flag'), 42.0),
+    'race_control_dies': (lambda official, control: control.kill(), 14.5),
+}
+
+
+@pytest.mark.parametrize('stop', STOPS)
+def test_the_kart_stands_within_its_distance(
+    stop, start_race_control, join_official, start_bridge, start_base, parts
+):
+    control = start_race_control(in_race=[1], auto_race_over=False)
+    official = join_official(control)
+    bridge = start_bridge(control.port, 1, arguments=('-r', '~/odom:=/odom'))
+    base = start_base(bridge, braking=BRAKING)  # your simulator instead, if you have one
+    parts.enter_context(Process('my_kart', 'stack', bridge.domain))
+    official.wait_for_connected(1)
+    official.bring_to(RaceState.GREEN_GREEN)
+    base.wait_for_speed(lambda speed: speed > RACE_SPEED)
+
+    before, (command, longest) = base.distance, STOPS[stop]
+    command(official, control)
+    base.wait_for_speed(lambda speed: speed == 0.0)
+    assert base.distance - before < longest
