@@ -136,8 +136,8 @@ class AutowareAdapter(StrictNode):
         """Return whether the kart is ready, or drives; that it stands, the bridge sees itself."""
         if state is RaceState.GRID_ACTIVE:
             autonomous = self._mode.mode == OperationModeState.AUTONOMOUS
-            return autonomous and self._mode.is_autoware_control_enabled
-        return state is RaceState.GREEN_GREEN and self._motion.state == MotionState.MOVING
+            return bool(autonomous and self._mode.is_autoware_control_enabled)
+        return bool(state is RaceState.GREEN_GREEN and self._motion.state == MotionState.MOVING)
 
     def _hear_mode(self, mode: OperationModeState) -> None:
         self._mode = mode

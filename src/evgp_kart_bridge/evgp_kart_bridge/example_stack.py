@@ -107,7 +107,7 @@ class ExampleStack(StrictNode):
         try:
             messages = importlib.import_module(f'{package}.msg')
         except ModuleNotFoundError as error:
-            raise ParameterError(f'parameter command: {command} needs {package}') from error
+            raise ParameterError(f'parameter command: needs {package}, not sourced') from error
         return self.create_publisher(getattr(messages, kind), topic, COMMAND_QOS)
 
     def close(self) -> None:
