@@ -110,8 +110,10 @@ def sources(root: pathlib.Path) -> Iterator[pathlib.Path]:
 
 
 def missing(root: pathlib.Path) -> Iterator[tuple[pathlib.Path, str]]:
-    """Yield every file that lacks its header, with its text; empty files need none."""
+    """Yield every file that lacks its header, with its text; empty files and links need none."""
     for path in sources(root):
+        if (root / path).is_symlink():
+            continue
         try:
             text = (root / path).read_text(encoding='utf-8')
         except UnicodeDecodeError:

@@ -24,7 +24,7 @@ def main() -> None:
     parts: dict[str, Counter[str]] = {}
     listed = subprocess.run(['git', 'ls-files'], capture_output=True, text=True, check=True)
     for path in listed.stdout.splitlines():
-        if path.endswith(COUNTED):
+        if path.endswith(COUNTED) and not pathlib.Path(path).is_symlink():
             folder = '/'.join(path.split('/')[: 2 if path.startswith('src/') else 1])
             count = len(pathlib.Path(path).read_bytes().splitlines())
             parts.setdefault(part_of(path), Counter())[folder] += count
