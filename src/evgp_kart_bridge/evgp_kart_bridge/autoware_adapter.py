@@ -40,7 +40,7 @@ from rclpy.task import Future
 from tier4_control_msgs.srv import SetStop
 from tier4_external_api_msgs.srv import SetEmergency
 
-STEP = 0.05
+HEARTBEAT_INTERVAL = 0.05
 """Time between two heartbeats, seconds."""
 
 REQUEST_AGAIN = 0.2
@@ -109,7 +109,8 @@ class AutowareAdapter(StrictNode):
             OperationModeState, '/api/operation_mode/state', self._hear_mode, latched(1)
         )
         self.create_subscription(MotionState, '/api/motion/state', self._hear_motion, latched(1))
-        self.create_timer(STEP, self._step, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(HEARTBEAT_INTERVAL, self._step, clock=steady)
 
     def close(self) -> None:
         """Ask for the emergency stop, which the end of the heartbeat brings about too."""
