@@ -55,7 +55,7 @@ AT :=
 KIND :=
 DEVICE :=
 
-.PHONY: help setup demo rehearsal test test-long bench soak fuzz run roster record console ctl board button bridge timing \
+.PHONY: help setup deb demo rehearsal test test-long bench soak fuzz run roster record console ctl board button bridge timing \
   spare takeover inspect-kart inspect-rcs survey screenshots kit-size lines lint format clean
 
 help:
@@ -78,7 +78,7 @@ help:
 	@echo "make inspect-rcs   is a race control fit to race?  (ARGS='--driver ros --word ready')"
 	@echo 'make survey  is the WLAN good on the whole track? Needs no set-up'
 	@echo "make console open the officials' window               (OFFICIAL=Anna OFFICIALS=10.1.0.6)"
-	@echo 'make ctl     the same in the terminal                (ARGS="watch" OFFICIALS=10.1.0.6)'
+	@echo 'make ctl     command and watch in the terminal       (ARGS="watch" OFFICIALS=10.1.0.6)'
 	@echo 'make button  a button that sends ALL KILL; without DEVICE it shows what there is (DEVICE=/dev/input/by-id/...)'
 	@echo 'make kit-size  what the C code for karts takes of a Cortex-M0'
 	@echo 'make lines   count the lines of the product, of tests and tools, and of the documents'
@@ -86,10 +86,15 @@ help:
 	@echo 'make format  format the code, and add missing copyright headers'
 	@echo 'make screenshots  take the pictures of docs/ again'
 	@echo 'make setup   set up only, with what the window needs'
+	@echo 'make deb     build the Debian package for officials'
 	@echo 'make clean   remove all that the set-up made'
 
 setup:
 	$(IN_WORKSPACE) --console true
+
+# docs/install-officials.md
+deb:
+	$(IN_WORKSPACE) --console python setup/deb.py $(VERSION)
 
 demo:
 	$(IN_WORKSPACE) install/evgp_rehearsal/lib/evgp_rehearsal/demo $(ARGS)
@@ -143,7 +148,7 @@ console:
 	  $(if $(OFFICIAL),--ros-args -p 'official:="$(subst ",,$(OFFICIAL_QUOTED))"' --)
 
 # How it was called, for the command lines that it prints.
-ctl: export EVGP_CTL := make ctl $(if $(OFFICIALS),OFFICIALS=$(OFFICIALS) )ARGS=
+ctl: export EVGP_CTL := make ctl $(if $(OFFICIALS),OFFICIALS=$(OFFICIALS) )ARGS="%s"
 ctl:
 	@$(IN_WORKSPACE) install/evgp_rcs_console/lib/evgp_rcs_console/rcs_ctl $(if $(OFFICIAL),--official '$(OFFICIAL_QUOTED)') $(or $(ARGS),--help)
 

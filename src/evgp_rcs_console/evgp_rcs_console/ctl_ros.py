@@ -271,8 +271,8 @@ def _line(wanted: argparse.Namespace, karts: Sequence[int], stated: bool) -> str
 
 def as_called(arguments: str) -> str:
     """Return a command line with these arguments, in the form in which this one was called."""
-    called = os.environ.get('EVGP_CTL', '')  # by make: how, up to the arguments
-    return f'{called}"{arguments}"' if called else f'rcs_ctl {arguments}'
+    called = os.environ.get('EVGP_CTL', 'rcs_ctl %s')  # by make, or by the package's commands
+    return called.replace('%s', arguments)
 
 
 def said_of(command: CommandKind, race: Race, offered: Available, kart: Kart | None) -> list[str]:

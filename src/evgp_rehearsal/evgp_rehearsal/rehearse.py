@@ -125,12 +125,13 @@ def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.N
 
 def _explain(console: Console, rehearsal: Rehearsal) -> None:
     """Print how to command the race in a terminal."""
-    ctl = f'ROS_DOMAIN_ID={rehearsal.domain} make ctl'
+    ctl = os.environ.get('EVGP_CTL', 'make ctl ARGS="%s"')
     console.print('Official, in a terminal, to see the race, start it and stop it:')
     karts = ' '.join(map(str, rehearsal.plan.numbers))
     start = f'grid-active {karts} --track-is-clear', f'green-green {karts}'
     for words in ('watch', *start, 'all-kill'):
-        console.print(f'  {ctl} ARGS="{words}"', soft_wrap=True)  # one line, to be copied
+        line = f'  ROS_DOMAIN_ID={rehearsal.domain} {ctl.replace("%s", words)}'
+        console.print(line, soft_wrap=True)  # one line, to be copied
     console.print('If its laptop dies (laptop_dies), by the drill of docs/operations.md:')
     console.print(f'  {rehearsal.drill}', soft_wrap=True)
     console.print('Ctrl-C ends the rehearsal and shows the score sheet.')

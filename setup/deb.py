@@ -1,0 +1,306 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Build the Debian package for officials: docs/install-officials.md. Run it by `make deb`.
+
+The package is what the set-up has made, less what only developers need, in one folder of the same
+shape: so setup/in-workspace and the units of systemd serve it too. Each command is the recipe of a
+target, recorded by running make with this program in the place of setup/in-workspace.
+
+    setup/in-workspace --console python setup/deb.py [VERSION [COMPRESSION OF DPKG-DEB]]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import importlib.metadata
+import json
+import os
+import pathlib
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+
+import prepare
+
+NAME = 'evgp-race-control'
+HOME = '/opt/evgp'
+MADE = prepare.BUILD / 'deb'
+ROOT = MADE / 'root'
+INSIDE = ROOT / HOME[1:]
+
+COMMANDS = {
+    'run': ('run', 'ADDRESS'),
+    'window': ('console', 'OFFICIAL'),
+    'ctl': ('ctl', 'OFFICIAL'),
+    'record': ('record', ''),
+    'rehearsal': ('rehearsal', ''),
+    'roster': ('roster', ''),
+    'spare': ('spare', 'RECORD'),
+    'takeover': ('takeover', ''),
+}
+"""The target behind each command `evgp-...`, and the variable that its recipe leaves out empty."""
+
+OPTIONLESS = ('roster', 'run', 'window')
+"""The commands that take nothing but NAME=value."""
+
+VARIABLES = re.findall(r'\w+', 'ADDRESS FROM INTERFACE OFFICIAL OFFICIALS PARAMS RECORD ROSTER')
+"""What a command takes as NAME=value in front of its arguments, as make does."""
+
+MENU = {
+    'run': ('Race control', 'For karts.yaml in the home folder', True),
+    'window': ('Race window', 'Start, flag and stop the race', False),
+    'rehearsal': ('Rehearsal', 'Train officials: simulated karts, incidents, score', True),
+}
+"""Name, comment, and whether it runs in a terminal."""
+
+NEEDED = """argcomplete jinja2 mcap pyserial pyside6-essentials pyyaml rich
+ros-jazzy-common-interfaces ros-jazzy-rcl-interfaces ros-jazzy-rclpy ros-jazzy-rmw-fastrtps-cpp"""
+"""What of setup/*.in runs here; what these need comes with them."""
+
+LEFT_OUT = re.compile(
+    r'\.(a|c|cmake|h|hpp|pyc|pyi)$|/(bin|f2py|tests|PySide6)/|/zstandard/_cffi'
+    r'|/libfastrtps\.so($|\.\d+\.\d+\.)'  # once more, under other names
+)
+OF_QT = re.compile(
+    r'/PySide6/(_\w+\.py|support/.*|libpyside6\..*|Qt(Core|DBus|Gui|Widgets)\.abi3\.so)$'
+    r'|/Qt/lib/(libicu.*|libQt6(Core|DBus|Gui|OpenGL|Svg|Widgets|XcbQpa)\.so\.6)$'
+    r'|/Qt/lib/libQt6W(aylandClient|lShellIntegration)\.so\.6$'
+    r'|/Qt/plugins/(platforms/libq(offscreen|wayland|xcb)|wayland-.*client/|wayland-shell|xcbgl)'
+)
+"""What nobody needs here; but that of PySide6 the window uses, on X11 or on Wayland."""
+
+DESKTOP = """libdbus-1-3 libegl1 libfontconfig1 libgl1 libglib2.0-0 libwayland-cursor0
+libwayland-egl1 libx11-xcb1 libxcb-randr0 libxcb-render0 libxcb-shape0 libxcb-util1 libxcb-xkb1
+libxkbcommon-x11-0"""
+"""What Qt expects of the system, and each desktop of Debian 12 brings."""
+
+NOT_ON_ALL = 'libxcb-cursor0 libxcb-icccm4 libxcb-image0 libxcb-keysyms1 libxcb-render-util0'
+"""What Qt expects besides. Some desktops lack it: it goes along, so that no network is needed."""
+
+# The terminal stays open until somebody has read it.
+IN_TERMINAL = 'sh -c "trap : INT; {}; echo; echo Enter closes this window.; read -r _"'
+
+LICENCES = f"""\
+Below: that of race control. Those of what it carries are in {HOME}/.venv, in *.dist-info and
+*.copyright; Qt for Python, LGPL-3.0, can be replaced there.
+
+"""
+
+
+def output(*command: object) -> str:
+    """Return what a command prints, which must succeed."""
+    words = [str(word) for word in command]
+    return subprocess.check_output(words, cwd=prepare.ROOT, text=True)
+
+
+def needed(names: list[str]) -> Iterator[importlib.metadata.Distribution]:
+    """Yield the distributions with these names that are there, and all that they need."""
+    seen = set()
+    while names:
+        name = re.sub(r'[-_.]+', '-', names.pop()).lower()
+        if name in seen:
+            continue
+        seen.add(name)
+        try:
+            found = importlib.metadata.distribution(name)
+        except importlib.metadata.PackageNotFoundError:
+            continue  # for another system or Python
+        yield found
+        asked = [each for each in found.requires or () if 'extra ==' not in each]
+        names += [re.split(r'[^\w.-]', each)[0] for each in asked]
+
+
+def copy_environment() -> None:
+    """Copy what is needed of .venv."""
+    for distribution in needed(NEEDED.split()):
+        for file in distribution.files or ():
+            path = pathlib.Path(os.path.normpath(str(distribution.locate_file(file))))
+            inside = path.relative_to(prepare.ROOT)
+            wanted = OF_QT.search(str(inside)) or not LEFT_OUT.search(str(inside))
+            if wanted and path.is_file():
+                (INSIDE / inside).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(path, INSIDE / inside)
+    (INSIDE / '.venv/bin').mkdir()
+    (INSIDE / '.venv/bin/python').symlink_to(f'/usr/bin/python{prepare.Interpreter.version}')
+    (INSIDE / '.venv/pyvenv.cfg').write_text('home = /usr/bin\n')
+    (qt,) = INSIDE.glob('.venv/lib/python*/site-packages/PySide6/Qt/lib')
+    for package in NOT_ON_ALL.split():
+        for path in map(pathlib.Path, output('dpkg', '-L', package).split()):
+            if re.search(r'\.so\.\d+$', path.name):
+                shutil.copy2(path, qt)
+            elif path.name == 'copyright':
+                shutil.copy2(path, qt / f'{package}.copyright')
+
+
+def copy_workspace() -> None:
+    """Build the packages once more, without links into this clone; their messages are built."""
+    install, messages = INSIDE / 'install', 'evgp_rcs_msgs'
+    shutil.copytree(prepare.INSTALL / messages, install / messages)
+    own = ('AMENT_PREFIX_PATH', 'CMAKE_PREFIX_PATH', 'COLCON_PREFIX_PATH', 'PYTHONPATH')
+    environment = {name: value for name, value in os.environ.items() if name not in own}
+    command = ['colcon', '--log-base', MADE / 'log', 'build', '--base-paths', 'src']
+    command += ['--build-base', MADE / 'build', '--install-base', install]
+    command += ['--packages-up-to', 'evgp_rehearsal', '--packages-skip', messages]
+    prepare.run_quietly('Building the packages', command, environment)
+    (INSIDE / 'setup').mkdir()
+    shutil.copy2(prepare.ROOT / 'setup/in-workspace', INSIDE / 'setup')
+    for path in [each for each in install.rglob('*') if each.is_file()]:
+        content = path.read_bytes()
+        if LEFT_OUT.search(str(path.relative_to(install))):
+            path.unlink()
+        elif b'\0' not in content and bytes(prepare.ROOT) in content:
+            for here in (INSIDE, prepare.ROOT):
+                content = content.replace(bytes(here), HOME.encode())
+            path.write_bytes(content)
+
+
+def recorded(target: str, **given: str) -> tuple[list[str], dict[str, str]]:
+    """Return the command that a recipe gives setup/in-workspace, and what it exports for ROS."""
+    recorder = f'IN_WORKSPACE={sys.executable} {__file__} --recorded'
+    words = [f'{name}={value}' for name, value in given.items()]
+    path = f'PATH={os.environ["PATH"]}'
+    command, environment = json.loads(
+        output('env', '-i', path, 'make', '-s', target, recorder, *words)
+    )
+    ours = [each for each in environment if each.startswith(('EVGP_GRAPH', 'ROS_'))]
+    return command, {name: environment[name] for name in ours}
+
+
+def in_shell(word: str) -> str:
+    """Return a word of a recorded recipe for a script, with variables in place of marks."""
+    if word == '@ARGS@':
+        return '"$@"'
+    parts = re.split(r'/?@([A-Z]+)@', re.sub(r'^install/', f'{HOME}/install/', word))
+    quoted = [
+        f'"${each}"' if at % 2 else shlex.quote(each) for at, each in enumerate(parts) if each
+    ]
+    return ''.join(quoted) or "''"
+
+
+def script(command: str, about: str) -> str:
+    """Return the text of `evgp-...`: the recipe of its target, whatever its variables are."""
+    target, optional = COMMANDS[command]
+    marks = {name: f'@{name}@' for name in VARIABLES}
+    # With a slash, these are no paths in the folder of make.
+    marks |= {'PARAMS': '/@PARAMS@', 'ROSTER': '/@ROSTER@'}
+    marks['ARGS'] = '' if command in OPTIONLESS else '@ARGS@'
+    runs = {}
+    for empty in {'', optional}:
+        words, exports = recorded(target, **marks | ({empty: ''} if empty else {}))
+        runs[empty] = f'exec {HOME}/setup/in-workspace {" ".join(map(in_shell, words))}'
+    lines = [
+        '#!/bin/bash',
+        f'# Made by `make deb` from the recipe of `make {target}`.',
+        f'PARAMS={HOME}/install/evgp_rcs/share/evgp_rcs/config/rcs.yaml ROSTER=karts.yaml',
+        'OFFICIALS=${EVGP_GRAPH_INTERFACE-} ADDRESS= FROM= INTERFACE= OFFICIAL= RECORD=',
+        f'while [[ ${{1-}} =~ ^({"|".join(VARIABLES)})= ]]; do declare "$1"; shift; done',
+    ]
+    if command in OPTIONLESS:
+        lines.append(f'(($# == 0)) || {{ echo {shlex.quote(about)}; [[ $1 == --help ]]; exit; }}')
+    else:  # a program may look at what it needs before it helps
+        lines.append('[[ ${1-} != --help ]] || ADDRESS=127.0.0.1')
+    if command != 'spare':  # its paths are those of the other machine
+        lines.append('PARAMS=$(realpath -m "$PARAMS") ROSTER=$(realpath -m "$ROSTER")')
+    lines += [
+        'OFFICIAL=${OFFICIAL//\\"/}',
+        'export EVGP_CTL="evgp-ctl ${OFFICIALS:+OFFICIALS=$OFFICIALS }%s"',
+        "export EVGP_TAKEOVER='evgp-takeover %s %s'",
+        *(f'export {name}={in_shell(value)}' for name, value in exports.items()),
+        *([f'[ -n "${optional}" ] || {runs[optional]}'] if optional else []),
+        runs[''],
+    ]
+    return '\n'.join(lines) + '\n'
+
+
+def manual(command: str, about: str) -> str:
+    """Return the manual page of a command: what it says of itself."""
+    first, _, text = about.partition('\n')
+    if command not in OPTIONLESS:
+        words, _ = recorded(COMMANDS[command][0])
+        program = next(word for word in words if word.startswith('install/'))
+        text += f' ...\n\n{output(prepare.ROOT / program, "--help")}'
+    text = re.sub(r"^(?=[.'])", r'\\&', text.replace('\\', r'\e').replace('-', r'\-'), flags=re.M)
+    name = first.replace(': ', r' \- ', 1)
+    return f'.TH EVGP-{command.upper()} 1\n.SH NAME\n{name}\n.SH DESCRIPTION\n.nf\n{text}\n.fi\n'
+
+
+def write(path: str, content: str, mode: int = 0o644) -> None:
+    """Write a file of the package."""
+    (ROOT / path).parent.mkdir(parents=True, exist_ok=True)
+    (ROOT / path).write_text(content)
+    (ROOT / path).chmod(mode)
+
+
+def write_surface() -> None:
+    """Write what officials meet: commands with manual and completion, the menu, units."""
+    helped = re.findall(r'^make (\w+) +(.*?) +\((.*)\)$', output('make', '-s', 'help'), re.M)
+    says = {target: (what, re.sub(r',? *ARGS="[^"]*" *', '', how)) for target, what, how in helped}
+    for command, (target, _) in COMMANDS.items():
+        name, (what, how) = f'evgp-{command}', says[target]
+        about = f'{name}: {what}\nusage: {name} {how}'
+        write(f'usr/bin/{name}', script(command, about), 0o755)
+        write(f'usr/share/man/man1/{name}.1', manual(command, about))
+        completion = f'complete -F _longopt {name}\n'  # of bash-completion: it reads --help
+        if command in ('ctl', 'record'):
+            completion = output('register-python-argcomplete', name)
+        write(f'usr/share/bash-completion/completions/{name}', completion)
+    for command, (name, comment, terminal) in MENU.items():
+        program = IN_TERMINAL.format(f'evgp-{command}') if terminal else f'evgp-{command}'
+        entry = f'[Desktop Entry]\nType=Application\nName={name}\nComment={comment}\n'
+        entry += f'Exec={program}\nTerminal={str(terminal).lower()}\nCategories=Utility;\n'
+        write(f'usr/share/applications/evgp-{command}.desktop', entry)
+    for unit in prepare.ROOT.glob('src/*/config/*.service'):
+        write(f'lib/systemd/system/{unit.name}', unit.read_text())
+    licence = (prepare.ROOT / 'LICENSE').read_text()
+    write(f'usr/share/doc/{NAME}/copyright', LICENCES + licence)
+
+
+def main() -> None:
+    """Build the package, and print its path."""
+    if sys.argv[1:2] == ['--recorded']:
+        print(json.dumps([sys.argv[2:], dict(os.environ)]))
+        return
+    if prepare.is_sourced(os.environ):
+        prepare.stop('The package carries the wheels of ROS: use a shell without a sourced ROS.')
+    xml = (prepare.ROOT / 'src/evgp_rcs/package.xml').read_text()
+    version = (*sys.argv[1:], *re.findall('<version>(.*)</version>', xml))[0]
+    compression = (*sys.argv[2:], 'gzip')[0]
+    shutil.rmtree(MADE, ignore_errors=True)
+    os.umask(0o022)
+    ROOT.mkdir(parents=True)
+    copy_environment()
+    copy_workspace()
+    # Only root can write there: what is not compiled now would be compiled at every start.
+    how = ['--invalidation-mode', 'unchecked-hash', '-s', ROOT, '-p', '/']
+    output(sys.executable, '-m', 'compileall', '-q', *how, INSIDE / '.venv', INSIDE / 'install')
+    write_surface()
+    (major, minor), size = (
+        sys.version_info[:2],
+        sum(each.lstat().st_size for each in ROOT.rglob('*')),
+    )
+    depends = [
+        f'python3 (>= {major}.{minor})',
+        f'python3 (<< {major}.{minor + 1})',
+        *DESKTOP.split(),
+    ]
+    write(
+        'DEBIAN/control',
+        f'Package: {NAME}\nVersion: {version}\nArchitecture: amd64\n'
+        'Maintainer: EVGP race control maintainers <evgp-race-control@users.noreply.github.com>\n'
+        f'Installed-Size: {size // 1024}\nDepends: {", ".join(depends)}\n'
+        'Suggests: bash-completion, iputils-arping, openssh-client\n'
+        'Description: race control for driverless kart races, with window and rehearsal\n',
+    )
+    package = prepare.BUILD / f'{NAME}_{version}_amd64.deb'
+    words = ['dpkg-deb', '--build', '--root-owner-group', f'-Z{compression}', ROOT, package]
+    prepare.run_quietly('Packing', words)
+    shutil.rmtree(MADE)
+    print(f'{package}: {package.stat().st_size / 1e6:.0f} MB')
+
+
+if __name__ == '__main__':
+    main()

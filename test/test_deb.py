@@ -1,0 +1,90 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""The Debian package for officials. `setup/try-deb` installs it in a clean Debian, by hand."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+from types import ModuleType
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+
+STATED = re.compile(
+    r'opt/evgp/.+|DEBIAN/control|usr/bin/evgp-\w+'
+    r'|usr/share/(man/man1/evgp-\w+\.1|bash-completion/completions/evgp-\w+)'
+    r'|usr/share/(applications/evgp-\w+\.desktop|doc/evgp-race-control/copyright)'
+    r'|lib/systemd/system/evgp-\w+\.service'
+)
+"""What docs/install-officials.md says that the package has; nothing runs at its removal."""
+
+
+@pytest.fixture
+def deb(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """Return setup/deb.py, which is no module of any package."""
+    monkeypatch.syspath_prepend(ROOT / 'setup')
+    return importlib.import_module('deb')
+
+
+@pytest.mark.parametrize(
+    ('line', 'target', 'words'),
+    [
+        ('run ADDRESS=10.0.0.1', 'run', ['ADDRESS=10.0.0.1']),
+        ('run OFFICIALS=10.1.0.5', 'run', ['OFFICIALS=10.1.0.5']),
+        ('roster', 'roster', []),
+        ('window', 'console', []),
+        ("window OFFICIAL=Anna\\ O\\'Neill", 'console', ["OFFICIAL=Anna O'Neill"]),
+        ('ctl OFFICIAL=Anna red-flag', 'ctl', ['OFFICIAL=Anna', 'ARGS=red-flag']),
+        ('record report -o "a b.html"', 'record', ['ARGS=report -o "a b.html"']),
+        ('rehearsal --karts 6', 'rehearsal', ['ARGS=--karts 6']),
+        ('spare FROM=a@10.1.0.5:evgp', 'spare', ['FROM=a@10.1.0.5:evgp']),
+        (
+            'takeover ADDRESS=10.0.0.1 INTERFACE=eth0 --port 1',
+            'takeover',
+            ['ADDRESS=10.0.0.1', 'INTERFACE=eth0', 'ARGS=--port 1'],
+        ),
+    ],
+)
+def test_a_command_of_the_package_runs_what_make_runs(
+    deb: ModuleType, line: str, target: str, words: list[str], tmp_path: pathlib.Path
+) -> None:
+    shown = tmp_path / 'in-workspace'
+    shown.write_text('#!/bin/sh\nprintf "%s\\n" "$@"\nenv | grep -E "^(EVGP_GRAPH|ROS_AUTO)"\n:')
+    shown.chmod(0o755)
+    command, _, rest = line.partition(' ')
+    paths = ['ROSTER=/x/karts.yaml', 'PARAMS=/x/rcs.yaml']
+    text = deb.script(command, '').replace(f'{deb.HOME}/setup/in-workspace', str(shown))
+    text = f'set -- {" ".join(paths)} {rest}\n{text.replace(f"{deb.HOME}/", "")}'
+    make = ['make', '-s', target, f'IN_WORKSPACE={shown}', *paths, *words]
+    wanted = subprocess.run(make, cwd=ROOT, capture_output=True, text=True, check=True)
+    found = subprocess.run(['bash', '-c', text], cwd=ROOT, capture_output=True, text=True)
+    assert found.stdout == wanted.stdout
+
+
+@pytest.mark.long
+@pytest.mark.timeout(600)  # it copies, compiles and packs 300 MB
+@pytest.mark.skipif(not shutil.which('dpkg-deb'), reason='there is no dpkg-deb')
+@pytest.mark.skipif('ROS_DISTRO' in os.environ, reason='the package carries the wheels of ROS')
+def test_the_package_has_only_what_is_stated_and_needs_neither_this_clone_nor_a_compiler(
+    tmp_path: pathlib.Path,
+) -> None:
+    words = [ROOT / 'setup/deb.py', '0.0.0', 'none']
+    subprocess.run([sys.executable, *words], cwd=ROOT, check=True)
+    package = ROOT / 'build/evgp-race-control_0.0.0_amd64.deb'
+    subprocess.run(['dpkg-deb', '--raw-extract', package, tmp_path / 'root'], check=True)
+    package.unlink()
+    files = [each for each in (tmp_path / 'root').rglob('*') if not each.is_dir()]
+    paths = [str(each.relative_to(tmp_path / 'root')) for each in files]
+    assert [each for each in paths if not STATED.fullmatch(each)] == []
+    for path in files:
+        assert path.suffix not in ('.c', '.h', '.hpp', '.cmake', '.a'), path
+        content = b'' if path.is_symlink() else path.read_bytes()
+        assert b'\0' in content or bytes(ROOT) not in content, path
