@@ -7,7 +7,7 @@ Check that every source file names its copyright and licence; with --add, add wh
     python3 setup/headers.py          names the files without a header; exit status 1 if any
     python3 setup/headers.py --add    adds the header to these files
 
-A file gets the two lines of SPDX. Only Python and C files of a package in src/ get the whole
+A file gets the two lines of SPDX. Only Python, C and C++ files of a package in src/ get the whole
 notice: ament_copyright checks them and accepts nothing shorter. Configuration, messages and
 documents have no header: the file LICENSE is for them.
 """
@@ -42,13 +42,15 @@ limitations under the License."""
 
 SHORT = f'{COPYRIGHT}\nSPDX-License-Identifier: Apache-2.0\n'
 
-CHECKED = {'.py', '.c', '.h'}
+CHECKED = {'.py', '.c', '.h', '.cpp', '.hpp'}
 """The suffixes that ament_copyright checks in a package."""
 
 AROUND = {
     '.py': ('# ', ''),
     '.c': ('// ', ''),
     '.h': ('// ', ''),
+    '.cpp': ('// ', ''),
+    '.hpp': ('// ', ''),
     '.css': ('/* ', ' */'),
     '.html': ('<!-- ', ' -->'),
     '.j2': ('{# ', ' #}'),

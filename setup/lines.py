@@ -8,7 +8,10 @@ import pathlib
 import re
 import subprocess
 
-COUNTED = ('.py', '.c', '.h', '.msg', '.srv', '.css', '.js', '.html', '.j2', '.md', '.rst')
+COUNTED = (
+    *('.py', '.c', '.h', '.cpp', '.hpp', '.msg', '.srv'),
+    *('.css', '.js', '.html', '.j2', '.md', '.rst'),
+)
 TOOLS = re.compile(r'(^|/)(test|bench|soak|fuzz|setup|evgp_testing)/|^conftest\.py$')
 
 

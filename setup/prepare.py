@@ -163,7 +163,7 @@ def build_inputs(source: pathlib.Path) -> Iterable[tuple[str, bytes]]:
         if not path.is_file() or '__pycache__' in path.parts:
             continue
         inside = path.relative_to(source)
-        if path.suffix in ('.msg', '.srv', '.action') or path.name in (
+        if path.suffix in ('.msg', '.srv', '.action', '.cpp', '.hpp') or path.name in (
             'CMakeLists.txt',
             'package.xml',
             'setup.cfg',
@@ -287,6 +287,7 @@ def build_workspace(*, sourced: bool) -> None:
         command = [VENV / 'bin/colcon', 'build']
     command += ['--base-paths', 'src', '--symlink-install']
     if not sourced:
+        command += ['--packages-skip', 'evgp_race_watch_cpp']  # the wheels have no rclcpp
         command += ['--cmake-args', f'-DPython3_EXECUTABLE={VENV / "bin/python"}']
     run_quietly('Building the workspace, two to four minutes', command, environment)
 

@@ -1,17 +1,26 @@
 # Copyright 2026 EVGP race control contributors
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a team's stack makes of the bridge's topic; the bridge is a bare publisher of the test."""
+"""
+What a team's stack makes of the bridge's topic; the bridge is a bare publisher of the test.
+
+Both watches are tried: the one in Python, and, where rclcpp is there, the one in C++.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import contextlib
+import dataclasses
+import os
+import queue
 import random
+import subprocess
 import threading
 import time
+from typing import Any, TypeVar
 
-from evgp_kart_bridge import watch
+from evgp_kart_bridge.orders import FORGIVEN, Order
 from evgp_kart_bridge.watch import race_state_qos, RaceStateWatch
 from evgp_node.states import state_message, state_of
 from evgp_protocol.states import RaceState
@@ -19,28 +28,28 @@ from evgp_rcs_msgs.msg import KartRaceState
 from evgp_rcs_msgs.msg import RaceState as RaceStateMessage
 from evgp_rcs_msgs.srv import Acknowledge
 from evgp_testing.domains import Domain
+from evgp_testing.part import Part, PATIENCE
+from evgp_testing.process import executable
 from evgp_testing.ros_side import RosSide
 import pytest
+from rig.cpp import CPP, need_package
 
 GREEN_GREEN = RaceState.GREEN_GREEN
 GRID_ACTIVE = RaceState.GRID_ACTIVE
 RED_RED = RaceState.RED_RED
 LEASE = 0.5
 LONG = 60.0  # however slow this machine is
+STATES = {state_message(state).state: state for state in RaceState}
+
+T = TypeVar('T')
 
 
-class Stack(RosSide):
-    """A team's node with a watch; ``told`` is every state it was told."""
+class Waits:
+    """What a stack of either kind waits for; ``told`` is every state it was told."""
 
-    def __init__(self, domain: int, name: str, lease: float = LEASE) -> None:
-        super().__init__(name, domain)
-        self.told: list[RaceState] = []
-        self.busy = threading.Lock()
-        self.busy_at: RaceState | None = None
-        self.watch = RaceStateWatch(self.node, self._tell, lease=lease)
-        # A message that changes no state is told to nobody: look for it now and then.
-        self.node.create_timer(0.02, self._wake)
-        self.spin()
+    told: list[RaceState]
+    watch: Any
+    wait_until: Callable[..., Any]
 
     def wait_for_state(self, state: RaceState) -> None:
         self.wait_until(
@@ -50,7 +59,8 @@ class Stack(RosSide):
 
     def wait_for_message(self, state: RaceState) -> None:
         def found() -> bool:
-            return self.watch.message is not None and state_of(self.watch.message.state) is state
+            message = self.watch.message
+            return message is not None and state_of(message.state) is state
 
         self.wait_until(found, lambda: f'a message {state}; it was told {self.told}')
 
@@ -60,6 +70,43 @@ class Stack(RosSide):
             lambda: f'{reason}; it was told {self.told}, {self.watch.reason}',
         )
 
+
+class StackInPython(Waits, RosSide):
+    """
+    A team's node with a watch.
+
+    :param turn: how long each turn of its executor is busy, seconds; `turns` counts them.
+    """
+
+    def __init__(self, domain: int, name: str, lease: float = LEASE, turn: float = 0.0) -> None:
+        super().__init__(name, domain)
+        self.told = []
+        self.turns = 0
+        self._busy = threading.Lock()
+        self._busy_at: RaceState | None = None
+        self.watch = RaceStateWatch(self.node, self._tell, lease=lease)
+        # A message that changes no state is told to nobody: look for it now and then.
+        self.node.create_timer(0.02, self._wake)
+        if turn:
+            self.node.create_timer(0.01, lambda: self._turn(turn))
+        self.spin()
+
+    @contextlib.contextmanager
+    def busy_in(self, state: RaceState) -> Iterator[None]:
+        """Keep its executor busy, from when it is told this state."""
+        with self._busy:
+            self._busy_at = state
+            yield
+            self._busy_at = None
+
+    def forgive(self, seconds: float) -> None:
+        """Have it forgive so long a doubt."""
+        self.watch._orders.forgiven = seconds
+
+    def _turn(self, turn: float) -> None:
+        self.turns += 1
+        time.sleep(turn)
+
     def _wake(self) -> None:
         with self.news:
             self.news.notify_all()
@@ -68,9 +115,110 @@ class Stack(RosSide):
         with self.news:
             self.told.append(state)
             self.news.notify_all()
-        if state is self.busy_at:
-            with self.busy:
-                pass  # as a stack that keeps its executor busy
+        if state is self._busy_at:
+            with self._busy:
+                pass
+
+
+class StackInCpp(Waits, Part):
+    """The same with a node in C++, in a process of its own; it is its own ``watch``, too."""
+
+    def __init__(self, domain: int, name: str, lease: float = LEASE, turn: float = 0.0) -> None:
+        self.told = []
+        self.turns = 0
+        self.watch = self
+        self._looks: queue.Queue[list[str]] = queue.Queue()
+        self._orders: dict[int, Order] = {}
+        self._probe = subprocess.Popen(
+            [executable(CPP, 'watch_probe'), name, str(lease), str(turn)],
+            env={**os.environ, 'ROS_DOMAIN_ID': str(domain)},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+        self._look()  # it runs
+
+    @property
+    def state(self) -> RaceState:
+        return self.order.state
+
+    @property
+    def reason(self) -> str:
+        return self._look()[6]
+
+    @property
+    def message(self) -> KartRaceState | None:
+        said, acknowledged = map(int, self._look()[4:6])
+        if said < 0:
+            return None
+        return KartRaceState(state=RaceStateMessage(state=said), acknowledged=bool(acknowledged))
+
+    @property
+    def order(self) -> Order:
+        """Return the order: for the same serial the same object."""
+        serial, state, number, commanded = map(int, self._look()[:4])
+        order = Order(STATES[state], number, STATES.get(commanded))
+        kept = self._orders.setdefault(serial, order)
+        assert dataclasses.astuple(kept) == dataclasses.astuple(order)
+        return kept
+
+    def acknowledge(self, order: Order) -> None:
+        (serial,) = (serial for serial, each in self._orders.items() if each is order)
+        self._tell(f'acknowledge {serial}')
+
+    @contextlib.contextmanager
+    def busy_in(self, state: RaceState) -> Iterator[None]:
+        self._tell(f'busy_in {state_message(state).state}')
+        yield
+        self._tell('busy_in -1')
+
+    def forgive(self, seconds: float) -> None:
+        self._tell(f'forgive {seconds}')
+
+    def wait_until(self, found: Callable[[], T], what: Callable[[], str]) -> T:
+        until = time.monotonic() + PATIENCE
+        while not (value := found()):
+            assert time.monotonic() < until, f'not within {PATIENCE:g} s: {what()}'
+            time.sleep(0.02)
+        return value
+
+    def wait_until_polled(self, found: Callable[[], object], what: str) -> None:
+        self.wait_until(found, lambda: what)
+
+    def close(self) -> None:
+        assert self._probe.stdin is not None
+        assert self._probe.stdout is not None
+        self._probe.stdin.close()
+        self._reader.join()
+        self._probe.stdout.close()
+        assert self._probe.wait(PATIENCE) == 0
+
+    def _tell(self, line: str) -> None:
+        assert self._probe.stdin is not None
+        self._probe.stdin.write(f'{line}\n')
+        self._probe.stdin.flush()
+
+    def _look(self) -> list[str]:
+        self._tell('look 0')
+        return self._looks.get(timeout=PATIENCE)
+
+    def _read(self) -> None:
+        assert self._probe.stdout is not None
+        for line in self._probe.stdout:
+            kind, *words = line.rstrip('\n').split(' ', 7)
+            if kind == 'look':
+                self._looks.put(words)
+            elif kind == 'turn':
+                self.turns += 1
+            else:
+                self.told.append(STATES[int(words[0])])
+
+
+Stack = StackInPython | StackInCpp
+StartStack = Callable[..., Stack]
+StartBare = Callable[..., 'BareBridge']
 
 
 class BareBridge(RosSide):
@@ -128,27 +276,35 @@ class BareBridge(RosSide):
         self._publisher.publish(self.message)
 
 
-StartBare = Callable[..., BareBridge]
-
-
 @pytest.fixture
 def domain(parts: contextlib.ExitStack) -> Domain:
     return parts.enter_context(Domain())
 
 
-@pytest.fixture
-def stack(domain: Domain) -> Iterator[Stack]:
-    stack = Stack(domain.number, 'stack')
-    yield stack
-    stack.close()
+@pytest.fixture(params=[StackInPython, StackInCpp], ids=['Python', 'C++'])
+def start_stack(
+    request: pytest.FixtureRequest, parts: contextlib.ExitStack, domain: Domain
+) -> StartStack:
+    """Return a function that starts a stack, with the one watch or the other."""
+    if request.param is StackInCpp:
+        need_package(CPP)
+
+    def start(name: str, **options: float) -> Stack:
+        stack: Stack = parts.enter_context(request.param(domain.number, name, **options))
+        return stack
+
+    return start
 
 
 @pytest.fixture
-def idle_stack(domain: Domain) -> Iterator[Stack]:
+def stack(start_stack: StartStack) -> Stack:
+    return start_stack('stack')
+
+
+@pytest.fixture
+def idle_stack(start_stack: StartStack) -> Stack:
     """Return a second stack, which shows what happens while the first is busy."""
-    stack = Stack(domain.number, 'idle_stack')
-    yield stack
-    stack.close()
+    return start_stack('idle_stack')
 
 
 @pytest.fixture
@@ -204,11 +360,10 @@ def test_two_bridges_on_one_topic_are_red_red(stack: Stack, start_bare: StartBar
 def test_a_busy_stack_that_asks_is_told_red_red_when_the_bridge_is_silent(
     stack: Stack, idle_stack: Stack, start_bare: StartBare
 ) -> None:
-    stack.busy_at = GREEN_GREEN
     bridge = start_bare()
     stack.wait_for_state(GRID_ACTIVE)
     idle_stack.wait_for_state(GRID_ACTIVE)
-    with stack.busy:
+    with stack.busy_in(GREEN_GREEN):
         bridge.say(GREEN_GREEN)
         stack.wait_for_state(GREEN_GREEN)  # and from now on its executor is busy
         idle_stack.wait_for_state(GREEN_GREEN)
@@ -220,9 +375,8 @@ def test_a_busy_stack_that_asks_is_told_red_red_when_the_bridge_is_silent(
 def test_what_was_said_before_the_lease_is_not_obeyed_after_it(
     stack: Stack, idle_stack: Stack, start_bare: StartBare
 ) -> None:
-    stack.busy_at = GRID_ACTIVE
-    bridge = start_bare()
-    with stack.busy:
+    with stack.busy_in(GRID_ACTIVE):
+        bridge = start_bare()
         stack.wait_for_state(GRID_ACTIVE)  # and from now on its executor is busy
         idle_stack.wait_for_state(GRID_ACTIVE)
         bridge.say(GREEN_GREEN)
@@ -255,11 +409,11 @@ def test_a_stack_that_begins_in_mid_race_does_not_drive_off(
     assert stack.told == [RED_RED]
 
 
-@pytest.mark.parametrize('forgiven', [watch.FORGIVEN, LONG])
+@pytest.mark.parametrize('forgiven', [FORGIVEN, LONG])
 def test_a_bridge_that_was_away_for_long_is_back_without_its_start_and_after_a_moment_with_it(
-    stack: Stack, start_bare: StartBare, monkeypatch: pytest.MonkeyPatch, forgiven: float
+    stack: Stack, start_bare: StartBare, forgiven: float
 ) -> None:
-    monkeypatch.setattr(watch, 'FORGIVEN', forgiven)
+    stack.forgive(forgiven)
     bridge = start_green(start_bare, stack)
     bridge.fall_silent()
     stack.wait_for_state(RED_RED)
@@ -274,17 +428,15 @@ def test_a_bridge_that_was_away_for_long_is_back_without_its_start_and_after_a_m
     stack.wait_for_state(GREEN_GREEN)
 
 
-@pytest.mark.parametrize('forgiven', [watch.FORGIVEN, LONG])
+@pytest.mark.parametrize('forgiven', [FORGIVEN, LONG])
 def test_a_grid_active_that_is_overtaken_while_the_stack_is_busy_is_heard_unless_that_was_long(
     stack: Stack,
     idle_stack: Stack,
     start_bare: StartBare,
-    monkeypatch: pytest.MonkeyPatch,
     forgiven: float,
 ) -> None:
-    monkeypatch.setattr(watch, 'FORGIVEN', forgiven)
-    stack.busy_at = RaceState.IN_GARAGE
-    with stack.busy:
+    stack.forgive(forgiven)
+    with stack.busy_in(RaceState.IN_GARAGE):
         bridge = start_bare(says=RaceState.IN_GARAGE)
         stack.wait_for_state(RaceState.IN_GARAGE)  # and from now on its executor is busy
         bridge.say(GRID_ACTIVE)
@@ -301,11 +453,10 @@ def test_a_grid_active_that_is_overtaken_while_the_stack_is_busy_is_heard_unless
 
 
 def test_a_red_that_is_overtaken_while_the_stack_is_busy_is_heard(
-    stack: Stack, idle_stack: Stack, start_bare: StartBare, monkeypatch: pytest.MonkeyPatch
+    stack: Stack, idle_stack: Stack, start_bare: StartBare
 ) -> None:
-    monkeypatch.setattr(watch, 'FORGIVEN', LONG)
-    stack.busy_at = GREEN_GREEN
-    with stack.busy:
+    stack.forgive(LONG)
+    with stack.busy_in(GREEN_GREEN):
         bridge = start_green(start_bare, stack, idle_stack)  # and from now on it is busy
         bridge.say(RED_RED)
         idle_stack.wait_for_state(RED_RED)
@@ -316,13 +467,13 @@ def test_a_red_that_is_overtaken_while_the_stack_is_busy_is_heard(
 
 
 def test_what_a_bridge_said_before_a_stack_began_does_not_start_it(
-    idle_stack: Stack, start_bare: StartBare, domain: Domain, parts: contextlib.ExitStack
+    idle_stack: Stack, start_bare: StartBare, start_stack: StartStack
 ) -> None:
     bridge = start_bare(keeps=1000)  # and so all that it has said, to who asks for it
     idle_stack.wait_for_state(GRID_ACTIVE)
     bridge.say(GREEN_GREEN)
     idle_stack.wait_for_state(GREEN_GREEN)
-    late = parts.enter_context(Stack(domain.number, 'late'))
+    late = start_stack('late')
     # It may take Fast DDS a while to get over what such a stack did not ask for; the bridge keeps
     # one message only. Until then it stands, too.
     time.sleep(3.0)  # that time passes is itself what is awaited
@@ -330,34 +481,26 @@ def test_what_a_bridge_said_before_a_stack_began_does_not_start_it(
 
 
 def test_a_stack_whose_turns_are_slow_is_not_behind(
-    parts: contextlib.ExitStack, domain: Domain, start_bare: StartBare
+    start_stack: StartStack, start_bare: StartBare
 ) -> None:
-    slow, prompt = (
-        parts.enter_context(Stack(domain.number, name, lease=60.0)) for name in ('slow', 'prompt')
-    )
-    turns: list[float] = []
-
-    def turn() -> None:
-        turns.append(time.monotonic())
-        time.sleep(0.3)  # six messages are said meanwhile
-
-    slow.node.create_timer(0.01, turn)
+    slow = start_stack('slow', lease=LONG, turn=0.3)  # six messages are said meanwhile
+    prompt = start_stack('prompt', lease=LONG)
     bridge = start_green(start_bare, slow, prompt)
-    while_green = len(turns) + 12
-    slow.wait_until_polled(lambda: len(turns) > while_green, 'turns in GREEN_GREEN')
+    while_green = slow.turns + 12
+    slow.wait_until_polled(lambda: slow.turns > while_green, 'turns in GREEN_GREEN')
     bridge.say(RED_RED)
     prompt.wait_for_state(RED_RED)
-    before = len(turns)
+    before = slow.turns
     slow.wait_for_state(RED_RED)
     # Had it taken one message in each turn, dozens would still be before this one.
-    assert len(turns) - before < 6
+    assert slow.turns - before < 6
     assert slow.watch.reason == ''
 
 
 def test_a_grid_active_of_a_second_bridge_starts_no_kart(
-    stack: Stack, start_bare: StartBare, monkeypatch: pytest.MonkeyPatch
+    stack: Stack, start_bare: StartBare
 ) -> None:
-    monkeypatch.setattr(watch, 'FORGIVEN', LONG)
+    stack.forgive(LONG)
     start_bare(says=GREEN_GREEN)
     stack.wait_for_reason('no GRID_ACTIVE was heard before GREEN_GREEN')
     second = start_bare('second')
@@ -369,11 +512,10 @@ def test_a_grid_active_of_a_second_bridge_starts_no_kart(
 
 
 def test_a_second_bridge_that_came_and_went_while_the_stack_was_busy_starts_no_kart(
-    stack: Stack, idle_stack: Stack, start_bare: StartBare, monkeypatch: pytest.MonkeyPatch
+    stack: Stack, idle_stack: Stack, start_bare: StartBare
 ) -> None:
-    monkeypatch.setattr(watch, 'FORGIVEN', LONG)
-    stack.busy_at = RaceState.IN_GARAGE
-    with stack.busy:
+    stack.forgive(LONG)
+    with stack.busy_in(RaceState.IN_GARAGE):
         first = start_bare(says=RaceState.IN_GARAGE)
         stack.wait_for_state(RaceState.IN_GARAGE)  # and from now on its executor is busy
         second = start_bare('second')
@@ -389,10 +531,10 @@ def test_a_second_bridge_that_came_and_went_while_the_stack_was_busy_starts_no_k
 # ----- orders and their acknowledgement ----------------------------------------------------
 
 
-def wait_for_order(stack: Stack, number: int) -> watch.Order:
+def wait_for_order(stack: Stack, number: int) -> Order:
     """Return the order of this number once the stack has been told of its state too."""
 
-    def found() -> watch.Order | None:
+    def found() -> Order | None:
         order = stack.watch.order
         told = stack.told[-1:] == [order.state]
         return order if order.number == number and told else None
@@ -400,7 +542,7 @@ def wait_for_order(stack: Stack, number: int) -> watch.Order:
     return stack.wait_until(found, lambda: f'order {number}; it is {stack.watch.order}')
 
 
-def acknowledge_until(stack: Stack, order: watch.Order, done: Callable[[], object]) -> None:
+def acknowledge_until(stack: Stack, order: Order, done: Callable[[], object]) -> None:
     """Acknowledge an order step by step, as a stack does."""
 
     def step() -> object:
@@ -410,7 +552,7 @@ def acknowledge_until(stack: Stack, order: watch.Order, done: Callable[[], objec
     stack.wait_until_polled(step, f'acknowledged {order}')
 
 
-def acknowledge_in_vain(stack: Stack, bridge: BareBridge, *orders: watch.Order) -> None:
+def acknowledge_in_vain(stack: Stack, bridge: BareBridge, *orders: Order) -> None:
     """Acknowledge what must not be, then what may be: had the first been sent, it came first."""
     asked = len(bridge.asked)
     for order in orders:
@@ -453,11 +595,10 @@ def test_an_order_that_is_over_is_not_acknowledged_even_if_the_same_state_is_com
 
 
 def test_an_order_that_was_over_while_the_stack_was_busy_is_not_acknowledged(
-    stack: Stack, idle_stack: Stack, bridge: BareBridge, monkeypatch: pytest.MonkeyPatch
+    stack: Stack, idle_stack: Stack, bridge: BareBridge
 ) -> None:
-    monkeypatch.setattr(watch, 'FORGIVEN', LONG)
-    stack.busy_at = GRID_ACTIVE
-    with stack.busy:
+    stack.forgive(LONG)
+    with stack.busy_in(GRID_ACTIVE):
         bridge.command(GRID_ACTIVE, 7)
         before = wait_for_order(stack, 7)
         stack.wait_for_state(GRID_ACTIVE)  # and from now on its executor is busy
@@ -466,7 +607,6 @@ def test_an_order_that_was_over_while_the_stack_was_busy_is_not_acknowledged(
         idle_stack.wait_for_state(RED_RED)
         bridge.command(GRID_ACTIVE, 7)
         idle_stack.wait_for_state(GRID_ACTIVE)
-    stack.busy_at = None
     stack.wait_until(lambda: stack.watch.order is not before, lambda: 'another order')
     acknowledge_in_vain(stack, bridge, before)
 

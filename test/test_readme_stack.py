@@ -25,6 +25,7 @@ from evgp_testing.process import Process, Program
 from evgp_testing.race_control import address_of
 import pytest
 from rig.bare_race_control import BareRaceControl
+from rig.cpp import CPP, need_package
 from rig.faulty_nodes import program_of, StackThatAnswersTheLatest
 
 ROOT = pathlib.Path(__file__).parents[1]
@@ -55,6 +56,7 @@ class Kart:
         bridge: tuple[str, ...],
         chance: random.Random,
         base: tuple[float, float] = (0.0, 50.0),
+        package: str = 'evgp_kart_bridge',
     ) -> None:
         domain = parts.enter_context(Domain()).number
         # Accelerated: it gets to its full speed, and from there to a standstill, in 0.3 s.
@@ -67,7 +69,7 @@ class Kart:
         parts.enter_context(
             Bridge(domain, self._race.port, address_of(number), None, 'kart_bridge_node', bridge)
         )
-        parts.enter_context(Process('evgp_kart_bridge', stack, domain))
+        parts.enter_context(Process(package, stack, domain))
 
     def stop_once(self) -> None:
         """Start the kart, and stop it at some moment: standing still, as it starts, or racing."""
@@ -102,15 +104,21 @@ def drive(karts: list[Kart], stops: int, enough: Callable[[], bool] = lambda: Fa
 
 
 @pytest.mark.timeout(120 + 2 * STOPS)
-@pytest.mark.parametrize('bridge', [(), TO_THE_BRIDGE], ids=['plain', 'bridge hears odometry'])
+@pytest.mark.parametrize(
+    ('bridge', 'package'),
+    [((), 'evgp_kart_bridge'), (TO_THE_BRIDGE, 'evgp_kart_bridge'), ((), CPP)],
+    ids=['plain', 'bridge hears odometry', 'C++'],
+)
 def test_the_stack_of_readme_acknowledges_no_stop_while_the_kart_rolls(
     parts: contextlib.ExitStack,
     bridge: tuple[str, ...],
+    package: str,
     chance: random.Random,
     record_property: Callable[..., None],
 ) -> None:
+    need_package(package)
     karts = [
-        Kart(parts, number, 'shortest_stack', bridge, chance, base)
+        Kart(parts, number, 'shortest_stack', bridge, chance, base, package)
         for number, base in enumerate(KARTS, start=1)
     ]
     drive(karts, STOPS)
@@ -152,18 +160,21 @@ def test_the_document_shows_the_stack_as_it_is() -> None:
     assert licence.startswith('# Copyright')
 
 
+@pytest.mark.parametrize('package', ['evgp_kart_bridge', CPP])
 def test_the_stack_races_at_a_desk_with_the_base_as_a_program(
+    package: str,
     start_race_control: StartRaceControl,
     join_official: JoinOfficial,
     start_bridge: StartBridge,
     parts: contextlib.ExitStack,
 ) -> None:
+    need_package(package)
     control = start_race_control(in_race=[1])
     official = join_official(control)
     bridge = start_bridge(control.port, 1, arguments=TO_THE_BRIDGE)
     base = [sys.executable, '-m', 'evgp_testing.base']
     parts.enter_context(Program('base', base, bridge.domain))
-    parts.enter_context(Process('evgp_kart_bridge', 'shortest_stack', bridge.domain))
+    parts.enter_context(Process(package, 'shortest_stack', bridge.domain))
 
     official.wait_for_connected(1)
     official.bring_to(RaceState.GREEN_GREEN)

@@ -23,15 +23,14 @@ by now may say "I stand" at full speed: what it reached was the command before.
 from __future__ import annotations
 
 from collections.abc import Callable
-import dataclasses
-import math
 import threading
 import time
 from typing import Any
 
+from evgp_kart_bridge.orders import Order, Orders, Said
 from evgp_node.states import state_message, state_of
 from evgp_protocol import clock
-from evgp_protocol.states import RaceState, stricter
+from evgp_protocol.states import RaceState
 from evgp_rcs_msgs.msg import KartRaceState
 from evgp_rcs_msgs.srv import Acknowledge
 from rclpy._rclpy_pybind11 import InvalidHandle
@@ -58,21 +57,15 @@ except ImportError:  # ROS 2 Humble has it there
 LEASE = 0.5
 """The bridge's default `liveliness_lease`, seconds."""
 
-FORGIVEN = 1.0
-"""Maximum time, s, without knowing the state after which a stack still starts without a new
-GRID_ACTIVE."""
-
 UNHEARD = 2.0
 """Time after the start without a bridge after which the node's log says so, seconds."""
 
 LOG_AGAIN = 10.0
 """Time before a reason that comes back is logged again, seconds."""
 
-ASK_AGAIN = 0.2
-"""Time after which an acknowledgement is sent again while the bridge has not taken it, s."""
-
 BACKLOG = 100
-"""Maximum number of messages kept for a busy stack: more than the bridge says in `FORGIVEN`."""
+"""Maximum number of messages kept for a busy stack: more than the bridge says in the time
+that is forgiven."""
 
 
 def race_state_qos(lease: float) -> QoSProfile:
@@ -110,25 +103,6 @@ def watch_qos(lease: float) -> QoSProfile:
     return qos
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class Order:
-    """
-    What the kart must do, from one moment on. Two orders are never equal, only the same one is.
-
-    :ivar state: the state to obey.
-    :ivar number: the number of race control's command, as in `KartRaceState.order`. 0: the order
-        cannot be acknowledged, because there is no command, or because reaching `state` does not
-        mean that the command is carried out.
-    :ivar commanded: what race control commands, and what an acknowledgement says. It differs from
-        `state` when the kart must obey RED_RED under a commanded RED_FLAG, as in a team stop: a
-        kart that stands has carried out both. None if `number` is 0.
-    """
-
-    state: RaceState
-    number: int
-    commanded: RaceState | None
-
-
 class RaceStateWatch:
     """
     What the kart must do now, for a node of a team's stack.
@@ -160,11 +134,6 @@ class RaceStateWatch:
         """Subscribe."""
         self.message: KartRaceState | None = None
         self._on_change = on_change
-        self._lease = lease
-        self._heard_at = -math.inf
-        self._bridges_alive: int | None = None  # None: the middleware has not said yet
-        self._armed_by: int | None = None  # the bridge whose GRID_ACTIVE was heard
-        self._sure_at = -math.inf  # when there was no doubt last
         # Of its own, so that subscription and alarm wait for the same things: see `_hear`.
         group = MutuallyExclusiveCallbackGroup()
         # When the executor last came round to `_pass`, and when before that.
@@ -172,10 +141,8 @@ class RaceStateWatch:
         self._told: RaceState | None = None
         # Whoever asks for the order, or acknowledges it, may do so in any thread.
         self._ordering = threading.RLock()
-        self._order = Order(RaceState.RED_RED, 0, None)
-        self._asked: Order | None = None
+        self._orders = Orders(lease)
         self._asking: Future | None = None
-        self._ask_again_at = -math.inf
         self._log = node.get_logger()
         self._began = clock.now()
         self._graph = f'ROS domain {node.context.get_domain_id()}'
@@ -218,7 +185,7 @@ class RaceStateWatch:
     def reason(self) -> str:
         """Why that is not what race control commands, for people; empty: it is."""
         with self._ordering:
-            return self._judge(clock.now())[1]
+            return self._orders.judge(clock.now())[1]
 
     @property
     def order(self) -> Order:
@@ -229,18 +196,7 @@ class RaceStateWatch:
         also when it asks for the same state, and so is what follows a doubt or a team stop.
         """
         with self._ordering:
-            now = clock.now()
-            state, _ = self._judge(now)
-            message = self.message
-            number, commanded = 0, None
-            if message is not None and not self._doubt(now):
-                commanded = state_of(message.commanded)
-                if message.order and commanded is not None and _carries_out(state, commanded):
-                    number = message.order
-            order = Order(state, number, commanded if number else None)
-            if dataclasses.astuple(order) != dataclasses.astuple(self._order):
-                self._order = order
-            return self._order
+            return self._orders.order(clock.now())
 
     def acknowledge(self, order: Order) -> None:
         """
@@ -249,7 +205,7 @@ class RaceStateWatch:
         Race control hears the state that it commanded, in the words of the wire: RED_FLAG from a
         kart that stands under RED_RED because of its team stop.
 
-        Call it in every step in which that is true: it asks the bridge again after `ASK_AGAIN` if
+        Call it in every step in which that is true: it asks the bridge again after 0.2 s if
         an answer is lost or refused, and does nothing once the order is acknowledged. It does
         nothing either when the order is not the present one any more, or has no number. It never
         waits. If the bridge refuses, the node's log says why.
@@ -257,21 +213,14 @@ class RaceStateWatch:
         :param order: what the kart has done, as `order` was when the kart began to do it.
         """
         with self._ordering:
-            now = clock.now()
-            commanded = order.commanded
-            if order is not self.order or commanded is None:
+            if not self._orders.asks(order, clock.now()):
                 return
-            if self.message is None or self.message.acknowledged:
-                return
-            if order is self._asked and now < self._ask_again_at:
-                return
-            self._asked, self._ask_again_at = order, now + ASK_AGAIN
             unanswered, self._asking = self._asking, None
         # Not under the lock, which would hold up whoever asks for the state.
         if unanswered is not None:
             self._bridge.remove_pending_request(unanswered)  # the bridge may have died over it
         asking = self._bridge.call_async(
-            Acknowledge.Request(order=order.number, reached=state_message(commanded))
+            Acknowledge.Request(order=order.number, reached=state_message(order.commanded))
         )
         asking.add_done_callback(lambda answered: self._hear_answer(order, answered))
         self._asking = asking
@@ -287,33 +236,6 @@ class RaceStateWatch:
                 throttle_time_source_type=_STEADY,
             )
 
-    def _judge(self, now: float) -> tuple[RaceState, str]:
-        doubt = self._doubt(now)
-        if doubt or self.message is None:
-            return RaceState.RED_RED, doubt
-        state = state_of(self.message.state)
-        if state is None:
-            return RaceState.RED_RED, 'the bridge says what is no race state'
-        if state is RaceState.GREEN_GREEN and not self._is_armed(now):
-            return RaceState.RED_RED, 'no GRID_ACTIVE was heard before GREEN_GREEN'
-        return state, str(self.message.reason)
-
-    def _doubt(self, now: float) -> str:
-        """Return why what was heard last may not be true any more; empty: it is."""
-        if self.message is None:
-            return 'the bridge was not heard yet'
-        if now - self._heard_at > self._lease:
-            return 'the bridge is silent, or this node was too busy to hear it'
-        if self._bridges_alive not in (None, 1):
-            return f'{self._bridges_alive} bridges speak; there must be one'
-        return ''
-
-    def _is_armed(self, now: float) -> bool:
-        message = self.message
-        if message is None or self._armed_by != message.bridge:
-            return False
-        return now - self._sure_at <= FORGIVEN
-
     def _hear(self, message: KartRaceState) -> None:
         # All that waits is taken now: a stop must not wait behind what was said before it.
         heard = [message, *self._take_waiting()]
@@ -322,14 +244,9 @@ class RaceStateWatch:
         # last one does not say that: it may belong to the same turn of the executor. And the
         # stamp would say it only if the clocks of bridge and stack agree.)
         with self._ordering:
-            # A doubt, and what came in between, end the order before, even if it comes back.
-            self._order = self.order
-            self._heard_at = self._passed_before
-            now = clock.now()
-            for each in heard:
-                self.message = each
-                self._follow(each, now)
-                self._order = self.order
+            said = [_said(each) for each in heard]
+            self._orders.hear(said, self._passed_before, clock.now())
+            self.message = heard[-1]
         self._look()
 
     def _take_waiting(self) -> list[KartRaceState]:
@@ -352,36 +269,14 @@ class RaceStateWatch:
         self._look()
 
     def _hear_liveliness(self, liveliness: Any) -> None:
-        self._bridges_alive = liveliness.alive_count
-        if self._bridges_alive > 1:
-            self._armed_by = None
+        with self._ordering:
+            self._orders.count_bridges(liveliness.alive_count)
         self._look()
-
-    def _follow(self, message: KartRaceState, now: float) -> None:
-        """
-        Arm or disarm by one message, however late it is taken.
-
-        A GRID_ACTIVE that waited for a busy stack counts as long as the doubt is forgiven. One
-        of two bridges does not: the other may say GREEN_GREEN. The middleware may tell of a second
-        bridge after what that said, or, of one that came and went, never: so a GRID_ACTIVE counts
-        for the bridge that said it alone.
-        """
-        said = state_of(message.state)
-        doubt = self._doubt(now)
-        forgiven = now - self._sure_at <= FORGIVEN and self._bridges_alive in (None, 1)
-        if said is RaceState.GRID_ACTIVE:
-            self._armed_by = message.bridge if forgiven or not doubt else None
-        elif said is not RaceState.GREEN_GREEN or not self._is_armed(now):
-            self._armed_by = None
-        if not doubt:
-            self._sure_at = now
 
     def _look(self) -> None:
         now = clock.now()
-        if not self._doubt(now):
-            if not self._is_armed(now):
-                self._armed_by = None
-            self._sure_at = now
+        with self._ordering:
+            self._orders.look(now)
         self._log_reason(now)
         state = self.order.state
         if state is not self._told:
@@ -407,7 +302,7 @@ class RaceStateWatch:
             self._logged = {each: at for each, at in self._logged.items() if now - at < LOG_AGAIN}
             self._logged[reason], self._logged_last = now, reason
             text = f'The kart obeys {self.state.value}: {reason}'
-            if self._doubt(now):
+            if self._orders.doubt(now):
                 self._log.warning(text)
             else:  # the bridge's own reason, of which it has warned
                 self._log.info(text)
@@ -416,10 +311,15 @@ class RaceStateWatch:
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
-def _carries_out(state: RaceState, commanded: RaceState) -> bool:
-    """Return whether a kart that has reached `state` has carried out the command."""
-    both_red = state.is_red and commanded.is_red
-    return state is commanded or (both_red and stricter(state, commanded) is state)
+def _said(message: KartRaceState) -> Said:
+    return Said(
+        message.bridge,
+        state_of(message.state),
+        state_of(message.commanded),
+        message.order,
+        message.acknowledged,
+        message.reason,
+    )
 
 
 def _ring(alarm: GuardCondition, interval: float) -> None:

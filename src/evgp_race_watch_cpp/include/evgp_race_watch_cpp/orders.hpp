@@ -1,0 +1,229 @@
+// Copyright 2026 EVGP race control contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+/// The rules of RaceStateWatch: what a stack must do, by what the bridge says and when.
+///
+/// No ROS, clock or thread. `orders.py` of evgp_kart_bridge has them a second time, in Python, and
+/// says why they are as they are; `test_orders.py` holds one against the other.
+
+#ifndef EVGP_RACE_WATCH_CPP__ORDERS_HPP_
+#define EVGP_RACE_WATCH_CPP__ORDERS_HPP_
+
+#include <cstdint>
+#include <limits>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+namespace evgp_race_watch_cpp
+{
+
+/// A race state of the proposal (§3.A); the numbers are those of evgp_rcs_msgs/RaceState.
+enum class RaceState : std::uint8_t
+{
+  UNKNOWN, IN_GARAGE, GRID_ACTIVE, GREEN_GREEN, RED_FLAG, RED_RED
+};
+
+/// The race state of a message's number; UNKNOWN if that is no race state.
+inline RaceState race_state(std::uint8_t number)
+{
+  const bool known = number <= static_cast<std::uint8_t>(RaceState::RED_RED);
+  return known ? static_cast<RaceState>(number) : RaceState::UNKNOWN;
+}
+
+/// The name of a race state on the wire.
+inline const char * name_of(RaceState state)
+{
+  static const char * const names[] = {
+    "UNKNOWN", "IN_GARAGE", "GRID_ACTIVE", "GREEN_GREEN", "RED_FLAG", "RED_RED"};
+  return names[static_cast<std::uint8_t>(state)];
+}
+
+/// What counts of a message of the bridge.
+struct Said
+{
+  std::uint64_t bridge;
+  RaceState state;
+  RaceState commanded;
+  std::uint64_t order;
+  bool acknowledged;
+  std::string reason;
+};
+
+/// What the kart must do, from one moment on.
+struct Order
+{
+  std::uint64_t serial;  ///< Tells the orders of one watch apart: each has its own.
+  RaceState state;  ///< The state to obey; never UNKNOWN.
+  std::uint64_t number;  ///< Of race control's command; 0: the order cannot be acknowledged.
+  RaceState commanded;  ///< What an acknowledgement says; UNKNOWN if `number` is 0.
+};
+
+/// The orders of one stack. Every time is in seconds, by one clock that never goes back.
+class Orders
+{
+public:
+  /// Maximum time, s, without knowing the state after which a stack still starts without a new
+  /// GRID_ACTIVE.
+  double forgiven = 1.0;
+
+  /// \param lease time of silence after which the kart obeys RED_RED, seconds.
+  explicit Orders(double lease)
+  : lease_(lease) {}
+
+  /// The bridge's last message; none before the first.
+  const std::optional<Said> & said() const {return said_;}
+
+  /// What to do; of the same serial until something else is to be done.
+  Order order(double now)
+  {
+    Order order{order_.serial, judge(now).first, 0, RaceState::UNKNOWN};
+    if (said_ && doubt(now).empty() && said_->order && carries_out(order.state, said_->commanded)) {
+      order.number = said_->order;
+      order.commanded = said_->commanded;
+    }
+    if (order.state != order_.state || order.number != order_.number ||
+      order.commanded != order_.commanded)
+    {
+      order_ = order;
+      ++order_.serial;
+    }
+    return order_;
+  }
+
+  /// The state to obey, and why that is not what is commanded; empty: it is.
+  std::pair<RaceState, std::string> judge(double now) const
+  {
+    const auto why = doubt(now);
+    if (!why.empty()) {
+      return {RaceState::RED_RED, why};
+    }
+    if (said_->state == RaceState::UNKNOWN) {
+      return {RaceState::RED_RED, "the bridge says what is no race state"};
+    }
+    if (said_->state == RaceState::GREEN_GREEN && !is_armed(now)) {
+      return {RaceState::RED_RED, "no GRID_ACTIVE was heard before GREEN_GREEN"};
+    }
+    return {said_->state, said_->reason};
+  }
+
+  /// Why what was heard last may not be true any more; empty: it is.
+  std::string doubt(double now) const
+  {
+    if (!said_) {
+      return "the bridge was not heard yet";
+    }
+    if (now - heard_at_ > lease_) {
+      return "the bridge is silent, or this node was too busy to hear it";
+    }
+    if (!is_alone()) {
+      return std::to_string(*bridges_alive_) + " bridges speak; there must be one";
+    }
+    return "";
+  }
+
+  /// Take what the bridge has said, oldest first; none of it was said before `since`.
+  void hear(const std::vector<Said> & heard, double since, double now)
+  {
+    order(now);  // a doubt ends the order before, and so does what came in between
+    heard_at_ = since;
+    for (const auto & said : heard) {
+      said_ = said;
+      follow(now);
+      order(now);
+    }
+  }
+
+  /// Take how many bridges the middleware knows to be alive.
+  void count_bridges(int alive)
+  {
+    bridges_alive_ = alive;
+    if (alive > 1) {
+      armed_by_.reset();
+    }
+  }
+
+  /// Notice that time has passed; called about five times in each lease.
+  void look(double now)
+  {
+    if (doubt(now).empty()) {
+      if (!is_armed(now)) {
+        armed_by_.reset();
+      }
+      sure_at_ = now;
+    }
+  }
+
+  /// Whether to ask the bridge now to acknowledge this order, which the kart has done.
+  bool asks(const Order & done, double now)
+  {
+    const Order present = order(now);
+    if (done.serial != present.serial || present.number == 0 || said_->acknowledged) {
+      return false;
+    }
+    if (done.serial == asked_ && now < ask_again_at_) {
+      return false;
+    }
+    asked_ = done.serial;
+    ask_again_at_ = now + 0.2;
+    return true;
+  }
+
+private:
+  static constexpr double never = -std::numeric_limits<double>::infinity();
+
+  bool is_alone() const {return !bridges_alive_ || *bridges_alive_ == 1;}
+
+  bool is_armed(double now) const
+  {
+    return said_ && armed_by_ == said_->bridge && now - sure_at_ <= forgiven;
+  }
+
+  /// Arm or disarm by the message that was heard now.
+  void follow(double now)
+  {
+    const bool sure = doubt(now).empty();
+    if (said_->state == RaceState::GRID_ACTIVE) {
+      const bool forgives = now - sure_at_ <= forgiven && is_alone();
+      armed_by_ = sure || forgives ? std::optional(said_->bridge) : std::nullopt;
+    } else if (said_->state != RaceState::GREEN_GREEN || !is_armed(now)) {
+      armed_by_.reset();
+    }
+    if (sure) {
+      sure_at_ = now;
+    }
+  }
+
+  /// Whether a kart that has reached `state` has carried out the command.
+  static bool carries_out(RaceState state, RaceState commanded)
+  {
+    return state == commanded ||
+           (state == RaceState::RED_RED && commanded == RaceState::RED_FLAG);
+  }
+
+  double lease_;
+  std::optional<Said> said_;
+  double heard_at_ = never;
+  std::optional<int> bridges_alive_;  // none: the middleware has not said yet
+  std::optional<std::uint64_t> armed_by_;  // the bridge whose GRID_ACTIVE was heard
+  double sure_at_ = never;  // when there was no doubt last
+  Order order_{1, RaceState::RED_RED, 0, RaceState::UNKNOWN};
+  std::uint64_t asked_ = 0;
+  double ask_again_at_ = never;
+};
+
+}  // namespace evgp_race_watch_cpp
+
+#endif  // EVGP_RACE_WATCH_CPP__ORDERS_HPP_

@@ -1,0 +1,247 @@
+// Copyright 2026 EVGP race control contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+/// For a team's stack in C++: what to do now, and how to say that it is done.
+
+#ifndef EVGP_RACE_WATCH_CPP__RACE_STATE_WATCH_HPP_
+#define EVGP_RACE_WATCH_CPP__RACE_STATE_WATCH_HPP_
+
+#include <time.h>
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+#include "evgp_race_watch_cpp/orders.hpp"
+#include "evgp_rcs_msgs/msg/kart_race_state.hpp"
+#include "evgp_rcs_msgs/srv/acknowledge.hpp"
+#include "rclcpp/rclcpp.hpp"
+
+namespace evgp_race_watch_cpp
+{
+
+/// The bridge's default `liveliness_lease`, seconds.
+constexpr double LEASE = 0.5;
+
+/// What the kart must do now: evgp_kart_bridge's RaceStateWatch, for a node in C++.
+///
+/// In a wall timer (create_wall_timer), about 20 times a second:
+///
+///     const auto order = watch.order();
+///     if (drive(order.state)) {watch.acknowledge(order);}  // true once that state is reached
+///
+/// GREEN_GREEN must be armed here too: by a GRID_ACTIVE that this watch has heard from the same
+/// bridge. Destroy it only while nothing spins its node.
+class RaceStateWatch
+{
+public:
+  using Message = evgp_rcs_msgs::msg::KartRaceState;
+  using Acknowledge = evgp_rcs_msgs::srv::Acknowledge;
+
+  /// \param on_change is called by the node's executor with each new state; RED_RED is the first.
+  /// \param topic the bridge's topic; its service is `acknowledge` beside it.
+  /// \param lease the bridge's `liveliness_lease`, or longer, seconds.
+  explicit RaceStateWatch(
+    rclcpp::Node & node, std::function<void(RaceState)> on_change = {},
+    const std::string & topic = "kart_bridge/race_state", double lease = LEASE)
+  : on_change_(std::move(on_change)), log_(node.get_logger()), orders_(lease)
+  {
+    const std::lock_guard<std::mutex> lock(ordering_);  // the node may spin already
+    // Of its own, so that subscription and alarm never run at the same time.
+    const auto group = node.create_callback_group(rclcpp::CallbackGroupType::MutuallyExclusive);
+    bridge_ = node.create_client<Acknowledge>(
+      topic.substr(0, topic.rfind('/') + 1) + "acknowledge", rclcpp::ServicesQoS(), group);
+    rclcpp::SubscriptionOptions options;
+    options.callback_group = group;
+    options.use_intra_process_comm = rclcpp::IntraProcessSetting::Disable;
+    options.event_callbacks.liveliness_callback = [this](rclcpp::QOSLivelinessChangedInfo & info) {
+        {
+          const std::lock_guard<std::mutex> lock(ordering_);
+          orders_.count_bridges(info.alive_count);
+        }
+        pass({});
+      };
+    auto qos = rclcpp::QoS(BACKLOG).reliable().durability_volatile();
+    qos.liveliness(rclcpp::LivelinessPolicy::ManualByTopic);
+    qos.liveliness_lease_duration(rclcpp::Duration::from_seconds(lease));
+    subscription_ = node.create_subscription<Message>(
+      topic, qos, [this](const Message & message) {pass({said_of(message)});}, options);
+    // The middleware says when the bridge is gone; the clock says it whatever middleware it is.
+    const std::chrono::duration<double> interval(lease / 5);
+    alarm_ = node.create_wall_timer(interval, [this]() {pass({});}, group);
+    // Some middlewares wait for a timer by the wall clock, for as long as that is set back.
+    ringing_ = std::thread([this, interval, base = node.get_node_base_interface()]() {
+          while (!ended_) {
+            std::this_thread::sleep_for(interval);
+            base->trigger_notify_guard_condition();
+          }
+        });
+  }
+
+  RaceStateWatch(const RaceStateWatch &) = delete;
+  RaceStateWatch & operator=(const RaceStateWatch &) = delete;
+
+  ~RaceStateWatch()
+  {
+    ended_ = true;
+    ringing_.join();
+  }
+
+  /// What to do now: obey its `state`; once it is reached, acknowledge this very order.
+  ///
+  /// Its serial is the same until something else is to be done. The state is RED_RED before the
+  /// bridge is heard, when it says so, once it has been silent for the lease, when it is gone, when
+  /// two bridges speak, when it says what is no state, and when it says GREEN_GREEN that is not
+  /// armed. May be asked in any thread, also while the executor is busy.
+  Order order()
+  {
+    const std::lock_guard<std::mutex> lock(ordering_);
+    return orders_.order(now());
+  }
+
+  /// Why its state is not what race control commands, for people; empty: it is.
+  std::string reason()
+  {
+    const std::lock_guard<std::mutex> lock(ordering_);
+    return orders_.judge(now()).second;
+  }
+
+  /// Tell race control that the kart has reached the state of this order; never waits.
+  ///
+  /// Call it in every step in which that is true: it asks the bridge again after 0.2 s if an answer
+  /// is lost or refused, and does nothing once the order is acknowledged, or is over, or if it has
+  /// no number. If the bridge refuses, the node's log says why.
+  ///
+  /// \param order what the kart has done, as order() was when the kart began to do it.
+  void acknowledge(const Order & order)
+  {
+    {
+      const std::lock_guard<std::mutex> lock(ordering_);
+      if (!orders_.asks(order, now())) {
+        return;
+      }
+    }
+    bridge_->prune_pending_requests();  // the bridge may have died over the last one
+    auto request = std::make_shared<Acknowledge::Request>();
+    request->order = order.number;
+    request->reached.state = static_cast<std::uint8_t>(order.commanded);
+    bridge_->async_send_request(
+      request, [this, order](rclcpp::Client<Acknowledge>::SharedFuture answered) {
+        const auto answer = answered.get();
+        if (!answer->success && order.serial == this->order().serial) {
+          RCLCPP_WARN_THROTTLE(
+            log_, steady_, 1000, "%s cannot be acknowledged: %s", name_of(order.commanded),
+            answer->message.c_str());
+        }
+      });
+  }
+
+protected:
+  std::mutex ordering_;  // orders_ is asked in any thread
+  const std::function<void(RaceState)> on_change_;
+  const rclcpp::Logger log_;
+  Orders orders_;
+
+private:
+  // More than the bridge says in the time that is forgiven.
+  static constexpr std::size_t BACKLOG = 100;
+
+  /// The time since the machine was started, time in suspend included, in seconds.
+  static double now()
+  {
+    timespec time{};
+    clock_gettime(CLOCK_BOOTTIME, &time);
+    return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
+  }
+
+  static Said said_of(const Message & message)
+  {
+    return {message.bridge, race_state(message.state.state), race_state(message.commanded.state),
+      message.order, message.acknowledged, message.reason};
+  }
+
+  /// Hear what was taken, and what waits behind it: a stop must not wait behind what was said
+  /// before. All of it was said after the last pass, or that would have taken it. (The stamp would
+  /// say when only if the clocks of bridge and stack agree.)
+  void pass(std::vector<Said> heard)
+  {
+    std::unique_lock<std::mutex> lock(ordering_);
+    const double began = now();
+    Message message;
+    rclcpp::MessageInfo information;
+    while (heard.size() <= BACKLOG && subscription_->take(message, information)) {
+      heard.push_back(said_of(message));
+    }
+    if (!heard.empty()) {
+      orders_.hear(heard, passed_, now());
+    }
+    passed_ = began;
+    orders_.look(now());
+    const auto state = orders_.order(now()).state;
+    const auto reason = orders_.judge(now()).second;
+    const bool unheard = !orders_.said();
+    lock.unlock();  // neither the log nor on_change_ holds up whoever asks for the order
+    if (state != told_) {
+      told_ = state;
+      if (on_change_) {
+        on_change_(state);
+      }
+    }
+    if (!unheard) {
+      log_reason(state, reason);
+    } else if (began > began_ + 2.0) {
+      log_reason(
+        state, std::string("no bridge is heard on ") + subscription_->get_topic_name() +
+        ": is it running, with the same ROS_DOMAIN_ID?");
+    }
+  }
+
+  /// Log each new reason, the same one once in 10 s.
+  void log_reason(RaceState state, const std::string & reason)
+  {
+    if (reason != logged_last_ && !reason.empty()) {
+      const auto logged = logged_.find(reason);
+      if (logged != logged_.end() && now() - logged->second < 10.0) {
+        return;
+      }
+      logged_[reason] = now();
+      RCLCPP_WARN(log_, "The kart obeys %s: %s", name_of(state), reason.c_str());
+    }
+    logged_last_ = reason;
+  }
+
+  double began_ = now();
+  double passed_ = began_;  // before that, everything that waited was taken
+  RaceState told_ = RaceState::UNKNOWN;
+  std::map<std::string, double> logged_;  // reasons, and when each was logged
+  std::string logged_last_;
+  rclcpp::Clock steady_{RCL_STEADY_TIME};
+  std::atomic<bool> ended_{false};
+  std::thread ringing_;
+  rclcpp::Client<Acknowledge>::SharedPtr bridge_;
+  rclcpp::Subscription<Message>::SharedPtr subscription_;
+  rclcpp::TimerBase::SharedPtr alarm_;
+};
+
+}  // namespace evgp_race_watch_cpp
+
+#endif  // EVGP_RACE_WATCH_CPP__RACE_STATE_WATCH_HPP_

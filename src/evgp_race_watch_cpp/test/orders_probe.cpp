@@ -1,0 +1,77 @@
+// Copyright 2026 EVGP race control contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+/// Asks the rules in C++ for test_orders.py: one input a line by stdin, one answer a line.
+
+#include <cstddef>
+#include <cstdint>
+#include <iostream>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "evgp_race_watch_cpp/orders.hpp"
+
+using evgp_race_watch_cpp::Order;
+using evgp_race_watch_cpp::Orders;
+using evgp_race_watch_cpp::race_state;
+using evgp_race_watch_cpp::Said;
+
+int main()
+{
+  std::unique_ptr<Orders> orders;
+  std::vector<Order> seen;
+  std::string word;
+  double now = 0.0;
+  while (std::cin >> word >> now) {
+    bool asks = false;
+    if (word == "begin") {
+      orders = std::make_unique<Orders>(0.5);
+      seen.clear();
+    } else if (word == "hear") {
+      double since = 0.0;
+      std::size_t count = 0;
+      std::cin >> since >> count;
+      std::vector<Said> heard(count);
+      for (auto & said : heard) {
+        int state = 0, commanded = 0;
+        std::cin >> said.bridge >> state >> commanded >> said.order >> said.acknowledged;
+        said.state = race_state(static_cast<std::uint8_t>(state));
+        said.commanded = race_state(static_cast<std::uint8_t>(commanded));
+        said.reason = "of bridge " + std::to_string(said.bridge);
+      }
+      orders->hear(heard, since, now);
+    } else if (word == "bridges") {
+      int alive = 0;
+      std::cin >> alive;
+      orders->count_bridges(alive);
+    } else if (word == "look") {
+      orders->look(now);
+    } else {
+      std::size_t index = 0;
+      std::cin >> index;
+      asks = orders->asks(seen[seen.size() - 1 - index % seen.size()], now);
+    }
+    const auto order = orders->order(now);
+    std::size_t index = 0;
+    while (index < seen.size() && seen[index].serial != order.serial) {
+      ++index;
+    }
+    if (index == seen.size()) {
+      seen.push_back(order);
+    }
+    std::cout << index << ' ' << name_of(order.state) << ' ' << order.number << ' ' <<
+      name_of(order.commanded) << ' ' << asks << ' ' << orders->judge(now).second << std::endl;
+  }
+}

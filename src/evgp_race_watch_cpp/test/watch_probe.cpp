@@ -1,0 +1,109 @@
+// Copyright 2026 EVGP race control contributors
+//
+// Licensed under the Apache License, Version 2.0 (the "License");
+// you may not use this file except in compliance with the License.
+// You may obtain a copy of the License at
+//
+//     http://www.apache.org/licenses/LICENSE-2.0
+//
+// Unless required by applicable law or agreed to in writing, software
+// distributed under the License is distributed on an "AS IS" BASIS,
+// WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
+// See the License for the specific language governing permissions and
+// limitations under the License.
+
+/// Runs a RaceStateWatch for test_race_state_watch.py: commands come by stdin, stdout answers.
+///
+///     watch_probe <name> <lease, s> <duration of a turn that keeps the executor busy, s; 0: none>
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <iostream>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <sstream>
+#include <string>
+#include <thread>
+
+#include "evgp_race_watch_cpp/race_state_watch.hpp"
+#include "rclcpp/rclcpp.hpp"
+
+using evgp_race_watch_cpp::Order;
+using evgp_race_watch_cpp::RaceState;
+using evgp_race_watch_cpp::Said;
+
+class Watch : public evgp_race_watch_cpp::RaceStateWatch
+{
+public:
+  using RaceStateWatch::RaceStateWatch;
+
+  void forgive(double seconds)
+  {
+    const std::lock_guard<std::mutex> lock(ordering_);
+    orders_.forgiven = seconds;
+  }
+
+  std::optional<Said> said()
+  {
+    const std::lock_guard<std::mutex> lock(ordering_);
+    return orders_.said();
+  }
+};
+
+int number(RaceState state) {return static_cast<int>(state);}
+
+int main(int argc, char ** argv)
+{
+  const auto arguments = rclcpp::init_and_remove_ros_arguments(argc, argv);
+  const auto node = std::make_shared<rclcpp::Node>(arguments.at(1));
+  std::mutex writing, being_busy;
+  const auto say = [&writing](const std::string & line) {
+      const std::lock_guard<std::mutex> lock(writing);
+      std::cout << line << std::endl;
+    };
+  std::condition_variable free;
+  int busy_at = -1;
+  Watch watch(*node, [&](RaceState state) {
+      say("told " + std::to_string(number(state)));
+      std::unique_lock<std::mutex> lock(being_busy);
+      free.wait(lock, [&]() {return number(state) != busy_at;});
+    }, "kart_bridge/race_state", std::stod(arguments.at(2)));
+  const std::chrono::duration<double> turn(std::stod(arguments.at(3)));
+  rclcpp::TimerBase::SharedPtr turns;
+  if (turn.count() > 0) {
+    turns = node->create_wall_timer(std::chrono::milliseconds(10), [&]() {
+          say("turn 0");
+          std::this_thread::sleep_for(turn);
+        });
+  }
+  std::thread spinning([&node]() {rclcpp::spin(node);});
+  std::map<std::uint64_t, Order> orders;
+  std::string word;
+  while (std::cin >> word) {
+    double value = 0.0;
+    std::cin >> value;
+    if (word == "look") {
+      const auto order = watch.order();
+      const auto said = watch.said();
+      orders[order.serial] = order;
+      std::ostringstream line;
+      line << "look " << order.serial << ' ' << number(order.state) << ' ' << order.number << ' ' <<
+        number(order.commanded) << ' ' << (said ? number(said->state) : -1) << ' ' <<
+        (said && said->acknowledged) << ' ' << watch.reason();
+      say(line.str());
+    } else if (word == "acknowledge") {
+      watch.acknowledge(orders.at(static_cast<std::uint64_t>(value)));
+    } else if (word == "forgive") {
+      watch.forgive(value);
+    } else {
+      const std::lock_guard<std::mutex> lock(being_busy);
+      busy_at = static_cast<int>(value);
+      free.notify_all();
+    }
+  }
+  rclcpp::shutdown();
+  spinning.join();
+}

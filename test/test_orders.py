@@ -1,0 +1,232 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The rules of the stack's watch: `orders.py` and ``orders.hpp`` give the same answers.
+
+Both are given the same random histories. A fault in either must show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import pathlib
+import shutil
+import subprocess
+import sys
+import types
+from typing import Any
+
+from evgp_kart_bridge import orders
+from evgp_node.states import state_message, state_of
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs.msg import RaceState as RaceStateMessage
+from evgp_testing.part import Part
+from hypothesis import given, HealthCheck, Phase, settings
+from hypothesis import strategies as st
+import pytest
+
+PACKAGE = pathlib.Path(__file__).parents[1] / 'src/evgp_race_watch_cpp'
+HEADER = 'evgp_race_watch_cpp/orders.hpp'
+PROBE = PACKAGE / 'test/orders_probe.cpp'
+FLAGS = ('-std=c++17', '-Wall', '-Wextra', '-Wpedantic', '-Werror', '-Wconversion', '-Wshadow')
+COMPILERS = [each for each in ('g++', 'clang++') if shutil.which(each)]
+LEASE = 0.5
+
+# Orders, bridges and times are few, so that they come back and meet their limits.
+STATES = st.sampled_from(
+    [state_message(each).state for each in RaceState]
+    + [RaceStateMessage.GREEN_GREEN, RaceStateMessage.GRID_ACTIVE, RaceStateMessage.UNKNOWN, 99]
+)
+SAID = st.tuples(
+    st.sampled_from([1, 1, 1, 2]), STATES, STATES, st.sampled_from([0, 7, 8]), st.booleans()
+)
+GRID, GREEN = (1, 2, 2, 7, False), (1, 3, 3, 8, False)
+HEARD = st.one_of(
+    st.lists(SAID, min_size=1, max_size=3), st.sampled_from([[GRID], [GREEN], [GRID, GREEN]])
+)
+PASSES = st.sampled_from([0.0, 0.0, 0.0, 0.0625, 0.0625, 0.125, 0.25, 0.5, 0.5625, 1.0625])
+STEP = st.one_of(
+    st.tuples(st.just('hear'), PASSES, HEARD, st.sampled_from([0.0, 0.0, 0.0, 0.125, 0.5, 0.75])),
+    st.tuples(st.just('bridges'), PASSES, st.sampled_from([0, 1, 1, 2])),
+    st.tuples(st.just('look'), PASSES),
+    st.tuples(st.just('ask'), PASSES, st.sampled_from([0, 0, 1, 2])),  # from the newest back
+)
+
+
+class InPython:
+    """The rules in Python; `step` answers as the probe does."""
+
+    def __init__(self, rules: Any = orders) -> None:
+        self._rules = rules
+        self.begin()
+
+    def begin(self) -> None:
+        self._orders = self._rules.Orders(LEASE)
+        self._seen: list[orders.Order] = []
+        self._answer(0.0, False)
+
+    def step(self, kind: str, now: float, *given: Any) -> str:
+        asks = False
+        if kind == 'hear':
+            heard, age = given
+            self._orders.hear([self._said(*each) for each in heard], now - age, now)
+        elif kind == 'bridges':
+            self._orders.count_bridges(*given)
+        elif kind == 'look':
+            self._orders.look(now)
+        else:
+            asks = self._orders.asks(self._seen[-1 - given[0] % len(self._seen)], now)
+        return self._answer(now, asks)
+
+    def _said(
+        self, bridge: int, state: int, commanded: int, order: int, done: bool
+    ) -> orders.Said:
+        states = [state_of(RaceStateMessage(state=each)) for each in (state, commanded)]
+        said: orders.Said = self._rules.Said(bridge, *states, order, done, f'of bridge {bridge}')
+        return said
+
+    def _answer(self, now: float, asks: bool) -> str:
+        order = self._orders.order(now)
+        if order not in self._seen:
+            self._seen.append(order)
+        commanded = order.commanded.value if order.commanded else 'UNKNOWN'
+        words = (self._seen.index(order), order.state.value, order.number, commanded, int(asks))
+        return ' '.join(map(str, (*words, self._orders.judge(now)[1])))
+
+
+class InCpp(Part):
+    """The rules in C++, in a process of their own."""
+
+    def __init__(self, program: pathlib.Path) -> None:
+        self._probe = subprocess.Popen(
+            [program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+
+    def begin(self) -> None:
+        self._tell('begin 0')
+
+    def step(self, kind: str, now: float, *given: Any) -> str:
+        words = [kind, now, *given]
+        if kind == 'hear':
+            heard, age = given
+            words[2:] = [now - age, len(heard), *(int(word) for each in heard for word in each)]
+        return self._tell(' '.join(map(str, words)))
+
+    def close(self) -> None:
+        self._probe.communicate()
+
+    def _tell(self, line: str) -> str:
+        assert self._probe.stdin is not None
+        assert self._probe.stdout is not None
+        self._probe.stdin.write(f'{line}\n')
+        self._probe.stdin.flush()
+        return self._probe.stdout.readline().rstrip('\n')
+
+
+def compare(one: InPython, other: InCpp, examples: int, *, shrink: bool = True) -> None:
+    """Give both the same histories; a difference is an AssertionError."""
+
+    @settings(
+        max_examples=examples,
+        deadline=None,  # the machine may be busy
+        database=None,
+        report_multiple_bugs=False,
+        phases=[Phase.generate, *([Phase.shrink] if shrink else [])],
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(st.lists(STEP, min_size=10, max_size=40))
+    def same(steps: Sequence[tuple[Any, ...]]) -> None:
+        one.begin()
+        other.begin()
+        now = 10.0
+        for kind, passes, *words in steps:
+            now += passes
+            assert other.step(kind, now, *words) == one.step(kind, now, *words)
+
+    same()
+
+
+Compile = Callable[..., InCpp]
+
+
+@pytest.fixture
+def compile_rules(tmp_path: pathlib.Path, parts: Any) -> Compile:
+    """Return a function that compiles a header's text without a warning, and starts the probe."""
+
+    def compile_them(text: str, compiler: str = COMPILERS[0]) -> InCpp:
+        header = tmp_path / HEADER
+        header.parent.mkdir(exist_ok=True)
+        header.write_text(text)
+        program = tmp_path / compiler
+        command = [compiler, *FLAGS, '-I', tmp_path, PROBE, '-o', program]
+        subprocess.run(command, check=True)
+        rules: InCpp = parts.enter_context(InCpp(program))
+        return rules
+
+    return compile_them
+
+
+IN_CPP = (PACKAGE / 'include' / HEADER).read_text()
+IN_PYTHON = pathlib.Path(orders.__file__).read_text()
+
+
+@pytest.mark.parametrize('compiler', COMPILERS)
+def test_the_rules_in_cpp_are_those_in_python(compile_rules: Compile, compiler: str) -> None:
+    compare(InPython(), compile_rules(IN_CPP, compiler), 200)
+
+
+FAULTS_IN_CPP = [
+    ('now - heard_at_ > lease_', 'now - heard_at_ > 2 * lease_'),
+    ('now - heard_at_ > lease_', 'now - heard_at_ >= lease_'),
+    ('heard_at_ = since;', 'heard_at_ = since + 0.125;'),
+    ('*bridges_alive_ == 1', '*bridges_alive_ >= 1'),
+    ('RaceState::GREEN_GREEN && !is_armed(now)', 'RaceState::UNKNOWN'),
+    ('order(now);  // a doubt', '// a doubt'),
+    ('      follow(now);\n      order(now);', '      follow(now);'),
+    ('forgives = now - sure_at_ <= forgiven && is_alone()', 'forgives = true'),
+    ('if (alive > 1)', 'if (alive > 2)'),
+    ('done.serial != present.serial || ', ''),
+    (' || said_->acknowledged', ''),
+    ('now < ask_again_at_', 'false'),
+    ('state == RaceState::RED_RED && commanded == RaceState::RED_FLAG', 'false'),
+    ('commanded == RaceState::RED_FLAG);', 'commanded != RaceState::UNKNOWN);'),
+]
+
+FAULTS_IN_PYTHON = [
+    ('now - self._heard_at > self._lease', 'now - self._heard_at > self._lease + 0.1'),
+    ('self._heard_at = since', 'self._heard_at = now'),
+    ('not in (None, 1):', 'not in (None, 1, 2):'),
+    ('is RaceState.GREEN_GREEN and not self._is_armed(now)', 'is None'),
+    ('said.bridge if forgiven or not doubt else None', 'said.bridge'),
+    ('        self.order(now)\n        self._heard_at', '        self._heard_at'),
+    ('if alive > 1', 'if alive > 2'),
+    ('order is not self.order(now) or ', ''),
+    ('now < self._ask_again_at', 'False'),
+    ('state is commanded or (both_red', 'state is commanded or both_red or (both_red'),
+    ('self._armed_by != self.said.bridge', 'self._armed_by is None'),
+]
+
+
+def faulty(text: str, fault: tuple[str, str]) -> str:
+    assert text.count(fault[0]) == 1
+    return text.replace(*fault)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('fault', FAULTS_IN_CPP, ids=str)
+def test_a_fault_in_cpp_is_found(compile_rules: Compile, fault: tuple[str, str]) -> None:
+    with pytest.raises(AssertionError):
+        compare(InPython(), compile_rules(faulty(IN_CPP, fault)), 10_000, shrink=False)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('fault', FAULTS_IN_PYTHON, ids=str)
+def test_a_fault_in_python_is_found(
+    compile_rules: Compile, fault: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = types.ModuleType('faulty_orders')
+    monkeypatch.setitem(sys.modules, module.__name__, module)  # for dataclasses
+    exec(faulty(IN_PYTHON, fault), module.__dict__)  # noqa: S102
+    with pytest.raises(AssertionError):
+        compare(InPython(module), compile_rules(IN_CPP), 10_000, shrink=False)
