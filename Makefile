@@ -55,11 +55,12 @@ AT :=
 KIND :=
 DEVICE :=
 
-.PHONY: help setup deb demo rehearsal test test-long bench soak fuzz run roster record console ctl board button bridge timing \
+.PHONY: help setup deb demo sim rehearsal test test-long bench soak fuzz run roster record console ctl board button bridge timing \
   spare takeover inspect-kart inspect-rcs survey screenshots kit-size lines lint format clean
 
 help:
 	@echo 'make demo    set up and run two races by themselves, without a window; checks what happened'
+	@echo 'make sim     three karts of three kinds race in a simulator; a moving picture of it  (ARGS="--laps 3")'
 	@echo 'make rehearsal  train officials: simulated karts, incidents, score  (ARGS="--karts 6")'
 	@echo 'make test    set up and run every test but the long (ARGS="-k roster")'
 	@echo 'make test-long  set up and run the long tests       (ARGS="-k roster")'
@@ -98,6 +99,10 @@ deb:
 
 demo:
 	$(IN_WORKSPACE) install/evgp_rehearsal/lib/evgp_rehearsal/demo $(ARGS)
+
+# ARGS="--stack 'ros2 run my_kart stack'"; kit/sim/README.md
+sim:
+	$(IN_WORKSPACE) python kit/sim/race.py $(ARGS)
 
 # Loopback only, and a ROS domain of its own: it cannot reach a real kart.
 rehearsal:

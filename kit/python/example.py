@@ -13,6 +13,7 @@ when no commands come: nothing in this program brakes once it has crashed or han
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import os
 import select
 import socket
@@ -116,7 +117,7 @@ class Link:
         self._kart.closed(clock.now(), str(error))
 
 
-def main() -> None:
+def main(drive: Callable[[RaceState, bool], bool] = drive) -> None:
     """Connect, obey, acknowledge, for ever."""
     if len(sys.argv) not in (2, 3, 4):
         sys.exit('usage: example.py RACE_CONTROL [PORT [OWN_ADDRESS]], IPv4 addresses')

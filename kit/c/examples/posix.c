@@ -55,6 +55,9 @@ static uint32_t now(void)
 
 /* ----- the kart: replace this ---------------------------------------------------------------- */
 
+#ifdef EVGP_KART
+#include EVGP_KART /* another one, such as that of kit/sim */
+#else
 static int released = 0;
 static double speed = 0.0; /* m/s; measure yours */
 
@@ -72,6 +75,7 @@ static void drive(evgp_state state)
         speed = speed > brake ? speed - brake : 0.0;
     }
 }
+#endif
 
 /* Wait for the next turn. What comes meanwhile is read in it, TURN_MS later at most. */
 static void wait_for_turn(void)

@@ -32,7 +32,8 @@ import time
 from typing import Any
 
 from builtin_interfaces.msg import Time
-from evgp_kart_bridge.watch import Order, RaceStateWatch
+from evgp_kart_bridge.orders import Order
+from evgp_kart_bridge.watch import RaceStateWatch
 from evgp_node.parameters import ParameterError, Parameters, StrictNode
 from evgp_node.process import OnFailure, run_node, wait_until_heard
 from evgp_node.stamps import stamp

@@ -63,14 +63,18 @@ class Stack(Node):
             self.wanted = max(0.0, min(self.speed, self.wanted) - 0.03)
         else:
             self.wanted = 0.0
-        command = Twist()
-        command.linear.x = self.wanted
-        self.motors.publish(command)
+        self.move(self.wanted)
         if self.driving:
             self.still_since = math.inf  # a standstill counts from the first command to stop
             return self.speed > 0.1
         still = fresh and self.heard_at - self.still_since >= STANDSTILL_TIME
         return still and state is not RaceState.GREEN_GREEN
+
+    def move(self, speed: float) -> None:
+        """Tell the motors a speed, m/s."""
+        command = Twist()
+        command.linear.x = speed
+        self.motors.publish(command)
 
     def hear_odometry(self, odometry: Odometry) -> None:
         """Take the speed, and since when the kart has been standing without a doubt."""

@@ -23,6 +23,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 import contextlib
+import copy
+import math
 import os
 import signal
 import threading
@@ -40,6 +42,64 @@ ODOMETRY_RATE = 50.0
 """How often the base says its speed by default, Hz."""
 
 
+class Motion:
+    """
+    How a kart moves by its commands; it brakes once none has come for ``COMMAND_TIMEOUT``.
+
+    Pure: times are those of a monotonic clock, in seconds. ``speed`` is in m/s, ``distance`` the
+    way so far in m; ``x``, ``y`` (m) and ``heading`` (rad) are its pose, REP-103.
+
+    :param now: when it begins, standing.
+    :param acceleration: how fast it gets faster, m/s².
+    :param braking: how fast it gets slower, m/s².
+    :param place: where it stands, x and y in m; it looks along x.
+    """
+
+    def __init__(
+        self,
+        now: float,
+        acceleration: float = 3.0,
+        braking: float = 8.0,
+        place: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        """Stand."""
+        self.speed = self.distance = self.heading = 0.0
+        self.x, self.y = place
+        self._acceleration, self._braking = acceleration, braking
+        self._wanted = self._curvature = 0.0
+        self._at = self._commanded_at = now
+
+    def command(self, now: float, speed: float, turn: float = 0.0) -> None:
+        """
+        Take a command: a speed in m/s, and how fast it turns at that speed, in rad/s.
+
+        What it turns with is its steering: at a lower speed it turns less.
+        """
+        self.advance(now)
+        self._wanted, self._commanded_at = max(speed, 0.0), now
+        self._curvature = turn / speed if speed > 0.0 else self._curvature
+
+    def advance(self, now: float) -> None:
+        """Bring it up to date: by the command until that is too old, then braking."""
+        silent_at = max(self._at, self._commanded_at + COMMAND_TIMEOUT)
+        for until, wanted in ((min(now, silent_at), self._wanted), (now, 0.0)):
+            speed, change = self.speed, wanted - self.speed
+            passed = max(until - self._at, 0.0)
+            most = passed * (self._acceleration if change > 0 else self._braking)
+            self.speed += max(-most, min(most, change))
+            way = passed * (speed + self.speed) / 2
+            heading = self.heading + way * self._curvature / 2
+            self.x, self.y = self.x + way * math.cos(heading), self.y + way * math.sin(heading)
+            self.heading += way * self._curvature
+            self.distance += way
+            self._at = max(until, self._at)
+
+    @property
+    def speed_to_come(self) -> float:
+        """Return the higher one of the speed that it has and the one that it was told, m/s."""
+        return max(self.speed, self._wanted)
+
+
 class SimulatedBase(RosSide):
     """
     A base that obeys ``/cmd_vel`` and publishes ``/odom`` on a kart's domain.
@@ -48,6 +108,7 @@ class SimulatedBase(RosSide):
     :param braking: how fast it gets slower, m/s².
     :param dead_time: time from a command to the moment at which the base begins to obey it, s.
     :param odometry_rate: how often it says its speed, Hz.
+    :param place: where it stands, x and y in m; it looks along x.
     """
 
     def __init__(
@@ -57,15 +118,14 @@ class SimulatedBase(RosSide):
         braking: float = 8.0,
         dead_time: float = 0.0,
         odometry_rate: float = ODOMETRY_RATE,
+        place: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         """Join the kart's domain and stand."""
         super().__init__(f'base_{domain}', domain)
-        self._acceleration, self._braking = acceleration, braking
         self._dead_time = dead_time
         self._moving = threading.Lock()
-        self._coming: deque[tuple[float, float]] = deque()  # commands in their dead time
-        self._speed = self._wanted = self._distance = 0.0
-        self._at = self._commanded_at = time.monotonic()
+        self._coming: deque[tuple[float, float, float]] = deque()  # commands in their dead time
+        self._motion = Motion(time.monotonic(), acceleration, braking, place)
         self.node.create_subscription(Twist, '/cmd_vel', self._obey, 1)
         self._odometry = self.node.create_publisher(Odometry, '/odom', 10)
         self.node.create_timer(
@@ -74,24 +134,26 @@ class SimulatedBase(RosSide):
         self.spin()
 
     @property
-    def speed(self) -> float:
-        """Its true speed at this moment, m/s, whatever odometry has said so far."""
+    def motion(self) -> Motion:
+        """Return how it moves at this moment, whatever odometry has said so far."""
         with self._moving:
-            return self._move(time.monotonic())
+            return copy.copy(self._move())
+
+    @property
+    def speed(self) -> float:
+        """Its true speed at this moment, m/s."""
+        return self.motion.speed
 
     @property
     def distance(self) -> float:
         """Its way so far, m."""
-        with self._moving:
-            self._move(time.monotonic())
-            return self._distance
+        return self.motion.distance
 
     @property
     def speed_to_come(self) -> float:
         """Return the highest speed that it has, or is going to try by the commands it has, m/s."""
         with self._moving:
-            speed = self._move(time.monotonic())
-            return max([speed, self._wanted, *(wanted for _, wanted in self._coming)])
+            return max([self._move().speed_to_come, *(speed for _, speed, _ in self._coming)])
 
     def wait_for_speed(self, found: Callable[[float], bool]) -> None:
         """
@@ -101,34 +163,26 @@ class SimulatedBase(RosSide):
         """
         self.wait_until(lambda: found(self.speed), lambda: f'such a speed; it is {self.speed}')
 
-    def _move(self, now: float) -> float:
-        """Bring the speed up to date, command by command."""
+    def _move(self) -> Motion:
+        """Bring it up to date; whoever calls has the lock."""
+        now = time.monotonic()
         while self._coming and self._coming[0][0] <= now:
-            at, wanted = self._coming.popleft()
-            self._advance(at)
-            self._wanted, self._commanded_at = wanted, at
-        return self._advance(now)
-
-    def _advance(self, now: float) -> float:
-        """Bring the speed up to date, by the command until it timed out, then braking."""
-        silent_at = max(self._at, self._commanded_at + COMMAND_TIMEOUT)
-        for until, wanted in ((min(now, silent_at), self._wanted), (now, 0.0)):
-            speed, change = self._speed, wanted - self._speed
-            passed = max(until - self._at, 0.0)
-            most = passed * (self._acceleration if change > 0 else self._braking)
-            self._speed += max(-most, min(most, change))
-            self._distance += passed * (speed + self._speed) / 2
-            self._at = max(until, self._at)
-        return self._speed
+            self._motion.command(*self._coming.popleft())
+        self._motion.advance(now)
+        return self._motion
 
     def _obey(self, command: Twist) -> None:
         with self._moving:
             due = time.monotonic() + self._dead_time
-            self._coming.append((due, max(command.linear.x, 0.0)))
+            self._coming.append((due, command.linear.x, command.angular.z))
 
     def _say(self) -> None:
-        odometry = Odometry()
-        odometry.twist.twist.linear.x = self.speed
+        motion, odometry = self.motion, Odometry()
+        odometry.header.frame_id, odometry.child_frame_id = 'odom', 'base_link'
+        odometry.pose.pose.position.x, odometry.pose.pose.position.y = motion.x, motion.y
+        odometry.pose.pose.orientation.z = math.sin(motion.heading / 2)
+        odometry.pose.pose.orientation.w = math.cos(motion.heading / 2)
+        odometry.twist.twist.linear.x = motion.speed
         self._odometry.publish(odometry)
         with self.news:
             self.news.notify_all()

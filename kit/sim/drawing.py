@@ -1,0 +1,131 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""A race as a moving picture (SVG), seen from above. Pure."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+import itertools
+import math
+
+from centreline import Centreline
+from evgp_protocol.states import RaceState
+
+COLOURS = {
+    RaceState.IN_GARAGE: '#5e676f',
+    RaceState.GRID_ACTIVE: '#f2c200',
+    RaceState.GREEN_GREEN: '#0a7d3e',
+    RaceState.RED_FLAG: '#f08a00',
+    RaceState.RED_RED: '#b3001b',
+}
+"""Those of the officials' window."""
+
+SCALE = 14.0
+"""Units of the picture for each metre."""
+
+PACE = 3.0
+"""How much faster than the race the picture plays."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """
+    The race at one moment.
+
+    :param karts: of each kart x, y (m), heading (rad), what it is sent, and its laps.
+    """
+
+    state: RaceState
+    karts: Mapping[int, tuple[float, float, float, RaceState, int]]
+
+
+def draw(
+    track: Centreline, looks: Sequence[Look], teams: Mapping[int, str], interval: float
+) -> str:
+    """
+    Return the picture; it plays again and again.
+
+    :param interval: from one look to the next, in seconds.
+    """
+    duration = f'{len(looks) * interval / PACE:.1f}s'
+    xs, ys = zip(*track.points, strict=True)
+    width = (max(xs) - min(xs) + 8) * SCALE
+    height = (max(ys) - min(ys) + 17) * SCALE
+
+    def at(x: float, y: float) -> str:
+        return f'{(x - min(xs) + 4) * SCALE:.0f},{(max(ys) - y + 13) * SCALE:.0f}'
+
+    def over_time(attribute: str, value: Callable[[Look], str]) -> str:
+        """Return what an attribute is at each moment, by its changes."""
+        values = [value(look) for look in looks]
+        changes = [at for at, new in enumerate(values) if at == 0 or new != values[at - 1]]
+        times = ';'.join(f'{index / len(looks):.4f}' for index in changes)
+        listed = ';'.join(values[index] for index in changes)
+        return (
+            f'<animate attributeName="{attribute}" dur="{duration}" repeatCount="indefinite" '
+            f'calcMode="discrete" keyTimes="{times}" values="{listed}"/>'
+        )
+
+    def shown(where: Callable[[Look], bool]) -> str:
+        return over_time('visibility', lambda look: 'visible' if where(look) else 'hidden')
+
+    def sent(number: int) -> str:
+        return over_time('fill', lambda look: COLOURS[look.karts[number][3]])
+
+    def while_laps(number: int, laps: int) -> str:
+        return shown(lambda look: look.karts[number][4] == laps)
+
+    def while_state(state: RaceState) -> str:
+        return shown(lambda look: look.state is state)
+
+    def kart(number: int) -> str:
+        values = ';'.join(at(*look.karts[number][:2]) for look in looks)
+        turns = ';'.join(f'{-math.degrees(look.karts[number][2]):.0f}' for look in looks)
+        timed = f'dur="{duration}" repeatCount="indefinite"'
+        return (
+            f'<g><animateTransform attributeName="transform" type="translate" {timed} '
+            f'values="{values}"/><g><animateTransform attributeName="transform" type="rotate" '
+            f'{timed} values="{turns}"/><rect x="-17" y="-10" width="34" height="20" rx="5" '
+            f'stroke="#111" stroke-width="2">{sent(number)}</rect></g>'
+            f'<text y="5" text-anchor="middle" font-size="15" font-weight="bold" fill="#fff" '
+            f'stroke="#111" stroke-width="3" paint-order="stroke">{number}</text></g>'
+        )
+
+    line = ' '.join(itertools.starmap(at, track.points))
+    parts = [
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:.0f} {height:.0f}" '
+        'font-family="DejaVu Sans, Verdana, sans-serif">',
+        f'<rect width="{width:.0f}" height="{height:.0f}" fill="#f3f5ef"/>',
+        f'<rect width="{width:.0f}" height="64">',
+        over_time('fill', lambda look: COLOURS[look.state]),
+        '</rect>',
+    ]
+    for state in RaceState:
+        if any(look.state is state for look in looks):
+            dark = state in (RaceState.GRID_ACTIVE, RaceState.RED_FLAG)
+            parts.append(
+                f'<text x="24" y="44" font-size="34" font-weight="bold" '
+                f'fill="{"#111" if dark else "#fff"}" visibility="hidden">'
+                f'{state.value.replace("_", " ")}'
+                f'{while_state(state)}</text>'
+            )
+    for stroke, colour in ((track.width + 0.6, '#555'), (track.width, '#b9bcb4')):
+        parts.append(
+            f'<polygon points="{line}" fill="none" stroke="{colour}" stroke-linejoin="round" '
+            f'stroke-width="{stroke * SCALE:.0f}"/>'
+        )
+    across = at(0.0, track.width / 2), at(0.0, -track.width / 2)
+    parts.append(f'<polyline points="{" ".join(across)}" stroke="#fff" stroke-width="5"/>')
+    for column, (number, team) in enumerate(teams.items()):
+        left = f'y="100" x="{24 + column * width / len(teams):.0f}"'
+        box = f'<rect transform="translate(0,-16)" {left} width="20" height="20">'
+        parts.append(f'{box}{sent(number)}</rect>')
+        for laps in range(max(look.karts[number][4] for look in looks) + 1):
+            text = f'{number} {escape(team)}: {laps} {"lap" if laps == 1 else "laps"}'
+            where = f'dx="30" {left} font-size="19" visibility="hidden"'
+            parts.append(f'<text {where}>{text}{while_laps(number, laps)}</text>')
+    parts += [kart(number) for number in reversed([*teams])]
+    return '\n'.join([*parts, '</svg>\n'])

@@ -1,0 +1,92 @@
+// Copyright 2026 EVGP race control contributors
+// SPDX-License-Identifier: Apache-2.0
+
+/*
+ * A kart in C on a track: what ../c/examples/posix.c has of its own kart, with -DEVGP_KART.
+ *
+ * Its base is a datagram socket at BASE: it sends a speed (m/s) and a turn (rad/s), and hears x, y
+ * (m), heading (rad) and speed. TRACK is the file of the middle of the track.
+ */
+#include <math.h>
+
+#define TOP 6.5          /* its highest speed, m/s */
+#define LANE 1.2         /* how far to the left of the middle it drives, m */
+#define AHEAD 2          /* how many points ahead it aims: 3 m */
+#define FRESH_MS 200U    /* after that time without its base, nothing is known */
+#define MOST_POINTS 1000
+
+static int base = -1, released = 0, count = 0;
+static double middle[MOST_POINTS][2], pose[3], wanted = 0.0, speed = 0.0;
+static uint32_t heard_at = 0;
+
+static void begin(void)
+{
+    struct sockaddr_in to;
+    char line[200];
+    const char *port = getenv("BASE"), *path = getenv("TRACK");
+    FILE *track = fopen(path ? path : "", "r");
+    while (track && count < MOST_POINTS && fgets(line, sizeof line, track)) {
+        count += sscanf(line, "%lf, %lf", &middle[count][0], &middle[count][1]) == 2;
+    }
+    memset(&to, 0, sizeof to);
+    to.sin_family = AF_INET;
+    to.sin_port = htons((uint16_t)atoi(port ? port : ""));
+    to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+    base = socket(AF_INET, SOCK_DGRAM, 0);
+    if (count == 0 || connect(base, (struct sockaddr *)&to, sizeof to) != 0) {
+        fprintf(stderr, "TRACK must be a file of points, and BASE the port of the kart's base\n");
+        exit(2);
+    }
+    fclose(track);
+}
+
+static int fresh(void) { return heard_at != 0 && now() - heard_at < FRESH_MS; }
+
+static void release(int on) { released = on; }
+static int stands(void) { return fresh() && wanted <= 0.0 && speed <= 0.0; }
+static int ready(void) { return fresh(); }
+
+/* Return the curvature, 1/m, that leads to the kart's lane: pure pursuit. */
+static double steer(void)
+{
+    int index, nearest = 0;
+    double x, y, angle;
+    const double *before, *at, *after;
+    for (index = 1; index < count; index++) {
+        if (hypot(middle[index][0] - pose[0], middle[index][1] - pose[1]) <
+            hypot(middle[nearest][0] - pose[0], middle[nearest][1] - pose[1])) {
+            nearest = index;
+        }
+    }
+    before = middle[(nearest + AHEAD - 1) % count];
+    at = middle[(nearest + AHEAD) % count];
+    after = middle[(nearest + AHEAD + 1) % count];
+    angle = atan2(after[1] - before[1], after[0] - before[0]);
+    x = at[0] - LANE * sin(angle) - pose[0];
+    y = at[1] + LANE * cos(angle) - pose[1];
+    return 2.0 * sin(atan2(y, x) - pose[2]) / hypot(x, y);
+}
+
+/* Do what the state says for one turn, without waiting. */
+static void drive(evgp_state state)
+{
+    char text[100];
+    ssize_t size;
+    int length;
+    if (base < 0) {
+        begin();
+    }
+    while ((size = recv(base, text, sizeof text - 1, MSG_DONTWAIT)) > 0) {
+        text[size] = 0;
+        if (sscanf(text, "%lf %lf %lf %lf", &pose[0], &pose[1], &pose[2], &speed) == 4) {
+            heard_at = now();
+        }
+    }
+    if (released && fresh() && state == EVGP_GREEN_GREEN) {
+        wanted = TOP;
+    } else {
+        wanted = fresh() && state == EVGP_RED_FLAG ? fmax(0.0, fmin(wanted, speed) - 0.03) : 0.0;
+    }
+    length = snprintf(text, sizeof text, "%g %g", wanted, wanted * steer());
+    (void)send(base, text, (size_t)length, 0); /* a base that hears nothing brakes */
+}

@@ -1,0 +1,76 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+A kart in Python without ROS: kit/python/example.py, whose ``drive`` is this one.
+
+Its base is a datagram socket at BASE: it sends a speed (m/s) and a turn (rad/s), and hears x, y
+(m), heading (rad) and speed.
+"""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import socket
+import sys
+import time
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path.append(str(ROOT / 'kit/python'))
+
+from centreline import Centreline  # noqa: E402
+from evgp_protocol.states import RaceState  # noqa: E402
+import example  # noqa: E402
+
+TOP = 5.5
+"""Its highest speed, in m/s."""
+
+FRESH = 0.2
+"""After that time without its base, in seconds, nothing is known."""
+
+LANE = -1.2
+"""How far to the left of the middle it drives, in metres."""
+
+
+class Kart:
+    """Drives beside the middle of the track where the race state lets it."""
+
+    def __init__(self) -> None:
+        """Read the track, and stand."""
+        self._track = Centreline(pathlib.Path(os.environ['TRACK']))
+        self._base = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._base.connect(('127.0.0.1', int(os.environ['BASE'])))
+        self._base.setblocking(False)
+        self._pose = (0.0, 0.0, 0.0)
+        self._speed = self._wanted = 0.0
+        self._heard_at = float('-inf')
+
+    def drive(self, state: RaceState, may_drive: bool) -> bool:
+        """Do what the state says for one turn; return whether the kart has reached it."""
+        self._listen()
+        fresh = time.monotonic() - self._heard_at < FRESH
+        if fresh and state is RaceState.GREEN_GREEN and may_drive:
+            self._wanted = TOP
+        elif fresh and state is RaceState.RED_FLAG:
+            self._wanted = max(0.0, min(self._wanted, self._speed) - 0.03)
+        else:
+            self._wanted = 0.0
+        turn = self._wanted * self._track.steer(*self._pose, LANE)
+        self._base.send(f'{self._wanted} {turn}'.encode())
+        if state is RaceState.GREEN_GREEN:
+            return fresh and self._wanted > 0.0 and self._speed > 0.5
+        return fresh and self._wanted == 0.0 and self._speed == 0.0
+
+    def _listen(self) -> None:
+        while True:
+            try:
+                said = self._base.recv(100)
+            except BlockingIOError:
+                return
+            x, y, heading, self._speed = map(float, said.split())
+            self._pose, self._heard_at = (x, y, heading), time.monotonic()
+
+
+if __name__ == '__main__':
+    example.main(Kart().drive)

@@ -1,0 +1,305 @@
+# Copyright 2026 EVGP race control contributors
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+``make sim``: three karts that are made in three ways drive a whole race in a simulator.
+
+The real race control directs it; README.md beside this file says how to put a stack of yours in.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+import contextlib
+import copy
+import dataclasses
+import math
+import os
+import pathlib
+import secrets
+import shlex
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from typing import Protocol
+
+from centreline import Centreline
+from drawing import draw, Look
+from evgp_node.qos import latched
+from evgp_node.stamps import stamp_of
+from evgp_node.states import state_of
+from evgp_protocol.states import RaceState
+from evgp_rcs_msgs import msg
+from evgp_testing.base import Motion, SimulatedBase
+from evgp_testing.domains import Domain
+from evgp_testing.kart import Bridge
+from evgp_testing.official import Official
+from evgp_testing.part import Part
+from evgp_testing.process import Program
+from evgp_testing.race_control import address_of, RaceControl
+
+HERE = pathlib.Path(__file__).resolve().parent
+TRACK = HERE / 'track.csv'
+TEAMS = {1: 'Python, ROS 2', 2: 'C kit', 3: 'Python, no ROS'}
+GRID = {1: (-3.0, 0.0), 2: (-6.0, 1.2), 3: (-9.0, -1.2)}
+"""Where the karts stand before the race, x and y in m."""
+
+HEAT = 'sim'
+TOLD = {
+    msg.RaceEvent.RACE_STATE,
+    msg.RaceEvent.ACKNOWLEDGED,
+    msg.RaceEvent.LAP,
+    msg.RaceEvent.RESULTS,
+}
+"""The kinds of events that are printed."""
+
+TURN = 0.02
+"""Time between two looks at the karts, in seconds."""
+
+LOOKS = 10
+"""How many of those for one in the picture."""
+
+LONGEST = 90.0
+"""Maximum time of a lap, in seconds: far more than it takes."""
+
+
+class Base(Protocol):
+    """What moves a kart."""
+
+    @property
+    def motion(self) -> Motion:
+        """Return how it moves at this moment."""
+
+
+class DatagramBase(Part):
+    """A base for a kart without ROS, as kart.py and kart.h know it, at a port of loopback."""
+
+    def __init__(self, place: tuple[float, float]) -> None:
+        """Stand."""
+        self._moving = threading.Lock()
+        self._motion = Motion(time.monotonic(), place=place)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(('127.0.0.1', 0))
+        self.port = self._socket.getsockname()[1]
+        self._ended = False
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    @property
+    def motion(self) -> Motion:
+        """Return how it moves at this moment."""
+        with self._moving:
+            self._motion.advance(time.monotonic())
+            return copy.copy(self._motion)
+
+    def _serve(self) -> None:
+        while True:
+            said, sender = self._socket.recvfrom(100)
+            if self._ended:
+                return
+            speed, turn = map(float, said.split())
+            with self._moving:
+                self._motion.command(time.monotonic(), speed, turn)
+            now = self.motion
+            text = f'{now.x} {now.y} {now.heading} {now.speed}'
+            self._socket.sendto(text.encode(), sender)
+
+    def close(self) -> None:
+        """End it."""
+        self._ended = True
+        self._socket.sendto(b'', self._socket.getsockname())
+        self._thread.join()
+        self._socket.close()
+
+
+class Line(Part):
+    """
+    The timing line, and whoever looks at the karts.
+
+    ``looks`` are for the picture; ``off`` is how far each kart has been off the middle, in m.
+    """
+
+    def __init__(self, official: Official, bases: dict[int, Base], track: Centreline) -> None:
+        """Begin to look."""
+        self.looks: list[Look] = []
+        self.off = dict.fromkeys(bases, 0.0)
+        self._official, self._bases, self._track = official, bases, track
+        self._session, self._said = secrets.token_hex(4), 0
+        self._passings = official.node.create_publisher(msg.Passing, '/rcs/passings', latched(200))
+        self._before: dict[int, Motion] = {}
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        turns = 0
+        while not self._ended.wait(TURN):
+            now = {number: base.motion for number, base in self._bases.items()}
+            for number, motion in now.items():
+                before = self._before.get(number, motion)
+                if before.x < 0.0 <= motion.x and abs(motion.y) < self._track.width / 2:
+                    self._pass(number, motion)
+                off = abs(self._track.off(motion.x, motion.y))
+                self.off[number] = max(self.off[number], off)
+            self._before = now
+            if turns % LOOKS == 0:
+                self._look(now)
+            turns += 1
+
+    def _pass(self, number: int, motion: Motion) -> None:
+        self._said += 1
+        crossed_at = time.time_ns() - round(motion.x / motion.speed * 1e9)
+        self._passings.publish(
+            msg.Passing(
+                source='line',
+                session=self._session,
+                number=self._said,
+                kart=number,
+                stamp=stamp_of(crossed_at),
+                clock=msg.Passing.CLOCK_OF_HOST,
+                strength=math.nan,
+            )
+        )
+
+    def _look(self, now: dict[int, Motion]) -> None:
+        race = self._official.race
+        assert race is not None
+        sent = {kart.number: state_of(kart.sent) or RaceState.RED_RED for kart in race.karts}
+        laps = {kart.number: kart.laps for kart in race.karts}
+        state = state_of(race.state) or RaceState.RED_RED
+        poses = {
+            number: (motion.x, motion.y, motion.heading, sent[number], laps[number])
+            for number, motion in now.items()
+        }
+        self.looks.append(Look(state, poses))
+
+    def close(self) -> None:
+        """Look no more."""
+        self._ended.set()
+        self._thread.join()
+
+
+@dataclasses.dataclass
+class Event:
+    """A race control, three karts, and who directs them."""
+
+    official: Official
+    line: Line
+
+
+def compile_kart(folder: pathlib.Path) -> str:
+    """Return the path of the kart in C, compiled."""
+    kart = str(folder / 'kart')
+    kit = HERE.parent / 'c'
+    words = ['cc', '-std=c99', '-O2', '-Wall', f'-I{kit}', f'-I{HERE}', '-DEVGP_KART="kart.h"']
+    subprocess.run([*words, str(kit / 'examples/posix.c'), '-o', kart, '-lm'], check=True)
+    return kart
+
+
+def begin(
+    parts: contextlib.ExitStack, folder: pathlib.Path, laps: int, stack: Sequence[str]
+) -> Event:
+    """Start everything."""
+    # Also of the nodes in this process: nobody else's race is seen or commanded.
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    os.environ['TRACK'] = str(TRACK)
+    kart = compile_kart(folder)
+    control = RaceControl(
+        folder,
+        parts.enter_context(Domain()).number,
+        TEAMS,
+        parameters={'auto_finish': True, 'finish_delays': [3.0, 2.0, 1.0]},
+        teams=TEAMS,
+        heats={HEAT: {'karts': list(TEAMS), 'laps': laps}},
+    )
+    parts.enter_context(control)
+    domain = parts.enter_context(Domain()).number
+    official = parts.enter_context(Official(control.domain))
+    base = parts.enter_context(SimulatedBase(domain, place=GRID[1]))
+    bases: dict[int, Base] = {1: base}
+    to_the_bridge = ('-r', '~/odom:=/odom')
+    parts.enter_context(Bridge(domain, control.port, address_of(1), arguments=to_the_bridge))
+    parts.enter_context(Program('stack', stack, domain))
+    for number, command in {2: [kart], 3: [sys.executable, str(HERE / 'kart.py')]}.items():
+        own = parts.enter_context(DatagramBase(GRID[number]))
+        bases[number] = own
+        words = [*command, '127.0.0.1', str(control.port), address_of(number)]
+        parts.enter_context(Program(TEAMS[number], words, environment={'BASE': str(own.port)}))
+    official.wait_for_race(lambda race: True, 'a first look at the race')
+    return Event(official, parts.enter_context(Line(official, bases, Centreline(TRACK))))
+
+
+def drive(official: Official, laps: int) -> msg.Race:
+    """
+    Direct one race, from the garage to the garage; return it as it was when it was over.
+
+    :raises AssertionError: if a kart does not do its part in time.
+    """
+    official.wait_for_connected(*TEAMS)
+    official.bring_to(RaceState.IN_GARAGE)
+    official.command('set_heat', heat=HEAT)
+    official.bring_to(RaceState.GREEN_GREEN)
+    official.timeout = laps * LONGEST
+    race = official.wait_for_race(
+        lambda race: state_of(race.state) is RaceState.RED_RED, 'the race to be over'
+    )
+    official.wait_for_acks(RaceState.RED_RED, *TEAMS)
+    official.bring_to(RaceState.IN_GARAGE)
+    return race
+
+
+def tell(event: msg.RaceEvent) -> None:
+    """Print an event of those that make a race."""
+    if event.kind in TOLD:
+        at = event.monotonic.sec + event.monotonic.nanosec * 1e-9
+        print(f'{at:9.3f}  {event.text}', flush=True)
+
+
+def missing(race: msg.Race, line: Line, laps: int) -> list[str]:
+    """Return what was wrong with the race."""
+    wrong = []
+    for kart in race.karts:
+        if kart.laps != laps or not kart.place:
+            wrong.append(f'kart {kart.number} has {kart.laps} laps and place {kart.place}')
+    half = Centreline(TRACK).width / 2
+    wrong += [f'kart {number} left the track' for number, off in line.off.items() if off > half]
+    return wrong
+
+
+def main() -> int:
+    """Drive a race; return 0 if nothing was wrong with it."""
+    parser = argparse.ArgumentParser(prog='make sim', description=__doc__)
+    parser.add_argument('--laps', type=int, default=2, help='how many laps each kart drives')
+    parser.add_argument(
+        '--stack',
+        default=shlex.join([sys.executable, str(HERE / 'stack.py')]),
+        metavar='COMMAND',
+        help='another stack for kart 1: it obeys /kart_bridge/race_state, publishes /cmd_vel',
+    )
+    parser.add_argument(
+        '--picture', type=pathlib.Path, default=pathlib.Path('build/sim.svg'), metavar='FILE'
+    )
+    given = parser.parse_args()
+    with contextlib.ExitStack() as parts:
+        folder = pathlib.Path(parts.enter_context(tempfile.TemporaryDirectory()))
+        event = begin(parts, folder, given.laps, shlex.split(given.stack))
+        parts.enter_context(event.official.telling(tell))
+        race = drive(event.official, given.laps)
+    given.picture.parent.mkdir(parents=True, exist_ok=True)
+    picture = draw(Centreline(TRACK), event.line.looks, TEAMS, TURN * LOOKS)
+    given.picture.write_text(picture, encoding='utf-8')
+    for kart in sorted(race.karts, key=lambda kart: kart.place):
+        best = f'{kart.laps} laps, the best in {kart.best_lap:.3f} s'
+        print(f'{kart.place}. kart {kart.number}, {kart.team}: {best}')
+    print(f'The race as a moving picture, for a browser: {given.picture}')
+    wrong = missing(race, event.line, given.laps)
+    print('\n'.join(f'WRONG: {each}' for each in wrong) or 'Nothing was wrong.')
+    return bool(wrong)
+
+
+if __name__ == '__main__':
+    sys.exit(main())
