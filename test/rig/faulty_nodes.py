@@ -12,8 +12,8 @@ from typing import Any
 
 from evgp_kart_bridge.example_stack import ExampleStack
 from evgp_kart_bridge.node import KartBridge
-from evgp_kart_bridge.shortest_stack import Stack
 from evgp_kart_bridge.orders import Order
+from evgp_kart_bridge.shortest_stack import Stack
 from evgp_node.process import run_node
 from evgp_node.states import state_of
 from evgp_rcs.catalogue import CommandKind
