@@ -70,6 +70,7 @@ def test_a_command_of_the_package_runs_what_make_runs(
 
 
 @pytest.mark.long
+@pytest.mark.longest
 @pytest.mark.timeout(600)  # it copies, compiles and packs 300 MB
 @pytest.mark.skipif(not shutil.which('dpkg-deb'), reason='there is no dpkg-deb')
 @pytest.mark.skipif('ROS_DISTRO' in os.environ, reason='the package carries the wheels of ROS')

@@ -214,6 +214,7 @@ def faulty(text: str, fault: tuple[str, str]) -> str:
 
 
 @pytest.mark.long
+@pytest.mark.longest
 @pytest.mark.parametrize('fault', FAULTS_IN_CPP, ids=str)
 def test_a_fault_in_cpp_is_found(compile_rules: Compile, fault: tuple[str, str]) -> None:
     with pytest.raises(AssertionError):
@@ -221,6 +222,7 @@ def test_a_fault_in_cpp_is_found(compile_rules: Compile, fault: tuple[str, str])
 
 
 @pytest.mark.long
+@pytest.mark.longest
 @pytest.mark.parametrize('fault', FAULTS_IN_PYTHON, ids=str)
 def test_a_fault_in_python_is_found(
     compile_rules: Compile, fault: tuple[str, str], monkeypatch: pytest.MonkeyPatch

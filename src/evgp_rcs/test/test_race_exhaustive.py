@@ -51,6 +51,7 @@ def search(record: Callable[[str, object], None], most: int, **options: object) 
 
 # It is to end by itself; the limits only keep a broken rule from searching for ever.
 @pytest.mark.long
+@pytest.mark.longest
 @pytest.mark.timeout(1800)
 def test_two_karts_in_the_race_and_one_outside(
     record_property: Callable[[str, object], None],
@@ -61,6 +62,7 @@ def test_two_karts_in_the_race_and_one_outside(
 
 
 @pytest.mark.long
+@pytest.mark.longest
 @pytest.mark.timeout(1800)
 def test_two_karts_with_a_track_that_officials_open(
     record_property: Callable[[str, object], None],
@@ -169,6 +171,7 @@ def test_the_nearest_states_of_karts_whose_laps_are_counted(auto_finish: bool) -
 
 # Karts join and leave, so it must not matter who is in the race to begin with.
 @pytest.mark.long
+@pytest.mark.longest
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize(
     ('racing', 'times'),
