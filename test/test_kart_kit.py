@@ -441,7 +441,7 @@ def test_a_board_stops_without_a_link_and_comes_back(compile_kit: Compile, targe
 
 
 BOARD_FAULTS = [
-    ('    board->hardware->release(0);\n', ''),
+    ('    board->hardware->act(EVGP_BRAKE);\n', ''),
     ('    evgp_kart_closed(&board->kart, board->hardware->now());\n', ''),
     ('    board->hardware->close();\n', ''),
     ('reads < 16', 'reads < 64'),
@@ -450,15 +450,20 @@ BOARD_FAULTS = [
     ('    return 0; /* race control does not', '    return 1; /* race control does not'),
     ('2U * board->wait < first ? first : 2U * board->wait', 'first'),
     ('board->wait > last ? last : board->wait', 'board->wait'),
-    ('EVGP_GREEN_GREEN   ? !stands', 'EVGP_GREEN_GREEN   ? 1'),
-    (': stands || obey', ': 1 || obey'),
+    ('return moves > 0;', 'return moves != 0;'),
+    ('return moves > 0;', 'return 1;'),
+    ('(moves != 0 || action == EVGP_DRIVE)', '(moves != 0)'),
+    ('(moves != 0 || action == EVGP_DRIVE)', '(moves > 0 || action == EVGP_DRIVE)'),
+    ('>= EVGP_STANDSTILL_MS', '>= 300'),
+    ('!verdict.may_drive  ', 'verdict.obey == EVGP_RED_RED  '),
+    ('        board->moved_at = now;\n', ''),
     ('    evgp_kart_tick(&board->kart, hardware->now());\n', ''),
     ('        board->wait = EVGP_CONNECT_FIRST_MS; /* something', '        /* something'),
     ('(!joined || !evgp_p_listen(board))', '!evgp_p_listen(board)'),
     ('>= board->wait)', '> 0)'),
     ('    if (verdict.commanded != EVGP_NONE) {', '    if (0) {'),
     ('    if (verdict.commanded != EVGP_NONE) {', '    if (1) {'),
-    (' && verdict.obey != EVGP_RED_FLAG', ''),
+    ('== EVGP_RED_FLAG ? EVGP_SLOW_DOWN', '== EVGP_RED_FLAG ? EVGP_DRIVE'),
     ('!hardware->write(say, strlen(say))', 'hardware->write(say, strlen(say)) < 0'),
 ]
 

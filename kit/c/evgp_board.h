@@ -13,6 +13,9 @@
  *     ... feed the watchdog: here, and nowhere else
  *
  * The kart is stopped before anything that may wait, since a loop that waits cannot brake.
+ *
+ * A kart that was told to drive just before a stop may begin to move after it: its dead time. So it
+ * counts as standing only once it has neither moved nor been told to drive for EVGP_STANDSTILL_MS.
  */
 #ifndef EVGP_BOARD_H
 #define EVGP_BOARD_H
@@ -28,11 +31,22 @@ extern "C" {
 #define EVGP_JOIN_FIRST_MS 5000U   /* the same for the network, which takes seconds to join */
 #define EVGP_JOIN_LAST_MS 20000U
 
+#ifndef EVGP_STANDSTILL_MS
+#define EVGP_STANDSTILL_MS 500U /* longer than your kart's dead time, and than two signs of a wheel */
+#endif
+
+/* What brake and motors do. All zeros is a kart that brakes. */
+typedef enum {
+    EVGP_BRAKE = 0,
+    EVGP_SLOW_DOWN = 1, /* RED_FLAG: without power, gently, still steering */
+    EVGP_DRIVE = 2
+} evgp_action;
+
 /* What your program gives. Only join, connect and close may wait, for less than the watchdog. */
 typedef struct {
     uint32_t (*now)(void);                /* milliseconds; see evgp_kart.h */
-    void (*release)(int on);              /* 1: release brake and motors; 0: stop the kart */
-    int (*stands)(void);                  /* whether the kart stands, as measured */
+    void (*act)(evgp_action what);        /* do this, and remember it until the next call */
+    int (*moves)(void);                   /* as measured: 1: it moves; 0: it stands; below: unknown */
     int (*ready)(void);                   /* whether it is ready to race */
     int (*joined)(void);                  /* whether the network is there: WLAN, or cable */
     void (*join)(void);                   /* begin to join it, once more */
@@ -48,6 +62,7 @@ typedef struct {
     const evgp_hardware *hardware;
     uint32_t since; /* the last attempt ended, or the connection */
     uint32_t wait;  /* from then to the next attempt */
+    uint32_t moved_at; /* it moved, or was told to drive, or nobody knew */
     uint8_t joined;
     uint8_t connected;
 } evgp_board;
@@ -59,13 +74,14 @@ static inline void evgp_board_begin(evgp_board *board, const evgp_hardware *hard
     memset(board, 0, sizeof *board);
     board->hardware = hardware;
     board->since = hardware->now();
+    board->moved_at = board->since;
     board->wait = EVGP_JOIN_FIRST_MS;
     evgp_kart_init(&board->kart, settings, board->since);
 }
 
 static inline void evgp_p_hang_up(evgp_board *board)
 {
-    board->hardware->release(0);
+    board->hardware->act(EVGP_BRAKE);
     evgp_kart_closed(&board->kart, board->hardware->now());
     board->hardware->close();
     board->connected = 0;
@@ -96,6 +112,7 @@ static inline void evgp_p_try(evgp_board *board)
         board->hardware->join();
     } else if (board->hardware->connect()) {
         board->connected = 1;
+        board->moved_at = board->hardware->now(); /* also if the clock has gone back */
         evgp_kart_connected(&board->kart, board->hardware->now());
     }
     board->since = board->hardware->now();
@@ -103,12 +120,26 @@ static inline void evgp_p_try(evgp_board *board)
     board->wait = board->wait > last ? last : board->wait;
 }
 
-/* Return whether a kart has reached what it obeys, so that it acknowledges only what is true. */
-static inline int evgp_reached(evgp_state obey, int stands, int ready)
+/* Drive or brake; return whether the kart has reached what it obeys, as it is measured. */
+static inline int evgp_p_act(evgp_board *board, evgp_verdict verdict)
 {
-    return obey == EVGP_GREEN_GREEN   ? !stands
-           : obey == EVGP_GRID_ACTIVE ? stands && ready
-                                      : stands || obey == EVGP_IN_GARAGE;
+    const evgp_hardware *hardware = board->hardware;
+    const evgp_action action = !verdict.may_drive               ? EVGP_BRAKE
+                               : verdict.obey == EVGP_RED_FLAG ? EVGP_SLOW_DOWN
+                                                                : EVGP_DRIVE;
+    const int moves = hardware->moves();
+    const uint32_t now = hardware->now();
+    hardware->act(action);
+    if (moves != 0 || action == EVGP_DRIVE) {
+        board->moved_at = now;
+    }
+    switch (verdict.obey) {
+    case EVGP_GREEN_GREEN: return moves > 0;
+    case EVGP_IN_GARAGE: return 1;
+    default:
+        return (uint32_t)(now - board->moved_at) >= EVGP_STANDSTILL_MS &&
+               (verdict.obey != EVGP_GRID_ACTIVE || hardware->ready());
+    }
 }
 
 /* Do one turn: listen, brake or release, acknowledge. Return what holds after it. */
@@ -132,9 +163,7 @@ static inline evgp_verdict evgp_board_turn(evgp_board *board)
     if (verdict.commanded != EVGP_NONE) {
         board->wait = EVGP_CONNECT_FIRST_MS;
     }
-    /* RED_FLAG may roll out while may_drive, for a kart that still steers: this one brakes. */
-    hardware->release(verdict.may_drive && verdict.obey != EVGP_RED_FLAG);
-    if (evgp_reached(verdict.obey, hardware->stands(), hardware->ready())) {
+    if (evgp_p_act(board, verdict)) {
         say = evgp_kart_acknowledge(&board->kart, verdict.order, hardware->now());
         if (say != NULL && !hardware->write(say, strlen(say))) {
             evgp_p_hang_up(board); /* half a frame may be out: begin again */

@@ -15,7 +15,8 @@
 #define FRESH_MS 200U    /* after that time without its base, nothing is known */
 #define MOST_POINTS 1000
 
-static int base = -1, released = 0, count = 0;
+static int base = -1, count = 0;
+static evgp_action action;
 static double middle[MOST_POINTS][2], pose[3], wanted = 0.0, speed = 0.0;
 static uint32_t heard_at = 0;
 
@@ -42,8 +43,8 @@ static void begin(void)
 
 static int fresh(void) { return heard_at != 0 && now() - heard_at < FRESH_MS; }
 
-static void release(int on) { released = on; }
-static int stands(void) { return fresh() && wanted <= 0.0 && speed <= 0.0; }
+static void act(evgp_action what) { action = what; }
+static int moves(void) { return fresh() ? speed > 0.0 : -1; }
 static int ready(void) { return fresh(); }
 
 /* Return the curvature, 1/m, that leads to the kart's lane: pure pursuit. */
@@ -67,8 +68,8 @@ static double steer(void)
     return 2.0 * sin(atan2(y, x) - pose[2]) / hypot(x, y);
 }
 
-/* Do what the state says for one turn, without waiting. */
-static void drive(evgp_state state)
+/* Do what the action says for one turn, without waiting. */
+static void drive(void)
 {
     char text[100];
     ssize_t size;
@@ -82,11 +83,9 @@ static void drive(evgp_state state)
             heard_at = now();
         }
     }
-    if (released && fresh() && state == EVGP_GREEN_GREEN) {
-        wanted = TOP;
-    } else {
-        wanted = fresh() && state == EVGP_RED_FLAG ? fmax(0.0, fmin(wanted, speed) - 0.03) : 0.0;
-    }
+    wanted = !fresh() || action == EVGP_BRAKE ? 0.0
+             : action == EVGP_DRIVE           ? TOP
+                                              : fmax(0.0, fmin(wanted, speed) - 0.03);
     length = snprintf(text, sizeof text, "%g %g", wanted, wanted * steer());
     (void)send(base, text, (size_t)length, 0); /* a base that hears nothing brakes */
 }

@@ -58,18 +58,18 @@ static uint32_t now(void)
 #ifdef EVGP_KART
 #include EVGP_KART /* another one, such as that of kit/sim */
 #else
-static int released = 0;
+static evgp_action action;
 static double speed = 0.0; /* m/s; measure yours */
 
-static void release(int on) { released = on; }
-static int stands(void) { return speed <= 0.0; }
+static void act(evgp_action what) { action = what; }
+static int moves(void) { return speed > 0.0; }
 static int ready(void) { return 1; }
 
-/* Do what the state says for one turn, without waiting. */
-static void drive(evgp_state state)
+/* Do that for one turn, without waiting. */
+static void drive(void)
 {
-    const double brake = state == EVGP_RED_RED ? 0.16 : 0.04; /* m/s in a turn */
-    if (released) {
+    const double brake = action == EVGP_BRAKE ? 0.16 : 0.04; /* m/s in a turn */
+    if (action == EVGP_DRIVE) {
         speed = speed + 0.1 < 6.0 ? speed + 0.1 : 6.0;
     } else {
         speed = speed > brake ? speed - brake : 0.0;
@@ -151,8 +151,8 @@ static int read_address(const char *address, const char *port, struct sockaddr_i
 
 int main(int argc, char **argv)
 {
-    static const evgp_hardware hardware = {now,  release,    stands, ready, joined,
-                                           join, connect_it, take,   say,   hang_up};
+    static const evgp_hardware hardware = {now,  act,        moves, ready, joined,
+                                           join, connect_it, take,  say,   hang_up};
     evgp_board board;
     evgp_verdict told;
     has_own = argc > 3;
@@ -172,7 +172,7 @@ int main(int argc, char **argv)
         wait_for_turn();
         evgp_kart_team_stop(&board.kart, EVGP_STOP_BUTTON, ending, now());
         verdict = evgp_board_turn(&board);
-        drive(verdict.obey);
+        drive();
         if (verdict.obey != told.obey || verdict.order != told.order) {
             printf("obey %s %s\n", evgp_name(verdict.obey), evgp_kart_reason(&board.kart));
             fflush(stdout);

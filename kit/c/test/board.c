@@ -10,15 +10,17 @@
 
 #include "evgp_board.h"
 
+#define DEAD_MS 400U
 #define PROMISE(holds) ((holds) ? (void)0 : broken(__LINE__))
 
 static uint32_t seed = 1, clock_ms = 4294900000U; /* it starts again at 0 soon */
 static evgp_board board;
-static int up, accepting, silent, flooding, breaking, opened, released, failed_write, speed;
+static int up, accepting, silent, flooding, breaking, opened, failed_write, speed, at_rest, blind;
+static evgp_action action;
 static evgp_state said = EVGP_RED_RED; /* what race control says */
 static const char *coming = "";        /* the rest of the frame that comes */
-static uint32_t heard_at, ended, needed, reads, tries;
-static unsigned connects, joins, drove, lost;
+static uint32_t heard_at, ended, needed, reads, tries, driven_since, driven_until;
+static unsigned connects, joins, drove, slowed, lost;
 
 static void broken(int line)
 {
@@ -33,15 +35,15 @@ static uint32_t chance(uint32_t below)
 }
 
 static uint32_t now(void) { return clock_ms; }
-static void release(int on) { released = on; }
-static int stands(void) { return speed == 0; }
+static void act(evgp_action what) { action = what; }
+static int moves(void) { return blind ? -1 : speed > 0; }
 static int ready(void) { return chance(8) != 0; }
 static int joined(void) { return up; }
 
 /* An attempt: the second of a kind waits for `first`, each one after it twice as long, to `last`. */
 static void attempt(uint32_t first, uint32_t last)
 {
-    PROMISE(!released && !opened);
+    PROMISE(action == EVGP_BRAKE && !opened);
     PROMISE(clock_ms - ended >= needed);
     needed = tries == 0 ? first : 2U * needed < last ? 2U * needed : last;
     tries++;
@@ -87,8 +89,12 @@ static int take(uint8_t *to, size_t size)
 static int say(const char *from, size_t size)
 {
     PROMISE(opened && size == strlen(from));
-    PROMISE(strcmp(from, "$GREEN_GREEN;") == 0 ? speed > 0
-                                               : speed == 0 || strcmp(from, "$IN_GARAGE;") == 0);
+    if (strcmp(from, "$GREEN_GREEN;") == 0) {
+        PROMISE(speed > 0);
+    } else if (strcmp(from, "$IN_GARAGE;") != 0) {
+        PROMISE(speed == 0);
+        at_rest = 1;
+    }
     failed_write = chance(100) == 0;
     if (chance(8) == 0) {
         said = (evgp_state)(said % 5 + 1);
@@ -98,7 +104,7 @@ static int say(const char *from, size_t size)
 
 static void hang_up(void)
 {
-    PROMISE(!released && opened);
+    PROMISE(action == EVGP_BRAKE && opened);
     opened = 0;
     ended = clock_ms;
     lost++;
@@ -106,6 +112,7 @@ static void hang_up(void)
 
 static void world(void)
 {
+    const uint32_t before = clock_ms;
     clock_ms += 1U + chance(50);
     if (chance(up ? 2000 : 300) == 0) {
         up = !up;
@@ -114,18 +121,31 @@ static void world(void)
     }
     accepting = chance(accepting ? 2000 : 300) == 0 ? !accepting : accepting;
     silent = chance(silent ? 50 : 1000) == 0 ? !silent : silent;
-    said = chance(300) == 0 ? EVGP_RED_RED : said;
+    /* Often it stops a kart that was told to drive and does not move yet. */
+    said = chance(action == EVGP_DRIVE && speed == 0 ? 20 : 300) == 0 ? EVGP_RED_RED : said;
     flooding = chance(2000) == 0;
     breaking = opened && chance(1000) == 0;
-    speed = released ? speed + 1 : speed > 2 ? speed - 2 : 0;
+    if (action == EVGP_DRIVE) {
+        driven_since = driven_until == before ? driven_since : clock_ms;
+        driven_until = clock_ms;
+        at_rest = 0;
+    }
+    /* What it is told, it begins to do, and ceases to do, after its dead time. */
+    if (clock_ms - driven_since >= DEAD_MS && clock_ms - driven_until < DEAD_MS) {
+        PROMISE(!at_rest);
+        speed++;
+    } else {
+        speed = speed > 2 ? speed - 2 : 0;
+    }
+    blind = chance(blind ? 40 : 400) == 0 ? !blind : blind;
     reads = 0;
     failed_write = 0;
 }
 
 int main(void)
 {
-    static const evgp_hardware hardware = {now,  release,    stands, ready, joined,
-                                           join, connect_it, take,   say,   hang_up};
+    static const evgp_hardware hardware = {now,  act,        moves, ready, joined,
+                                           join, connect_it, take,  say,   hang_up};
     uint32_t turn;
     int stop = 0;
     ended = clock_ms;
@@ -139,9 +159,12 @@ int main(void)
         }
         verdict = evgp_board_turn(&board);
         PROMISE(verdict.open == opened && (up || !opened) && !(failed_write && opened));
-        PROMISE(opened || (verdict.obey == EVGP_RED_RED && !released));
-        PROMISE(!released || (verdict.may_drive && verdict.obey == EVGP_GREEN_GREEN));
-        PROMISE(!released || clock_ms - heard_at < 1000);
+        PROMISE(opened || (verdict.obey == EVGP_RED_RED && action == EVGP_BRAKE));
+        PROMISE(action == EVGP_BRAKE || verdict.may_drive || at_rest);
+        PROMISE(action != EVGP_DRIVE || verdict.obey == EVGP_GREEN_GREEN);
+        PROMISE(action != EVGP_SLOW_DOWN || verdict.obey == EVGP_RED_FLAG);
+        PROMISE(action == EVGP_BRAKE || clock_ms - heard_at < 1000);
+        slowed += action == EVGP_SLOW_DOWN;
         PROMISE(!opened || !breaking);
         PROMISE(!opened || reads < 16); /* what comes faster than it is read is old */
         if (verdict.commanded != EVGP_NONE) {
@@ -151,8 +174,8 @@ int main(void)
         /* It tries again, and soon after anything is new. */
         PROMISE(opened || joins == 0 ||
                 clock_ms - ended < 400U + (tries == 0 ? 500U : up ? 2000U : 20000U));
-        drove += released != 0;
+        drove += action == EVGP_DRIVE;
     }
-    printf("%u %u %u %u\n", connects, joins, drove, lost);
+    printf("%u %u %u %u %u\n", connects, joins, drove, slowed, lost);
     return 0;
 }

@@ -64,6 +64,7 @@ SOONER = 0.95
 
 MOVES = 'Fail: it says GREEN_GREEN, or the wheels turn.'
 WHEELS_STOP = 'Fail: the wheels still turn after red_red, or begin to slow down too late.'
+TURNS = ' Fail also: they turn after it has said that it stands.'
 LINK_STAYS = ' Fail also: it drops the connection.'
 
 NOT_DRIVEN = not_judged('The kart did not come to drive in this step.')
@@ -242,11 +243,22 @@ def _stops_in(section: Section, since: float, grace: float, limits: Limits) -> F
     return not_judged(UNSEEN, section)
 
 
-@judge_of('early/red', judged=WHEELS_STOP, limit='red_red', starred=True)
+@judge_of('early/red', judged=WHEELS_STOP + TURNS, limit='red_red', starred=True)
 def stops_early(trace: Trace, limits: Limits, section: Section) -> Finding:
-    """Judge whether a kart that has hardly begun to drive stops."""
+    """Judge whether a kart that has hardly begun to drive stops, and says so only then."""
     sent = section.first_sent(RED_RED)
-    return NOT_DONE if sent is None else _stops_in(section, sent.at, 0.0, limits)
+    if sent is None:
+        return NOT_DONE
+    acknowledged = section.acknowledged(RED_RED)
+    if acknowledged is not None:
+        said = acknowledged[1].at
+        stop = trace.called('red/red')  # where odometry shows how late it is
+        lag = limits.slack if stop is None else _lag(stop, limits)
+        for at, speed in section.speeds:
+            if at > said + lag and moves(speed, limits):
+                why = f'It said $RED_RED;; {at - said:.2f} s later, odometry says {speed:.2f} m/s.'
+                return failed(why, section)
+    return _stops_in(section, sent.at, 0.0, limits)
 
 
 def stops_when_killed(step: str) -> Judge:
@@ -375,6 +387,9 @@ def says_it_when_true(state: RaceState, step: str, phase: str) -> Judge:
         took = said.at - sent.at
         why = f'It said ${state.value}; after {took:.3f} s'
         speeds = section.speeds
+        as_sent = [speed for at, speed in speeds if at <= sent.at]
+        if as_sent and not moves(as_sent[-1], limits):
+            return not_judged(f'It stood already when {state.value} was sent.', section)
         late = [(at, speed) for at, speed in speeds if at > said.at + limits.slack]
         lag = _lag(section, limits)
         rolling = ROLLING * max((speed for _, speed in _finite(section)), default=0.0)

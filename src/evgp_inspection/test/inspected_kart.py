@@ -37,6 +37,8 @@ FLAG_BRAKING = 6.0  # m/s²
 UNCOMMANDED = 0.3  # s: then the base brakes by itself
 DEAF = 1.2  # s
 RETRY = 0.1  # s
+DEAD_TIME = 0.3  # s; from a command to the movement
+
 LATE_ECHO = 0.3  # s; longer than what comes between two RED_RED of the inspection at the least
 
 ECHOES_LATE = 'echoes late, and needs a whole frame in each read'
@@ -57,6 +59,7 @@ FAULTS = {
     'brakes for RED_RED as for RED_FLAG': 'K-3A-13',
     'brakes on as for RED_FLAG when RED_RED comes': 'K-3A-13',
     'is deaf after GREEN_GREEN': 'K-3A-14',
+    'acknowledges RED_RED in its dead time': 'K-3A-14',
     'obeys every GREEN_GREEN': 'K-3B-01',
     'RED_RED does not disarm it': 'K-3B-02',
     'is armed by hearing GRID_ACTIVE': 'K-3B-03',
@@ -150,6 +153,7 @@ class InspectedKart:
         self._bridge_killed = False
         self._stack_died_at: float | None = None
         self.held_up = False
+        self._begins = False  # it was told to drive just before a stop
 
     async def run(self) -> None:
         """Drive until it is cancelled."""
@@ -353,6 +357,9 @@ class InspectedKart:
         if self._is['is deaf after GREEN_GREEN'] and state is GREEN_GREEN and self._armed:
             self._deaf_until = now + DEAF
         self._orders += 1
+        self._begins = self._is['acknowledges RED_RED in its dead time'] and (
+            before is GREEN_GREEN and now - self._ordered_at < DEAD_TIME
+        )
         self._ordered_at = now
         self._reached_at = None
         if state is IN_GARAGE and self._says_garage and not self._is[ECHOES_LATE]:
@@ -412,6 +419,10 @@ class InspectedKart:
             target = 1.0
         if self._is['creeps on the grid'] and obeyed is GRID_ACTIVE:
             target = 0.5
+        if self._is['acknowledges RED_RED in its dead time'] and since < DEAD_TIME:
+            target = self.speed if obeyed is GREEN_GREEN else target
+        if self._begins and DEAD_TIME - 0.15 < since < DEAD_TIME + 0.15:
+            target = TOP
         if self._is['says that it drives before it does'] and since < 1.0:
             target = min(target, self.speed)
         rolls = self._reached_at is not None and now - self._reached_at > 1.1

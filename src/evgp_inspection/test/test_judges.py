@@ -120,6 +120,38 @@ def test_a_stop_that_is_acknowledged_fails_while_the_wheels_turn_and_only_then(
     assert (result.verdict is Verdict.FAIL) == too_early
 
 
+@pytest.mark.parametrize(
+    ('says', 'turns', 'verdict'),
+    [
+        (0.01, (0.3, 1.2), Verdict.FAIL),  # its dead time: it had been told to drive
+        (0.5, (0.0, 0.4), Verdict.PASS),
+        (0.01, (0.0, 0.0), Verdict.PASS),
+    ],
+    ids=['begins to move after its word', 'says it when it stands', 'never moves'],
+)
+def test_a_stop_right_after_green_fails_a_kart_that_moves_after_its_word(
+    says: float, turns: tuple[float, float], verdict: Verdict
+) -> None:
+    events = [
+        *stop(1.9, 5.0, 1.0).events,
+        Event(8.8, Kind.STEP, text='early/green'),
+        Event(8.8, Kind.SENT, 1, encode(GREEN_GREEN)),
+        Event(9.0, Kind.STEP, text='early/red'),
+        Event(9.0, Kind.SENT, 1, encode(RED_RED)),
+        Event(9.0 + says, Kind.SAID, 1, encode(RED_RED)),
+    ]
+    for step in range(100):
+        since = step * 0.02
+        moves = turns[0] <= since < turns[1]
+        events.append(Event(9.0 + since, Kind.SPEED, value=0.4 if moves else 0.0))
+    trace = Trace.of(sorted(events, key=lambda event: event.at))
+    assert judged('K-3A-14', trace).verdict is verdict
+
+
+def test_a_stop_that_finds_the_kart_standing_shows_nothing() -> None:
+    assert judged('K-3A-10', stop(0.5, 0.0, 0.0)).verdict is Verdict.NOT_JUDGED
+
+
 def told(*sent: tuple[float, RaceState], read: bool) -> list[Event]:
     """Return the trace of a kart that is sent these states, and of whether its TCP has them."""
     events = [

@@ -11,7 +11,7 @@ static void begin_network()
 {
     WiFi.config(EVGP_OWN_ADDRESS, EVGP_RACE_CONTROL, EVGP_NETMASK); /* no gateway is needed */
     WiFi.setAutoReconnect(false); /* evgp_board.h does it, with a growing wait */
-    WiFi.begin("evgp", "password"); /* name and key: the organiser's */
+    WiFi.begin(EVGP_WLAN);
     WiFi.setSleep(false); /* a radio that sleeps hears a stop late */
 }
 static int joined() { return WiFi.status() == WL_CONNECTED; }

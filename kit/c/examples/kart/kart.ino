@@ -2,12 +2,14 @@
 // SPDX-License-Identifier: Apache-2.0
 
 /*
- * A kart on an ESP32 with WiFi, or on an Arduino Mega 2560 with a W5500: the network is in the tab of
- * that name. Set the addresses and the pins; replace ready() and stands() with what your kart
- * measures. README.md of this library has the drawing of the contacts.
+ * A kart on an ESP32 (the first one, as on a DevKitC; an S3 or C3 has other pins) with WiFi, or on an
+ * Arduino Mega 2560 with a W5500: the network is in the tab of that name. Set what follows; replace
+ * ready() and moves() with what your kart measures. README.md of this library has the drawing of the
+ * contacts. With a safety remote (§2.C), see README.md too: it is not in here.
  *
- * RELEASE_PIN releases brake and motors while it is HIGH. Give it 10 kOhm to ground: it floats while
- * the board starts, after a brown-out too. An ESP32 pulls 0, 1, 3, 5, 14 and 15 up then: not these.
+ * RELEASE_PIN releases the brake while it is HIGH, POWER_PIN gives the motors power. Give both 10 kOhm
+ * to ground: they float while the board starts, after a brown-out too. An ESP32 pulls 0, 1, 3, 5, 14
+ * and 15 up then: not these.
  */
 #include <Arduino.h>
 
@@ -18,12 +20,13 @@
 #endif
 #define EVGP_OWN_ADDRESS IPAddress(10, 0, 0, 101) /* this kart's, as in the roster (§4.A) */
 #define EVGP_NETMASK IPAddress(255, 255, 255, 0)
+#define EVGP_WLAN "evgp", "password" /* name and key: the organiser's */
 
 static const int RELEASE_PIN = 23;
-static const int WHEEL_PIN = 22;   /* changes as the wheel turns */
+static const int POWER_PIN = 21;
+static const int WHEEL_PIN = 22;   /* changes every 2 cm or sooner as the wheel turns */
 static const int STOP_PIN = 25;    /* the team's stop button (§2.C) */
 static const int MSR_PIN = 26;     /* the contact of the MSR's relay (§2.B) */
-static const uint32_t STILL_MS = 500; /* a wheel that has not changed for so long stands */
 static const int CONNECT_MS = 300; /* to connect or to close; less than the watchdog's 500 ms */
 
 #ifdef ESP32
@@ -34,18 +37,23 @@ static const int CONNECT_MS = 300; /* to connect or to close; less than the watc
 
 static evgp_board board;
 static evgp_state told = EVGP_NONE;
+static const char *told_why = "";
 
 static uint32_t now() { return millis(); }
-static void release(int on) { digitalWrite(RELEASE_PIN, on ? HIGH : LOW); }
-static int stands()
+/* In RED_FLAG the kart rolls out. If that takes yours longer than 15 s, brake a little then. */
+static void act(evgp_action what)
+{
+    digitalWrite(RELEASE_PIN, what != EVGP_BRAKE ? HIGH : LOW);
+    digitalWrite(POWER_PIN, what == EVGP_DRIVE ? HIGH : LOW);
+}
+/* Whether the wheel turned since the last time. Here a broken wire stands still: a real kart has two
+   sensors, or one that says that it is well, and returns -1 when in doubt. */
+static int moves()
 {
     static int level = -1;
-    static uint32_t moved_at;
-    if (level != digitalRead(WHEEL_PIN)) {
-        level = digitalRead(WHEEL_PIN);
-        moved_at = now();
-    }
-    return (uint32_t)(now() - moved_at) >= STILL_MS;
+    const int before = level;
+    level = digitalRead(WHEEL_PIN);
+    return level != before;
 }
 static int ready() { return 1; } /* sensors, localisation, whatever yours needs */
 static int take(uint8_t *to, size_t size)
@@ -59,14 +67,15 @@ static int say(const char *from, size_t size)
 }
 static void hang_up() { client.stop(); }
 
-static const evgp_hardware hardware = {now,  release,    stands, ready, joined,
-                                       join, connect_it, take,   say,   hang_up};
+static const evgp_hardware hardware = {now,  act,        moves, ready, joined,
+                                       join, connect_it, take,  say,   hang_up};
 
 void setup()
 {
     pinMode(RELEASE_PIN, OUTPUT); /* LOW after a reset */
-    release(0);
-    pinMode(WHEEL_PIN, INPUT);
+    pinMode(POWER_PIN, OUTPUT);
+    act(EVGP_BRAKE);
+    pinMode(WHEEL_PIN, INPUT_PULLUP);
     pinMode(STOP_PIN, INPUT_PULLUP);
     pinMode(MSR_PIN, INPUT_PULLUP);
     Serial.begin(115200);
@@ -84,9 +93,13 @@ void loop()
     evgp_kart_team_stop(&board.kart, EVGP_STOP_MSR, digitalRead(MSR_PIN) != LOW, now());
     const evgp_verdict verdict = evgp_board_turn(&board);
     feed_watchdog(); /* the clock was looked at, and the brake is set: nowhere else */
-    if (verdict.obey != told) {
+    const char *why = evgp_kart_reason(&board.kart);
+    if (verdict.obey != told || why != told_why) {
         told = verdict.obey;
+        told_why = why;
         Serial.print("obey ");
-        Serial.println(evgp_name(told));
+        Serial.print(evgp_name(told));
+        Serial.print(" ");
+        Serial.println(why);
     }
 }

@@ -35,7 +35,7 @@ inline uint32_t millis()
     return static_cast<uint32_t>(now.tv_sec * 1000 + now.tv_nsec / 1000000);
 }
 inline void pinMode(int, int) {}
-/* Pin 22 is the wheel of a kart that moves while pin 23 is HIGH, and else brakes. */
+/* Pin 22 is the wheel of a kart whose motors pin 21 powers, and whose brake pin 23 releases. */
 inline int arduino_wheel()
 {
     static uint32_t last = millis();
@@ -43,10 +43,12 @@ inline int arduino_wheel()
     const uint32_t now = millis();
     const double seconds = (now - last) / 1000.0;
     last = now;
-    speed += arduino_pins[23] == HIGH ? 3.0 * seconds : -6.0 * seconds;
+    speed += seconds * (arduino_pins[23] != HIGH   ? -6.0
+                        : arduino_pins[21] == HIGH ? 3.0
+                                                   : -1.0);
     speed = speed < 0.0 ? 0.0 : speed > 5.0 ? 5.0 : speed;
     distance += speed * seconds;
-    return static_cast<long>(distance / 0.1) % 2 == 0 ? LOW : HIGH;
+    return static_cast<long>(distance / 0.02) % 2 == 0 ? LOW : HIGH;
 }
 inline int digitalRead(int pin) { return pin == 22 ? arduino_wheel() : arduino_pins[pin]; }
 inline void digitalWrite(int pin, int level) { arduino_pins[pin] = level; }
