@@ -46,7 +46,7 @@ typedef enum {
 typedef struct {
     uint32_t (*now)(void);                /* milliseconds; see evgp_kart.h */
     void (*act)(evgp_action what);        /* do this, and remember it until the next call */
-    int (*moves)(void);                   /* as measured: 1: it moves; 0: it stands; below: unknown */
+    int (*moves)(void);                   /* measured: 1: it moves; 0: it stands; below: unknown */
     int (*ready)(void);                   /* whether it is ready to race */
     int (*joined)(void);                  /* whether the network is there: WLAN, or cable */
     void (*join)(void);                   /* begin to join it, once more */
