@@ -47,8 +47,42 @@ COMMANDS = {
 OPTIONLESS = ('roster', 'run', 'window')
 """The commands that take nothing but NAME=value."""
 
-VARIABLES = re.findall(r'\w+', 'ADDRESS FROM INTERFACE OFFICIAL OFFICIALS PARAMS RECORD ROSTER')
+SET_BY_NAME = (*OPTIONLESS, 'spare', 'takeover')
+"""The commands whose program is helped by NAME=value, not by its own options."""
+
+VARIABLES = {
+    'ADDRESS': "race control's address on the karts' network; without it, all of this machine",
+    'FROM': 'the machine to copy, and its folder: anna@10.1.0.5:evgp',
+    'INTERFACE': "the network interface of the karts' network, such as eth0",
+    'OFFICIAL': 'your name, as the record has it; without it, you are asked',
+    'OFFICIALS': "this machine's address on the officials' network; without it, this machine only",
+    'PARAMS': 'the parameters, as a file; without it, those of the package',
+    'RECORD': 'the record on the other machine, where it is not in its home folder',
+    'ROSTER': 'the list of karts; without it, karts.yaml of this folder',
+}
 """What a command takes as NAME=value in front of its arguments, as make does."""
+
+TAKES = {
+    'run': ('ROSTER', 'PARAMS', 'ADDRESS', 'OFFICIALS'),
+    'window': ('OFFICIAL', 'OFFICIALS'),
+    'ctl': ('OFFICIAL', 'OFFICIALS'),
+    'roster': ('ROSTER',),
+    'spare': ('FROM', 'ROSTER', 'PARAMS', 'RECORD'),
+    'takeover': ('ADDRESS', 'INTERFACE', 'OFFICIALS'),
+}
+"""Which of them a command is for."""
+
+COMPLETION = """_{name}() {{
+    local word=${{COMP_WORDS[COMP_CWORD]}} before=${{COMP_WORDS[COMP_CWORD - 1]}}
+    if [[ $word == = || $before == = ]]; then
+        mapfile -t COMPREPLY < <(compgen -f -- "${{word#=}}")
+    else
+        mapfile -t COMPREPLY < <(compgen -W "{names}" -- "$word")
+        compopt -o nospace
+    fi
+}}
+complete -F _{name} {command}
+"""
 
 MENU = {
     'run': ('Race control', 'For karts.yaml in the home folder', True),
@@ -91,10 +125,10 @@ Below: that of race control. Those of what it carries are in {HOME}/.venv, in *.
 """
 
 
-def output(*command: object) -> str:
+def output(*command: object, environment: dict[str, str] | None = None) -> str:
     """Return what a command prints, which must succeed."""
     words = [str(word) for word in command]
-    return subprocess.check_output(words, cwd=prepare.ROOT, text=True)
+    return subprocess.check_output(words, cwd=prepare.ROOT, text=True, env=environment)
 
 
 def needed(names: list[str]) -> Iterator[importlib.metadata.Distribution]:
@@ -198,11 +232,14 @@ def script(command: str, about: str) -> str:
         f'PARAMS={HOME}/install/evgp_rcs/share/evgp_rcs/config/rcs.yaml ROSTER=karts.yaml',
         'OFFICIALS=${EVGP_GRAPH_INTERFACE-} ADDRESS= FROM= INTERFACE= OFFICIAL= RECORD=',
         f'while [[ ${{1-}} =~ ^({"|".join(VARIABLES)})= ]]; do declare "$1"; shift; done',
+        f'export EVGP_CALLED=evgp-{command}',
     ]
+    if command in SET_BY_NAME:
+        lines.append(f'[[ ${{1-}} != --help ]] || {{ echo {shlex.quote(about)}; exit; }}')
     if command in OPTIONLESS:
-        lines.append(f'(($# == 0)) || {{ echo {shlex.quote(about)}; [[ $1 == --help ]]; exit; }}')
-    else:  # a program may look at what it needs before it helps
-        lines.append('[[ ${1-} != --help ]] || ADDRESS=127.0.0.1')
+        wrong = f'evgp-{command}: not $1: everything is NAME=value, such as {how(command)}'
+        wrong = f'echo "{wrong}" >&2'
+        lines.append(f'(($# == 0)) || {{ {wrong}; exit 2; }}')
     if command != 'spare':  # its paths are those of the other machine
         lines.append('PARAMS=$(realpath -m "$PARAMS") ROSTER=$(realpath -m "$ROSTER")')
     lines += [
@@ -216,13 +253,31 @@ def script(command: str, about: str) -> str:
     return '\n'.join(lines) + '\n'
 
 
+def how(command: str) -> str:
+    """Return one setting of a command, as an example."""
+    examples = {'ROSTER': 'karts.yaml', 'OFFICIAL': 'Anna', 'FROM': 'anna@10.1.0.5:evgp'}
+    name = TAKES[command][0]
+    return f'{name}={examples.get(name, "10.0.0.1")}'
+
+
+def about_it(command: str, what: str) -> str:
+    """Return what a command is, and its settings."""
+    name, takes = f'evgp-{command}', TAKES.get(command, ())
+    usage = [name, *(f'[{each}=...]' for each in takes)]
+    usage += [] if command in OPTIONLESS else ['...']
+    settings = [f'  {each:10} {VARIABLES[each]}' for each in takes]
+    return '\n'.join([f'{name}: {what}', f'usage: {" ".join(usage)}', *settings])
+
+
 def manual(command: str, about: str) -> str:
     """Return the manual page of a command: what it says of itself."""
     first, _, text = about.partition('\n')
-    if command not in OPTIONLESS:
+    if command not in SET_BY_NAME:
         words, _ = recorded(COMMANDS[command][0])
         program = next(word for word in words if word.startswith('install/'))
-        text += f' ...\n\n{output(prepare.ROOT / program, "--help")}'
+        called = {**os.environ, 'EVGP_CALLED': f'evgp-{command}', 'HOME': '/~'}
+        helped = output(prepare.ROOT / program, '--help', environment=called)
+        text += f'\n\n{helped.replace("/~/", "~/")}'
     text = re.sub(r"^(?=[.'])", r'\\&', text.replace('\\', r'\e').replace('-', r'\-'), flags=re.M)
     name = first.replace(': ', r' \- ', 1)
     return f'.TH EVGP-{command.upper()} 1\n.SH NAME\n{name}\n.SH DESCRIPTION\n.nf\n{text}\n.fi\n'
@@ -238,15 +293,18 @@ def write(path: str, content: str, mode: int = 0o644) -> None:
 def write_surface() -> None:
     """Write what officials meet: commands with manual and completion, the menu, units."""
     helped = re.findall(r'^make (\w+) +(.*?) +\((.*)\)$', output('make', '-s', 'help'), re.M)
-    says = {target: (what, re.sub(r',? *ARGS="[^"]*" *', '', how)) for target, what, how in helped}
+    says = {target: what for target, what, _ in helped}
     for command, (target, _) in COMMANDS.items():
-        name, (what, how) = f'evgp-{command}', says[target]
-        about = f'{name}: {what}\nusage: {name} {how}'
+        name, about = f'evgp-{command}', about_it(command, says[target])
         write(f'usr/bin/{name}', script(command, about), 0o755)
         write(f'usr/share/man/man1/{name}.1', manual(command, about))
         completion = f'complete -F _longopt {name}\n'  # of bash-completion: it reads --help
         if command in ('ctl', 'record'):
             completion = output('register-python-argcomplete', name)
+        elif command in TAKES:
+            names = ' '.join(f'{each}=' for each in TAKES[command])
+            function = name.replace('-', '_')
+            completion = COMPLETION.format(name=function, names=names, command=name)
         write(f'usr/share/bash-completion/completions/{name}', completion)
     for command, (name, comment, terminal) in MENU.items():
         program = IN_TERMINAL.format(f'evgp-{command}') if terminal else f'evgp-{command}'

@@ -31,6 +31,7 @@ from evgp_rcs.race import StampedEvent
 from evgp_rcs.replay import Kept
 from evgp_rcs.runs import (
     add_run_arguments,
+    CALLED,
     FAILED,
     open_runs,
     PARTLY,
@@ -53,7 +54,7 @@ DIAGNOSTICS_EVERY = 1.0
 def options() -> argparse.ArgumentParser:
     """Return what reads the command line of `rcs_record mcap`."""
     parser = argparse.ArgumentParser(
-        prog='rcs_record mcap',
+        prog=f'{CALLED} mcap',
         description='Write a run, the newest by default, as a bag of ROS messages in the MCAP '
         'format: the race, its events and the diagnostics, at the times at which they were '
         'published.',
@@ -165,5 +166,5 @@ class _Bagged:
         except Exception as error:
             raise UnreadableError(
                 f'the rules do not take the inputs of run {self._kept.run.number} ({error!r}): '
-                'the record is damaged or was changed. rcs_record replay says where'
+                f'the record is damaged or was changed. {CALLED} replay says where'
             ) from error

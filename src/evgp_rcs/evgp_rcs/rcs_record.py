@@ -30,7 +30,7 @@ from types import ModuleType
 from evgp_rcs import mcap_export, replay, timeline
 from evgp_rcs.report import command as report
 from evgp_rcs.report import lap_times, results
-from evgp_rcs.runs import say, UNREADABLE, UnreadableError
+from evgp_rcs.runs import CALLED, say, UNREADABLE, UnreadableError
 
 WAYS: dict[str, tuple[ModuleType, str]] = {
     'show': (timeline, 'print a run as a timeline; the word show may be left out'),
@@ -105,9 +105,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _options() -> argparse.ArgumentParser:
     """Return what knows every option, for help and completion: argparse leaves out no `show`."""
     options = argparse.ArgumentParser(
-        prog='rcs_record',
+        prog=CALLED,
         description='Look at what race control recorded.',
-        epilog=NOTES,
+        epilog=NOTES.replace('rcs_record', CALLED),
         formatter_class=argparse.RawDescriptionHelpFormatter,
         parents=[timeline.options()],
         conflict_handler='resolve',

@@ -41,6 +41,7 @@ from evgp_rcs.record import RecordedEvent, rules_version, Session
 from evgp_rcs.report.model import Account, clock_steps, OF_THE_SERVER, read
 from evgp_rcs.runs import (
     add_run_arguments,
+    CALLED,
     DONE,
     FAILED,
     open_runs,
@@ -383,7 +384,7 @@ class Kept:
 def options() -> argparse.ArgumentParser:
     """Return what reads the command line of `rcs_record replay`."""
     parser = argparse.ArgumentParser(
-        prog='rcs_record replay',
+        prog=f'{CALLED} replay',
         description='Run the rules again on what went into them in a run, the newest by default, '
         'and compare every order to a kart and every event with the record, each event with its '
         'time. A run that goes on is replayed up to now, one that '

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+import os
 import pathlib
 import sys
 
@@ -31,7 +32,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     :return: 0 if race control would take it, 2 if not.
     """
     parser = argparse.ArgumentParser(
-        prog='rcs_roster', description='Check the list of karts that race control starts with.'
+        prog=os.environ.get('EVGP_CALLED', 'rcs_roster'),
+        description='Check the list of karts that race control starts with.',
     )
     commands = parser.add_subparsers(required=True, metavar='check')
     check = commands.add_parser(

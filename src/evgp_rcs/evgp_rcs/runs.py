@@ -22,6 +22,7 @@ import contextlib
 from dataclasses import dataclass
 import datetime
 import functools
+import os
 import pathlib
 import sqlite3
 import sys
@@ -63,9 +64,13 @@ class UnreadableError(RuntimeError):
     """The record, or the run in it, cannot be read; the text says why and what would be right."""
 
 
+CALLED = os.environ.get('EVGP_CALLED', 'rcs_record')
+"""How this program was called: the package for officials has another name for it."""
+
+
 def say(text: str) -> None:
     """Say something about the work, apart from what it prints."""
-    print(f'rcs_record: {plain(text)}', file=sys.stderr)
+    print(f'{CALLED}: {plain(text)}', file=sys.stderr)
 
 
 def watched(items: Iterable[_Row], total: int, what: str) -> Iterable[_Row]:
@@ -219,7 +224,7 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
         '--run',
         type=int,
         metavar='NUMBER',
-        help="this run, by its number in 'rcs_record --list'; otherwise the newest",
+        help="this run, by its number in '--list'; otherwise the newest",
     )
 
 

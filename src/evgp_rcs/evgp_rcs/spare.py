@@ -174,7 +174,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     :return: 0; 1 if ``--once`` was given and the copy failed; 2 if the usage is wrong.
     """
     parser = argparse.ArgumentParser(
-        prog='rcs_spare', description="Keep a copy of race control's roster, parameters, record."
+        prog=os.environ.get('EVGP_CALLED', 'rcs_spare'),
+        description="Keep a copy of race control's roster, parameters, record.",
     )
     add = parser.add_argument
     add('source', help='user@address[:folder] of its machine, or a folder of this one')

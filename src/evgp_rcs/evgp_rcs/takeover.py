@@ -179,7 +179,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         copy, or a setting is wrong; 3 if the old machine answers, or that cannot be known.
     """
     parser = argparse.ArgumentParser(
-        prog='rcs_takeover', description="Become race control, at the old one's address."
+        prog=os.environ.get('EVGP_CALLED', 'rcs_takeover'),
+        description="Become race control, at the old one's address.",
     )
     add = parser.add_argument
     add(

@@ -23,13 +23,13 @@ from evgp_rcs.official import said_by
 from evgp_rcs.plain import plain
 from evgp_rcs.record import default_path, RecordedEvent, Session
 from evgp_rcs.report.wording import Clock
-from evgp_rcs.runs import add_run_arguments, open_runs
+from evgp_rcs.runs import add_run_arguments, CALLED, open_runs
 
 
 def options() -> argparse.ArgumentParser:
     """Return what reads the command line of `rcs_record show`."""
     parser = argparse.ArgumentParser(
-        prog='rcs_record show',
+        prog=f'{CALLED} show',
         description="Print the newest run in race control's record, as a timeline: the time of "
         'day, the seconds since the first event, and what happened. A refused command has a !. '
         'Events are in the order in which they happened, also when the clock of the computer was '
@@ -70,7 +70,7 @@ def main(arguments: Sequence[str]) -> int:
         file = '' if wanted.file == default_path() else f' {plain(str(wanted.file))}'
         print(
             f'The run before this one, {before.number}, was not ended in good order. Print it '
-            f'with: rcs_record{file} --run {before.number} (or make record '
+            f'with: {CALLED}{file} --run {before.number} (or make record '
             f"ARGS='{file.lstrip()}{' ' if file else ''}--run {before.number}')"
         )
     print(_describe(run, run is runs.present))

@@ -24,6 +24,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 import enum
+import os
 
 from evgp_rcs.catalogue import CATALOGUE, CommandKind
 
@@ -126,7 +127,7 @@ def without_ros_arguments(given: Sequence[str]) -> list[str]:
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     whole = argparse.ArgumentParser(
-        prog='rcs_ctl',
+        prog=os.environ.get('EVGP_CALLED', 'rcs_ctl'),
         description='Command an EVGP race from the terminal. This is not the MSR.',
         epilog='Exit codes: 0 accepted, 1 refused, 2 wrong usage, 3 race control is not there '
         'or did not answer. ROS arguments go after --ros-args.',

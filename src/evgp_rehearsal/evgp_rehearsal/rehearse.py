@@ -52,7 +52,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     :return: 0; 1 if an automatic official did not pass every incident. Where the plan or a setting
         is wrong, the program exits with 2.
     """
-    parser = argparse.ArgumentParser(prog='rehearse', description='Rehearse a race.')
+    parser = argparse.ArgumentParser(
+        prog=os.environ.get('EVGP_CALLED', 'rehearse'), description='Rehearse a race.'
+    )
     parser.add_argument('--plan', type=pathlib.Path, help='a YAML file, like the one shipped')
     parser.add_argument('--seed', type=int, help='instead of the one of the plan')
     parser.add_argument('--karts', type=int, help='instead of the number in the plan')
@@ -111,9 +113,10 @@ def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.N
         rehearsal = stack.enter_context(Rehearsal(plan, folder, given.bridged, window=screen))
         page = stack.enter_context(Page(rehearsal, given.page))
         console.rule(BANNER, style='bold magenta')
-        console.print(f'Instructor: {page.url}')
+        opened = screen and webbrowser.open(page.url)
+        where = '' if opened else ', in a browser of this machine: incidents begin there'
+        console.print(f'Instructor: {page.url}{where}')
         if screen:
-            webbrowser.open(page.url)
             console.print("Official: the officials' window has opened.")
         with contextlib.suppress(KeyboardInterrupt):
             rehearsal.gather()

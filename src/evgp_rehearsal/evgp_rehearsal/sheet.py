@@ -72,6 +72,10 @@ def table(lines: Sequence[Line]) -> Table:
     if any(each.startswith('RECORD_MSR') for line in lines for each in line.wrong):
         advice.append('RECORD_MSR is wrong where the instructor was not told to use the MSR')
     times = 'Times run from the beginning of the incident, rounded up to half a second.'
+    if not lines:
+        times = (
+            "No incident began. The instructor's page begins them, or --incident, such as spin."
+        )
     sheet.caption = '\n'.join([times, *advice])
     return sheet
 

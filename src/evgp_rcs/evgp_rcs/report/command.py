@@ -36,6 +36,7 @@ from evgp_rcs.report.page import page
 from evgp_rcs.report.wording import Clock
 from evgp_rcs.runs import (
     add_run_arguments,
+    CALLED,
     DONE,
     FAILED,
     open_runs,
@@ -48,7 +49,7 @@ from evgp_rcs.runs import (
 def options() -> argparse.ArgumentParser:
     """Return what reads the command line of `rcs_record report`."""
     parser = argparse.ArgumentParser(
-        prog='rcs_record report',
+        prog=f'{CALLED} report',
         description='Write the report of the newest run, or of a part of it, as one HTML file.',
         epilog='A TIME is a time of day (14:05 or 14:05:30), the first such time after the run '
         'began; a day and a time (2026-05-30T14:05); or the seconds since the first event, with '

@@ -32,7 +32,7 @@ from evgp_rcs.replay import Kept
 from evgp_rcs.report import wording
 from evgp_rcs.report.model import Account, RaceAccount, Result
 from evgp_rcs.report.wording import Clock
-from evgp_rcs.runs import add_run_arguments, FAILED, open_runs, say
+from evgp_rcs.runs import add_run_arguments, CALLED, FAILED, open_runs, say
 
 COLUMNS = (
     'run',
@@ -71,7 +71,7 @@ def options() -> argparse.ArgumentParser:
 def table_options(way: str, description: str, epilog: str) -> argparse.ArgumentParser:
     """Return what reads the command line of a subcommand that writes a table of races."""
     parser = argparse.ArgumentParser(
-        prog=f'rcs_record {way}',
+        prog=f'{CALLED} {way}',
         description=f'{description} Without --run or --all, these are the races of all runs of '
         'the day of the newest run.',
         epilog=f'{epilog} The columns are explained in docs/record.md.',
