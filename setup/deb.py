@@ -51,7 +51,7 @@ SET_BY_NAME = (*OPTIONLESS, 'spare', 'takeover')
 """The commands whose program is helped by NAME=value, not by its own options."""
 
 VARIABLES = {
-    'ADDRESS': "race control's address on the karts' network; without it, all of this machine",
+    'ADDRESS': "race control's address on the karts' network (to run, it may be left out)",
     'FROM': 'the machine to copy, and its folder: anna@10.1.0.5:evgp',
     'INTERFACE': "the network interface of the karts' network, such as eth0",
     'OFFICIAL': 'your name, as the record has it; without it, you are asked',
