@@ -543,10 +543,11 @@ def wait_for_order(stack: Stack, number: int) -> Order:
 
 
 def acknowledge_until(stack: Stack, order: Order, done: Callable[[], object]) -> None:
-    """Acknowledge an order step by step, as a stack does."""
+    """Acknowledge an order step by step, as a stack does: on a busy machine it may begin anew."""
 
     def step() -> object:
-        stack.watch.acknowledge(order)
+        present = stack.watch.order
+        stack.watch.acknowledge(present if present.number == order.number else order)
         return done()
 
     stack.wait_until_polled(step, f'acknowledged {order}')
