@@ -34,4 +34,9 @@ def test_three_karts_of_three_kinds_drive_a_race_and_it_is_drawn(tmp_path: pathl
     assert done.returncode == 0, done.stdout + done.stderr
     assert len(re.findall(r'^\d\. kart \d, .*: 1 laps', done.stdout, re.MULTILINE)) == 3
     drawn = ElementTree.parse(picture)  # noqa: S314 - written just now
-    assert {each.text[0] for each in drawn.iter('{*}text') if each.text} >= {'1', '2', '3', 'R'}
+    assert {each.text[0] for each in drawn.findall('.//{*}text') if each.text} >= {
+        '1',
+        '2',
+        '3',
+        'R',
+    }
