@@ -117,20 +117,30 @@ class Console:
 
     def press(self, *names: str) -> None:
         """Press keys, by their names in Qt."""
+        number: list[str] = []
         for name in names:
-            key = QtGui.QKeySequence(name)[0]
-            given = key.key(), key.keyboardModifiers()
-            self._in_time(lambda given=given: QtTest.QTest.keyClick(self._handle, *given))
+            # A key that came late has ended the number before it.
+            self._in_time(
+                lambda name=name: self._strike(name),
+                lambda keys=(*number, name): [self._strike(each) for each in keys],
+            )
+            number = [*number, name] if name.isdigit() else []
+
+    def _strike(self, name: str) -> None:
+        key = QtGui.QKeySequence(name)[0]
+        QtTest.QTest.keyClick(self._handle, key.key(), key.keyboardModifiers())
 
     def click(self, name: str) -> None:
         """Click a widget."""
         self._in_time(lambda: self.click_at(self.place(name)))
 
-    def _in_time(self, act: Callable[[], object]) -> None:
-        for _ in range(20):  # on a busy machine the window may be held up, and says so
+    def _in_time(
+        self, act: Callable[[], object], again: Callable[[], object] | None = None
+    ) -> None:
+        for tries in range(20):  # on a busy machine the window may be held up, and says so
             self.tell(self._race)
             self.window._display.bottom.say('')
-            act()
+            (again or act)() if tries else act()
             self.settle()
             said = self.find('status').whole
             late = ('while the window hung', 'just changed', texts.GONE_REASON)
