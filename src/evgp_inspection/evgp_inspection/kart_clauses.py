@@ -252,7 +252,7 @@ KART: tuple[Clause, ...] = (
         _WHEN_TRUE,
         'The connection is reset while the kart drives, and RED_RED is sent on the next one; '
         'its acknowledgement is compared with its wheels.',
-        judge.says_it_when_true(RED_RED, 'cut', 'lost'),
+        judge.says_it_when_true(RED_RED, 'cut', 'lost', back=True),
         ('K-3A-10', 'K-3E-03', 'K-4C-12', 'K-4D-02'),
     ),
     proposal(

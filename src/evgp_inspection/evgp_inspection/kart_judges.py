@@ -369,8 +369,12 @@ brakes_harder = Judge(
 )
 
 
-def says_it_when_true(state: RaceState, step: str, phase: str) -> Judge:
-    """Judge whether the kart says that it stands only when it does."""
+def says_it_when_true(state: RaceState, step: str, phase: str, back: bool = False) -> Judge:
+    """
+    Judge whether the kart says that it stands only when it does.
+
+    :param back: it is sent the state as it comes back, and has braked since it was away.
+    """
     judged = (
         'Fail: the wheels turn after it, or it comes faster than a kart at speed can stop '
         '(fastest_stop).'
@@ -388,7 +392,7 @@ def says_it_when_true(state: RaceState, step: str, phase: str) -> Judge:
         why = f'It said ${state.value}; after {took:.3f} s'
         speeds = section.speeds
         as_sent = [speed for at, speed in speeds if at <= sent.at]
-        if as_sent and not moves(as_sent[-1], limits):
+        if as_sent and not moves(as_sent[-1], limits) and not back:
             return not_judged(f'It stood already when {state.value} was sent.', section)
         late = [(at, speed) for at, speed in speeds if at > said.at + limits.slack]
         lag = _lag(section, limits)

@@ -741,7 +741,8 @@ def overall(format_: Format, results: Iterable[KartResult]) -> tuple[KartResult,
     """Return the best result that each kart has in several races, in their order, with places."""
     best: dict[int, tuple[tuple[float, ...], KartResult]] = {}
     for result in results:
-        key = _key(format_, result)
+        # Of equals the one with more laps, whatever the order in which they come.
+        key = (*_key(format_, result), -result.laps, _ms(result.total))
         if result.kart not in best or key < best[result.kart][0]:
             best[result.kart] = key, result
     return ranked(format_, (result for _, result in best.values()))
