@@ -17,6 +17,7 @@ ROOT = pathlib.Path(__file__).parents[1]
 
 
 @pytest.mark.long
+@pytest.mark.longest
 @pytest.mark.timeout(300)
 def test_three_karts_of_three_kinds_drive_a_race_and_it_is_drawn(tmp_path: pathlib.Path) -> None:
     picture = tmp_path / 'sim.svg'

@@ -77,8 +77,8 @@ def test_two_karts_with_a_track_that_officials_open(
     [
         pytest.param('garage', False, marks=pytest.mark.early),
         pytest.param('garage', True, marks=pytest.mark.long),
-        pytest.param('unknown', False, marks=pytest.mark.long),
-        pytest.param('crash', True, marks=pytest.mark.long),
+        pytest.param('unknown', False, marks=[pytest.mark.long, pytest.mark.longest]),
+        pytest.param('crash', True, marks=[pytest.mark.long, pytest.mark.longest]),
     ],
 )
 def test_two_karts_that_do_not_finish(
