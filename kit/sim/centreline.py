@@ -38,9 +38,7 @@ class Centreline:
     def off(self, x: float, y: float) -> float:
         """Return how far to the left of the line a place is, in metres; negative: to the right."""
         index = self.nearest(x, y)
-        (ax, ay), (bx, by) = self.points[index - 1], self.points[(index + 1) % len(self.points)]
-        along = math.atan2(by - ay, bx - ax)
-        px, py = self.points[index]
+        along, (px, py) = self._along(index), self.points[index]
         return (y - py) * math.cos(along) - (x - px) * math.sin(along)
 
     def steer(self, x: float, y: float, heading: float, lane: float = 0.0) -> float:
@@ -50,9 +48,13 @@ class Centreline:
         :param lane: how far to the left of the line the kart drives, in metres.
         """
         index = (self.nearest(x, y) + round(AHEAD / self.gap)) % len(self.points)
-        (ax, ay), (bx, by) = self.points[index - 1], self.points[(index + 1) % len(self.points)]
-        along = math.atan2(by - ay, bx - ax)
+        along = self._along(index)
         aim_x = self.points[index][0] - lane * math.sin(along)
         aim_y = self.points[index][1] + lane * math.cos(along)
         angle = math.atan2(aim_y - y, aim_x - x) - heading
         return 2 * math.sin(angle) / math.dist((aim_x, aim_y), (x, y))
+
+    def _along(self, index: int) -> float:
+        """Return the direction of the line at a point, in rad."""
+        (ax, ay), (bx, by) = self.points[index - 1], self.points[(index + 1) % len(self.points)]
+        return math.atan2(by - ay, bx - ax)

@@ -13,7 +13,6 @@ import argparse
 from collections.abc import Sequence
 import contextlib
 import copy
-import dataclasses
 import math
 import os
 import pathlib
@@ -127,7 +126,7 @@ class Line(Part):
         """Begin to look."""
         self.looks: list[Look] = []
         self.off = dict.fromkeys(bases, 0.0)
-        self._official, self._bases, self._track = official, bases, track
+        self._official, self._bases, self.track = official, bases, track
         self._session, self._said = secrets.token_hex(4), 0
         self._passings = official.node.create_publisher(msg.Passing, '/rcs/passings', latched(200))
         self._before: dict[int, Motion] = {}
@@ -141,9 +140,9 @@ class Line(Part):
             now = {number: base.motion for number, base in self._bases.items()}
             for number, motion in now.items():
                 before = self._before.get(number, motion)
-                if before.x < 0.0 <= motion.x and abs(motion.y) < self._track.width / 2:
+                if before.x < 0.0 <= motion.x and abs(motion.y) < self.track.width / 2:
                     self._pass(number, motion)
-                off = abs(self._track.off(motion.x, motion.y))
+                off = abs(self.track.off(motion.x, motion.y))
                 self.off[number] = max(self.off[number], off)
             self._before = now
             if turns % LOOKS == 0:
@@ -183,14 +182,6 @@ class Line(Part):
         self._thread.join()
 
 
-@dataclasses.dataclass
-class Event:
-    """A race control, three karts, and who directs them."""
-
-    official: Official
-    line: Line
-
-
 def compile_kart(folder: pathlib.Path) -> str:
     """Return the path of the kart in C, compiled."""
     kart = str(folder / 'kart')
@@ -202,8 +193,8 @@ def compile_kart(folder: pathlib.Path) -> str:
 
 def begin(
     parts: contextlib.ExitStack, folder: pathlib.Path, laps: int, stack: Sequence[str]
-) -> Event:
-    """Start everything."""
+) -> tuple[Official, Line]:
+    """Start everything; return who directs the race, and who looks at it."""
     # Also of the nodes in this process: nobody else's race is seen or commanded.
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     os.environ['TRACK'] = str(TRACK)
@@ -230,7 +221,7 @@ def begin(
         words = [*command, '127.0.0.1', str(control.port), address_of(number)]
         parts.enter_context(Program(TEAMS[number], words, environment={'BASE': str(own.port)}))
     official.wait_for_race(lambda race: True, 'a first look at the race')
-    return Event(official, parts.enter_context(Line(official, bases, Centreline(TRACK))))
+    return official, parts.enter_context(Line(official, bases, Centreline(TRACK)))
 
 
 def drive(official: Official, laps: int) -> msg.Race:
@@ -265,7 +256,7 @@ def missing(race: msg.Race, line: Line, laps: int) -> list[str]:
     for kart in race.karts:
         if kart.laps != laps or not kart.place:
             wrong.append(f'kart {kart.number} has {kart.laps} laps and place {kart.place}')
-    half = Centreline(TRACK).width / 2
+    half = line.track.width / 2
     wrong += [f'kart {number} left the track' for number, off in line.off.items() if off > half]
     return wrong
 
@@ -286,17 +277,17 @@ def main() -> int:
     given = parser.parse_args()
     with contextlib.ExitStack() as parts:
         folder = pathlib.Path(parts.enter_context(tempfile.TemporaryDirectory()))
-        event = begin(parts, folder, given.laps, shlex.split(given.stack))
-        parts.enter_context(event.official.telling(tell))
-        race = drive(event.official, given.laps)
+        official, line = begin(parts, folder, given.laps, shlex.split(given.stack))
+        parts.enter_context(official.telling(tell))
+        race = drive(official, given.laps)
     given.picture.parent.mkdir(parents=True, exist_ok=True)
-    picture = draw(Centreline(TRACK), event.line.looks, TEAMS, TURN * LOOKS)
+    picture = draw(line.track, line.looks, TEAMS, TURN * LOOKS)
     given.picture.write_text(picture, encoding='utf-8')
     for kart in sorted(race.karts, key=lambda kart: kart.place):
         best = f'{kart.laps} laps, the best in {kart.best_lap:.3f} s'
         print(f'{kart.place}. kart {kart.number}, {kart.team}: {best}')
     print(f'The race as a moving picture, for a browser: {given.picture}')
-    wrong = missing(race, event.line, given.laps)
+    wrong = missing(race, line, given.laps)
     print('\n'.join(f'WRONG: {each}' for each in wrong) or 'Nothing was wrong.')
     return bool(wrong)
 
