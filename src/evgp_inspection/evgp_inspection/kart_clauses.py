@@ -146,6 +146,7 @@ KART: tuple[Clause, ...] = (
         'RED_RED: The kart must immediately stop as quickly as possible.',
         'RED_RED is sent 0.15 s after GREEN_GREEN, to a kart that may only begin to move then.',
         judge.stops_early,
+        ('K-3A-10',),
     ),
     wire(
         'K-3B-01',
