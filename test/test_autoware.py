@@ -50,7 +50,7 @@ class Gate(RosSide):
             external.SetEmergency, '/api/autoware/set/emergency', self._set_emergency
         )
         if gentle:
-            self.node.create_service(
+            self._gentle = self.node.create_service(
                 control_srv.SetStop, '/control/vehicle_cmd_gate/set_stop', self._set_stop
             )
         self.node.create_subscription(
@@ -64,6 +64,10 @@ class Gate(RosSide):
             lambda: (self.emergency, self.stop, self.ready) == (emergency, stop, not emergency),
             lambda: f'{self.emergency=} {self.stop=} {self.ready=}',
         )
+
+    def refuse_gentle_stops(self) -> None:
+        """Answer no more requests of them."""
+        self.node.destroy_service(self._gentle)
 
     def _set_emergency(self, request: Any, response: Any) -> Any:
         with self.news:
@@ -157,3 +161,14 @@ def test_an_emergency_stop_goes_on_where_the_gentle_one_is_not_granted(
     asked = race.gate.asked
     race.gate.wait_until(lambda: race.gate.asked > asked + 2, lambda: 'more requests')
     assert (race.gate.emergency, race.gate.ready) == (True, False)
+
+
+@pytest.mark.parametrize('state', [RaceState.GRID_ACTIVE, RaceState.RED_FLAG])
+def test_where_the_gentle_stop_is_not_granted_any_more_there_is_an_emergency_stop(
+    state: RaceState, start_race: StartRace
+) -> None:
+    race = start_race()
+    race.official.bring_to(state)
+    race.gate.wait_for(emergency=False, stop=True)
+    race.gate.refuse_gentle_stops()
+    race.gate.wait_for(emergency=True, stop=True)

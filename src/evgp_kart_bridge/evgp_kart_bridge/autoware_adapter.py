@@ -16,7 +16,8 @@
 Autoware under race control: only GREEN_GREEN lets it drive (docs/autoware.md).
 
 It requests stops of Autoware's command gate: a gentle one in every state but GREEN_GREEN, and an
-emergency stop in RED_RED. The gate also stops when this node's heartbeat is not ready or ends.
+emergency stop in RED_RED, or where the gentle one is not granted. The gate also stops when this
+node's heartbeat is not ready or ends.
 """
 
 from __future__ import annotations
@@ -46,6 +47,10 @@ HEARTBEAT_INTERVAL = 0.05
 REQUEST_AGAIN = 0.2
 """Time after which a request is sent again, seconds: the gate may be new and know nothing."""
 
+GRANTED_FOR = 1.0
+"""Time for which a stop that was granted is believed in, and for which a new one is waited for,
+seconds."""
+
 HEARTBEAT_QOS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST,
     depth=1,
@@ -59,7 +64,7 @@ class Wish:
     A kind of stop, or its end, that Autoware is asked for all the time.
 
     :ivar stop: what was asked for last.
-    :ivar granted: Autoware has answered that it stops.
+    :ivar granted: Autoware has answered that it makes this stop.
     """
 
     def __init__(self, client: Client, request: Callable[[bool], Any]) -> None:
@@ -68,13 +73,20 @@ class Wish:
         self._client, self._request = client, request
         self._asking: Future | None = None
         self._again_at = 0.0
+        self._held_at = clock.now()  # this wish was granted, or began
+
+    def is_refused(self) -> bool:
+        """Return whether nobody has granted this wish for `GRANTED_FOR`."""
+        return clock.now() - self._held_at > GRANTED_FOR
 
     def ask(self, stop: bool) -> None:
         """Ask for a stop, or for its end; at once if that is new."""
         now = clock.now()
         if stop is self.stop and now < self._again_at:
             return
-        self.stop, self._again_at = stop, now + REQUEST_AGAIN
+        if stop is not self.stop:
+            self.stop, self.granted, self._held_at = stop, False, now
+        self._again_at = now + REQUEST_AGAIN
         if self._asking is not None:
             self._client.remove_pending_request(self._asking)  # the gate may have died over it
         self._asking = self._client.call_async(self._request(stop))
@@ -82,7 +94,10 @@ class Wish:
 
     def _hear(self, stop: bool, answered: Future) -> None:
         status = getattr(answered.result(), 'status', None)
-        self.granted = stop and getattr(status, 'success', False)  # SetEmergency has only a code
+        success = getattr(status, 'success', False)  # SetEmergency has only a code
+        self.granted = stop and self.stop and success
+        if self.granted:
+            self._held_at = clock.now()
 
 
 class AutowareAdapter(StrictNode):
@@ -124,9 +139,10 @@ class AutowareAdapter(StrictNode):
 
     def _request(self, state: RaceState) -> None:
         drive = state is RaceState.GREEN_GREEN
-        # An emergency stop goes on until the gentle one is known to hold the kart.
-        goes_on = self._emergency.stop and not (drive or self._gentle.granted)
-        emergency = state is RaceState.RED_RED or goes_on
+        # An emergency stop goes on until the gentle one is known to hold the kart, and begins
+        # where that is not known any more, as with a gate that was started again.
+        unsure = (self._emergency.stop and not self._gentle.granted) or self._gentle.is_refused()
+        emergency = state is RaceState.RED_RED or (unsure and not drive)
         self._heartbeat.publish(
             ManualOperatorHeartbeat(stamp=stamp(self.get_clock()), ready=not emergency)
         )
