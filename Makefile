@@ -70,7 +70,7 @@ help:
 	@echo 'make run     start race control for a real event   (ROSTER=karts.yaml PARAMS=rcs.yaml OFFICIALS=10.1.0.5 ADDRESS=10.0.0.1)'
 	@echo 'make roster  check a list of karts, without starting anything (ROSTER=karts.yaml)'
 	@echo 'make spare   keep a copy of race control            (FROM=anna@10.1.0.5:evgp ROSTER=karts.yaml PARAMS=rcs.yaml)'
-	@echo 'make takeover  race control is dead: be it           (ADDRESS=10.0.0.1 INTERFACE=eth0 OFFICIALS=10.1.0.6)'
+	@echo 'make takeover  take over from a dead race control    (ADDRESS=10.0.0.1 INTERFACE=eth0 OFFICIALS=10.1.0.6)'
 	@echo 'make timing  read a timing device at the line         (KIND=p3 DEVICE=10.1.0.20:5403 OFFICIALS=10.1.0.7)'
 	@echo 'make board   show the race to spectators and pit walls, on web pages  (AT=10.2.0.5 OFFICIALS=10.1.0.7)'
 	@echo 'make record  print what happened in the last run     (ARGS="--list", ARGS="--help")'

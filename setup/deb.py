@@ -51,7 +51,7 @@ SET_BY_NAME = (*OPTIONLESS, 'spare', 'takeover')
 """The commands whose program is helped by NAME=value, not by its own options."""
 
 VARIABLES = {
-    'ADDRESS': "race control's address on the karts' network (to run, it may be left out)",
+    'ADDRESS': "race control's address on the karts' network (evgp-run needs it only with OFFICIALS)",
     'FROM': 'the machine to copy, and its folder: anna@10.1.0.5:evgp',
     'INTERFACE': "the network interface of the karts' network, such as eth0",
     'OFFICIAL': 'your name, as the record has it; without it, you are asked',
@@ -85,7 +85,7 @@ complete -F _{name} {command}
 """
 
 MENU = {
-    'run': ('Race control', 'For karts.yaml in the home folder', True),
+    'run': ('Race control', 'Run a race, with karts.yaml from the home folder', True),
     'window': ('Race window', 'Start, flag and stop the race', False),
     'rehearsal': ('Rehearsal', 'Train officials: simulated karts, incidents, score', True),
 }

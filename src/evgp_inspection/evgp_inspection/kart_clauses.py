@@ -144,7 +144,7 @@ KART: tuple[Clause, ...] = (
         'K-3A-14',
         'RED_RED right after GREEN_GREEN: stops',
         'RED_RED: The kart must immediately stop as quickly as possible.',
-        'RED_RED is sent 0.15 s after GREEN_GREEN, to a kart that may only begin to move then.',
+        'RED_RED is sent 0.15 s after GREEN_GREEN, as a kart may only be starting to move.',
         judge.stops_early,
         ('K-3A-10',),
     ),
