@@ -11,6 +11,7 @@ import dataclasses
 from typing import Any
 
 from evgp_node.qos import latched
+from evgp_node.states import state_of
 from evgp_protocol.states import RaceState
 from evgp_testing.base import SimulatedBase
 from evgp_testing.fixtures import JoinOfficial, StartBase, StartBridge, StartRaceControl
@@ -36,6 +37,7 @@ class Gate(RosSide):
     def __init__(self, base: SimulatedBase, domain: int, gentle: bool = True) -> None:
         super().__init__('gate', domain)
         self.emergency, self.stop, self.ready, self.asked = True, False, False, 0
+        self.emergencies = 0  # how often one began
         self._base = base
         self._motors = self.node.create_publisher(Twist, '/cmd_vel', 1)
         self._motion = self.node.create_publisher(
@@ -65,12 +67,18 @@ class Gate(RosSide):
             lambda: f'{self.emergency=} {self.stop=} {self.ready=}',
         )
 
+    def wait_for_requests(self, count: int) -> None:
+        """Return once the emergency stop, or its end, was asked for so many times more."""
+        asked = self.asked
+        self.wait_until(lambda: self.asked >= asked + count, lambda: f'{count} more requests')
+
     def refuse_gentle_stops(self) -> None:
         """Answer no more requests of them."""
         self.node.destroy_service(self._gentle)
 
     def _set_emergency(self, request: Any, response: Any) -> Any:
         with self.news:
+            self.emergencies += request.emergency and not self.emergency
             self.emergency = request.emergency
             self.asked += 1
             self.news.notify_all()
@@ -141,8 +149,12 @@ def test_autoware_drives_under_green_green_alone_and_stops_as_the_state_asks(
         (RaceState.RED_FLAG, False, True),
         (RaceState.RED_RED, True, True),
     ]:
+        before = race.gate.emergencies
         race.official.bring_to(state)  # and it is acknowledged
         race.gate.wait_for(emergency, stop)
+        race.gate.wait_for_requests(6)  # for longer than a stop may wait to be granted
+        # RED_FLAG is gentle from its beginning: others follow.
+        assert race.gate.emergencies - before == (state is RaceState.RED_RED)
     assert race.base.speed == 0.0
 
 
@@ -157,10 +169,16 @@ def test_an_emergency_stop_goes_on_where_the_gentle_one_is_not_granted(
     start_race: StartRace,
 ) -> None:
     race = start_race(gentle=False)
-    race.official.bring_to(RaceState.GRID_ACTIVE)
-    asked = race.gate.asked
-    race.gate.wait_until(lambda: race.gate.asked > asked + 2, lambda: 'more requests')
+    race.official.bring_to(RaceState.IN_GARAGE)
+    race.official.command('set_track_open', open=False)
+    race.official.command('grid_active', track_clear=True)
+    race.official.wait_for_kart(
+        1, lambda kart: state_of(kart.sent) is RaceState.GRID_ACTIVE, 'to be sent GRID_ACTIVE'
+    )
+    race.gate.wait_for_requests(6)
     assert (race.gate.emergency, race.gate.ready) == (True, False)
+    # Nor is such a kart ready.
+    race.official.wait_for_kart(1, lambda kart: not kart.acknowledged, 'no word of it')
 
 
 @pytest.mark.parametrize('state', [RaceState.GRID_ACTIVE, RaceState.RED_FLAG])

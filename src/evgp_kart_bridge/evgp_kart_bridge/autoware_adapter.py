@@ -76,8 +76,8 @@ class Wish:
         self._held_at = clock.now()  # this wish was granted, or began
 
     def is_refused(self) -> bool:
-        """Return whether nobody has granted this wish for `GRANTED_FOR`."""
-        return clock.now() - self._held_at > GRANTED_FOR
+        """Return whether a stop is asked for, and nobody has granted it for `GRANTED_FOR`."""
+        return self.stop and clock.now() - self._held_at > GRANTED_FOR
 
     def ask(self, stop: bool) -> None:
         """Ask for a stop, or for its end; at once if that is new."""
@@ -152,8 +152,10 @@ class AutowareAdapter(StrictNode):
     def _has_reached(self, state: RaceState) -> bool:
         """Return whether the kart is ready, or drives; that it stands, the bridge sees itself."""
         if state is RaceState.GRID_ACTIVE:
+            # The mode is latched: Autoware may have died since. Who grants a stop is alive.
             autonomous = self._mode.mode == OperationModeState.AUTONOMOUS
-            return bool(autonomous and self._mode.is_autoware_control_enabled)
+            controlled = autonomous and self._mode.is_autoware_control_enabled
+            return bool(controlled and self._gentle.granted and not self._gentle.is_refused())
         return bool(state is RaceState.GREEN_GREEN and self._motion.state == MotionState.MOVING)
 
     def _hear_mode(self, mode: OperationModeState) -> None:
