@@ -823,7 +823,15 @@ def test_the_example_stack_tells_motors_its_speed_in_the_message_that_they_obey(
     messages = pytest.importorskip(f'{package}.msg', reason=f'needs {package}')
     race, speed = start_race(), SPEED_OF[command]
     told = hear(race.team, getattr(messages, kind), f'/{topic}')
-    race.drive(parts.enter_context(ExampleStack(race.bridge.domain, {'command': command})))
+    stack = parts.enter_context(ExampleStack(race.bridge.domain, {'command': command}))
+    stack.wait_for_line('IN_GARAGE')
+    race.grid()
+    race.start()
     race.team.wait_until(lambda: told and speed(told[-1]) > 1.0, lambda: f'to drive: {told[-1:]}')
     race.official.command('all_kill')
     race.team.wait_until(lambda: speed(told[-1]) == 0.0, lambda: f'to stop: {told[-1:]}')
+    # It measures nothing, so it says neither that the kart drives nor that it stands.
+    since = len(told)
+    race.team.wait_until(lambda: len(told) > since + 25, lambda: 'more commands')
+    assert race.team.speed is None
+    race.official.wait_for_kart(1, lambda kart: not kart.acknowledged, 'no word of a stop')

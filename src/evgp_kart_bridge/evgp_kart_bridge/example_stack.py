@@ -15,6 +15,9 @@
 """
 A stack to copy: obeys the race state, drives a simulated speed, acknowledges when it is due.
 
+With ``command`` it commands real motors. Then it says nothing of its speed, and acknowledges
+nothing but GRID_ACTIVE: what it simulates, it does not measure.
+
 It stops when the bridge dies, since ``RaceStateWatch`` then says RED_RED. It brakes to a stop
 before it ends itself, in order or by a failure. If its process is killed, nobody is left to brake:
 motors must stop by themselves when they are told nothing.
@@ -91,14 +94,19 @@ class ExampleStack(StrictNode):
             'command', '', f'What motors obey: {", ".join(COMMANDS)}; empty: nothing is told them.'
         )
         parameters.refuse_unknown()
-        self._motors = self._motors_by(command) if command else None
+        self._simulates = not command
+        # Whoever obeys its speed, or hears of it.
+        self._publisher = (
+            self.create_publisher(Odometry, 'kart_bridge/odom', 10)
+            if self._simulates
+            else self._motors_by(command)
+        )
         self._driving = threading.Lock()  # who drives: the timer, or `close`
         self._ended = False
         self._speed = 0.0
         self._published = True
         self._obeyed = ''
         self._watch = RaceStateWatch(self)
-        self._odometry = self.create_publisher(Odometry, 'kart_bridge/odom', 10)
         self.create_timer(STEP, self._drive, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _motors_by(self, command: str) -> Publisher:
@@ -119,7 +127,7 @@ class ExampleStack(StrictNode):
                 self._move(RaceState.RED_RED)
                 time.sleep(STEP)
             if self._published:
-                wait_until_heard(self._odometry)  # that it stands
+                wait_until_heard(self._publisher)  # that it stands
 
     def _drive(self) -> None:
         with self._driving:
@@ -138,24 +146,29 @@ class ExampleStack(StrictNode):
         target, rate = DRIVING[state]
         change = max(-rate * STEP, min(rate * STEP, target - self._speed))
         self._speed += change
-        odometry = Odometry()
-        odometry.header.stamp = stamp(self.get_clock())
-        odometry.header.frame_id, odometry.child_frame_id = 'odom', 'base_link'
-        odometry.twist.twist.linear.x = self._speed
         published = True
         try:
-            if self._motors is not None:
-                kind = self._motors.msg_type
-                self._motors.publish(speed_command(kind, odometry.header.stamp, self._speed))
-            self._odometry.publish(odometry)
+            self._publisher.publish(self._message())
         except RCLError as error:
             published = False
             if self._published:
                 self.get_logger().error(f'The speed cannot be published: {error}')
         self._published = published
 
+    def _message(self) -> Any:
+        now = stamp(self.get_clock())
+        if not self._simulates:
+            return speed_command(self._publisher.msg_type, now, self._speed)
+        odometry = Odometry()
+        odometry.header.stamp = now
+        odometry.header.frame_id, odometry.child_frame_id = 'odom', 'base_link'
+        odometry.twist.twist.linear.x = self._speed
+        return odometry
+
     def _acknowledge(self, order: Order) -> None:
         """Say GRID_ACTIVE once ready, GREEN_GREEN once driving, a red once standing (§3.A)."""
+        if not self._simulates and order.state is not RaceState.GRID_ACTIVE:
+            return  # what the kart does, it does not know
         moves = self._speed > 0.0
         if order.state is not RaceState.IN_GARAGE and moves is (
             order.state is RaceState.GREEN_GREEN
