@@ -26,6 +26,9 @@ import example  # noqa: E402
 TOP = 5.5
 """Its highest speed, in m/s."""
 
+STANDSTILL = 0.5
+"""How long it must have stood and not been told to drive, in seconds: more than its dead time."""
+
 FRESH = 0.2
 """After that time without its base, in seconds, nothing is known."""
 
@@ -45,11 +48,13 @@ class Kart:
         self._pose = (0.0, 0.0, 0.0)
         self._speed = self._wanted = 0.0
         self._heard_at = float('-inf')
+        self._moved_at = time.monotonic()  # it moved, or was told to, or nobody knew
 
     def drive(self, state: RaceState, may_drive: bool) -> bool:
         """Do what the state says for one turn; return whether the kart has reached it."""
         self._listen()
-        fresh = time.monotonic() - self._heard_at < FRESH
+        now = time.monotonic()
+        fresh = now - self._heard_at < FRESH
         if fresh and state is RaceState.GREEN_GREEN and may_drive:
             self._wanted = TOP
         elif fresh and state is RaceState.RED_FLAG:
@@ -58,9 +63,11 @@ class Kart:
             self._wanted = 0.0
         turn = self._wanted * self._track.steer(*self._pose, LANE)
         self._base.send(f'{self._wanted} {turn}'.encode())
+        if not fresh or self._wanted > 0.0 or self._speed > 0.0:
+            self._moved_at = now
         if state is RaceState.GREEN_GREEN:
             return fresh and self._wanted > 0.0 and self._speed > 0.5
-        return fresh and self._wanted == 0.0 and self._speed == 0.0
+        return now - self._moved_at >= STANDSTILL
 
     def _listen(self) -> None:
         while True:

@@ -141,7 +141,8 @@ class Line(Part):
             for number, motion in now.items():
                 before = self._before.get(number, motion)
                 if before.x < 0.0 <= motion.x and abs(motion.y) < self.track.width / 2:
-                    self._pass(number, motion)
+                    # Since the last look, in a straight line: it may stand now.
+                    self._pass(number, motion.x / (motion.x - before.x) * TURN)
                 off = abs(self.track.off(motion.x, motion.y))
                 self.off[number] = max(self.off[number], off)
             self._before = now
@@ -149,9 +150,9 @@ class Line(Part):
                 self._look(now)
             turns += 1
 
-    def _pass(self, number: int, motion: Motion) -> None:
+    def _pass(self, number: int, ago: float) -> None:
         self._said += 1
-        crossed_at = time.time_ns() - round(motion.x / motion.speed * 1e9)
+        crossed_at = time.time_ns() - round(ago * 1e9)
         self._passings.publish(
             msg.Passing(
                 source='line',
