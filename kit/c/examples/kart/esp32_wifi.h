@@ -3,6 +3,7 @@
 
 /* The network and the watchdog of an ESP32, for Espressif's Arduino core 3 or newer. */
 #include <WiFi.h>
+#include <driver/gpio.h>
 #include <esp_task_wdt.h>
 
 static WiFiClient client;
@@ -14,7 +15,8 @@ static void begin_network()
     WiFi.begin(EVGP_WLAN);
     WiFi.setSleep(false); /* a radio that sleeps hears a stop late */
 }
-static int joined() { return WiFi.status() == WL_CONNECTED; }
+/* WiFi.status() may stay WL_CONNECTED after some kinds of disconnection. */
+static int joined() { return WiFi.STA.connected() && WiFi.STA.hasIP(); }
 static void join() { WiFi.reconnect(); }
 static int connect_it()
 {
@@ -28,6 +30,12 @@ static const char *why_reset()
     return why == ESP_RST_BROWNOUT   ? "reset: the supply broke down"
            : why == ESP_RST_TASK_WDT ? "reset: the program hung"
                                      : "started";
+}
+/* The watchdog calls this first. It then says on the serial line what hung, and resets the chip. */
+extern "C" void esp_task_wdt_isr_user_handler()
+{
+    gpio_set_level((gpio_num_t)POWER_PIN, 0);
+    gpio_set_level((gpio_num_t)RELEASE_PIN, 0);
 }
 static void begin_watchdog()
 {

@@ -9,7 +9,7 @@
  *
  * RELEASE_PIN releases the brake while it is HIGH, POWER_PIN gives the motors power. Give both 10 kOhm
  * to ground: they float while the board starts, after a brown-out too. An ESP32 pulls 0, 1, 3, 5, 14
- * and 15 up then: not these.
+ * and 15 up then, and a Mega always 20 and 21 (10 kOhm, for I2C): not these.
  */
 #include <Arduino.h>
 
@@ -23,7 +23,7 @@
 #define EVGP_WLAN "evgp", "password" /* name and key: the organiser's */
 
 static const int RELEASE_PIN = 23;
-static const int POWER_PIN = 21;
+static const int POWER_PIN = 27;
 static const int WHEEL_PIN = 22;   /* changes every 2 cm or sooner as the wheel turns */
 static const int STOP_PIN = 25;    /* the team's stop button (§2.C) */
 static const int MSR_PIN = 26;     /* the contact of the MSR's relay (§2.B) */

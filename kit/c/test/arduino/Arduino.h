@@ -35,7 +35,7 @@ inline uint32_t millis()
     return static_cast<uint32_t>(now.tv_sec * 1000 + now.tv_nsec / 1000000);
 }
 inline void pinMode(int, int) {}
-/* Pin 22 is the wheel of a kart whose motors pin 21 powers, and whose brake pin 23 releases. */
+/* Pin 22 is the wheel of a kart whose motors pin 27 powers, and whose brake pin 23 releases. */
 inline int arduino_wheel()
 {
     static uint32_t last = millis();
@@ -44,7 +44,7 @@ inline int arduino_wheel()
     const double seconds = (now - last) / 1000.0;
     last = now;
     speed += seconds * (arduino_pins[23] != HIGH   ? -6.0
-                        : arduino_pins[21] == HIGH ? 3.0
+                        : arduino_pins[27] == HIGH ? 3.0
                                                    : -1.0);
     speed = speed < 0.0 ? 0.0 : speed > 5.0 ? 5.0 : speed;
     distance += speed * seconds;
@@ -122,20 +122,28 @@ private:
 
 /* An ESP32 whose WLAN is always there, and whose watchdog never bites. */
 typedef Client WiFiClient;
-enum { WL_CONNECTED = 3 };
 
 struct WiFiStub {
+    struct {
+        bool connected() { return true; }
+        bool hasIP() { return true; }
+    } STA;
     void config(IPAddress, IPAddress, IPAddress) {}
     void setAutoReconnect(bool) {}
     void begin(const char *, const char *) {}
     void setSleep(bool) {}
-    int status() { return WL_CONNECTED; }
     void reconnect() {}
 };
 [[maybe_unused]] static WiFiStub WiFi;
 
 enum esp_reset_reason_t { ESP_RST_POWERON = 1, ESP_RST_TASK_WDT = 6, ESP_RST_BROWNOUT = 9 };
 inline esp_reset_reason_t esp_reset_reason() { return ESP_RST_POWERON; }
+
+typedef int gpio_num_t;
+inline void gpio_set_level(gpio_num_t pin, uint32_t level)
+{
+    arduino_pins[pin] = static_cast<int>(level);
+}
 
 struct esp_task_wdt_config_t {
     uint32_t timeout_ms, idle_core_mask;
