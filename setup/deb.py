@@ -51,7 +51,7 @@ SET_BY_NAME = (*OPTIONLESS, 'spare', 'takeover')
 """The commands whose program is helped by NAME=value, not by its own options."""
 
 VARIABLES = {
-    'ADDRESS': "race control's address on the karts' network (evgp-run needs it only with OFFICIALS)",
+    'ADDRESS': "race control's address on the karts' network (evgp-run: only with OFFICIALS)",
     'FROM': 'the machine to copy, and its folder: anna@10.1.0.5:evgp',
     'INTERFACE': "the network interface of the karts' network, such as eth0",
     'OFFICIAL': 'your name, as the record has it; without it, you are asked',
@@ -117,6 +117,21 @@ NOT_ON_ALL = 'libxcb-cursor0 libxcb-icccm4 libxcb-image0 libxcb-keysyms1 libxcb-
 
 # The terminal stays open until somebody has read it.
 IN_TERMINAL = 'sh -c "trap : INT; {}; echo; echo Enter closes this window.; read -r _"'
+
+UNITS = sorted(path.name for path in prepare.ROOT.glob('src/*/config/*.service'))
+
+# The brackets keep grep from finding itself.
+BEFORE_REMOVAL = f"""#!/bin/sh
+# Before dpkg removes or replaces the files: what runs would go on without them, or with others.
+set -e
+if grep -qsa '{HOME}/[i]nstall/' /proc/[0-9]*/cmdline; then
+    echo 'Race control, a window or a rehearsal runs on this machine: end it first.' >&2
+    exit 1
+fi
+if [ "$1" = remove ] && command -v systemctl > /dev/null; then
+    systemctl disable --quiet {' '.join(UNITS)}
+fi
+"""
 
 LICENCES = f"""\
 Below: that of race control. Those of what it carries are in {HOME}/.venv, in *.dist-info and
@@ -313,6 +328,7 @@ def write_surface() -> None:
         write(f'usr/share/applications/evgp-{command}.desktop', entry)
     for unit in prepare.ROOT.glob('src/*/config/*.service'):
         write(f'lib/systemd/system/{unit.name}', unit.read_text())
+    write('DEBIAN/prerm', BEFORE_REMOVAL, 0o755)
     licence = (prepare.ROOT / 'LICENSE').read_text()
     write(f'usr/share/doc/{NAME}/copyright', LICENCES + licence)
 
@@ -353,6 +369,9 @@ def main() -> None:
         'Suggests: bash-completion, iputils-arping, openssh-client\n'
         'Description: race control for driverless kart races, with window and rehearsal\n',
     )
+    for path in [each for each in ROOT.rglob('*') if not each.is_symlink()]:
+        runs = path.is_dir() or path.stat().st_mode & 0o111
+        path.chmod(0o755 if runs else 0o644)  # whatever the builder's umask was in the set-up
     package = prepare.BUILD / f'{NAME}_{version}_amd64.deb'
     words = ['dpkg-deb', '--build', '--root-owner-group', f'-Z{compression}', ROOT, package]
     prepare.run_quietly('Packing', words)

@@ -19,12 +19,12 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 
 STATED = re.compile(
-    r'opt/evgp/.+|DEBIAN/control|usr/bin/evgp-\w+'
+    r'opt/evgp/.+|DEBIAN/(control|prerm)|usr/bin/evgp-\w+'
     r'|usr/share/(man/man1/evgp-\w+\.1|bash-completion/completions/evgp-\w+)'
     r'|usr/share/(applications/evgp-\w+\.desktop|doc/evgp-race-control/copyright)'
     r'|lib/systemd/system/evgp-\w+\.service'
 )
-"""What docs/install-officials.md says that the package has; nothing runs at its removal."""
+"""What docs/install-officials.md says that the package has."""
 
 
 @pytest.fixture
@@ -69,6 +69,19 @@ def test_a_command_of_the_package_runs_what_make_runs(
     assert found.stdout == wanted.stdout
 
 
+def test_the_package_is_neither_removed_nor_replaced_while_a_program_of_it_runs(
+    deb: ModuleType,
+) -> None:
+    def upgrade() -> int:
+        return subprocess.run(['sh', '-c', deb.BEFORE_REMOVAL, 'prerm', 'upgrade']).returncode
+
+    program = [f'{deb.HOME}/install/evgp_rcs/lib/evgp_rcs/rcs_node', '60']
+    with subprocess.Popen(program, executable=shutil.which('sleep')) as running:
+        assert upgrade() == 1
+        running.kill()
+    assert upgrade() == 0
+
+
 @pytest.mark.long
 @pytest.mark.longest
 @pytest.mark.timeout(600)  # it copies, compiles and packs 300 MB
@@ -87,5 +100,6 @@ def test_the_package_has_only_what_is_stated_and_needs_neither_this_clone_nor_a_
     assert [each for each in paths if not STATED.fullmatch(each)] == []
     for path in files:
         assert path.suffix not in ('.c', '.h', '.hpp', '.cmake', '.a'), path
+        assert path.is_symlink() or path.stat().st_mode & 0o777 in (0o644, 0o755), path
         content = b'' if path.is_symlink() else path.read_bytes()
         assert b'\0' in content or bytes(ROOT) not in content, path
