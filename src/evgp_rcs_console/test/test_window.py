@@ -92,6 +92,8 @@ class Console:
         self.window.resize(width, height)
         self.window.show()
         self.window.activateWindow()
+        while not self.window.isActiveWindow():
+            self.settle()
         self.settle(FORWARD)
 
     def settle(self, seconds: float = 0.0) -> None:
