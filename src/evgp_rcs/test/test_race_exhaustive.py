@@ -33,6 +33,7 @@ import race_oracle as oracle
 
 pytestmark = [pytest.mark.usefixtures('others_first'), pytest.mark.timeout(900)]
 
+LONGEST = [pytest.mark.long, pytest.mark.longest]
 
 UNMARKED = ('KART_FINISH', 'KART_RED_FLAG')
 
@@ -76,9 +77,9 @@ def test_two_karts_with_a_track_that_officials_open(
     ('begin', 'track'),
     [
         pytest.param('garage', False, marks=pytest.mark.early),
-        pytest.param('garage', True, marks=pytest.mark.long),
-        pytest.param('unknown', False, marks=[pytest.mark.long, pytest.mark.longest]),
-        pytest.param('crash', True, marks=[pytest.mark.long, pytest.mark.longest]),
+        pytest.param('garage', True, marks=LONGEST),
+        pytest.param('unknown', False, marks=LONGEST),
+        pytest.param('crash', True, marks=LONGEST),
     ],
 )
 def test_two_karts_that_do_not_finish(
@@ -101,9 +102,9 @@ def test_two_karts_that_do_not_finish(
     'begin',
     [
         pytest.param('garage', marks=pytest.mark.early),
-        pytest.param('crash', marks=pytest.mark.long),
-        pytest.param('crash on the grid', marks=pytest.mark.long),
-        pytest.param('unknown', marks=pytest.mark.long),
+        pytest.param('crash', marks=LONGEST),
+        pytest.param('crash on the grid', marks=LONGEST),
+        pytest.param('unknown', marks=LONGEST),
     ],
 )
 def test_one_kart_while_another_race_control_comes_and_goes_and_the_record_fails(
@@ -115,6 +116,7 @@ def test_one_kart_while_another_race_control_comes_and_goes_and_the_record_fails
 # Pauses and starts that wait are read by officials' commands alone, so one kart is enough to look
 # at every state; how a start waits for two karts that come and go, a search looks at that ends.
 @pytest.mark.long
+@pytest.mark.longest
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize('begin', ['garage', 'unknown'])
 def test_one_kart_with_pauses_and_starts_that_wait_for_the_disk(
@@ -143,7 +145,7 @@ def test_the_nearest_states_of_two_karts_with_pauses_and_starts_that_wait_for_th
     'times',
     [
         pytest.param({'require_button': True}, marks=pytest.mark.early),
-        pytest.param({'nobody_there': 0.0}, marks=pytest.mark.long),
+        pytest.param({'nobody_there': 0.0}, marks=LONGEST),
     ],
     ids=['stopped', 'told-only'],
 )
