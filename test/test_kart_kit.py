@@ -265,6 +265,7 @@ def live(chance: random.Random, count: int, index: int) -> History:
         commanded = verdict.commanded.value if verdict.commanded else 'nothing'
         seen[f'obeys {verdict.state.value} under {commanded}'] += 1
         seen[f'says {said.decode()}'] += 1
+        seen['says IN_GARAGE before another word'] += said.startswith(b'$IN_GARAGE;$')
         seen['rolls out'] += verdict.may_drive and verdict.state is FLAG
         seen['takes a stop'] += verdict.team_stop
     return History(b''.join(inputs), answers, story, seen)
@@ -293,6 +294,7 @@ NEEDED = (
     'takes a stop',
     'says ',
     *(f'says {encode(state).decode()}' for state in RaceState),
+    'says IN_GARAGE before another word',
 )
 """What the inputs must lead to: otherwise that the answers are the same says little."""
 
@@ -349,6 +351,9 @@ FAULTS = [
     ('order != 0 && order == kart->order &&', 'order == kart->order &&'),
     ('          evgp_p_obey(kart) != kart->commanded)) {', '          0)) {'),
     ('kart->said_order != order || kart->heard_since_said', '1'),
+    ('            kart->garage_owed = 1;\n', ''),
+    ('            kart->garage_owed = 0;\n', ''),
+    ('    kart->garage_owed = 0;\n    kart->frame_bytes', '    kart->frame_bytes'),
     ('            kart->malformed++; /* cut off', '            /* cut off'),
     ('        kart->skipping = 0;\n        kart->frame[0]', '        kart->frame[0]'),
     ('byte > 127U || ', ''),

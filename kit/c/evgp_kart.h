@@ -124,6 +124,7 @@ typedef struct {
     char frame[EVGP_MAX_FRAME_BYTES];
     uint8_t frame_bytes;
     uint8_t skipping;
+    uint8_t garage_owed; /* IN_GARAGE came and was not said back: it goes before the next word */
 } evgp_kart;
 
 /* ----- names ------------------------------------------------------------------------------- */
@@ -220,6 +221,7 @@ static inline void evgp_p_lose(evgp_kart *kart)
     kart->acknowledged = 0;
     kart->armed = 0;
     kart->slowing = 0;
+    kart->garage_owed = 0;
     kart->frame_bytes = 0;
     kart->skipping = 0;
 }
@@ -284,6 +286,9 @@ static inline void evgp_p_heard(evgp_kart *kart, evgp_state state)
         kart->slowing = was_driving && state == EVGP_RED_FLAG &&
                         kart->settings.red_flag_drive_ms > 0;
         kart->slowing_since = kart->now;
+        if (state == EVGP_IN_GARAGE) {
+            kart->garage_owed = 1;
+        }
         if (!to_race) {
             kart->armed = 0;
         }
@@ -460,6 +465,20 @@ static inline evgp_verdict evgp_kart_verdict(const evgp_kart *kart)
     return verdict;
 }
 
+/* Return the word for what is commanded, behind an IN_GARAGE that other frames have overtaken. */
+static inline const char *evgp_p_word(const evgp_kart *kart)
+{
+    if (!kart->garage_owed) {
+        return evgp_frame(kart->commanded);
+    }
+    switch (kart->commanded) {
+    case EVGP_GRID_ACTIVE: return "$IN_GARAGE;$GRID_ACTIVE;";
+    case EVGP_RED_FLAG: return "$IN_GARAGE;$RED_FLAG;";
+    case EVGP_RED_RED: return "$IN_GARAGE;$RED_RED;";
+    default: return evgp_frame(kart->commanded);
+    }
+}
+
 /*
  * Say that the kart has done what an order commands; return the characters to send, or NULL.
  *
@@ -483,7 +502,8 @@ static inline const char *evgp_kart_acknowledge(evgp_kart *kart, uint32_t order,
         if (kart->said_order != order || kart->heard_since_said) {
             kart->said_order = order;
             kart->heard_since_said = 0;
-            say = evgp_frame(kart->commanded);
+            say = evgp_p_word(kart);
+            kart->garage_owed = 0;
         }
     }
     evgp_p_settle(kart);

@@ -35,6 +35,7 @@ from __future__ import annotations
 
 from evgp_protocol.arbiter import Arbiter, Outcome, Settings, StopSource, Verdict
 from evgp_protocol.frames import encode, FrameDecoder, StateFrame
+from evgp_protocol.states import RaceState
 
 
 class Kart:
@@ -55,6 +56,8 @@ class Kart:
         self._decoder: FrameDecoder | None = None  # of the present connection, if there is one
         self._said_order = 0
         self._heard_since_said = False
+        # IN_GARAGE came and was not said back: it goes before the next word.
+        self._garage_owed = False
 
     @property
     def verdict(self) -> Verdict:
@@ -73,12 +76,12 @@ class Kart:
     def connected(self, now: float) -> None:
         """Begin a new connection to race control, whatever became of the last."""
         self._arbiter.connected(now)
-        self._decoder = FrameDecoder()
+        self._decoder, self._garage_owed = FrameDecoder(), False
 
     def closed(self, now: float, reason: str = 'the connection is closed') -> None:
         """End the connection: it is closed or broken, or you close it; `reason` is for people."""
         self._arbiter.disconnected(reason, now)
-        self._decoder = None
+        self._decoder, self._garage_owed = None, False
 
     def received(self, data: bytes, now: float) -> None:
         """
@@ -90,6 +93,8 @@ class Kart:
         for event in self._decoder.feed(data) if self._decoder else []:
             if isinstance(event, StateFrame):
                 self._heard_since_said = True
+                if event.state is RaceState.IN_GARAGE is not self.verdict.commanded:
+                    self._garage_owed = True
                 self._follow(self._arbiter.heard(event.state, now))
             else:
                 self.malformed += 1
@@ -132,9 +137,11 @@ class Kart:
     def _follow(self, outcome: Outcome) -> bytes:
         """Take note of what follows from an input; return what to send."""
         if outcome.give_up is not None:
-            self._decoder = None
+            self._decoder, self._garage_owed = None, False
         order = outcome.verdict.order
         if outcome.send is None or (order == self._said_order and not self._heard_since_said):
             return b''
         self._said_order, self._heard_since_said = order, False
-        return encode(outcome.send)
+        overtaken = self._garage_owed and outcome.send is not RaceState.IN_GARAGE
+        self._garage_owed = False
+        return (encode(RaceState.IN_GARAGE) if overtaken else b'') + encode(outcome.send)

@@ -95,3 +95,23 @@ def test_a_stop_is_acknowledged_by_the_measured_speed_where_the_settings_say_so(
     assert [kart.speed(0.0, at) for at in (0.0, 0.125, 0.25, 0.375)] == [
         *(b'', b'', b'$RED_RED;', b''),
     ]
+
+
+def test_a_garage_that_the_next_frame_overtakes_is_said_before_the_word_for_that() -> None:
+    kart = connected()
+    kart.received(b'$RED_RED;', 0.1)
+    assert kart.acknowledge(kart.verdict.order, 0.1) == b'$RED_RED;'
+    # Or race control would take the next RED_RED for an answer to the first.
+    kart.received(b'$IN_GARAGE;$RED_RED;', 0.9)
+    assert kart.acknowledge(kart.verdict.order, 0.9) == b'$IN_GARAGE;$RED_RED;'
+    kart.received(b'$RED_RED;', 1.0)
+    assert kart.acknowledge(kart.verdict.order, 1.0) == b'$RED_RED;'
+
+
+def test_a_garage_of_a_connection_that_is_lost_is_not_said_on_the_next() -> None:
+    kart = connected()
+    kart.received(b'$IN_GARAGE;', 0.1)
+    kart.closed(0.2)
+    kart.connected(0.3)
+    kart.received(b'$RED_RED;', 0.4)
+    assert kart.acknowledge(kart.verdict.order, 0.4) == b'$RED_RED;'
