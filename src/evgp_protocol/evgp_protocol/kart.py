@@ -81,7 +81,7 @@ class Kart:
     def closed(self, now: float, reason: str = 'the connection is closed') -> None:
         """End the connection: it is closed or broken, or you close it; `reason` is for people."""
         self._arbiter.disconnected(reason, now)
-        self._decoder, self._garage_owed = None, False
+        self._decoder = None
 
     def received(self, data: bytes, now: float) -> None:
         """
@@ -137,7 +137,7 @@ class Kart:
     def _follow(self, outcome: Outcome) -> bytes:
         """Take note of what follows from an input; return what to send."""
         if outcome.give_up is not None:
-            self._decoder, self._garage_owed = None, False
+            self._decoder = None
         order = outcome.verdict.order
         if outcome.send is None or (order == self._said_order and not self._heard_since_said):
             return b''
