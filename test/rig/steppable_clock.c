@@ -8,6 +8,9 @@
  * What waits for a time of the wall clock waits by the stepped one, as it would if an
  * administrator had set the clock: a step forward ends the wait, a step back makes it longer. The
  * monotonic clock is nobody's to set, and is left alone.
+ *
+ * It waits in slices. A signal that comes when a slice is over, but its mutex is not yet free for
+ * the one who waits, wakes nobody: it is counted, and ends the wait.
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -15,6 +18,7 @@
 #include <fcntl.h>
 #include <pthread.h>
 #include <semaphore.h>
+#include <stdatomic.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <sys/mman.h>
@@ -32,6 +36,8 @@ static int (*real_gettime)(clockid_t, struct timespec *);
 static int (*real_wait)(pthread_cond_t *, pthread_mutex_t *, const struct timespec *);
 static int (*real_clockwait)(
     pthread_cond_t *, pthread_mutex_t *, clockid_t, const struct timespec *);
+static int (*real_signal)(pthread_cond_t *);
+static int (*real_broadcast)(pthread_cond_t *);
 static int (*real_semwait)(sem_t *, const struct timespec *);
 static int (*real_lock)(pthread_mutex_t *, const struct timespec *);
 
@@ -48,6 +54,8 @@ __attribute__((constructor)) static void begin(void)
         return;
     real_wait = find("pthread_cond_timedwait");
     real_clockwait = find("pthread_cond_clockwait");
+    real_signal = find("pthread_cond_signal");
+    real_broadcast = find("pthread_cond_broadcast");
     real_semwait = find("sem_timedwait");
     real_lock = find("pthread_mutex_timedlock");
     const char *path = getenv("EVGP_TEST_CLOCK");
@@ -125,16 +133,39 @@ static int slice(const struct timespec *deadline, struct timespec *until)
     return 1;
 }
 
-#define WAIT(call)                              \
+/* Two conditions may share a number: then one of them wakes for nothing, as conditions may. */
+static atomic_uint *signals_of(pthread_cond_t *condition)
+{
+    static atomic_uint signals[1021];
+    return &signals[(uintptr_t)condition / sizeof *condition % 1021];
+}
+
+#define WAIT(call, woken)                       \
     do {                                        \
         struct timespec until;                  \
         while (slice(deadline, &until)) {       \
             int result = (call);                \
             if (result != ETIMEDOUT)            \
                 return result;                  \
+            if (woken)                          \
+                return 0;                       \
         }                                       \
         return ETIMEDOUT;                       \
     } while (0)
+
+int pthread_cond_signal(pthread_cond_t *condition)
+{
+    begin();
+    ++*signals_of(condition);
+    return real_signal(condition);
+}
+
+int pthread_cond_broadcast(pthread_cond_t *condition)
+{
+    begin();
+    ++*signals_of(condition);
+    return real_broadcast(condition);
+}
 
 int pthread_cond_timedwait(
     pthread_cond_t *condition, pthread_mutex_t *mutex, const struct timespec *deadline)
@@ -142,7 +173,8 @@ int pthread_cond_timedwait(
     begin();
     if (!offsets || condition->__data.__wrefs & CONDITION_IS_MONOTONIC)
         return real_wait(condition, mutex, deadline);
-    WAIT(real_wait(condition, mutex, &until));
+    unsigned before = *signals_of(condition);
+    WAIT(real_wait(condition, mutex, &until), *signals_of(condition) != before);
 }
 
 int pthread_cond_clockwait(
@@ -152,7 +184,8 @@ int pthread_cond_clockwait(
     begin();
     if (!offsets || clock != CLOCK_REALTIME)
         return real_clockwait(condition, mutex, clock, deadline);
-    WAIT(real_clockwait(condition, mutex, clock, &until));
+    unsigned before = *signals_of(condition);
+    WAIT(real_clockwait(condition, mutex, clock, &until), *signals_of(condition) != before);
 }
 
 int pthread_mutex_timedlock(pthread_mutex_t *mutex, const struct timespec *deadline)
@@ -162,7 +195,7 @@ int pthread_mutex_timedlock(pthread_mutex_t *mutex, const struct timespec *deadl
         return real_lock(mutex, deadline);
     if (!pthread_mutex_trylock(mutex))
         return 0;
-    WAIT(real_lock(mutex, &until));
+    WAIT(real_lock(mutex, &until), 0);
 }
 
 int sem_timedwait(sem_t *semaphore, const struct timespec *deadline)
