@@ -33,7 +33,9 @@ def test_every_promise_holds_for_the_corpus(name: str, path: pathlib.Path) -> No
     importlib.util.find_spec('atheris') is None and platform.machine() != 'x86_64',
     reason='there is no wheel of Atheris for this machine',
 )
-@pytest.mark.parametrize('runs', [300, pytest.param(3000, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    'runs', [300, pytest.param(3000, marks=[pytest.mark.long, pytest.mark.longest])]
+)
 @pytest.mark.parametrize('name', ['decoder', 'roster', 'timing'])
 def test_nothing_is_found_in_a_fixed_number_of_executions(
     name: str, runs: int, tmp_path: pathlib.Path

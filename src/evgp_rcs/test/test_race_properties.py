@@ -438,7 +438,11 @@ FEW, MANY = (
 
 
 @pytest.mark.parametrize(
-    'races', [pytest.param(FEW, id='few'), pytest.param(MANY, id='many', marks=pytest.mark.long)]
+    'races',
+    [
+        pytest.param(FEW, id='few'),
+        pytest.param(MANY, id='many', marks=[pytest.mark.long, pytest.mark.longest]),
+    ],
 )
 def test_every_input_of_a_random_race_is_as_the_oracle_says(races: settings) -> None:
     run_state_machine_as_test(Races, settings=races)

@@ -117,7 +117,7 @@ def _train(console: Console, plan: Plan, folder: pathlib.Path, given: argparse.N
         where = '' if opened else ', in a browser of this machine: incidents begin there'
         console.print(f'Instructor: {page.url}{where}')
         if screen:
-            console.print("Official: the officials' window has opened.")
+            console.print("Official: the officials' window opens, unless the screen refuses it.")
         with contextlib.suppress(KeyboardInterrupt):
             rehearsal.gather()
             _explain(console, rehearsal)
