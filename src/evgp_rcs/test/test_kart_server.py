@@ -1039,12 +1039,14 @@ def passings(*numbers: int) -> Passings:
     return Passings(tuple(Passing('line', 'today', number, 1) for number in numbers), 0)
 
 
-def heard_of(running: Running, kind: type[Any]) -> list[Any]:
+def heard_of(
+    running: Running, kind: type[Any], which: Callable[[Any], object] = lambda _: True
+) -> list[Any]:
     """Return what the ROS half was sent of this kind, once there is any."""
     with running._news:
 
         def found() -> list[Any]:
-            return [each for each in running.messages if isinstance(each, kind)]
+            return [each for each in running.messages if isinstance(each, kind) and which(each)]
 
         assert running._news.wait_for(lambda: bool(found()), TIMEOUT)
         return found()
@@ -1093,13 +1095,8 @@ def test_results_are_sent_once_there_are_laps_and_not_more_than_once_a_second(ru
         running.race.laps = Laps(running.race.times, Format.RACE, 0, clock.now(), (1,)).again()
     for number in range(1, 6):
         running.say(passings(number))
-    with running._news:
-
-        def sent() -> list[Standings]:
-            return [each for each in running.messages if isinstance(each, Standings)]
-
-        # The first may have gone out before there were laps.
-        assert running._news.wait_for(lambda: any(each.results for each in sent()), TIMEOUT)
-        standings = sent()
+    # The first may have gone out before there were laps.
+    heard_of(running, Standings, lambda each: each.results)
+    standings = heard_of(running, Standings)
     assert [each.kart for each in standings[-1].results] == [1]
     assert all(after.at - at.at >= RESULTS_EVERY for at, after in itertools.pairwise(standings))
