@@ -312,6 +312,30 @@ def test_a_frame_to_somebody_who_is_not_in_the_roster_is_a_violation() -> None:
     assert [violation.rule for violation in judge.violations] == ['stranger', 'rubbish']
 
 
+@pytest.mark.parametrize(
+    ('began', 'ended', 'wrong'),
+    [
+        pytest.param(2.0, 2.5, True, id='before GREEN_GREEN'),
+        pytest.param(3.1, 3.2, False, id='at the same time'),
+    ],
+)
+def test_green_green_is_wrong_only_if_the_other_command_was_in_force_before_it_was_given(
+    began: float, ended: float, wrong: bool
+) -> None:
+    judge = Judge({1}, {2}, 0.0)
+    for call in (
+        Call(CommandKind.GRID_ACTIVE, None, True, 1.0, 1.5, True),
+        Call(CommandKind.KART_RED_FLAG, 2, False, began, ended, True),
+        Call(CommandKind.GREEN_GREEN, None, False, 3.0, 3.5, True),
+    ):
+        judge.called(call)
+        judge.answered(call)
+    judge.finish()
+
+    rules_broken = [violation.rule for violation in judge.violations]
+    assert ('GRID_ACTIVE not last' in rules_broken) is wrong
+
+
 def test_the_judge_knows_every_state() -> None:
     assert set(STRICTNESS) == {state.value for state in rules.RaceState}
 

@@ -206,6 +206,7 @@ class Judge:
         self._race_floor: _Floor | None = None
         self._under_way: float | None = None
         self._grid: Call | None = None
+        self._after_grid: Call | None = None
         self._judged_until = now
         self._lock = threading.Lock()
 
@@ -455,9 +456,10 @@ class Judge:
         if (
             call.command not in (*BOOKKEEPING, CommandKind.GRID_ACTIVE)
             and self._grid is not None
+            and self._after_grid is None
             and call.began > (self._grid.ended or 0.0)
         ):
-            self._grid = None
+            self._after_grid = call
 
     def _stopped(self, at: float, call: Call) -> None:
         """Take note of what the catalogue says of a stop: to whom, and at least which red."""
@@ -474,7 +476,7 @@ class Judge:
         """No kart is sent anything at once, or nobody here knows which one."""
 
     def _accepted_grid_active(self, at: float, call: Call) -> None:
-        self._grid = call
+        self._grid, self._after_grid = call, None
         if not call.statement:
             self._violated('not stated', at, f'{call} without "the track is clear"')
         if self._under_way is not None and self._under_way < call.began:
@@ -491,7 +493,11 @@ class Judge:
                 )
 
     def _accepted_green_green(self, at: float, call: Call) -> None:
-        if self._grid is None:
+        # Answers may overtake one another: a command whose answer came first may be the later one.
+        other = self._after_grid
+        if not self._overlapped(call, (CommandKind.GRID_ACTIVE,)) and (
+            self._grid is None or (other is not None and (other.ended or 0.0) <= call.began)
+        ):
             self._violated(
                 'GRID_ACTIVE not last', at, f'{call}: another command came after GRID_ACTIVE'
             )
