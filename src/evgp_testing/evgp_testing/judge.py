@@ -206,7 +206,6 @@ class Judge:
         self._race_floor: _Floor | None = None
         self._under_way: float | None = None
         self._grid: Call | None = None
-        self._after_grid: Call | None = None
         self._judged_until = now
         self._lock = threading.Lock()
 
@@ -452,14 +451,6 @@ class Judge:
             self._stopped(at, call)
         else:
             SEEN[call.command](self, at, call)
-        # A command that may have come before GRID_ACTIVE says nothing.
-        if (
-            call.command not in (*BOOKKEEPING, CommandKind.GRID_ACTIVE)
-            and self._grid is not None
-            and self._after_grid is None
-            and call.began > (self._grid.ended or 0.0)
-        ):
-            self._after_grid = call
 
     def _stopped(self, at: float, call: Call) -> None:
         """Take note of what the catalogue says of a stop: to whom, and at least which red."""
@@ -476,7 +467,7 @@ class Judge:
         """No kart is sent anything at once, or nobody here knows which one."""
 
     def _accepted_grid_active(self, at: float, call: Call) -> None:
-        self._grid, self._after_grid = call, None
+        self._grid = call
         if not call.statement:
             self._violated('not stated', at, f'{call} without "the track is clear"')
         if self._under_way is not None and self._under_way < call.began:
@@ -493,10 +484,8 @@ class Judge:
                 )
 
     def _accepted_green_green(self, at: float, call: Call) -> None:
-        # Answers may overtake one another: a command whose answer came first may be the later one.
-        other = self._after_grid
         if not self._overlapped(call, (CommandKind.GRID_ACTIVE,)) and (
-            self._grid is None or (other is not None and (other.ended or 0.0) <= call.began)
+            self._grid is None or self._commanded_between(self._grid, call)
         ):
             self._violated(
                 'GRID_ACTIVE not last', at, f'{call}: another command came after GRID_ACTIVE'
@@ -605,6 +594,16 @@ class Judge:
             for command in commands
             for other in self._accepted.get(command, ())
             if other is not call and other.kart in (None, kart)
+        )
+
+    def _commanded_between(self, first: Call, second: Call) -> bool:
+        """Return whether a command to karts certainly came after one call and before another."""
+        return any(
+            other.began > (first.ended or 0.0) and (other.ended or 0.0) <= second.began
+            for command, calls in self._accepted.items()
+            if command not in (*BOOKKEEPING, CommandKind.GRID_ACTIVE)
+            for other in calls
+            if other is not second
         )
 
     def _forget(self, kart: _Kart, number: int) -> None:
