@@ -280,6 +280,7 @@ CATALOGUE: dict[CommandKind, Entry] = {
         fixed={'open': True},
         note='Opens the track to humans. Sends nothing to the karts. Teams end their programs '
         'before they unplug.',
+        statement='no_race_anywhere',
         loosens=True,
     ),
     CommandKind.CLOSE_TRACK: Entry(

@@ -38,7 +38,7 @@ from typing import Any, NamedTuple
 from evgp_protocol.frames import DEFAULT_PORT
 from evgp_rcs.inputs import Block, Setup
 from evgp_rcs.laps import Passing
-from evgp_rcs.race import Answer, Attendance, Command, RaceMemory, RaceTimes, StampedEvent
+from evgp_rcs.race import Answer, Attendance, Command, LastRun, RaceMemory, RaceTimes, StampedEvent
 from evgp_rcs.roster import Roster
 
 ANSWER_TIMEOUT = 4.0
@@ -78,12 +78,18 @@ class ServerSettings:
 
 @dataclass(frozen=True)
 class Begin:
-    """The first message: with what to start, and where the record is."""
+    """
+    The first message: with what to start, and where the record is.
+
+    :param cannot_know: why another race control at the same address cannot be ruled out, in a
+        phrase; empty: it can. Where it cannot, no proof of a good end is believed.
+    """
 
     roster: Roster
     times: RaceTimes
     settings: ServerSettings
     record: pathlib.Path
+    cannot_know: str = ''
 
 
 class Request(NamedTuple):
@@ -110,11 +116,13 @@ class Alive(NamedTuple):
     """
     The ROS half goes on and hears officials.
 
-    Also: whether it hears another race control, and who is there.
+    Also: whether it hears another race control, who is there, and what of the karts' network is
+    gone, in a phrase; empty: nothing.
     """
 
     rival: bool
     there: Attendance = Attendance()
+    cut_off: str = ''
 
 
 @dataclass(frozen=True)
@@ -213,6 +221,7 @@ class Opened:
     """The first message: what is known of the last run (None: nothing), and what fails."""
 
     left_behind: RaceMemory | None
+    last_run: LastRun
     error: str
 
 

@@ -44,6 +44,7 @@ from evgp_rcs.race import (
     Command,
     Heat,
     Kart,
+    LastRun,
     Order,
     Outcome,
     Race,
@@ -149,11 +150,12 @@ CLOSED_BY_KART = 'the kart closed the connection'
 
 
 class Disconnected(NamedTuple):
-    """A kart's connection is gone."""
+    """A kart's connection is gone; ``silent``: its link stopped answering."""
 
     at: float
     kart: int
     reason: str
+    silent: bool = False
 
 
 class Heard(NamedTuple):
@@ -203,6 +205,21 @@ class HeldUp(NamedTuple):
     seconds: float
 
 
+class CutOff(NamedTuple):
+    """Race control lost the karts' network, for this reason."""
+
+    at: float
+    reason: str
+
+
+class Contested(NamedTuple):
+    """Two programs connect as a kart again and again, or do so no more."""
+
+    at: float
+    kart: int
+    contested: bool
+
+
 class Rival(NamedTuple):
     """Another race control came or went."""
 
@@ -233,10 +250,17 @@ class StartBecame(NamedTuple):
 
 
 class Recovered(NamedTuple):
-    """What is known of the last run; None: nothing."""
+    """
+    What is known of the last run.
+
+    :param memory: what the record knows; None: nothing.
+    :param why: why no proof of a good end is believed; empty: no such reason.
+    """
 
     at: float
     memory: RaceMemory | None
+    last_run: LastRun
+    why: str = ''
 
 
 Input = (
@@ -249,6 +273,8 @@ Input = (
     | Passed
     | Tick
     | HeldUp
+    | CutOff
+    | Contested
     | Rival
     | Attended
     | RecordTrouble
@@ -274,10 +300,14 @@ def feed(given: Input, race: Race) -> Outcome:
             return race.command(command, at, came)
         case Connected(at, kart):
             return race.connected(kart, at)
-        case Disconnected(at, kart, reason):
-            return race.disconnected(kart, reason, at)
+        case Disconnected(at, kart, reason, silent):
+            return race.disconnected(kart, reason, at, silent)
         case HeldUp(at, seconds):
             return race.held_up(seconds, at)
+        case CutOff(at, reason):
+            return race.cut_off(reason, at)
+        case Contested(at, kart, contested):
+            return race.contested(kart, contested, at)
         case Rival(at, present):
             return race.rival(present, at)
         case Attended(at, there):
@@ -286,8 +316,8 @@ def feed(given: Input, race: Race) -> Outcome:
             return race.record_trouble(text, at)
         case StartBecame(at, phase, number):
             return race.start_becomes(phase, number, at)
-        case Recovered(at, memory):
-            return race.recover(memory, at)
+        case Recovered(at, memory, last_run, why):
+            return race.recover(memory, last_run, at, why)
 
 
 # ----- the marks between them -----------------------------------------------------------------

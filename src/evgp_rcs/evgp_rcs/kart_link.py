@@ -81,6 +81,7 @@ class KartLink(asyncio.BufferedProtocol):
     :param send_timeout: time for which a kart may leave a byte unanswered before it is lost, s.
     :ivar number: the kart's number, which the owner gives it; 0: none yet.
     :ivar reason: why the connection ended, or will.
+    :ivar silent: it ended since its link stopped answering.
     """
 
     def __init__(self, owner: LinkOwner, beat_rate: float, send_timeout: float) -> None:
@@ -98,6 +99,7 @@ class KartLink(asyncio.BufferedProtocol):
         self._delivered: tuple[int, float] | None = None  # to be told
         self.number = 0
         self.reason = 'the connection ended'
+        self.silent = False
 
     # ----- asyncio's side -----------------------------------------------------------------
 
@@ -132,6 +134,8 @@ class KartLink(asyncio.BufferedProtocol):
         """Tell the owner."""
         if exc is not None:
             self.reason = in_words(exc)
+            # Not what its own system answers, as when a program of the kart is gone.
+            self.silent = not isinstance(exc, ConnectionError)
         self._transport = None
         self._owner.link_lost(self)
 
@@ -165,6 +169,7 @@ class KartLink(asyncio.BufferedProtocol):
         self._look(now)
         age = self._answers.age(now)
         if age >= self._send_timeout:
+            self.silent = True
             self.drop('its network link stopped answering')
             return
         if floods:
@@ -179,6 +184,10 @@ class KartLink(asyncio.BufferedProtocol):
             self._owner.link_delivered(self, *delivered)
         if self._meter.is_due(age, now):
             self._measure(age, now)
+
+    def answers(self, now: float) -> bool:
+        """Return whether the kart's TCP answers as promptly as on a good link."""
+        return self._answers.age(now) < GRADES[Grade.FAIR]
 
     def drop(self, reason: str) -> None:
         """Give the connection up now; what waits to be written is thrown away."""

@@ -38,6 +38,7 @@ from evgp_rcs import priority
 from evgp_rcs.channel import Begin, Failed, Listening, LocalEnd, pack, Refused
 from evgp_rcs.inputs import Entrant, Recovered, Setup
 from evgp_rcs.kart_server import KartServer, KartServerError, RosHalfGoneError
+from evgp_rcs.race import LastRun
 from evgp_rcs.record import RecordError, rules_version
 from evgp_rcs.record_process import RecordProcess, wake_when_the_parent_dies
 
@@ -81,7 +82,12 @@ async def serve(begin: Begin, ros_half: LocalEnd, record: RecordProcess) -> None
         begin.settings,
         ros_half,
         record,
-        Recovered(loop.time(), record.left_behind),
+        Recovered(
+            loop.time(),
+            record.left_behind,
+            LastRun.UNKNOWN if begin.cannot_know else record.last_run,
+            begin.cannot_know,
+        ),
     )
     record.remember(race.memory(), loop.time())
     priority.come_first()

@@ -79,6 +79,10 @@ HELD_UP = 1.0
 CONNECTIONS = (10, 2.0)
 """Limit of a kart's connections: how many at once, and how many a second after that."""
 
+TAKEOVERS = (3, 10.0)
+"""How many times within how many seconds new connections of a kart take the place of its last one
+until two programs count as contesting for it. They do so no more once none came for as long."""
+
 CONNECTION_QUEUE = 4096
 """Maximum number of connections that wait to be taken; the kernel may allow fewer (somaxconn). A
 kart that finds the queue full tries again after 1, 3, 7, ... s, and is left out until then."""
@@ -212,6 +216,9 @@ class KartServer:
         self._gathered: list[StampedEvent] = []
         self._refusals = _Allowance(5)
         self._connections = {number: _Allowance(*CONNECTIONS) for number in race.karts}
+        self._takeovers: dict[int, deque[float]] = {
+            number: deque(maxlen=TAKEOVERS[0]) for number in race.karts
+        }
         self._too_often = {number: _Allowance(1) for number in race.karts}
         self._rubbish = {number: _Allowance(5) for number in race.karts}
         self._reports = {number: _Allowance(20) for number in race.karts}
@@ -220,6 +227,7 @@ class KartServer:
         self._began_again_at = 0.0
         self._shown_at = 0.0
         self._showing = False
+        self._cut_off = ''
         self._shown_pause = 0.0
         self._shown_laps: Laps | None = None
         self._results_at = -RESULTS_EVERY
@@ -350,6 +358,8 @@ class KartServer:
         self._beat_at = now
         self._look_at_the_ros_half(now)
         self._take(inputs.Tick(now))
+        for kart in [each.number for each in self._race.karts.values() if each.contested]:
+            self._look_who_contests(kart, now)
         for count, link in enumerate(list(self._links.values())):
             if count % KARTS_BETWEEN_LOOKS == 0:
                 self.take_commands()
@@ -410,6 +420,10 @@ class KartServer:
                 self._take(inputs.Rival(self.now(), message.rival))
             if message.there != self._race.there:
                 self._take(inputs.Attended(self.now(), message.there))
+            if message.cut_off != self._cut_off:
+                self._cut_off = message.cut_off
+                if message.cut_off:
+                    self._take(inputs.CutOff(self.now(), message.cut_off))
         elif isinstance(message, End):
             self.end(None if message.in_order else RosHalfGoneError('failed'))
         else:
@@ -593,12 +607,25 @@ class KartServer:
                 self._tell(Event(EventKind.REFUSED_CONNECTION, text, kart=number, success=False))
             return
         old = self._links.pop(number, None)
+        # Not a kart that has lost its link, and comes back before race control has noticed.
+        is_pushed_out = old is not None and old.answers(now)
         if old is not None:
             old.drop('a new connection from its address took its place')
         link.number = number
         link.set_up()
         self._links[number] = link
         self._take(inputs.Connected(now, number))
+        if is_pushed_out:
+            self._takeovers[number].append(now)
+            self._look_who_contests(number, now)
+
+    def _look_who_contests(self, number: int, now: float) -> None:
+        """Tell the rules if two programs contest for a kart, or do so no more."""
+        most, within = TAKEOVERS
+        before, at = self._race.karts[number].contested, self._takeovers[number]
+        contested = len(at) == most and now - at[-1 if before else 0] <= within
+        if contested != before:
+            self._take(inputs.Contested(now, number, contested))
 
     def link_heard(self, link: KartLink, heard: Heard, serial: int) -> None:
         """Take a frame, or what should have been one, from a kart."""
@@ -628,7 +655,8 @@ class KartServer:
         """Take note that a connection ended; one that was replaced has been told already."""
         if self._links.get(link.number) is link:
             del self._links[link.number]
-            self._take(inputs.Disconnected(self.now(), link.number, link.reason))
+            given = inputs.Disconnected(self.now(), link.number, link.reason, link.silent)
+            self._take(given)
 
 
 def _ended(failure: BaseException | None) -> Event:

@@ -46,8 +46,10 @@ unanswered *may be moving*; one that was told to form the grid is *on the grid*.
 either doubt: the kart acknowledges a red and then stands by it for ``settle`` seconds on the same
 connection, or an official made it safe by hand. A lost connection never does.
 
-What happened before race control began counts as the worst it could be, unless the record proves
-that the last run ended in good order with nothing under way (``recover``).
+What race control cannot know counts as the worst it could be: what happened before it began, unless
+the last run on this machine is known to have ended in good order with nothing under way
+(``recover``), and what happens while it is cut off from the karts (``cut_off``). One exception is
+the proposal's own (§3.B): where no run is known to have begun, it begins in IN_GARAGE.
 
 Somebody must be there (``Attendance``). Once nobody is heard any more who could stop a race, and
 somebody was in that race, it does not start, and after ``nobody_there`` it goes to RED_FLAG.
@@ -134,6 +136,7 @@ class AlertKind(enum.Enum):
     RECORD_FAILING = 'RECORD_FAILING'
     TWO_RACE_CONTROLS = 'TWO_RACE_CONTROLS'
     LINK_POOR = 'LINK_POOR'
+    TWO_PROGRAMS = 'TWO_PROGRAMS'
     LAPS_SOURCE = 'LAPS_SOURCE'
     NOBODY_THERE = 'NOBODY_THERE'
     BUTTON_FAULT = 'BUTTON_FAULT'
@@ -463,6 +466,9 @@ class Kart:
         answered that, and `acknowledged_at`: when it first acknowledged it; None: not yet.
     :param link: how good its link is; None: not measured on this connection. No rule asks for it,
         nor for the times above: they are for officials.
+    :param contested: two programs connect as this kart, and push each other out.
+    :param went_silent_at: when its connection was last lost because its link stopped answering, s;
+        None: it has a connection, or lost it in another way.
     :param link_poor_at: when its link was last measured to be poor, s; None: never.
     """
 
@@ -491,6 +497,8 @@ class Kart:
     link: LinkQuality | None = None
     link_poor_at: float | None = None
     transponders: tuple[str, ...] = ()
+    contested: bool = False
+    went_silent_at: float | None = None
 
     def __str__(self) -> str:
         """Return how officials call this kart."""
@@ -512,9 +520,33 @@ class Kart:
         return self.stopped and self.doubt is Doubt.NONE
 
     @property
+    def stopped_itself(self) -> bool:
+        """
+        Return whether it last said RED_RED while it is sent to the grid or to race.
+
+        Its team, the MSR's contact or its own doubt has stopped it. Nobody may rely on that.
+        """
+        return self.reported is RED_RED and self.sent in (GRID_ACTIVE, GREEN_GREEN)
+
+    @property
     def answered(self) -> bool:
         """Return whether it has done what it is sent, so that the race may go on."""
         return self.stands if self.sent.is_red else self.acknowledged
+
+
+class LastRun(enum.Enum):
+    """
+    What is known of how the run of race control before this one ended, on this machine and port.
+
+    ``NONE``: no run is known to have begun. ``ENDED``: it ended in good order with nothing under
+    way, held or in doubt, and the track closed; ``ENDED_OPEN``: likewise, with the track open.
+    ``UNKNOWN``: a run began, and nothing says how it ended; or that cannot be known.
+    """
+
+    NONE = 'none'
+    ENDED = 'ended'
+    ENDED_OPEN = 'ended, track open'
+    UNKNOWN = 'unknown'
 
 
 @dataclass(frozen=True)
@@ -536,20 +568,18 @@ class RaceMemory:
     :param state: the race's state.
     :param karts: each kart of the roster, by its number.
     :param track_open: officials have opened the track.
-    :param msr_used: an official has stated that the MSR was used.
+    :param unstated: no official has stated yet that no race is under way anywhere.
     :param laps: of the race that was started last; ``heats``: the results of the heats before.
     :param given: the transponders that officials gave to karts.
-    :param final: race control ended in good order with this: nothing happened since.
     """
 
     state: RaceState
     karts: Mapping[int, KartMemory]
     track_open: bool = False
-    msr_used: bool = False
+    unstated: bool = False
     laps: LapsMemory = NO_LAPS
     given: tuple[Owner, ...] = ()
     heats: tuple[LapsMemory, ...] = ()
-    final: bool = False
 
     @property
     def at_rest(self) -> bool:
@@ -557,6 +587,15 @@ class RaceMemory:
         return self.state is IN_GARAGE and not any(
             kart.held or kart.doubt for kart in self.karts.values()
         )
+
+    @property
+    def ends_as(self) -> LastRun:
+        """Return what the next run is to know of this one, if it ends in good order with this."""
+        if not self.at_rest:
+            return LastRun.UNKNOWN
+        if self.unstated:
+            return LastRun.NONE
+        return LastRun.ENDED_OPEN if self.track_open else LastRun.ENDED
 
 
 class StartPhase(enum.IntEnum):
@@ -602,8 +641,8 @@ class Race:
     Feed it with ``command``, ``connected``, ``disconnected``, ``heard`` and ``tick``, with the
     passings of the timing line (``passed``), with what becomes of a start that waits
     (``start_becomes``), with who is there (``attended``), and with what is wrong around it
-    (``held_up``, ``rival``, ``record_trouble``); each returns the orders to send and the events
-    that happened. Times are seconds of one monotonic clock and never go back.
+    (``held_up``, ``cut_off``, ``contested``, ``rival``, ``record_trouble``); each returns the
+    orders to send and the events that happened. Times are seconds of one monotonic clock and never go back.
 
     :param karts: every kart of the roster, each number once.
     :param times: the times of the rules.
@@ -651,8 +690,11 @@ class Race:
         """The name of the heat that was last put into the race; empty: none was."""
         self.track_open = False
         self.msr_used = False
-        self.restarted = False
-        """It is not known what happened before race control began; until IN_GARAGE."""
+        self.past_unknown = False
+        """Race control does not know what happened before, or while it was cut off; until
+        IN_GARAGE."""
+        self.unstated = False
+        """No official has stated yet that no race is under way anywhere."""
         self.has_rival = False
         self.record_fails = ''
         self.there = Attendance()
@@ -680,31 +722,36 @@ class Race:
             return self.start.memory
         karts = {number: _remembered(kart) for number, kart in self.karts.items()}
         laps, heats = self.laps.memory(), self.laps.heats.kept
-        track = self.track_open, self.msr_used
+        track = self.track_open, self.unstated
         return RaceMemory(self.state, karts, *track, laps, self.given, heats)
 
-    def recover(self, memory: RaceMemory | None, now: float) -> Outcome:
+    def recover(
+        self, memory: RaceMemory | None, last_run: LastRun, now: float, why: str = ''
+    ) -> Outcome:
         """
         Take up what race control left behind; to be called before any other input.
 
-        If it ended in good order with nothing under way, the race begins from the roster. In
-        every other case what happened last may not have been remembered, a stop least of all,
-        since a stop waits for no memory. So the race comes back as after ALL_KILL: in RED_RED,
-        with every kart held; the track counts as open. A kart of the race may have been sent to
-        the grid since. Connected karts answer for themselves. An official's statement in
-        IN_GARAGE answers for a kart that is away, unless it was known to be in doubt, or held
-        alone: then only its own release does.
+        If the last run ended in good order with nothing under way, or none is known to have
+        begun, the race begins from the roster. Where none is known, the track stays closed until
+        an official states that no race is under way anywhere: this machine may stand in for
+        another one.
 
-        :param memory: what is known; None: nothing is.
+        In every other case what happened last may not have been remembered, a stop least of all,
+        since a stop waits for no memory. So the race comes back as after ALL_KILL: in RED_RED,
+        with every kart held; the track counts as open. An official's statement in IN_GARAGE
+        covers every kart, unless it was known to be in doubt, or held alone: then only its own
+        word does, or its own release.
+
+        :param memory: what the record knows; None: nothing.
+        :param why: why no proof of a good end is believed, in a phrase; empty: no such reason.
         """
-        final = memory is not None and memory.final
         if memory is not None:
             self.given = memory.given
             self.laps = Laps.recall(memory.laps, self.times, now, Heats(memory.heats))
-        self.track_open = memory is None or memory.track_open or not final
-        if memory is not None and final and memory.at_rest:
+        if last_run is not LastRun.UNKNOWN and (memory is None or memory.at_rest):
+            self.track_open = last_run is LastRun.ENDED_OPEN
+            self.unstated = last_run is LastRun.NONE
             return self._outcome()
-        self.restarted = True
         gone: list[Kart] = []
         for number, before in ({} if memory is None else memory.karts).items():
             kart = self.karts.get(number)
@@ -717,31 +764,33 @@ class Race:
                 kart.in_race = before.in_race
                 kart.place = before.place
             kart.doubt = before.doubt
-            if before.in_race and not final:
-                kart.doubt = max(kart.doubt, Doubt.GRID)
             kart.held_alone = before.held and before.held_alone
             if kart.doubt:
                 kart.lost_since = now
-        for kart in self.karts.values():
-            self._hold(kart, RED_RED, 'race control was restarted', now)
         self.places_given = max((kart.place for kart in self.karts.values()), default=0)
-        why = 'race control began, and does not know what happened before'
+        # Of a race in RED_RED nobody knows whether its results were told; of one that nobody
+        # finished, not even whether it was started.
         if memory is not None:
-            why = 'race control was restarted'
-            self.msr_used = memory.msr_used
-            # Of a race in RED_RED nobody knows whether its results were told; of one that nobody
-            # finished, not even whether it was started.
             in_red = memory.state is RED_RED and self.places_given
             if memory.state in (GREEN_GREEN, RED_FLAG) or in_red:
                 self.starters = tuple(
                     kart.number for kart in self.karts.values() if kart.in_race or kart.place
                 )
                 self.grids = self.number = 1
-        self._go(RED_RED, now, why)
+        self._lose_track('held since race control began', f'{BEGAN}: {why}' if why else BEGAN, now)
         for kart in gone:
             text = f'{_capital(kart)} is held in RED_RED; find it, make it safe, release it alone'
             self._tell(EventKind.KART_STATE, text, kart.number, RED_RED)
         return self._outcome()
+
+    def _lose_track(self, held: str, cause: str, now: float) -> None:
+        """Have everything count as the worst it could be: race control does not know it."""
+        self.past_unknown = True
+        self.track_open = True
+        self.msr_used = False
+        for kart in self.karts.values():
+            self._hold(kart, RED_RED, held, now)
+        self._go(RED_RED, now, cause)
 
     # ----- inputs -------------------------------------------------------------------------
 
@@ -763,14 +812,15 @@ class Race:
         refusal = self._refusal_of(command, came)
         if refusal or not CATALOGUE[command.kind].needs_journal:
             return self._outcome(self._decide(command, refusal, now))
+        before = self.memory()
         karts = {
             number: dataclasses.replace(kart, doubt=Doubt.MOVING) if kart.in_race else kart
-            for number, kart in self.memory().karts.items()
+            for number, kart in before.karts.items()
         }
         until = now + self.times.journal_timeout
         self.starts += 1
-        laps, heats = self._laps_from(now).memory(), self.laps.heats.kept
-        memory = RaceMemory(GREEN_GREEN, karts, laps=laps, given=self.given, heats=heats)
+        laps = self._laps_from(now).memory()
+        memory = dataclasses.replace(before, state=GREEN_GREEN, karts=karts, laps=laps)
         self.start = Start(self.starts, command, came, until, memory)
         return self._outcome(start=self.start)
 
@@ -807,6 +857,33 @@ class Race:
             kart.settles_at = now + self.times.settle
         pause = max(self.times.pause, self.times.pause_after_held_up)
         self._pause(now + pause, f'race control was held up for {seconds:.1f} s')
+        return self._outcome()
+
+    def cut_off(self, reason: str, now: float) -> Outcome:
+        """
+        Take note that race control lost the karts' network; the race is as after a crash.
+
+        Until it is back, another race control may do anything with the karts.
+
+        :param reason: what was lost, in a phrase.
+        """
+        self._cut_off(reason, now)
+        return self._outcome()
+
+    def _cut_off(self, reason: str, now: float) -> None:
+        cause = f'race control was cut off from the karts ({reason})'
+        self._pause(now + self.times.pause, cause)
+        self._lose_track('race control was cut off', cause, now)
+        self._tell_alerts(now)
+
+    def contested(self, number: int, contested: bool, now: float) -> Outcome:
+        """
+        Take note that two programs connect as one kart again and again, or do so no more.
+
+        :raises KeyError: if the roster has no such kart.
+        """
+        self.karts[number].contested = contested
+        self._tell_alerts(now)
         return self._outcome()
 
     def _pause(self, until: float, why: str) -> None:
@@ -873,22 +950,44 @@ class Race:
         if not kart.may_be_moving:
             kart.lost_since = None
         kart.reported = None
-        kart.link = None
-        self._tell(EventKind.CONNECTED, f'{_capital(kart)} connected', number)
+        kart.link = kart.went_silent_at = None
+        text = f'{_capital(kart)} connected'
+        self._tell(EventKind.CONNECTED, text, number, chatter=kart.contested)
         self._redirect(kart, now, anew=True)
         return self._outcome()
 
-    def disconnected(self, number: int, reason: str, now: float) -> Outcome:
+    def disconnected(
+        self, number: int, reason: str, now: float, silent: bool = False
+    ) -> Outcome:
         """
         Take note that a kart's connection is gone (§3.E, §4.D).
 
         :param reason: how it went, for the officials.
+        :param silent: its link stopped answering; nobody closed the connection.
         :raises KeyError: if the roster has no such kart.
         """
         kart = self.karts[number]
         if kart.connected:
             self._drop(kart, reason, now)
+            if silent:
+                kart.went_silent_at = now
+                self._look_whether_all_went_silent(kart, now)
         return self._outcome()
+
+    def _look_whether_all_went_silent(self, lost: Kart, now: float) -> None:
+        """Take race control for cut off if it has lost every kart of the race at once."""
+        in_garage = self.state is IN_GARAGE
+        if self.state is RED_RED or not (lost.in_race or in_garage):
+            return  # in RED_RED there is nothing to stop, and teams switch their karts off
+        concerned = [each for each in self.karts.values() if each.in_race or in_garage]
+        silent = [
+            each
+            for each in concerned
+            if each.went_silent_at is not None and each.went_silent_at >= now - AT_ONCE
+        ]
+        # In the garage a team that takes its kart's battery off is no sign of that.
+        if len(silent) > in_garage and not any(each.connected for each in concerned):
+            self._cut_off(f'no kart answers any more: {_listed(silent)}', now)
 
     def heard(self, number: int, serial: int, state: RaceState, now: float) -> Outcome:
         """
@@ -1100,6 +1199,8 @@ class Race:
                 told = self._alerts.get((kind, number))
                 since = told.since if told else now
             use_msr = kind in MSR_ALERTS and not self.msr_used
+            if kind is AlertKind.TRACK_UNSAFE:
+                use_msr = use_msr and any(each.doubt for each in self.karts.values())
             alerts.append(Alert(kind, number, since, text, use_msr))
         alerts.sort(key=lambda alert: alert.since, reverse=True)
         return alerts
@@ -1141,12 +1242,13 @@ class Race:
                 kart.doubt = max(kart.doubt, Doubt.GRID)
             elif state is IN_GARAGE:
                 kart.doubt = Doubt.MOVING if kart.may_be_moving else Doubt.NONE
-            else:
-                # Told to go, or told to stop and it has not said yet that it did.
+            elif self._by is not None or not self._covered_by_statement(kart):
+                # Told to go, or told to stop and it has not said yet that it did. Nobody knows
+                # that of a kart which is sent RED_RED because race control knows nothing.
                 kart.doubt = Doubt.MOVING
             self._orders.append(Order(kart.number, state, kart.serial))
             text = f'{_capital(kart)} is sent {state.value}'
-            self._tell(EventKind.KART_STATE, text, kart.number, state)
+            self._tell(EventKind.KART_STATE, text, kart.number, state, kart.contested and anew)
 
     def _hold(self, kart: Kart, hold: RaceState, reason: str, now: float) -> None:
         if kart.hold is None or hold.strictness > kart.hold.strictness:
@@ -1199,7 +1301,8 @@ class Race:
         under_way = kart.in_race and self.state is not IN_GARAGE
         if (under_way or kart.doubt) and kart.lost_since is None:
             kart.lost_since = now
-        self._tell(EventKind.DISCONNECTED, f'{_capital(kart)} disconnected: {reason}', kart.number)
+        text = f'{_capital(kart)} disconnected: {reason}'
+        self._tell(EventKind.DISCONNECTED, text, kart.number, chatter=kart.contested)
         if under_way and self.state is not GRID_ACTIVE:
             self._hold(kart, RED_RED, f'lost its connection in {self.state.value}', now)
         elif kart.may_be_moving:
@@ -1224,10 +1327,12 @@ class Race:
         return message + (f'; in RED_RED already: {_listed(stopped)}' if stopped else '')
 
     def _grid_active(self, command: Command, now: float) -> str:
-        self.grids += 1
-        self.number = self.grids
         if self.start is not None:
             self.start = self.start._replace(phase=StartPhase.OUTLIVED)
+        if self.state is GRID_ACTIVE:
+            return 'GRID_ACTIVE is the last command again; who has acknowledged it need not again'
+        self.grids += 1
+        self.number = self.grids
         self.msr_used = False
         self.starters = ()
         heats, forgotten = self.laps.heats.keep(self.laps)
@@ -1264,7 +1369,8 @@ class Race:
             each.finish_due = None
         self.over = False
         self.msr_used = False
-        self.restarted = False
+        if self.past_unknown:
+            self.past_unknown = self.unstated = False
         self._tell_results()  # of a race that was stopped and never declared over
         self._go(IN_GARAGE, now)
         for each in self.karts.values():
@@ -1276,6 +1382,7 @@ class Race:
 
     def _open_track(self, command: Command, now: float) -> str:
         self.track_open = True
+        self.unstated = False
         return f'The track is open to humans: {self._humans_allowed()[1]}'
 
     def _close_track(self, command: Command, now: float) -> str:
@@ -1295,6 +1402,8 @@ class Race:
         kart = self.karts[command.kart]
         hold = RED_RED if command.kind is CommandKind.KART_RED_RED else RED_FLAG
         reason = f'{hold.value} by {command.official or "an official"}'
+        if kart.connected and not kart.stopped and self._covered_by_statement(kart):
+            kart.doubt = Doubt.MOVING  # somebody has seen that it must be stopped
         self._hold(kart, hold, reason, now)
         if not kart.held_alone:
             kart.held_alone = True
@@ -1427,7 +1536,7 @@ class Race:
         return ''
 
     def _no_grid_active(self, command: Command) -> str:
-        if self.state is not IN_GARAGE:
+        if self.state not in (IN_GARAGE, GRID_ACTIVE):
             return f'the race is in {self.state.value}; bring it to IN_GARAGE first'
         racing = list(self.racing())
         if not racing:
@@ -1436,12 +1545,33 @@ class Race:
             return 'the track is open to humans; close it first'
         held = _held(racing)
         if held:
+            if self.state is GRID_ACTIVE:
+                return f'bring the race to IN_GARAGE and release the held karts: {held}'
             numbers = _numbers(each.number for each in racing if each.hold is not None)
             return f'first send KART_IN_GARAGE to {numbers}: {held}'
-        moving = [each for each in racing if each.may_be_moving]
-        if moving:
-            return f'send RED_RED first to what may be moving: {_listed(moving)}'
-        return self._uninspected(racing) or self._untried_button() or self._no_record()
+        return (
+            self._doubtful()
+            or self._contested(racing)
+            or self._uninspected(racing)
+            or self._untried_button()
+            or self._no_record()
+        )
+
+    def _doubtful(self) -> str:
+        """Return which karts must not be near a race that starts, whatever the rest does."""
+        return _cut(
+            [
+                self._danger(each)
+                for each in self.karts.values()
+                if each.may_be_moving or (each.doubt and not each.in_race)
+            ]
+        )
+
+    def _contested(self, karts: Iterable[Kart]) -> str:
+        contested = [each for each in karts if each.contested]
+        if not contested:
+            return ''
+        return f'two programs connect as {_listed(contested)}; have its team end one of them'
 
     def _untried_button(self) -> str:
         if not self.times.require_button or self.there.button_tried:
@@ -1465,10 +1595,7 @@ class Race:
         if self.state is not GRID_ACTIVE:
             return f'the race is in {self.state.value}; GREEN_GREEN follows GRID_ACTIVE'
         if not self.grid_was_last:
-            return (
-                'another command was sent after GRID_ACTIVE; '
-                'bring the race to IN_GARAGE and send GRID_ACTIVE again'
-            )
+            return 'another command was sent after GRID_ACTIVE; send GRID_ACTIVE again'
         racing = list(self.racing())
         if not racing:
             return 'no kart is in the race'
@@ -1482,13 +1609,8 @@ class Race:
         ]
         if missing:
             return f'waiting for {_cut(missing)}'
-        doubtful = [
-            self._danger(each)
-            for each in self.karts.values()
-            if each.may_be_moving or (each.doubt and not each.in_race)
-        ]
-        if doubtful:
-            return _cut(doubtful)
+        if unfit := self._contested(racing) or self._doubtful():
+            return unfit
         if self.nobody_since is not None:
             return (
                 'nobody is there any more to stop the race: open a window; or begin again, with '
@@ -1518,8 +1640,7 @@ class Race:
             f'{each}: {self._silence(each)}' for each in self._waited_for() if not each.answered
         ]
         if not missing:
-            # That the MSR counts no more must be known after a crash.
-            return self._no_record() if self.msr_used else ''
+            return ''
         how = '' if self.msr_used else 'use the MSR and record it; or, if it is off the track, '
         return (
             f'waiting for {_cut(missing)}. If a kart does not answer, {how}make it safe by hand '
@@ -1630,7 +1751,7 @@ class Race:
             and (
                 each.hold is None
                 or (each.stands and (each.in_race or not each.held_alone))
-                or self._is_answered_for(each)
+                or self._covered_by_statement(each)
             )
         )
 
@@ -1698,11 +1819,18 @@ class Race:
     # ----- what the official must state ---------------------------------------------------
 
     def _state_track_safe(self, command: Command) -> str:
-        if not self.restarted:
+        if not self.past_unknown:
             return 'the track is safe for humans'
-        away = [each for each in self.karts.values() if self._is_answered_for(each)]
-        text = 'the track is safe for humans, and no kart moves'
-        return f'{text}, not even those that are not connected: {_listed(away)}' if away else text
+        silent = [
+            each
+            for each in self.karts.values()
+            if self._covered_by_statement(each) and not each.stands
+        ]
+        text = f'the track is safe for humans, and {NO_RACE_ANYWHERE}'
+        return f'{text}, not even those that say nothing: {_listed(silent)}' if silent else text
+
+    def _state_no_race(self, command: Command) -> str:
+        return NO_RACE_ANYWHERE if self.unstated else ''
 
     def _state_made_safe(self, command: Command) -> str:
         kart = self.karts[command.kart]
@@ -1772,10 +1900,10 @@ class Race:
         unsafe = [each for each in map(self._danger, self.karts.values()) if each]
         if unsafe:
             return False, _cut(unsafe)
-        if self.restarted:
+        if self.past_unknown:
             return False, (
-                'race control does not know what happened before it began: look at every kart, '
-                'then send IN_GARAGE, or use the MSR and record it'
+                'race control does not know what happened: look at every kart, then send '
+                'IN_GARAGE; or use the MSR and record it'
             )
         if not any(kart.connected for kart in self.karts.values()):
             return True, 'no kart is connected: race control does not know what the karts do'
@@ -1801,9 +1929,14 @@ class Race:
             )
         return ''
 
-    def _is_answered_for(self, kart: Kart) -> bool:
-        """Return whether IN_GARAGE's statement answers for a kart of which nothing is known."""
-        return self.restarted and not (kart.connected or kart.doubt or kart.held_alone)
+    def _covered_by_statement(self, kart: Kart) -> bool:
+        """
+        Return whether the statement of the next IN_GARAGE covers a kart.
+
+        Race control does not know what happened, and nobody has seen this kart move, nor stopped
+        it alone.
+        """
+        return self.past_unknown and not (kart.doubt or kart.held_alone)
 
     def _silence(self, kart: Kart) -> str:
         """Return what there is instead of the answer that is waited for."""
@@ -1811,6 +1944,8 @@ class Race:
             return 'not connected'
         if kart.stopped:
             return f'has stopped, and must stand for {self.times.settle:g} s'
+        if kart.stopped_itself:
+            return 'stopped itself'
         if kart.withdrawn:
             return f'withdrew its acknowledgement of {kart.sent.value}'
         return f'no {kart.sent.value} yet'
@@ -1819,13 +1954,17 @@ class Race:
         """
         Return the karts that the race waits for: lost ones too, unless the MSR was used.
 
-        After a restart every connected kart that is held must answer.
+        Where it is not known what happened, every connected kart that is held must answer, too,
+        unless the official's statement covers it.
         """
         return [
             kart
             for kart in self.karts.values()
-            if (kart.connected and (kart.in_race or (self.restarted and kart.sent.is_red)))
-            or (kart.in_race and not (self.msr_used or self._is_answered_for(kart)))
+            if (
+                (kart.connected and (kart.in_race or (self.past_unknown and kart.sent.is_red)))
+                or (kart.in_race and not self.msr_used)
+            )
+            and not self._covered_by_statement(kart)
         ]
 
     def _unattended_since(self) -> float | None:
@@ -1921,19 +2060,27 @@ class Race:
                     f'{kart.link.worst_answer:.1f} s late, and a stop may too'
                 )
                 yield AlertKind.LINK_POOR, kart, None, text
+            if kart.contested:
+                text = f'Two programs connect as {kart}, in turns: have its team end one of them'
+                yield AlertKind.TWO_PROGRAMS, kart, None, text
             if kart.sent in late and not kart.acknowledged:
                 alert, limit = late[kart.sent]
                 due = kart.sent_since + limit
                 if due > now or not (kart.connected or alert is AlertKind.NOT_READY):
                     continue
+                if self._covered_by_statement(kart):
+                    continue  # its program may boot, and nobody has seen it move
                 text = f'{kart} has not acknowledged {kart.sent.value}'
+                if kart.stopped_itself:
+                    text = f'{kart} stopped itself; it is sent {kart.sent.value}'
                 if alert in MSR_ALERTS:
                     text = f'{msr}: {text}'
                 elif not kart.connected:
                     text += ': it is not connected'
                 yield alert, kart, due, _capital(text)
         if self.track_open and not self._humans_allowed()[0]:
-            text = f'Clear the track, or use the MSR: {self._humans_allowed()[1]}'
+            doubt = any(each.doubt for each in self.karts.values())
+            text = f'Clear the track{", or use the MSR" * doubt}: {self._humans_allowed()[1]}'
             yield AlertKind.TRACK_UNSAFE, None, None, text
         if self.has_rival:
             yield (
@@ -2037,6 +2184,16 @@ MOST_GIVEN, MOST_PENALTIES = 500, 200
 
 AUTO_FINISH = 'auto finish'
 """Who gives a FINISH that the organiser lets race control give (`auto_finish`)."""
+
+AT_ONCE = 2.0
+"""Maximum time from the first to the last of the karts that are lost at once, in seconds: each is
+lost `send_timeout` after its last answer."""
+
+NO_RACE_ANYWHERE = 'no race is under way anywhere, and no kart moves'
+"""What an official states once where race control does not know what happened before."""
+
+BEGAN = 'race control began, and does not know what happened before'
+"""Why the race is in RED_RED after a start without proof."""
 
 NOT_IN_ROSTER = 'not in the roster any more'
 
@@ -2171,7 +2328,9 @@ COMMANDS: dict[CommandKind, Rule] = {
     CommandKind.JOIN_RACE: Rule(Race._join_race, Race._no_join, is_command=False),
     CommandKind.LEAVE_RACE: Rule(Race._leave_race, Race._no_leave, is_command=False),
     CommandKind.SET_HEAT: Rule(Race._set_heat, Race._no_set_heat, is_command=False),
-    CommandKind.OPEN_TRACK: Rule(Race._open_track, Race._no_open_track, is_command=False),
+    CommandKind.OPEN_TRACK: Rule(
+        Race._open_track, Race._no_open_track, Race._state_no_race, is_command=False
+    ),
     CommandKind.CLOSE_TRACK: Rule(Race._close_track, is_command=False),
     # Bookkeeping of laps.
     CommandKind.COUNT_PASSING: Rule(Race._count_passing, Race._not_started, is_command=False),

@@ -49,7 +49,7 @@ from evgp_rcs.encoding import DAMAGED, read, reader, written
 from evgp_rcs.folder import rcs_folder
 from evgp_rcs.inputs import Block, joined, Setup
 from evgp_rcs.orderly_end import OrderlyEnd
-from evgp_rcs.race import Event, EventKind, RaceMemory, StampedEvent
+from evgp_rcs.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
 
 SCHEMA_VERSION = 7
 
@@ -185,10 +185,13 @@ class Record:
         """Why the last try to write failed, in a phrase; empty: it did not."""
         self.left_behind: RaceMemory | None = None
         """What is known of the last run; None: nothing."""
+        self.last_run = LastRun.UNKNOWN
         try:
             self._claim()
             proof = self._take_proof()
             self.left_behind = self._open(proof)
+            if proof:
+                self.last_run = LastRun.ENDED
         except _UNWRITABLE as error:
             self._take_proof()
             self._fail(error)
@@ -465,9 +468,7 @@ def _left_behind(database: sqlite3.Connection, proof: str) -> RaceMemory | None:
     if memory is None:
         return None  # there is no run, or the last one wrote nothing
     try:
-        # The end is written with the last memory: without the one, the other is missing too.
-        final = ended_ns is not None and proof == str(ended_ns)
-        known = dataclasses.replace(read(RaceMemory, memory), final=final)
+        known = read(RaceMemory, memory)
     except ValueError:
         return None  # damaged
     if time.time_ns() - newest_ns > RESULTS_LAST_NS:
@@ -490,7 +491,7 @@ def distrust(path: pathlib.Path) -> None:
         number, memory = database.execute(last).fetchone() or (0, None)
         if memory is not None:
             try:
-                memory = written(dataclasses.replace(read(RaceMemory, memory), msr_used=False))
+                memory = written(read(RaceMemory, memory))
             except ValueError:
                 memory = None  # damaged: nothing is known
         change = 'UPDATE session SET ended_ns = NULL, memory = ? WHERE id = ?'

@@ -51,7 +51,7 @@ from evgp_rcs.channel import (
     Written,
 )
 from evgp_rcs.inputs import Block, Setup
-from evgp_rcs.race import RaceMemory
+from evgp_rcs.race import LastRun, RaceMemory
 from evgp_rcs.record import Record, RecordError
 
 MOST_UNWRITTEN_BYTES = 80 * 2**20
@@ -103,6 +103,7 @@ class RecordProcess:
         self._error: str = opened.error
         self.left_behind: RaceMemory | None = opened.left_behind
         """What is known of the last run; None if nothing is."""
+        self.last_run: LastRun = opened.last_run
 
     def attach(self, loop: asyncio.AbstractEventLoop) -> None:
         """Read the process's messages in this loop."""
@@ -236,7 +237,7 @@ def _write(path: pathlib.Path, end: socket.socket) -> None:
     except RecordError as error:
         end.sendall(pack(Refused(str(error))))
         return
-    end.sendall(pack(Opened(record.left_behind, record.error)))
+    end.sendall(pack(Opened(record.left_behind, record.last_run, record.error)))
     unpacker = Unpacker()
     batches = written = 0
     confirm: list[int] = []

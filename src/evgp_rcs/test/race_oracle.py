@@ -159,6 +159,8 @@ PROPERTIES = {
     'untried': 'S: where a button is required, no race begins without one that was tried',
     'start-answer': 'a start is answered once: when refused, or when what it waits for is so',
     'restart': 'S: after a restart all is red and closed, and no kart, hold or doubt is forgotten',
+    'cut-off': 'S: race control that was cut off is as after a restart that knows nothing',
+    'contested': 'S: no race starts with a kart as which two programs connect',
     'hold-forgotten': 'S: a hold falls only with an acknowledged red, or by an official alone',
     'order-wrong': 'S: a connected kart gets an order exactly when what it is sent changes',
     'order-serial': 'S: serials rise, and the last order sent is the one that counts',
@@ -210,6 +212,8 @@ class KartView(NamedTuple):
     finish_at: float | None
     settles: float | None
     alone: bool
+    contested: bool
+    silent: float | None
     barred: bool
 
     @property
@@ -250,7 +254,8 @@ class View(NamedTuple):
     msr_used: bool
     over: bool
     places: int
-    restarted: bool
+    past_unknown: bool
+    unstated: bool
     rival: bool
     trouble: bool
     heats: tuple[Any, ...]
@@ -408,7 +413,8 @@ class Input(NamedTuple):
         passing 'beam' if it does not say who it was; of who is there 'tried' if a button was,
         'fault' if something is wrong with one.
     :param serial: of what a kart says; of a passing or its correction, its number.
-    :param statement: what is stated; of a rival that it is there, of the record that it fails, of
+    :param statement: what is stated; of a lost connection that its link was silent, of a kart that
+        two programs connect as it; of a rival that it is there, of the record that it fails, of
         a journal that it was written, of a link that is measured that it is poor, of who is there
         that somebody can stop the race.
     :param karts: which karts a start or release is for, as the official saw it.
@@ -457,12 +463,21 @@ _KART = operator.attrgetter(
     'finish_due',
     'settles_at',
     'held_alone',
+    'contested',
+    'went_silent_at',
     'inspected',
 )
 # As KartView._make, in half the time.
 _kart_view: Callable[[Iterable[Any]], KartView] = functools.partial(tuple.__new__, KartView)
 _RACE = operator.attrgetter(
-    'state', 'track_open', 'msr_used', 'over', 'places_given', 'restarted', 'has_rival'
+    'state',
+    'track_open',
+    'msr_used',
+    'over',
+    'places_given',
+    'past_unknown',
+    'unstated',
+    'has_rival',
 )
 
 
@@ -522,7 +537,7 @@ def _humans_allowed(view: View) -> tuple[bool, list[int]]:
     if view.state in (GRID_ACTIVE, GREEN_GREEN):
         return False, []
     unsafe = [kart.number for kart in view.karts if not _is_safe(kart)]
-    return not (unsafe or view.restarted), unsafe
+    return not (unsafe or view.past_unknown), unsafe
 
 
 def _is_safe(kart: KartView) -> bool:
@@ -537,9 +552,14 @@ def _stands(kart: KartView) -> bool:
     return kart.acked and _red(kart) and not kart.doubt
 
 
-def _is_answered_for(view: View, kart: KartView) -> bool:
-    """Return whether IN_GARAGE's statement answers for a kart of which nothing is known."""
-    return view.restarted and not (kart.connected or kart.doubt or kart.alone)
+def _is_covered(view: View, kart: KartView) -> bool:
+    """Return whether IN_GARAGE's statement covers a kart that nobody has seen move."""
+    return view.past_unknown and not (kart.doubt or kart.alone)
+
+
+def _unfit(view: View) -> tuple[int, ...]:
+    """Return who must not be near a race that starts, whatever karts answer."""
+    return tuple(k.number for k in view.karts if k.moving or (k.doubt and not k.in_race))
 
 
 def _red(kart: KartView) -> bool:
@@ -568,10 +588,11 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     state = view.state
     if kind == 'GRID_ACTIVE':
         held = tuple(kart.number for kart in racing if kart.hold is not None)
-        held = held or tuple(kart.number for kart in racing if kart.moving)
+        held = held or _unfit(view)
+        held = held or tuple(kart.number for kart in racing if kart.contested)
         held = held or tuple(kart.number for kart in racing if kart.barred)
-        in_time = state is IN_GARAGE and not view.track_open
-        allowed = in_time and bool(racing) and not held and not view.trouble
+        in_time = state in (IN_GARAGE, GRID_ACTIVE) and not view.track_open and bool(racing)
+        allowed = in_time and not held and not view.trouble
         allowed = allowed and not view.there.untried
         return Judgement(allowed, True, held * in_time, numbers)
     if kind == 'GREEN_GREEN':
@@ -581,9 +602,8 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
             if kart.in_race and not (kart.connected and memory.ready and kart.acked)
         )
         missing = tuple(kart.number for kart in racing if kart.hold is not None) or missing
-        missing = missing or tuple(
-            kart.number for kart in view.karts if kart.moving or (kart.doubt and not kart.in_race)
-        )
+        missing = missing or tuple(kart.number for kart in racing if kart.contested)
+        missing = missing or _unfit(view)
         in_time = state is GRID_ACTIVE and facts.grid_last and bool(racing)
         allowed = in_time and not missing and view.start is None and not view.trouble
         allowed = allowed and not _nobody(view, facts)
@@ -593,29 +613,29 @@ def judge(view: View, facts: Facts, kind: str, number: int) -> Judgement:
     if kind == 'IN_GARAGE':
         if state is RED_RED:
             # The MSR answers for those who are not there, and for nobody else.
-            # And the statement for those of whom nothing is known; who is there answers itself.
-            waiting = [
-                kart
-                for kart in racing
-                if kart.connected or not (view.msr_used or _is_answered_for(view, kart))
-            ]
-            if view.restarted:
+            waiting = [kart for kart in racing if kart.connected or not view.msr_used]
+            if view.past_unknown:
                 waiting += [
                     kart
                     for kart in view.karts
                     if kart.connected and not kart.in_race and _red(kart)
                 ]
-            silent = tuple(sorted(kart.number for kart in waiting if not _stands(kart)))
+            # And the statement for those of whom nothing is known.
+            silent = tuple(
+                sorted(
+                    kart.number
+                    for kart in waiting
+                    if not (_stands(kart) or _is_covered(view, kart))
+                )
+            )
         elif state is GRID_ACTIVE:
             silent = tuple(k.number for k in racing if k.moving or (k.doubt and not k.connected))
         else:
             return Judgement(False)
-        # A crash must not bring the statement back that the MSR was used.
-        allowed = not silent and not (view.msr_used and view.trouble)
-        return Judgement(allowed, True, silent, _sent_home(view) if allowed else ())
+        return Judgement(not silent, True, silent, () if silent else _sent_home(view))
     if kind == 'OPEN_TRACK':
         allowed, unsafe = _humans_allowed(view)
-        return Judgement(allowed, False, tuple(unsafe))
+        return Judgement(allowed, view.unstated, tuple(unsafe))
     if kind == 'CLOSE_TRACK':
         return Judgement(True)
     if kind == 'SET_HEAT':
@@ -829,8 +849,8 @@ def expect(
     :param becomes: what becomes of the command, or of the start that waits (``fate``).
     :param abandoned: nobody has been there for too long (``is_abandoned``).
     """
-    state, track_open, msr_used, over, places, restarted, rival, trouble = view[:8]
-    heats, starters, paused, start, there, timed, penalties, karts = view[8:]
+    state, track_open, msr_used, over, places, past_unknown, unstated, rival, trouble = view[:9]
+    heats, starters, paused, start, there, timed, penalties, karts = view[9:]
     what, kind, number = given.what, given.kind, given.kart
     if becomes == 'finishes':
         what, kind, becomes = 'command', 'KART_FINISH', 'accepted'
@@ -863,11 +883,14 @@ def expect(
     if what == 'connected':
         if mine[0]['connected']:
             drop(mine[0])
-        mine[0]['connected'] = True
+        mine[0].update(connected=True, silent=None)
         anew = number
     elif what == 'disconnected':
         if mine[0]['connected']:
             drop(mine[0])
+            mine[0]['silent'] = now if given.statement else None
+    elif what == 'contested':
+        mine[0]['contested'] = given.statement
     elif what == 'heard':
         _hear(mine[0], given, now, times.settle)
     elif what == 'rival':
@@ -877,7 +900,7 @@ def expect(
         there = ThereView(given.statement, untried, kind == 'fault')
     elif what == 'record':
         trouble = given.statement
-    elif what in OF_A_START or what in OF_A_LINK or what == 'passing':
+    elif what in OF_A_START or what in OF_A_LINK or what in ('passing', 'cut off'):
         pass
     elif what == 'held up':
         for each in after:
@@ -889,7 +912,7 @@ def expect(
             if each['finish_at'] is not None and now >= each['finish_at']:
                 each['finish_at'] = None
                 hold([each], RED_FLAG)
-        _settle(state, after, 0, now)
+        _settle(state, after, 0, now, past_unknown)
         if starters and _race_is_over(state, after, now, times):
             state, over, starters = RED_RED, True, ()
         if abandoned and state in IN_MOTION:
@@ -899,12 +922,14 @@ def expect(
         hold(after, RED_RED)
     elif kind == 'RED_FLAG':
         state = _stricter(state, RED_FLAG)
-    elif kind == 'KART_RED_RED':
-        hold(mine, RED_RED)
+    elif kind in KART_STOPS:
+        hold(mine, RED_RED if kind == 'KART_RED_RED' else RED_FLAG)
+        for kart in karts:
+            if kart.number == number and kart.connected and _is_covered(view, kart):
+                mine[0]['doubt'] = HARMLESS if kart.acked and _red(kart) else MOVING
         mine[0]['alone'] = True
-    elif kind == 'KART_RED_FLAG':
-        hold(mine, RED_FLAG)
-        mine[0]['alone'] = True
+    elif kind == 'GRID_ACTIVE' and state is GRID_ACTIVE:
+        pass
     elif kind == 'GRID_ACTIVE':
         state, msr_used, places, starters = GRID_ACTIVE, False, 0, ()
         timed, penalties = (), ()
@@ -916,11 +941,12 @@ def expect(
     elif kind == 'RACE_OVER':
         state, over, starters = RED_RED, True, ()
     elif kind == 'IN_GARAGE':
-        state, over, msr_used, restarted, starters = IN_GARAGE, False, False, False, ()
+        state, over, msr_used, starters = IN_GARAGE, False, False, ()
+        past_unknown, unstated = False, unstated and not past_unknown
         for each, old in zip(after, karts, strict=True):
             each['finish_at'] = None
             kept = each['alone'] and not each['in_race']
-            if (_stands(old) and not kept) or _is_answered_for(view, old):
+            if (_stands(old) and not kept) or _is_covered(view, old):
                 each['hold'], each['alone'] = None, False
     elif kind == 'KART_FINISH':
         places += 1
@@ -948,7 +974,7 @@ def expect(
         for each in after:
             each['in_race'] = each['number'] in chosen
     elif kind == 'OPEN_TRACK':
-        track_open = True
+        track_open, unstated = True, False
     elif kind == 'PENALISE':
         penalties = (*penalties, number)
     elif kind == 'UNDO_PENALTY':
@@ -961,13 +987,34 @@ def expect(
         if track_open:
             paused = max(paused, now + times.pause)
         track_open = False
-    _settle(state, after, anew, now)
+    if is_cut_off(view, given, now):
+        state, track_open, msr_used, past_unknown = RED_RED, True, False, True
+        paused = max(paused, now + times.pause)
+        hold(after, RED_RED)
+    _settle(state, after, anew, now, past_unknown and what != 'command')
     seen = tuple([_kart_view(each.values()) for each in after])
-    race = (state, track_open, msr_used, over, places, restarted, rival, trouble)
+    race = (state, track_open, msr_used, over, places, past_unknown, unstated, rival, trouble)
     return View(*race, heats, starters, paused, start, there, timed, penalties, seen)
 
 
-def _settle(state: RaceState, karts: list[dict[str, Any]], anew: int, now: float) -> None:
+def is_cut_off(view: View, given: Input, now: float) -> bool:
+    """Return whether race control is cut off by this, or can only take itself for that."""
+    if given.what != 'disconnected':
+        return given.what == 'cut off'
+    if not given.statement or view.state is RED_RED:
+        return False
+    in_garage = view.state is IN_GARAGE
+    concerned = [kart for kart in view.karts if kart.in_race or in_garage]
+    if not any(kart.number == given.kart and kart.connected for kart in concerned):
+        return False
+    others = [kart for kart in concerned if kart.number != given.kart]
+    lately = [kart for kart in others if kart.silent is not None and now - kart.silent <= 2.0]
+    return not any(kart.connected for kart in others) and (bool(lately) or not in_garage)
+
+
+def _settle(
+    state: RaceState, karts: list[dict[str, Any]], anew: int, now: float, unseen: bool
+) -> None:
     """Give every kart what the sentence of docs/rules.md says."""
     for kart in karts:
         sent = _stricter(state if kart['in_race'] else IN_GARAGE, kart['hold'])
@@ -978,7 +1025,9 @@ def _settle(state: RaceState, karts: list[dict[str, Any]], anew: int, now: float
             kart.update(acked=False, settles=None)
         if told and kart['connected']:
             if sent is GREEN_GREEN or sent in REDS:
-                kart['doubt'] = MOVING
+                # Nobody has seen it move, and nobody but it knows more.
+                if not unseen or kart['doubt'] or kart['alone']:
+                    kart['doubt'] = MOVING
             elif kart['doubt'] != MOVING:
                 kart['doubt'] = ON_GRID if sent is GRID_ACTIVE else HARMLESS
 
@@ -1008,7 +1057,9 @@ def expect_alerts(view: View, facts: Facts, now: float, times: Any) -> set[tuple
             alerts.add(('MOVING_UNASKED', kart.number))
         if kart.in_race and memory.poor:
             alerts.add(('LINK_POOR', kart.number))
-        if kart.acked:
+        if kart.contested:
+            alerts.add(('TWO_PROGRAMS', kart.number))
+        if kart.acked or _is_covered(view, kart):
             continue
         if kart.sent is GRID_ACTIVE and now >= kart.since + times.ready_alert:
             alerts.add(('NOT_READY', kart.number))
@@ -1058,15 +1109,17 @@ def learn(
     elif is_abandoned(before, facts, given, now, times) and before.state in IN_MOTION:
         # Unless the race is over at the same time, which stops it more strictly.
         paused = paused if after.over else max(paused, now + times.pause)
+    elif is_cut_off(before, given, now):
+        paused = max(paused, now + times.pause)
     success = becomes == 'accepted'
     if success and given.what in OF_A_START:
         assert before.start is not None
         given = of_start(before.start)
     if given.what == 'command' and success and given.kind not in NO_BUTTON:
         grid_last = given.kind == 'GRID_ACTIVE'
-    gridded = given.kind == 'GRID_ACTIVE' and success
+    gridded = given.kind == 'GRID_ACTIVE' and success and before.state is IN_GARAGE
     outlived = after.start is not None and before.start is not None
-    outlived = outlived and (facts.outlived or gridded)
+    outlived = outlived and (facts.outlived or (given.kind == 'GRID_ACTIVE' and success))
     met, left = facts.met, facts.left
     if given.what == 'there':
         met = met or given.statement
@@ -1080,11 +1133,11 @@ def learn(
     for old, kart, memory in zip(before.karts, after.karts, facts.karts, strict=True):
         ready, lost, phase, missing, stood, poor = memory
         if given.what == 'command' and success:
-            if given.kind == 'GRID_ACTIVE':
+            if gridded:
                 ready = False
             if given.kind == 'IN_GARAGE' and _stands(old):
                 lost = lost and old.alone and not old.in_race
-            if given.kind == 'IN_GARAGE' and _is_answered_for(before, old):
+            if given.kind == 'IN_GARAGE' and _is_covered(before, old):
                 lost = False
             if given.kind == 'KART_IN_GARAGE' and given.kart == kart.number:
                 lost, missing = False, None
@@ -1141,7 +1194,7 @@ def _learn_laps(
         return facts._replace(wanted=wanted)
     if kind == 'GIVE_TRANSPONDER':
         return facts._replace(owner=kart)
-    if kind == 'GRID_ACTIVE':
+    if kind == 'GRID_ACTIVE' and before.state is IN_GARAGE:
         return facts._replace(laps=None)
     if kind == 'GREEN_GREEN':
         return facts._replace(laps=LapFacts(now, facts.wanted, after.timed, times))
@@ -1201,7 +1254,11 @@ def give(rules: ModuleType, race: Any, given: Input, now: float) -> Any:
     if given.what == 'connected':
         return race.connected(given.kart, now)
     if given.what == 'disconnected':
-        return race.disconnected(given.kart, 'end of file', now)
+        return race.disconnected(given.kart, 'end of file', now, given.statement)
+    if given.what == 'cut off':
+        return race.cut_off('no cable', now)
+    if given.what == 'contested':
+        return race.contested(given.kart, given.statement, now)
     if given.what == 'heard':
         return race.heard(given.kart, given.serial, given.state, now)
     if given.what == 'measured':
@@ -1252,6 +1309,10 @@ def check_input(
             raise RuleBrokenError('green-needs-acks', f'{facts} {before}')
         if _nobody(before, facts):
             raise RuleBrokenError('nobody-there', f'{facts} {before}')
+        if any(kart.contested and kart.in_race for kart in before.karts):
+            raise RuleBrokenError('contested', f'{facts} {before}')
+    if is_cut_off(before, given, now) and not _is_unknown(after):
+        raise RuleBrokenError('cut-off', f'{given}: {before} became {after}')
     abandoned = is_abandoned(before, facts, given, now, race.times)
     if abandoned and after.state in IN_MOTION:
         raise RuleBrokenError('nobody-there', f'{facts} {before} became {after}')
@@ -1299,7 +1360,7 @@ def check_input(
         raise RuleBrokenError('laps-act', f'{given}: {before} became {after} with {outcome}')
     _check_cause(race, before, given, outcome, after)
     memory = learn(before, facts, given, becomes, after, now, race.times)
-    if what in ('connected', 'disconnected'):
+    if what in ('connected', 'disconnected') and not is_cut_off(before, given, now):
         _check_alarms(
             what,
             expect_alerts(before, facts, now, race.times),
@@ -1327,6 +1388,13 @@ def check_input(
     if after[:-1] != expected[:-1]:
         raise RuleBrokenError('effect', f'{given} in {before}: {after}, expected {expected}')
     return memory
+
+
+def _is_unknown(view: View) -> bool:
+    """Return whether all is as after a restart that knows nothing."""
+    all_red = all(kart.hold is kart.sent is RED_RED for kart in view.karts)
+    open_to_worst = view.past_unknown and view.track_open and not view.msr_used
+    return view.state is RED_RED and all_red and open_to_worst
 
 
 def _check_start(
@@ -1431,7 +1499,7 @@ def _check_safety(
                 old.hold is not None and _strictness(kart.hold) < _strictness(old.hold)
             )
             answered = kind == 'IN_GARAGE' and (
-                (old.connected and _stands(old)) or _is_answered_for(before, old)
+                (old.connected and _stands(old)) or _is_covered(before, old)
             )
             if falls and kind == 'IN_GARAGE' and old.alone and not old.in_race:
                 raise RuleBrokenError('alone-released', f'{given}: {old} became {kart}')
@@ -1443,7 +1511,7 @@ def _check_safety(
             raise RuleBrokenError('drop-not-held', f'{given} in {before.state}: {kart}')
         if before.rival and looser:
             raise RuleBrokenError('rival', f'{given}: {old} became {kart}')
-        _check_doubt(old, given, ordered.get(kart.number), kart)
+        _check_doubt(after, old, given, ordered.get(kart.number), kart)
         stood = known.stood if given.what != 'heard' else known.stood or now
         if (
             old.moving
@@ -1522,7 +1590,7 @@ def _check_results(race: Any, before: View, given: Input, outcome: Any, after: V
                 raise RuleBrokenError('results', f'{text} in {before}')
 
 
-def _check_doubt(old: KartView, given: Input, order: Any, kart: KartView) -> None:
+def _check_doubt(after: View, old: KartView, given: Input, order: Any, kart: KartView) -> None:
     """Check that whatever makes a kart doubtful is noticed, and what ends that is enough."""
     heard = given.what == 'heard' and given.kart == kart.number and old.connected
     unasked = heard and given.state is not old.sent
@@ -1530,6 +1598,7 @@ def _check_doubt(old: KartView, given: Input, order: Any, kart: KartView) -> Non
         raise RuleBrokenError('ack-stale', f'{given}: {old} became {kart}')
     seen = unasked and (given.state is GREEN_GREEN or (old.acked and _red(old)))
     told = order is not None and (order.state is GREEN_GREEN or order.state in REDS)
+    told = told and (given.what == 'command' or not _is_covered(after, old))
     gridded = order is not None and order.state is GRID_ACTIVE
     if (not kart.moving and (seen or told)) or (not kart.doubt and gridded):
         raise RuleBrokenError('doubt-unnoticed', f'{given}: {old} became {kart}')
@@ -1556,13 +1625,13 @@ def _check_alarms(what: str, before: set[tuple[str, int]], after: set[tuple[str,
 
 
 def check_recovery(
-    rules: ModuleType, race: Any, view: View, now: float, known: bool, final: bool
+    rules: ModuleType, race: Any, view: View, now: float, known: bool, last_run: Any
 ) -> None:
     """
     Crash here, edit the last kart out of the roster, start again, and look what is known.
 
     :param known: the memory is not lost.
-    :param final: race control ended in good order.
+    :param last_run: what is known of how the last run ended: a ``LastRun``.
     """
     roster = [kart.number for kart in view.karts][:-1]
     karts = [
@@ -1577,28 +1646,28 @@ def check_recovery(
     fresh = look(again)
     memory = race.memory()
     home = view.state is IN_GARAGE and not any(kart.hold or kart.doubt for kart in view.karts)
-    if memory.at_rest != home:
-        raise RuleBrokenError('restart', f'at rest is {memory.at_rest} in {view}')
-    outcome = again.recover(dataclasses.replace(memory, final=final) if known else None, now)
+    ends = ('NONE' if view.unstated else 'ENDED_OPEN' if view.track_open else 'ENDED') * home
+    if memory.at_rest != home or memory.ends_as.name != (ends or 'UNKNOWN'):
+        raise RuleBrokenError('restart', f'at rest is {memory.at_rest}, {memory.ends_as} in {view}')
+    outcome = again.recover(memory if known else None, last_run, now)
     after = look(again)
 
     def broken(why: str = '') -> RuleBrokenError:
         return RuleBrokenError('restart', f'{why}{view} became {after} with {outcome.events}')
 
-    proved = known and final
-    if proved and home:
-        kept = {'timed': view.timed, 'penalties': view.penalties}
-        if outcome.orders or after != fresh._replace(track_open=view.track_open, **kept):
+    laps = {'timed': view.timed, 'penalties': view.penalties} if known else {}
+    if last_run.name != 'UNKNOWN' and (home or not known):
+        begins = fresh._replace(
+            track_open=last_run.name == 'ENDED_OPEN', unstated=last_run.name == 'NONE', **laps
+        )
+        if outcome.orders or after != begins:
             raise broken()
         return
     if (after.timed, after.penalties) != ((view.timed, view.penalties) if known else ((), ())):
         raise broken('laps: ')
-    opened = view.track_open or not proved
-    if outcome.orders or after[:4] != (RED_RED, opened, known and view.msr_used, False):
+    if outcome.orders or not _is_unknown(after) or after.over:
         raise broken()
-    allowed, _ = _humans_allowed(after)
-    available = again.availability(rules.CommandKind.OPEN_TRACK, 0, now).available
-    if not after.restarted or allowed != after.msr_used or available != after.msr_used:
+    if again.availability(rules.CommandKind.OPEN_TRACK, 0, now).available:
         raise broken()
     of_race = {kart.number for kart in after.karts if kart.in_race or kart.place}
     placed = any(kart.place for kart in after.karts)
@@ -1626,6 +1695,8 @@ def check_recovery(
             acked=False,
             finish_at=None,
             settles=None,
+            contested=False,
+            silent=None,
         )
         if gone:
             # The roster has no date of a kart that is not in it.
@@ -1633,8 +1704,7 @@ def check_recovery(
             expected = expected._replace(in_race=False, place=0, barred=barred)
         if number in remembered:
             old = remembered[number]
-            since = ON_GRID if old.in_race and not final else HARMLESS
-            expected = expected._replace(doubt=max(old.doubt, since), alone=old.alone)
+            expected = expected._replace(doubt=old.doubt, alone=old.alone)
             if not gone:
                 expected = expected._replace(in_race=old.in_race, place=old.place)
         if kart != expected:
@@ -1754,6 +1824,9 @@ def check_state(race: Any, view: View, facts: Facts, now: float) -> None:
         raise RuleBrokenError('alerts', f'{alerts}, expected {expected} in {view}')
     for alert in told:
         urgent = alert.kind.name in MSR_ALERTS
+        if alert.kind.name == 'TRACK_UNSAFE':
+            # Where nobody has seen any kart move, to clear the track is enough.
+            urgent = any(kart.doubt for kart in view.karts)
         if alert.use_msr != (urgent and not view.msr_used):
             raise RuleBrokenError('use-msr', f'{alert} in {view}')
     if view.start is not None:
@@ -1889,12 +1962,13 @@ class Search:
         steps of 1.
     :param compare: of the states met again, compare one in this many.
     :param track: officials open the track.
-    :param around: another race control comes and goes, the record fails and works again, and links
-        are poor and good again.
+    :param around: another race control comes and goes, race control is cut off, two programs
+        connect as a kart, the record fails and works again, and links are poor and good again.
+    :param silence: connections are lost since their links stopped answering, too.
     :param people: those who can stop the race come and go, and a button.
     :param begin: where: in the 'garage', on the 'grid' or in 'green' with every kart of the race
-        connected and its word given, after a 'crash' in mid-race or a 'crash on the grid', or
-        where all is 'unknown'.
+        connected and its word given, after a 'crash' in mid-race or a 'crash on the grid',
+        where all is 'unknown', or at the 'first' start.
     :param then: what happens before the search begins.
     :param uninspected: the karts whose inspection the roster does not have.
     :param without: commands to one kart that are not given.
@@ -1914,6 +1988,7 @@ class Search:
         compare: int = 4000,
         track: bool = True,
         around: bool = False,
+        silence: bool = False,
         people: bool = False,
         begin: str = 'garage',
         without: Container[str] = (),
@@ -1964,6 +2039,7 @@ class Search:
             if kind not in without:
                 self.commands.extend((kind, kart.number) for kart in karts)
         self.around = around
+        self.silence = silence
         self.people = people
         self.waits = waits
         self.scratch = Scratch(self.race)
@@ -1996,7 +2072,8 @@ class Search:
             facts.grid_last,
             view.track_open,
             view.msr_used,
-            view.restarted,
+            view.past_unknown,
+            view.unstated,
             view.rival,
             view.trouble,
             max(view.paused - now, 0.0),
@@ -2030,6 +2107,7 @@ class Search:
         due = left = settles = -1.0
         if kart.settles is not None:
             settles = max(kart.settles - now, 0.0)
+        silent = -1.0 if kart.silent is None else max(kart.silent + 2.0 - now, -1.0)
         if kart.finish_at is not None and ((timed and kart.place) or kart.hold is None):
             due = max(kart.finish_at - now, 0.0)
         if finishing and red and kart.place:
@@ -2041,6 +2119,8 @@ class Search:
             kart.acked and (red or kart.sent is GRID_ACTIVE),
             kart.doubt,
             kart.alone,
+            kart.contested,
+            silent,
             untold and kart.place > 0,
             due,
             left,
@@ -2083,8 +2163,11 @@ class Search:
                 doubt, state = self.rules.Doubt.GRID, GRID_ACTIVE
             kart = self.rules.KartMemory(True, False, 0, doubt, False)
             memory = self.rules.RaceMemory(state, dict.fromkeys(racing, kart))
-            self.race.recover(None if self.begin == 'unknown' else memory, 0.0)
+            known = None if self.begin == 'unknown' else memory
+            self.race.recover(known, self.rules.LastRun.UNKNOWN, 0.0)
             return recall(look(self.race), 0.0)
+        if self.begin == 'first':
+            self.race.recover(None, self.rules.LastRun.NONE, 0.0)
         facts = remember(look(self.race))
         way = []
         if self.laps:
@@ -2159,9 +2242,10 @@ class Search:
         view = look(race)
         report.by_state[view.state.value] += 1
         check_state(race, view, facts, now)
-        known, final = bool(report.states % 4), bool(report.states % 2)
+        known = bool(report.states % 3)
+        last_run = [*self.rules.LastRun][report.states % 4]
         if view.start is None:
-            check_recovery(self.rules, race, view, now, known, final)
+            check_recovery(self.rules, race, view, now, known, last_run)
         for given, after_time in self._inputs(view, facts, now):
             report.inputs += 1
             accepted, learned, after = self._take(view, facts, given, after_time)
@@ -2223,8 +2307,12 @@ class Search:
                 yield Input('heard', '', kart.number, serial=kart.serial - 1, state=state), now
             yield Input('connected', '', kart.number), now
             yield Input('disconnected', '', kart.number), now
+            if self.silence:
+                yield Input('disconnected', '', kart.number, True), now
         if self.around:
+            yield Input('cut off'), now
             for kart in view.karts:
+                yield Input('contested', '', kart.number, not kart.contested), now
                 yield Input('delivered', '', kart.number, serial=kart.serial), now
                 yield Input('measured', '', kart.number, statement=True), now
                 yield Input('measured', '', kart.number), now
@@ -2261,6 +2349,7 @@ class Search:
         self.scratch.load(saved)
         race.rival(False, now)
         for kart in race.karts.values():
+            race.contested(kart.number, False, now)
             if not kart.connected:
                 race.connected(kart.number, now)
         for kart in race.karts.values():

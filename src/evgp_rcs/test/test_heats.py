@@ -34,7 +34,7 @@ from evgp_rcs.laps import (
     MOST_OF_HEATS,
     overall,
 )
-from evgp_rcs.race import Answer, Command, Heat, Race, RaceMemory
+from evgp_rcs.race import Answer, Command, Heat, LastRun, Race, RaceMemory
 from evgp_rcs.rcs_record import main
 from evgp_rcs.snapshot import snapshot_of, standings_of
 from hypothesis import given
@@ -201,7 +201,7 @@ def test_after_a_restart_the_standing_and_the_order_of_start_are_as_before(
     before = paper.race
     again = PaperRace({1: 'Ohm', 2: 'Volta', 3: 'Tesla'}, HEATS).race
 
-    again.recover(read(RaceMemory, written(before.memory())), 5000.0)
+    again.recover(read(RaceMemory, written(before.memory())), LastRun.UNKNOWN, 5000.0)
 
     assert grids(again) == grids(before)
     assert again.laps.grid == before.laps.grid

@@ -103,11 +103,10 @@ MEMORIES = st.builds(
     state=STATES,
     karts=st.dictionaries(KARTS, st.builds(KartMemory, place=NUMBERS)),
     track_open=FLAGS,
-    msr_used=FLAGS,
+    unstated=FLAGS,
     laps=LAPS,
     heats=st.lists(LAPS, max_size=2).map(tuple),
     given=st.lists(st.builds(laps.Owner, TEXTS, KARTS)).map(tuple),
-    final=FLAGS,
 )
 ORDERS = st.builds(Order, kart=KARTS, state=STATES, serial=KARTS)
 LINKS = st.builds(

@@ -36,6 +36,7 @@ from evgp_rcs.race import (
     Heat,
     Kart,
     KartMemory,
+    LastRun,
     MOST_GIVEN,
     NOBODY_THERE,
     Outcome,
@@ -283,7 +284,7 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
             0,
             'first send KART_IN_GARAGE to kart 2: kart 2 (Volta): RED_FLAG by an official',
         ),
-        (drives_unasked, 0, 'send RED_RED first to what may be moving: kart 3 (Tesla)'),
+        (drives_unasked, 0, 'kart 3 (Tesla) may be moving: stop it with RED_RED'),
         (does(('OPEN_TRACK', None)), 0, 'the track is open to humans; close it first'),
     ],
     'GREEN_GREEN': [
@@ -291,8 +292,7 @@ REFUSALS: dict[str, list[tuple[Reach | str, int | 0, str]]] = {
         (
             does(('KART_RED_FLAG', SPECTATOR), at='GRID_ACTIVE'),
             0,
-            'another command was sent after GRID_ACTIVE; bring the race to IN_GARAGE and send '
-            'GRID_ACTIVE again',
+            'another command was sent after GRID_ACTIVE; send GRID_ACTIVE again',
         ),
     ],
     'IN_GARAGE': [
@@ -516,7 +516,7 @@ def test_a_report_is_told_once_however_often_it_is_repeated(officials: Officials
 
 def test_what_a_kart_can_cause_again_and_again_by_talking_is_marked(officials: Officials) -> None:
     officials.to_grid()
-    talk = [GRID_ACTIVE, IN_GARAGE, GRID_ACTIVE, IN_GARAGE, RED_RED]
+    talk = [GRID_ACTIVE, IN_GARAGE, GRID_ACTIVE, RED_FLAG, IN_GARAGE]
     events = [event for state in talk for event in officials.says(1, state).events]
     assert [(event.kind, event.chatter) for event in events] == [
         (EventKind.ACKNOWLEDGED, False),
@@ -749,7 +749,7 @@ def test_a_kart_that_left_the_roster_is_named_and_held_until_it_is_released_by_h
     held = KartMemory(True, True, 1, Doubt.MOVING, False)
     memory = RaceMemory(GREEN_GREEN, {1: calm, 7: held, 8: calm})
     race = Race([Kart(1)], now=0.0)
-    events = race.recover(memory, 0.0).events
+    events = race.recover(memory, LastRun.UNKNOWN, 0.0).events
     assert [event.text for event in events if event.kart == 7] == [
         'Kart 7 (not in the roster any more) is held in RED_RED; find it, make it safe, release '
         'it alone'
@@ -764,6 +764,155 @@ def test_a_kart_that_left_the_roster_is_named_and_held_until_it_is_released_by_h
     assert race.command(command, 0.0).answer
     assert race.track_access().allowed
     assert race.memory().karts[7] == calm
+
+
+def begun(last_run: LastRun, memory: RaceMemory | None = None) -> Officials:
+    """Return officials whose race control has just begun, before any kart connects."""
+    officials = Officials(connected=False)
+    officials.race.recover(memory, last_run, officials.now)
+    return officials
+
+
+def test_the_first_start_is_in_the_garage_and_opens_the_track_on_a_statement_once() -> None:
+    officials = begun(LastRun.NONE)
+    for kart in TEAMS:
+        officials.connect(kart)
+    assert officials.all_sent() == [IN_GARAGE, IN_GARAGE, IN_GARAGE]
+    assert not officials.alerts()
+    officials.to_over().acknowledge(1, 2)
+    officials.does('IN_GARAGE')
+    assert officials.race.memory().ends_as is LastRun.NONE
+    assert 'state that no race is under way anywhere, and no kart moves' in officials.is_refused(
+        'OPEN_TRACK', stating=False
+    )
+    officials.does('OPEN_TRACK')
+    officials.does('CLOSE_TRACK')
+    assert officials.race.memory().ends_as is LastRun.ENDED
+    officials.command('OPEN_TRACK', stating=False)
+    assert officials.race.memory().ends_as is LastRun.ENDED_OPEN
+
+
+def test_after_a_start_without_proof_one_statement_covers_who_was_not_seen_to_move() -> None:
+    officials = begun(LastRun.UNKNOWN)
+    officials.connect(1)  # its program boots, and says nothing
+    officials.wait(60.0)
+    assert officials.all_sent() == [RED_RED, RED_RED, RED_RED]
+    assert not any(alert.use_msr for alert in officials.race.alerts(officials.now))
+    assert 'say nothing: kart 1 (Ohm); kart 2 (Volta); kart 3 (Tesla)' in officials.is_refused(
+        'IN_GARAGE', stating=False
+    )
+    officials.does('IN_GARAGE')
+    assert officials.all_sent() == [IN_GARAGE, IN_GARAGE, IN_GARAGE]
+    assert [kart.number for kart in officials.race.racing()] == [1, 2]
+    officials.does('CLOSE_TRACK')
+    officials.connect(2)
+    officials.to_ready().does('GREEN_GREEN')
+
+
+def test_a_kart_that_was_seen_to_move_is_not_covered_by_the_statement_of_others() -> None:
+    held = KartMemory(True, True, 0, Doubt.MOVING, False)
+    officials = begun(LastRun.UNKNOWN, RaceMemory(GREEN_GREEN, {1: held}))
+    officials.connect(2)
+    officials.says(2, GREEN_GREEN)
+    text = officials.is_refused('IN_GARAGE')
+    assert 'kart 1 (Ohm): not connected' in text
+    assert 'kart 2 (Volta): no RED_RED yet' in text
+
+
+def test_no_proof_is_believed_against_what_the_record_knows() -> None:
+    held = KartMemory(True, True, 0, Doubt.MOVING, False)
+    assert begun(LastRun.ENDED, RaceMemory(GREEN_GREEN, {1: held})).race.state is RED_RED
+
+
+def test_officials_read_why_no_proof_is_believed() -> None:
+    race = Race([Kart(1)], now=0.0)
+    race.recover(None, LastRun.UNKNOWN, 0.0, 'nobody may ask who has 10.0.0.1')
+    assert 'nobody may ask who has 10.0.0.1' in race.state_cause
+
+
+@pytest.mark.parametrize('state', STATES)
+def test_race_control_that_is_cut_off_is_as_after_a_start_without_proof(
+    state: str, officials: Officials
+) -> None:
+    STATES[state](officials)
+    officials.race.cut_off('eth0 has no cable', officials.now)
+    assert officials.all_sent() == [RED_RED, RED_RED, RED_RED]
+    if state != 'RED_RED':
+        assert 'race control was cut off from the karts (eth0 has' in officials.race.state_cause
+    assert not officials.race.track_access().allowed
+    assert officials.race.memory().ends_as is LastRun.UNKNOWN
+
+
+def go_silent(officials: Officials, *karts: int) -> None:
+    for kart in karts:
+        officials.race.disconnected(kart, 'it stopped answering', officials.now, silent=True)
+        officials.wait(0.1)
+
+
+@pytest.mark.parametrize('state', ['IN_GARAGE', 'GRID_ACTIVE', 'GREEN_GREEN', 'RED_FLAG'])
+def test_every_kart_that_is_silent_at_once_is_race_control_that_is_cut_off(
+    state: str, officials: Officials
+) -> None:
+    STATES[state](officials)
+    go_silent(officials, 1, 2, SPECTATOR)
+    assert officials.all_sent() == [RED_RED, RED_RED, RED_RED]
+    assert 'no kart answers any more: kart 1 (Ohm); kart 2' in officials.race.state_cause
+
+
+def test_karts_that_are_switched_off_in_the_garage_one_by_one_change_nothing(
+    officials: Officials,
+) -> None:
+    for kart in TEAMS:
+        go_silent(officials, kart)
+        officials.wait(5.0)
+    assert officials.race.state is IN_GARAGE
+    assert not officials.alerts()
+
+
+def test_no_race_begins_with_a_kart_as_which_two_programs_connect(officials: Officials) -> None:
+    officials.race.contested(1, True, officials.now)
+    assert 'two programs connect as kart 1 (Ohm)' in officials.is_refused('GRID_ACTIVE')
+    assert 'Two programs connect as kart 1 (Ohm)' in officials.alerts()[AlertKind.TWO_PROGRAMS]
+    assert all(event.chatter for event in officials.connect(1).events)
+    officials.race.contested(1, False, officials.now)
+    officials.to_ready().race.contested(1, True, officials.now)
+    assert 'two programs connect as kart 1 (Ohm)' in officials.is_refused('GREEN_GREEN')
+
+
+def test_a_kart_that_stops_itself_is_shown_as_that_and_nobody_relies_on_it(
+    officials: Officials,
+) -> None:
+    officials.to_ready().says(1, RED_RED)
+    assert officials.is_refused('GREEN_GREEN').endswith('waiting for kart 1 (Ohm): stopped itself.')
+    officials.acknowledge(1)
+    officials.does('GREEN_GREEN')
+    officials.acknowledge(2)
+    officials.says(1, RED_RED)
+    officials.wait(30.0)
+    alert = officials.alerts()[AlertKind.GREEN_UNACKNOWLEDGED]
+    assert alert == 'Kart 1 (Ohm) stopped itself; it is sent GREEN_GREEN'
+    officials.does('ALL_KILL')
+    assert officials.race.karts[1].may_be_moving
+
+
+def test_grid_active_again_renews_the_last_command_and_no_kart_answers_again(
+    officials: Officials,
+) -> None:
+    officials.to_ready().does('KART_RED_RED', SPECTATOR)
+    officials.acknowledge(SPECTATOR)
+    number = officials.race.number
+    assert 'send GRID_ACTIVE again' in officials.is_refused('GREEN_GREEN')
+    assert 'track is clear' in officials.is_refused('GRID_ACTIVE', stating=False)
+    assert not officials.does('GRID_ACTIVE').orders
+    assert officials.race.number == number
+    officials.does('GREEN_GREEN')
+
+
+def test_grid_active_refuses_for_a_kart_outside_the_race_what_green_would_refuse(
+    officials: Officials,
+) -> None:
+    officials.does('KART_RED_RED', SPECTATOR)
+    assert 'kart 3 (Tesla) has not acknowledged RED_RED' in officials.is_refused('GRID_ACTIVE')
 
 
 def test_a_change_of_state_names_its_cause_and_who_gave_it(officials: Officials) -> None:

@@ -66,6 +66,9 @@ WORLDS = {
     'crash': world(150, 1, 0, 'crash'),
     'crash on the grid': world(150, 1, 0, 'crash on the grid'),
     'unknown': world(150, 1, 0, 'unknown'),
+    'first': world(60, 1, 0, 'first'),
+    'silence on the grid': world(60, 1, 1, 'grid', silence=True, times=AT_ONCE),
+    'silence in the garage': world(150, 1, 1, silence=True),
     'unknown outside': world(150, 0, 1, 'unknown', times={'settle': 2.0}),
     'waits': world(150, 1, 1, 'grid', waits=True, times=AT_ONCE),
     'a start alone': world(300, 1, 0, 'grid', waits=True, track=False, without=ALL_OF_ONE),
@@ -204,14 +207,14 @@ the track stays open when the grid forms: availability, track-open-in-motion
 a kart lost in motion lets humans on the track: track-access, availability
     _danger: if kart.may_be_moving: return f'{kart} was lost in motion: use the MSR' => pass
 a kart that was told to go counts as standing: doubt-unnoticed, effect
-    _redirect: else: kart.doubt = Doubt.MOVING => else: ¶> if state is not GREEN_GREEN: kart.doubt
-        = Doubt.MOVING
+    _redirect: self._by is not None or => state is not GREEN_GREEN and
 a refused command takes GREEN_GREEN away: refused-changes
     _decide: answer = Answer(False, f'{command.kind.value} refused: {refusal}.') => answer =
         Answer(False, f'{command.kind.value} refused: {refusal}.') ¶ self.grid_was_last = False
 a refusal does not name the kart: refusal-silent
     _no_green_green: f'{each}: {self._silence(each)}' => f'{self._silence(each)}'
-looking at alerts acts: alerts-act alerts: for => self.track_open = False ¶ for
+looking at alerts acts: alerts-act
+    alerts: alerts = [] => self.track_open = False ¶ alerts: list[Alert] = []
 a lost kart raises no alert: alerts _drop: or kart.doubt => and kart.may_be_moving
 a silent kart in RED_FLAG raises no alert: alerts _current_alerts: flag_alert => ready_alert + 9.0
 GREEN_GREEN is announced after another command: false-news
@@ -248,8 +251,7 @@ a restart forgets that the results were never told: restart
 a kart that is held is given a place: availability
     _no_finish: if kart.hold is not None: return f'{kart} is held: {kart.hold_reason}' => pass
 an unanswered stop leaves no doubt: doubt-unnoticed, alarm-cleared
-    _redirect: else: kart.doubt = Doubt.MOVING => else: ¶> if state is GREEN_GREEN: kart.doubt =
-        Doubt.MOVING
+    _redirect: self._by is not None or => state is GREEN_GREEN and
 a kart told to form the grid leaves no doubt: doubt-unnoticed
     _redirect: kart.doubt = max(kart.doubt, Doubt.GRID) => pass
 a lost connection ends the doubt: doubt-forgotten, drop-not-held, alerts
@@ -281,14 +283,14 @@ a kart in the garage that was seen to move lets humans on the track: track-acces
     refusal-silent, restart
     _danger: may_be_moving else => hold else
 the grid forms with a kart that was seen to move: availability [around]
-    _no_grid_active: may_be_moving => hold
+    _doubtful: may_be_moving or => hold or
 GREEN_GREEN counts the acknowledgement of a red: availability, green-needs-acks, refusal-silent
     [around]
     _no_green_green: _held(racing) => ''
 IN_GARAGE does not wait for a lost kart: availability
-    _waited_for: not (self.msr_used or self._is_answered_for(kart)) => False
+    _waited_for: or (kart.in_race and not self.msr_used) =>
 IN_GARAGE waits for lost karts in spite of the MSR: availability, stuck
-    _waited_for: (self.msr_used or self._is_answered_for(kart)) => self._is_answered_for(kart)
+    _waited_for: not self.msr_used => True
 IN_GARAGE after the grid forgets a kart that was lost there: availability
     _no_in_garage: or (each.doubt and not each.connected) =>
 a release by hand leaves the doubt: effect, stuck _release_kart: self._end_doubt(kart) =>
@@ -363,24 +365,20 @@ while a start waits a crash leaves the race on the grid: start-memory
     memory: if self.start is not None: return self.start.memory => pass
 a start that is refused is waited for all the same: effect
     _end_of_start: self.start => if phase == StartPhase.WRITTEN: ¶> self.start
-after a restart the track may be opened without a word: restart recover: True => False
 a restart forgets the karts that left the roster: restart
     recover: not (before.in_race or before.held or before.doubt) => True
 a restart does not name the karts that left the roster: restart recover: in gone => in ()
 a restart forgets a stop that was left unanswered: restart
     recover: doubt = before.doubt => doubt = min(before.doubt, Doubt.GRID)
-a restart takes it that nobody was sent to the grid from IN_GARAGE: restart
-    recover: and not final => and not final and memory.state is not IN_GARAGE
 a restart forgets who was on the grid: restart
     recover: doubt = before.doubt => doubt = Doubt.MOVING if before.doubt is Doubt.MOVING else
         Doubt.NONE
 a restart forgets who was held alone: restart
     recover: kart.held_alone = before.held and before.held_alone =>
 a restart that knows nothing begins in IN_GARAGE: restart
-    recover: not None and final and memory.at_rest => None or (final and memory.at_rest)
+    recover: not LastRun.UNKNOWN and => not LastRun.UNKNOWN or memory is None and
 a restart goes on where the race was: restart
-    recover: for kart in self.karts.values(): self._hold(kart, RED_RED, 'race control was
-        restarted', now) => pass
+    _lose_track: self._hold(kart, RED_RED, held, now) => pass
 what is on the disk before GREEN_GREEN does not say that karts will move: restart
     command: Doubt.MOVING => kart.doubt
 a kart without an inspection may join: uninspected, availability [uninspected outside]
@@ -390,7 +388,7 @@ a kart without an inspection may start: uninspected, availability [uninspected]
 a heat may have a kart without an inspection: uninspected [uninspected outside]
     _no_such_heat: self._uninspected(self.karts[number] for number in heat.karts) => ''
 the statement that the track is safe leaves the doubt of a restart: effect, stuck
-    _race_in_garage: self.restarted = False => pass
+    _race_in_garage: self.past_unknown = self.unstated = False => pass
 an acknowledgement at once ends the doubt: settle, effect heard: + self.times.settle =>
 the time to stand counts from the order: settle, effect [green] heard: now + => kart.sent_since +
 the time to stand counts from when it is first looked at: effect heard: + self => + 2 * self
@@ -415,19 +413,79 @@ a kart that has only just acknowledged is released alone without a word: stateme
 the alarm of a kart lost in motion ends with its acknowledgement: alerts
     heard: self._settle => kart.lost_since = None ¶ self._settle
 GREEN_GREEN while a kart taken off the grid has not answered: availability
-    _no_green_green: may_be_moving or (each.doubt and not each.in_race) => in_race and
+    _doubtful: may_be_moving or (each.doubt and not each.in_race) => in_race and
         each.may_be_moving
 GREEN_GREEN while a kart outside the race is lost on the grid: availability [two on the grid]
-    _no_green_green: or (each.doubt and not each.in_race) =>
+    _doubtful: or (each.doubt and not each.in_race) =>
 GREEN_GREEN while a kart on the grid may be moving: availability [around]
-    _no_green_green: may_be_moving or (each.doubt and not each.in_race) => doubt and not
-        each.in_race
+    _doubtful: may_be_moving or (each.doubt and not each.in_race) => doubt and not each.in_race
 GREEN_GREEN while a kart that left the grid has only just acknowledged: availability [two on the
     grid]
-    _no_green_green: each.may_be_moving or (each.doubt and not each.in_race) => (each.may_be_moving
-        or (each.doubt and not each.in_race)) and not each.stopped
+    _doubtful: each.may_be_moving or (each.doubt and not each.in_race) => (each.may_be_moving or
+        (each.doubt and not each.in_race)) and not each.stopped
 GREEN_GREEN does not name the kart in doubt: refusal-silent
-    _no_green_green: _cut(doubtful) => 'a kart may be moving'
+    _doubtful: self._danger(each) => 'a kart may be moving'
+GRID_ACTIVE while a kart outside the race may be moving: availability
+    _no_grid_active: self._doubtful() or =>
+the grid forms with a kart as which two programs connect: availability [around]
+    _no_grid_active: or self._contested(racing) =>
+a race starts with a kart as which two programs connect: availability, contested [around]
+    _no_green_green: unfit := self._contested(racing) or => unfit :=
+two programs of one kart raise no alert: alerts
+    _current_alerts: if kart.contested => if kart.contested and self.has_rival
+GRID_ACTIVE that is given again clears the places: effect, order-wrong, nobody-there, results
+    [grid]
+    _grid_active: return 'GRID_ACTIVE is the last command again; who has acknowledged it need not
+        again' => self.places_given += 1
+GRID_ACTIVE is not given again: availability
+    _no_grid_active: not in (IN_GARAGE, GRID_ACTIVE) => is not IN_GARAGE
+GRID_ACTIVE is given again in mid-race: availability, red-to-green, track-open-in-motion
+    _no_grid_active: not in (IN_GARAGE, GRID_ACTIVE) => in (RED_FLAG, RED_RED)
+race control that is cut off goes on: cut-off, effect [around]
+    cut_off: self._cut_off(reason, now) => pass
+race control that is cut off takes the track for closed: cut-off [around]
+    _lose_track: self.track_open = True => pass
+race control that is cut off leaves the use of the MSR in force: cut-off [around]
+    _lose_track: self.msr_used = False => pass
+race control that is cut off takes itself to know what happened: cut-off, restart [around]
+    _lose_track: self.past_unknown = True => pass
+a release that was sent before race control was cut off is taken: effect, available-from, pause
+    [waits around]
+    _cut_off: self._pause(now + self.times.pause, cause) => pass
+every kart of the race that goes silent changes nothing: cut-off, effect [silence on the grid]
+    disconnected: self._look_whether_all_went_silent(kart, now) => pass
+one kart that goes silent in the garage is race control that is cut off: effect, sent-wrong
+    [silence in the garage]
+    _look_whether_all_went_silent: > in_garage => > 0
+a kart that goes silent outside the race stops it: effect, sent-wrong [silence on the grid]
+    _look_whether_all_went_silent: or not (lost.in_race or in_garage) =>
+karts that are silent long since count: effect, sent-wrong [silence in the garage]
+    _look_whether_all_went_silent: and each.went_silent_at >= now - AT_ONCE =>
+a kart that is back counts as silent: effect, sent-wrong [silence in the garage]
+    connected: kart.link = kart.went_silent_at = None => kart.link = None
+karts that are silent in RED_RED take the use of the MSR back: effect [silence on the grid]
+    _look_whether_all_went_silent: self.state is RED_RED or =>
+the first start begins in RED_RED: restart
+    recover: last_run is not LastRun.UNKNOWN => last_run in (LastRun.ENDED, LastRun.ENDED_OPEN)
+the first start opens the track without a statement: restart, statement [first]
+    recover: self.unstated = last_run is LastRun.NONE => pass
+an official's statement is asked for at every opening: effect [first]
+    _open_track: self.unstated = False => pass
+any IN_GARAGE states that no race is under way anywhere: effect [first]
+    _race_in_garage: if self.past_unknown => if True
+an orderly end at the first start counts as proof: restart
+    ends_as: if self.unstated: return LastRun.NONE => pass
+an end with karts in doubt counts as an orderly one: restart
+    ends_as: if not self.at_rest: return LastRun.UNKNOWN => pass
+a proof is believed against what the record knows: restart
+    recover: and (memory is None or memory.at_rest) =>
+a stop to one kart that is not seen to move leaves no doubt: effect, alarm-cleared
+    _stop_kart: kart.doubt = Doubt.MOVING # somebody has seen that it must be stopped => pass
+a kart whose program boots calls for the MSR: alerts, alarm-cleared
+    _current_alerts: if self._covered_by_statement(kart): continue # its program may boot, and
+        nobody has seen it move => pass
+the MSR is asked for to clear the track of karts that were not seen to move: use-msr
+    alerts: use_msr = use_msr and any(each.doubt for each in self.karts.values()) => pass
 GREEN_GREEN without a record: availability, no-record _no_green_green: self._no_record() => ''
 GRID_ACTIVE without a record: availability _no_grid_active: or self._no_record() =>
 a record that fails while a start waits does not stop it: start-first, no-record [waits around]
@@ -436,44 +494,36 @@ a record that fails while a start waits does not stop it: start-first, no-record
         self._refusal_of(start.command, start.came) ¶ self.record_fails = trouble
 a record that was too slow counts as working: start-first, effect, start-answer
     _end_of_start: self.record_fails = self => _ = self
-after a restart the track counts as closed: restart
-    recover: memory is None or memory.track_open or not final => False
-after a crash the track is as it was last known: restart recover: or not final =>
-a restart that knows nothing has the track closed: restart
-    recover: None or memory.track_open or not final => not None and (memory.track_open or not
-        final)
 an orderly end forgets that the track was open: restart memory: self.track_open => False
-a restart forgets that the MSR was used: restart recover: self.msr_used = memory.msr_used =>
-a restart takes it that the MSR was used: restart
-    recover: memory.msr_used => memory.msr_used or memory.state is RED_RED
-a memory that is not final counts as home: restart recover: final and =>
-an orderly end in mid-race counts as home: restart recover: at_rest => state is not GREEN_GREEN
+a start after it does: restart
+    recover: self.track_open = last_run is LastRun.ENDED_OPEN => pass
+a run of which nothing is known counts as ended well: restart
+    recover: last_run is not LastRun.UNKNOWN and =>
 a kart in doubt does not keep a restart from going home: restart at_rest: or kart.doubt =>
 a restart does not hold the karts of which nothing is known: restart
-    recover: self._hold => if memory is not None and kart.number in memory.karts: ¶> self._hold
+    _lose_track: self._hold => if kart.doubt: ¶> self._hold
 a kart that was lost before a restart raises no alarm: alerts
     recover: if kart.doubt: kart.lost_since = now => pass
 the statement answers for a kart that was known in doubt: availability, as-seen, hold-forgotten
     [crash]
-    _is_answered_for: doubt or kart.held_alone => held_alone
+    _covered_by_statement: doubt or kart.held_alone => held_alone
 the statement answers for a kart that was lost on the grid: availability, as-seen, hold-forgotten
     [crash on the grid]
-    _is_answered_for: kart.doubt => kart.may_be_moving
+    _covered_by_statement: kart.doubt => kart.may_be_moving
 the statement answers for a kart that was held alone: availability, as-seen, alone-released,
     hold-forgotten [unknown]
-    _is_answered_for: or kart.held_alone =>
+    _covered_by_statement: or kart.held_alone =>
 the statement answers for absent karts without a restart: availability, as-seen, hold-forgotten
-    _is_answered_for: self.restarted and =>
+    _covered_by_statement: self.past_unknown and =>
 after a restart nobody answers for a kart that never comes: availability, as-seen, stuck [unknown]
-    _is_answered_for: self.restarted and not (kart.connected or kart.doubt or kart.held_alone) =>
-        False
+    _covered_by_statement: not (kart.doubt or kart.held_alone) => False
 IN_GARAGE after a restart does not wait for a connected kart outside: availability [unknown
     outside]
-    _waited_for: (kart.in_race or (self.restarted and kart.sent.is_red)) => kart.in_race
+    _waited_for: (kart.in_race or (self.past_unknown and kart.sent.is_red)) => kart.in_race
 IN_GARAGE always waits for connected karts outside the race: availability, false-news
-    _waited_for: (self.restarted and kart.sent.is_red) => kart.sent.is_red
+    _waited_for: (self.past_unknown and kart.sent.is_red) => kart.sent.is_red
 OPEN_TRACK after a restart before the statement: restart, track-access, availability
-    _humans_allowed: restarted => restarted and self.over
+    _humans_allowed: past_unknown => past_unknown and self.over
 a finish that is undone keeps its RED_FLAG: effect, sent-wrong [green]
     _kart_undo_finish: kart.finish_due = None =>
 a finish that is undone cancels the RED_FLAG of another kart: finish-put-off [two in green]
@@ -527,10 +577,8 @@ a race goes home from the grid with a kart that has an unanswered stop: availabi
     _no_in_garage: each.may_be_moving => (each.may_be_moving and each.hold is None)
 a race never goes home from the grid with a kart on it: availability, stuck
     _no_in_garage: may_be_moving or (each.doubt and not each.connected) => doubt
-the statement that the MSR was used ends without a record: availability [around]
-    _no_in_garage: self._no_record() if self.msr_used else =>
 a race cannot go home without a record: availability [around]
-    _no_in_garage: if self.msr_used else '' =>
+    _no_in_garage: if not missing: return '' => if not missing: ¶> return self._no_record()
 a kart finishes with its last lap though nobody set it: passing-acts, laps-act [laps by hand]
     _take_passings: self.times.auto_finish and =>
 a kart does not finish with its last lap though it is set: effect [laps]

@@ -16,7 +16,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 from evgp_protocol.states import RaceState
@@ -239,6 +238,7 @@ class Races(RuleBasedStateMachine):
             self.give(oracle.Input('there', 'tried', statement=True))
         self.give(oracle.Input('withdrawn'))
         for number, each in self.race.karts.items():
+            self.give(oracle.Input('contested', '', number))
             if not each.connected:
                 self.give(oracle.Input('connected', '', number))
         if self.race.state is not RaceState.IN_GARAGE:
@@ -348,30 +348,28 @@ class Races(RuleBasedStateMachine):
 
     # ----- race control itself ------------------------------------------------------------
 
-    @rule(known=st.sampled_from((True, True, False)), final=st.booleans())
-    def race_control_is_restarted(self, known: bool, final: bool) -> None:
+    @rule(known=st.sampled_from((True, True, False)), last_run=st.sampled_from(rules.LastRun))
+    def race_control_is_restarted(self, known: bool, last_run: rules.LastRun) -> None:
         """Nothing moves after it; unless all was home, every kart is held."""
         left, owner = self.race, self.facts.owner
         before = oracle.look(left)
         # Of a race that crashed while a start waited, it knows what was written for the start.
         started = left.start.command.karts if left.start is not None else frozenset()
         if not started:
-            oracle.check_recovery(rules, left, before, self.now, known, final)
+            oracle.check_recovery(rules, left, before, self.now, known, last_run)
         karts = [rules.Kart(number, in_race=number == 1) for number in left.karts]
         self.race = rules.Race(karts, left.times, self.now, left.heats)
-        memory = dataclasses.replace(left.memory(), final=final) if known else None
-        outcome = self.race.recover(memory, self.now)
+        memory = left.memory() if known else None
+        outcome = self.race.recover(memory, last_run, self.now)
         assert not outcome.orders
         view = oracle.look(self.race)
         if view.state is RaceState.IN_GARAGE:
-            assert known
-            assert final
-            assert not started
-            assert before.state is RaceState.IN_GARAGE
+            assert last_run is not rules.LastRun.UNKNOWN
+            assert not known or (before.state is RaceState.IN_GARAGE and not started)
             self.facts = oracle.remember(view)
         else:
             assert view.state is RaceState.RED_RED
-            assert view.track_open or (known and final)
+            assert view.track_open
             for kart in view.karts:
                 assert kart.hold is kart.sent is RaceState.RED_RED
                 assert kart.moving or not known or kart.number not in started
@@ -379,6 +377,20 @@ class Races(RuleBasedStateMachine):
         if known:
             self.facts = self.facts._replace(owner=owner)
         oracle.check_state(self.race, view, self.facts, self.now)
+
+    @rule()
+    def race_control_is_cut_off(self) -> None:
+        self.give(oracle.Input('cut off'))
+
+    @rule(kart=KARTS, contested=st.sampled_from((False, False, True)))
+    def two_programs_connect_as_a_kart(self, kart: int, contested: bool) -> None:
+        self.give(oracle.Input('contested', '', kart, contested))
+
+    @rule(karts=st.lists(KARTS, min_size=1), step=st.floats(0.0, 1.0))
+    def karts_go_silent(self, karts: list[int], step: float) -> None:
+        for kart in karts:
+            self.now += step
+            self.give(oracle.Input('disconnected', '', kart, True))
 
     @rule(present=st.sampled_from((False, False, True)))
     def another_race_control_comes_or_goes(self, present: bool) -> None:

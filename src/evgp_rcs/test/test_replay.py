@@ -82,7 +82,7 @@ class Running:
         self.stamped: list[StampedEvent] = []
         self.handed_over: list[tuple[list[StampedEvent], Block]] = []
         if recovered is not None:
-            self.feed(inputs.Recovered(self.now, recovered))
+            self.feed(inputs.Recovered(self.now, recovered, rules.LastRun.UNKNOWN))
         for number in KARTS:
             self.feed(inputs.Connected(self.now, number))
 

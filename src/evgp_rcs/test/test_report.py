@@ -27,7 +27,7 @@ from evgp_protocol.states import RaceState
 from evgp_rcs.catalogue import CommandKind
 from evgp_rcs.encoding import written as as_json
 from evgp_rcs.inputs import CLOSED_BY_KART
-from evgp_rcs.race import Event, EventKind, Heat, Kart, Race, RaceMemory
+from evgp_rcs.race import Event, EventKind, Heat, Kart, LastRun, Race, RaceMemory
 from evgp_rcs.rcs_record import main as rcs_record
 from evgp_rcs.record import Record, RecordedEvent, rules_version
 from evgp_rcs.report import wording
@@ -538,7 +538,7 @@ def test_a_record_without_its_beginning_says_so(paper: PaperRace) -> None:
 def test_a_race_that_was_taken_up_is_shown_as_begun_before() -> None:
     paper = PaperRace(TEAMS)
     memory = Race([Kart(number, team, True) for number, team in TEAMS.items()]).memory()
-    paper.take(paper.race.recover(RaceMemory(RaceState.GREEN_GREEN, memory.karts), paper.now))
+    paper.take(paper.race.recover(RaceMemory(RaceState.GREEN_GREEN, memory.karts), LastRun.UNKNOWN, paper.now))
     paper.connect(*TEAMS)
     paper.wait(1.0)
     paper.go_home()
