@@ -318,7 +318,7 @@ def test_without_the_record_of_a_race_the_next_race_control_stops_karts_and_asks
 def test_an_open_track_is_remembered_and_only_an_orderly_end_begins_in_the_garage(
     meeting: Event, dies: bool
 ) -> None:
-    meeting.official.command('set_track_open', open=True)
+    meeting.official.command('set_track_open', open=True, no_race_anywhere=True)
     if dies:
         meeting.kill()
     else:
@@ -353,4 +353,4 @@ def test_a_kart_that_left_the_roster_after_a_crash_is_named_and_keeps_the_track_
     meeting.official.command('in_garage', track_safe=True)
     assert not meeting.official.call('set_track_open', open=True).success
     meeting.official.command('kart/in_garage', kart=1, made_safe_by_hand=True)
-    meeting.official.command('set_track_open', open=True)
+    meeting.official.command('set_track_open', open=True, no_race_anywhere=True)

@@ -41,7 +41,7 @@ def test_a_command_without_what_tells_it_from_another_says_what_it_needs(alone: 
 def test_the_way_to_the_grid_closes_an_open_track_first(tmp_path: pathlib.Path) -> None:
     with WireRace(tmp_path, [1]) as race:
         official = race.official
-        official.command('set_track_open', open=True)
+        official.command('set_track_open', open=True, no_race_anywhere=True)
         official.wait_for_race(lambda race: race.track.open, 'the track open')
         race.bring_to(RaceState.GRID_ACTIVE)
         commands = msg.CommandAvailability

@@ -113,7 +113,7 @@ def test_a_whole_race_by_commands(
     accepted(control, official, 'red-flag')
     accepted(control, official, 'race-over')
     official.wait_for_acks(RaceState.RED_RED, 1, 2)
-    accepted(control, official, 'open-track')
+    accepted(control, official, 'open-track', '--no-race-anywhere')
     accepted(control, official, 'close-track')
     accepted(control, official, 'in-garage', '1', '2', '--track-is-safe')
     kart.wait_for_state(RaceState.IN_GARAGE)

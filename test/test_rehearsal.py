@@ -95,11 +95,11 @@ def test_the_steward_begins_in_red_with_an_open_track_and_closes_it_before_the_g
     official = rehearsal.official
     official.wait_for_connected(*rehearsal.plan.numbers)
     official.command('all_kill')
-    official.command('set_track_open', open=True)
+    official.command('set_track_open', open=True, no_race_anywhere=True)
     rehearsal.gather()
     assert official.race is not None
     assert not official.race.track.open
-    official.command('set_track_open', open=True)
+    official.command('set_track_open', open=True, no_race_anywhere=True)
     rehearsal.attend(
         Steward(RaceState.GRID_ACTIVE),
         STEWARD,

@@ -72,6 +72,12 @@ STATEMENTS: dict[CommandKind, tuple[str, str, bool]] = {
         True,
     ),
     CommandKind.IN_GARAGE: ('--track-is-safe', 'you declare the track safe for humans', True),
+    CommandKind.OPEN_TRACK: (
+        '--no-race-anywhere',
+        'you state that no race is under way anywhere, and no kart moves; needed once after the '
+        'first start',
+        False,
+    ),
     CommandKind.KART_IN_GARAGE: (
         '--made-safe-by-hand',
         'you state that someone made this kart safe; needed if it has not acknowledged its stop',

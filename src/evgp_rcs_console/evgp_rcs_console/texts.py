@@ -82,6 +82,7 @@ FINISH_NOW = 'FINISH {karts}: last lap done'
 LAPS = 'lap {count}: {last:.3f} s, best {best:.3f} s'
 SAYS = 'says {state}'
 WAITING = '… not yet'
+STOPPED_ITSELF = '! stopped itself'
 SETTLING = '… wait {seconds} s'
 NO_ANSWER_YET = '! no answer'
 ANSWERS = {

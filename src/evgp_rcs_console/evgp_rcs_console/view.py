@@ -681,6 +681,8 @@ def _answer(kart: Kart, age: float, missing: Tone) -> Cell:
         return Cell(texts.SETTLING.format(seconds=left), Tone.WAIT)
     if kart.acknowledged:
         return Cell(texts.ANSWERS[kart.sent], Tone.GOOD)
+    if kart.reported is State.RED_RED and kart.sent in (State.GRID_ACTIVE, State.GREEN_GREEN):
+        return Cell(texts.STOPPED_ITSELF, Tone.BAD)
     return Cell(texts.WAITING, Tone.WAIT)
 
 
