@@ -56,6 +56,7 @@ from evgp_rcs.kart_server import (
 )
 from evgp_rcs.laps import Format, Laps, Passing
 from evgp_rcs.race import (
+    AlertKind,
     Answer,
     Command,
     Doubt,
@@ -341,6 +342,24 @@ def test_a_second_connection_from_an_address_replaces_the_first(
     assert len(running.wait_for(EventKind.DISCONNECTED, 1)) == 1
     running.give(CommandKind.ALL_KILL)
     read_until(second, RED_RED)
+
+
+def test_two_programs_that_push_each_other_out_raise_one_alert_and_few_events(
+    run: Run, connect: Connect, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(kart_server, 'TAKEOVERS', (3, 1.0))
+    monkeypatch.setattr(kart_server, 'CONNECTIONS', (50, 2.0))
+    running = run()
+    for _ in range(40):
+        read_until(connect(running, 1), IN_GARAGE)
+    assert running.race.karts[1].contested
+    assert not running.give(CommandKind.GRID_ACTIVE).success
+    raised = running.wait_for(EventKind.ALERT_RAISED, 1)
+    assert [each.alert for each in raised] == [AlertKind.TWO_PROGRAMS]
+    running.wait_for(EventKind.ALERT_CLEARED, 1)
+    assert running.give(CommandKind.GRID_ACTIVE).success
+    told = [each for each in running.events if each.kart == 1]
+    assert len(told) < 80  # of the 120 and more that these connections cause
 
 
 @pytest.fixture

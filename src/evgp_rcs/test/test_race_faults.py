@@ -41,6 +41,13 @@ SEEN = oracle.Input('passing', 'beam', serial=1)
 STOPPED = oracle.Input('command', 'KART_RED_RED', 1, True)
 MARKED = oracle.Input('command', 'KART_FINISH', 1, True)
 
+ONE_SILENT = (
+    oracle.Input('connected', '', 1),
+    oracle.Input('connected', '', 2),
+    oracle.Input('disconnected', '', 1, True),
+)
+ON_THE_GRID = oracle.Input('command', 'GRID_ACTIVE', 0, True)
+
 ANNA = oracle.Input('there', statement=True)
 NOBODY = oracle.Input('there')
 
@@ -68,7 +75,11 @@ WORLDS = {
     'unknown': world(150, 1, 0, 'unknown'),
     'first': world(60, 1, 0, 'first'),
     'silence on the grid': world(60, 1, 1, 'grid', silence=True, times=AT_ONCE),
-    'silence in the garage': world(150, 1, 1, silence=True),
+    'silence in the garage': world(150, 1, 1, silence=True, then=ONE_SILENT),
+    'silence for long': world(
+        40, 1, 1, silence=True, then=ONE_SILENT, track=False, without=ALL_OF_ONE, compare=1
+    ),
+    'silence outside': world(10, 1, 1, silence=True, then=(*ONE_SILENT, ON_THE_GRID)),
     'unknown outside': world(150, 0, 1, 'unknown', times={'settle': 2.0}),
     'waits': world(150, 1, 1, 'grid', waits=True, times=AT_ONCE),
     'a start alone': world(300, 1, 0, 'grid', waits=True, track=False, without=ALL_OF_ONE),
@@ -439,11 +450,11 @@ GRID_ACTIVE that is given again clears the places: effect, order-wrong, nobody-t
         again' => self.places_given += 1
 GRID_ACTIVE is not given again: availability
     _no_grid_active: not in (IN_GARAGE, GRID_ACTIVE) => is not IN_GARAGE
-GRID_ACTIVE is given again in mid-race: availability, red-to-green, track-open-in-motion
-    _no_grid_active: not in (IN_GARAGE, GRID_ACTIVE) => in (RED_FLAG, RED_RED)
+GRID_ACTIVE is given after a race that is over: availability, red-loosened
+    _no_grid_active: not in (IN_GARAGE, GRID_ACTIVE) => is GREEN_GREEN
 race control that is cut off goes on: cut-off, effect [around]
     cut_off: self._cut_off(reason, now) => pass
-race control that is cut off takes the track for closed: cut-off [around]
+race control that is cut off takes the track for closed: cut-off, restart [around]
     _lose_track: self.track_open = True => pass
 race control that is cut off leaves the use of the MSR in force: cut-off [around]
     _lose_track: self.msr_used = False => pass
@@ -457,9 +468,9 @@ every kart of the race that goes silent changes nothing: cut-off, effect [silenc
 one kart that goes silent in the garage is race control that is cut off: effect, sent-wrong
     [silence in the garage]
     _look_whether_all_went_silent: > in_garage => > 0
-a kart that goes silent outside the race stops it: effect, sent-wrong [silence on the grid]
+a kart that goes silent outside the race stops it: effect, sent-wrong [silence outside]
     _look_whether_all_went_silent: or not (lost.in_race or in_garage) =>
-karts that are silent long since count: effect, sent-wrong [silence in the garage]
+karts that are silent long since count: effect, sent-wrong, abstraction [silence for long]
     _look_whether_all_went_silent: and each.went_silent_at >= now - AT_ONCE =>
 a kart that is back counts as silent: effect, sent-wrong [silence in the garage]
     connected: kart.link = kart.went_silent_at = None => kart.link = None
