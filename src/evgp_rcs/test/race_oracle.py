@@ -1969,7 +1969,7 @@ class Search:
     :param begin: where: in the 'garage', on the 'grid' or in 'green' with every kart of the race
         connected and its word given, after a 'crash' in mid-race or a 'crash on the grid',
         where all is 'unknown', or at the 'first' start.
-    :param then: what happens before the search begins.
+    :param then: what happens before the search begins; each tick takes 1 s.
     :param uninspected: the karts whose inspection the roster does not have.
     :param without: commands to one kart that are not given.
     :param laps: a source sees karts cross the line, and officials correct that; the karts of the
@@ -2138,12 +2138,12 @@ class Search:
 
         :raises RuleBrokenError: if the rules break a property, with the shortest way to it.
         """
-        facts = self._begin()
+        facts, now = self._begin()
         view = look(self.race)
         saved = self.scratch.save()
-        key = self._key(view, facts, 0.0)
+        key = self._key(view, facts, now)
         # For each key the state that stands for it, and whence and by what it was reached.
-        self._seen: dict[tuple[Any, ...], tuple[Any, Facts, float]] = {key: (saved, facts, 0.0)}
+        self._seen: dict[tuple[Any, ...], tuple[Any, Facts, float]] = {key: (saved, facts, now)}
         self._parent: dict[tuple[Any, ...], tuple[tuple[Any, ...], Input] | None] = {key: None}
         todo = deque([key])
         # There is no cycle to collect, and ever more to look through.
@@ -2155,7 +2155,7 @@ class Search:
             if collecting:
                 gc.enable()
 
-    def _begin(self) -> Facts:
+    def _begin(self) -> tuple[Facts, float]:
         if self.begin in ('crash', 'crash on the grid', 'unknown'):
             racing = [number for number in self.numbers if self.race.karts[number].in_race]
             doubt, state = self.rules.Doubt.MOVING, GREEN_GREEN
@@ -2165,7 +2165,7 @@ class Search:
             memory = self.rules.RaceMemory(state, dict.fromkeys(racing, kart))
             known = None if self.begin == 'unknown' else memory
             self.race.recover(known, self.rules.LastRun.UNKNOWN, 0.0)
-            return recall(look(self.race), 0.0)
+            return recall(look(self.race), 0.0), 0.0
         if self.begin == 'first':
             self.race.recover(None, self.rules.LastRun.NONE, 0.0)
         facts = remember(look(self.race))
@@ -2181,10 +2181,12 @@ class Search:
             ]
         if self.begin == 'green':
             way.append(Input('command', 'GREEN_GREEN'))
+        now = 0.0
         for given in (*way, *self.then):
             before = look(self.race)
-            _, facts, _ = self._take(before, facts, as_seen(before, given), 0.0)
-        return facts
+            now += given.what == 'tick'
+            _, facts, _ = self._take(before, facts, as_seen(before, given), now)
+        return facts, now
 
     def _take(
         self, view: View, facts: Facts, given: Input, now: float
