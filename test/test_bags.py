@@ -66,7 +66,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     record = folder / 'record.sqlite3'
     with (
         Domain() as domain,
-        RaceControl(folder, domain.number, [1], proven=False) as control,
+        RaceControl(folder, domain.number, [1]) as control,
         Official(domain.number) as official,
         WireKart(address_of(1), control.port, Acknowledges.EACH_CHANGE),
     ):

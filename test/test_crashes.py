@@ -22,7 +22,7 @@ from evgp_rcs.record import events, open_read_only, sessions
 from evgp_rcs_msgs import msg
 from evgp_testing.domains import Domain
 from evgp_testing.official import Answer, Official
-from evgp_testing.race_control import address_of, RaceControl
+from evgp_testing.race_control import address_of, new_port, RaceControl
 from evgp_testing.wire_kart import Acknowledges, WireKart
 import pytest
 from rig.replaying import replay_without_difference
@@ -57,7 +57,7 @@ class Event:
         self.folder = folder
         self._stack = contextlib.ExitStack()
         self._domain = self._stack.enter_context(Domain())
-        self._port = 0
+        self._port = new_port()
         self.harmed = False  # the record was, by the test
         self.racing = RACING
         self.start()
@@ -65,7 +65,6 @@ class Event:
     def start(
         self,
         connect: tuple[int, ...] = (*RACING, OUTSIDE),
-        proven: bool = True,
         **parameters: object,
     ) -> None:
         """Start race control, and have these karts and the official with it."""
@@ -82,7 +81,6 @@ class Event:
                     'auto_race_over': False,
                     **parameters,
                 },
-                proven=proven,
             )
         )
         self._port = self.control.port
@@ -295,7 +293,7 @@ def test_without_the_record_of_a_race_the_next_race_control_stops_karts_and_asks
     for beside in meeting.record.parent.glob(f'{meeting.record.name}-*'):
         beside.unlink()
     harm(meeting.record)
-    meeting.start(proven=False, settle_time=2.0)
+    meeting.start(settle_time=2.0)
     race = meeting.official.wait_for_race(lambda race: True, 'the race')
     assert state_of(race.state) is RED_RED
     assert {state_of(kart.hold) for kart in race.karts} == {RED_RED}
