@@ -27,7 +27,6 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Container, Iterable
-import dataclasses
 from dataclasses import dataclass, field
 import functools
 import gc

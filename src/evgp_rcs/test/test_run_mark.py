@@ -350,9 +350,7 @@ MACHINE = """\
 22 1 254:0 / / rw,relatime - ext4 /dev/vda rw
 25 22 0:23 / /dev/shm rw,relatime - tmpfs tmpfs rw
 """
-PRIVATE = (
-    '30 22 254:0 /var/tmp/systemd-private-1f-rcs.service-x/tmp /var/tmp rw - ext4 a rw\n'
-)
+PRIVATE = '30 22 254:0 /var/tmp/systemd-private-1f-rcs.service-x/tmp /var/tmp rw - ext4 a rw\n'
 IN_MEMORY = '30 22 0:30 / /var/tmp rw,relatime shared:1 - tmpfs tmpfs rw\n'
 OWN_DISK = '31 30 8:1 / /var rw,relatime shared:1 master:2 - ext4 /dev/sda1 rw\n'
 
