@@ -293,7 +293,7 @@ def test_without_the_record_of_a_race_the_next_race_control_stops_karts_and_asks
     for beside in meeting.record.parent.glob(f'{meeting.record.name}-*'):
         beside.unlink()
     harm(meeting.record)
-    meeting.start(settle_time=2.0)
+    meeting.start()
     race = meeting.official.wait_for_race(lambda race: True, 'the race')
     assert state_of(race.state) is RED_RED
     assert {state_of(kart.hold) for kart in race.karts} == {RED_RED}
@@ -303,12 +303,6 @@ def test_without_the_record_of_a_race_the_next_race_control_stops_karts_and_asks
     for kart in meeting.karts.values():
         assert [state for _, state in kart.changes] == [RED_RED]
     assert not meeting.official.call('in_garage', track_safe=False).success
-    # A kart that says at once that it stands must stand by it.
-    meeting.official.wait_for_acks(RED_RED, *RACING, OUTSIDE)
-    assert not meeting.official.call('in_garage', track_safe=True).success
-    meeting.official.wait_for_race(
-        lambda race: not any(kart.may_be_moving for kart in race.karts), 'every kart has stood'
-    )
     meeting.home()
 
 
@@ -325,16 +319,6 @@ def test_an_open_track_is_remembered_and_only_an_orderly_end_begins_in_the_garag
     race = meeting.official.wait_for_race(lambda race: True, 'the race')
     assert state_of(race.state) is (RED_RED if dies else IN_GARAGE)
     assert race.track.open
-
-
-def test_the_statement_that_the_msr_was_used_is_remembered(meeting: Event) -> None:
-    meeting.kill_all()
-    meeting.official.command('record_msr')
-    wait_for_memory(meeting, lambda memory: memory.msr_used)
-    meeting.kill()
-    meeting.start(connect=())
-    race = meeting.official.wait_for_race(lambda race: True, 'the race')
-    assert race.track.msr_used
 
 
 def test_a_kart_that_left_the_roster_after_a_crash_is_named_and_keeps_the_track_closed(

@@ -609,7 +609,7 @@ class StartPhase(enum.IntEnum):
 
 
 WHY_NO_START = {
-    StartPhase.FAILED: 'the record did not take it in time; look at the record, and send it again',
+    StartPhase.FAILED: 'the record did not take it in time; send it again',
     StartPhase.OUTLIVED: 'it was sent for an earlier GRID_ACTIVE; look, and send it again',
     StartPhase.WITHDRAWN: 'it was withdrawn while it waited for the record',
 }

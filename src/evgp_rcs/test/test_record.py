@@ -283,6 +283,19 @@ def test_a_reader_beside_the_writer_disturbs_neither(begin: Begin, path: pathlib
         assert len(texts(path, 1)) == 2
 
 
+def test_no_start_waits_for_who_reads_the_record_as_a_spare_does(
+    begin: Begin, path: pathlib.Path
+) -> None:
+    record = begin()
+    have_written(record, HOME)
+    with contextlib.closing(open_read_only(path)) as database:
+        database.execute('BEGIN')
+        list(events(database, 1))
+        have_written(record, RACING)
+        assert record.error == ''
+    assert RACING.state.name in remembered(path)
+
+
 # ----- a bad disk --------------------------------------------------------------------------
 
 

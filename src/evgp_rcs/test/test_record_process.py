@@ -32,6 +32,7 @@ from evgp_rcs.inputs import Block
 from evgp_rcs.race import Event, EventKind, LastRun, RaceMemory, StampedEvent
 from evgp_rcs.record import events, open_read_only, Record, RecordError
 from evgp_rcs.record_process import RecordProcess
+from evgp_rcs.run_mark import BEGAN
 from evgp_testing.process import freeze, wait_until_ended
 import pytest
 
@@ -156,6 +157,46 @@ def test_a_process_that_is_frozen_is_trouble_until_it_goes_on_and_nothing_is_los
     wait_for(record, written)
     assert record.trouble() == ''
     assert numbers_in(path) == [*range(1, 2001)]
+
+
+def test_what_is_not_on_the_disk_in_time_is_trouble_from_then_on_until_it_is(
+    record: RecordProcess, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    freeze(record.pid)
+    told: list[bool] = []
+    record.make_sure(RACING, 0.0, 0.3, told.append)
+    assert record.trouble() == ''
+    wait_for(record, record.trouble)
+    monkeypatch.setattr(record_process, 'SLOW', PATIENCE)  # not since an event waits for long
+    put(record, 1)
+    assert 'nothing could be written' in record.trouble()
+    os.kill(record.pid, signal.SIGCONT)
+    wait_for(record, lambda: told)
+    assert told == [True]
+    assert record.trouble() == ''
+
+
+def test_a_mark_that_cannot_be_written_is_trouble_and_a_start_is_told(
+    path: pathlib.Path,
+) -> None:
+    mark = path.with_name('mark')
+    mark.mkdir()
+    record = RecordProcess(path, mark)
+    record._socket.setblocking(False)
+    assert record.last_run is LastRun.UNKNOWN
+    assert str(mark) in record.why
+    assert str(mark) in record.trouble()
+    told: list[bool] = []
+    record.make_sure(RACING, 0.0, PATIENCE, told.append)
+    wait_for(record, lambda: told)
+    assert told == [False]
+    mark.rmdir()
+    wait_for(record, lambda: not record.trouble())
+    assert mark.read_text().strip() == BEGAN
+    record.end(PATIENCE, LastRun.ENDED)
+    again = RecordProcess(path, mark)
+    assert again.last_run is LastRun.ENDED
+    again.end(PATIENCE, LastRun.ENDED)
 
 
 def test_what_is_to_be_remembered_while_the_process_hangs_needs_bounded_memory(
